@@ -1,0 +1,92 @@
+"""Zenoh configurations of node and clients: where to listen or connect, how faults are noticed."""
+
+import ipaddress
+from collections.abc import Sequence
+from typing import Any, Final
+
+from transport.exceptions import ConfigurationError
+
+DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
+"""Where the node listens and clients connect unless told otherwise: this machine only."""
+
+LEASE_MS: Final = 2000
+"""[ms] A side that says nothing for so long is taken as gone; a hung node is seen in under 2.5 s."""
+
+PROTOCOLS: Final = ("tcp", "tls", "udp", "quic", "ws", "unixsock-stream")
+
+_RETRY: Final = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
+
+
+def check_endpoint(endpoint: str) -> str:
+    """Return `endpoint` if it reads as one of Zenoh, `protocol/address`.
+
+    Raises:
+        ConfigurationError: Unknown protocol, no address, or no port where one is needed.
+    """
+    protocol, _, address = endpoint.partition("/")
+    has_port = protocol == "unixsock-stream" or address.split("?")[0].rpartition(":")[2].isdigit()
+    if protocol not in PROTOCOLS or not address or not has_port:
+        raise ConfigurationError(
+            f"endpoint {endpoint!r} is not valid; write protocol/host:port, for example {DEFAULT_ENDPOINT}, "
+            f"with one of {', '.join(PROTOCOLS)}"
+        )
+    return endpoint
+
+
+def is_local(endpoint: str) -> bool:
+    """Whether an endpoint can be reached from this machine only."""
+    protocol, _, address = check_endpoint(endpoint).partition("/")
+    if protocol == "unixsock-stream":
+        return True
+    host = address.split("?")[0].rpartition(":")[0].strip("[]")
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def check_exposure(endpoints: Sequence[str], *, secured: bool, allow_insecure: bool) -> None:
+    """Refuse to be reachable from other machines without security, unless that was asked for.
+
+    Raises:
+        ConfigurationError: An endpoint is reachable from outside and nothing protects it.
+    """
+    for endpoint in endpoints:
+        check_endpoint(endpoint)
+        if secured and not is_local(endpoint) and not endpoint.startswith(("tls/", "quic/")):
+            raise ConfigurationError(
+                f"endpoint {endpoint!r} is reachable from other machines without encryption although a "
+                f"security folder is given; use tls/host:port"
+            )
+        if not (secured or allow_insecure or is_local(endpoint)):
+            raise ConfigurationError(
+                f"endpoint {endpoint!r} is reachable from other machines and nothing protects it; give a "
+                f"security folder, stay on 127.0.0.1, or allow it explicitly (allow_insecure)"
+            )
+
+
+def _base(*, shared_memory: bool) -> dict[str, Any]:
+    return {
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "transport": {"link": {"tx": {"lease": LEASE_MS}}, "shared_memory": {"enabled": shared_memory}},
+    }
+
+
+def node_configuration(listen: Sequence[str], *, shared_memory: bool = True) -> dict[str, Any]:
+    """Configuration of a node that is itself the router that clients connect to."""
+    return {
+        "mode": "router",
+        "listen": {"endpoints": [check_endpoint(endpoint) for endpoint in listen]},
+        **_base(shared_memory=shared_memory),
+    }
+
+
+def client_configuration(endpoint: str, *, shared_memory: bool = True) -> dict[str, Any]:
+    """Configuration of a client of one router; it reconnects by itself when the router comes back."""
+    return {
+        "mode": "client",
+        "connect": {"endpoints": [check_endpoint(endpoint)], "timeout_ms": 0, "retry": dict(_RETRY)},
+        **_base(shared_memory=shared_memory),
+    }

@@ -1,0 +1,70 @@
+"""Errors of the transport, all derived from TransportError."""
+
+
+class TransportError(Exception):
+    """Root of all errors of this package."""
+
+
+class MessageError(TransportError, ValueError):
+    """A payload or a message is not what its type allows: wrong length, type, shape, name or number."""
+
+
+class VersionError(MessageError):
+    """A message of another major version than the one this package speaks."""
+
+
+class KeyNameError(TransportError, ValueError):
+    """A robot or role name that cannot be part of a key."""
+
+
+class ConfigurationError(TransportError, ValueError):
+    """Settings that contradict one another or are not safe, such as an open port without security."""
+
+
+class ConnectionFailed(TransportError, ConnectionError):
+    """The session could not be opened; the message lists what to check."""
+
+
+class SessionClosed(TransportError, RuntimeError):
+    """The session was used after it had been closed."""
+
+
+class ScannerUnavailable(TransportError, ConnectionError):
+    """No scanner answers: none is running, or this side may not read or trigger it."""
+
+
+class ScannerGone(TransportError, ConnectionError):
+    """The scanner was there and went away: its process died, hung, or lost its link."""
+
+
+class StaleTerrain(TransportError, LookupError):
+    """The newest grid is older than it may be."""
+
+
+class ReceiveTimeout(TransportError, TimeoutError):
+    """The awaited message did not come within the time allowed."""
+
+
+class ScanBusy(TransportError, RuntimeError):
+    """The scanner works on another request."""
+
+
+class ScanFailed(TransportError, RuntimeError):
+    """The scanner refused the request or could not finish the scan; `code` is the short name of the cause."""
+
+    def __init__(self, message: str, code: str = "failed") -> None:
+        """Keep the short name of the cause beside the words."""
+        super().__init__(message)
+        self.code = code
+
+
+class ScanTimeout(TransportError, TimeoutError):
+    """The scan was not finished by the deadline of the request."""
+
+
+class RecordingError(TransportError, ValueError):
+    """A recording that cannot be read or written as asked."""
+
+
+class SecurityError(TransportError, ValueError):
+    """A security folder that is incomplete, or must not be overwritten."""

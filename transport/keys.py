@@ -1,0 +1,87 @@
+"""Names of the keys under which messages travel, and of the topics in a recording."""
+
+import re
+from typing import Final
+
+from transport.exceptions import KeyNameError
+
+DEFAULT_ROBOT: Final = "guara"
+"""Instance name of the robot when none is given."""
+
+PERCEPTION_VERSION: Final = "v1"
+"""Major version of everything below `<robot>/perception`; other majors live under other keys."""
+
+NODE_ROLE: Final = "node"
+"""Name of the perception node's liveliness token."""
+
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_\-]*")
+
+
+def check_name(name: str, what: str = "robot") -> str:
+    """Return `name` if it can be one chunk of a key.
+
+    Args:
+        name: Instance name of a robot, or name of a role.
+        what: Word for the error message.
+
+    Raises:
+        KeyNameError: The name is empty or holds other characters than letters, digits, `_` and `-`.
+    """
+    if not isinstance(name, str) or _NAME.fullmatch(name) is None:
+        raise KeyNameError(
+            f"{what} name {name!r} cannot be part of a key; use letters, digits, '_' and '-', "
+            f"starting with a letter, a digit or '_'"
+        )
+    return name
+
+
+def perception_prefix(robot: str = DEFAULT_ROBOT) -> str:
+    """Key below which the perception node publishes, without a slash at the end."""
+    return f"{check_name(robot)}/perception/{PERCEPTION_VERSION}"
+
+
+def terrain_key(robot: str = DEFAULT_ROBOT, extent: str = "footprint") -> str:
+    """Key of the Terrain messages of one extent: "footprint" (one scan) or "map" (fused).
+
+    Raises:
+        KeyNameError: Unknown extent.
+    """
+    names = {"footprint": "terrain", "map": "map"}
+    if extent not in names:
+        raise KeyNameError(f"extent {extent!r} is unknown; allowed are {', '.join(map(repr, names))}")
+    return f"{perception_prefix(robot)}/{names[extent]}"
+
+
+def occupancy_key(robot: str = DEFAULT_ROBOT) -> str:
+    """Key of the nav_msgs/OccupancyGrid of the last scan."""
+    return f"{perception_prefix(robot)}/occupancy"
+
+
+def grid_map_key(robot: str = DEFAULT_ROBOT) -> str:
+    """Key of the grid_map_msgs/GridMap of the last scan."""
+    return f"{perception_prefix(robot)}/grid_map"
+
+
+def scan_key(robot: str = DEFAULT_ROBOT) -> str:
+    """Key of the queryable that takes scan requests."""
+    return f"{perception_prefix(robot)}/scan"
+
+
+def query_key(robot: str = DEFAULT_ROBOT) -> str:
+    """Key of the queryable that returns the newest grid or a region of it."""
+    return f"{perception_prefix(robot)}/query"
+
+
+def status_key(robot: str = DEFAULT_ROBOT) -> str:
+    """Key of the diagnostic_msgs/DiagnosticArray of the node."""
+    return f"{perception_prefix(robot)}/status"
+
+
+def alive_key(robot: str = DEFAULT_ROBOT, role: str = NODE_ROLE) -> str:
+    """Key of the liveliness token of one role."""
+    return f"{perception_prefix(robot)}/@alive/{check_name(role, 'role')}"
+
+
+def stance_key(robot: str = DEFAULT_ROBOT) -> str:
+    """Key of the stance pauses that the gait controller publishes."""
+    return f"{check_name(robot)}/gait/v1/stance"

@@ -1,0 +1,172 @@
+"""Parts that several messages share: stance, transform, obstacle, declared ground; checked when made."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+
+from transport.exceptions import MessageError
+
+Point = tuple[float, float, float]
+
+
+def finite(value: float, what: str) -> float:
+    """Return `value` as a float if it is a finite number.
+
+    Raises:
+        MessageError: It is not.
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError) as error:
+        raise MessageError(f"{what} is {value!r}; a number is needed") from error
+    if not math.isfinite(number):
+        raise MessageError(f"{what} is {number}; a finite number is needed")
+    return number
+
+
+def read_only(array: npt.ArrayLike, shape: tuple[int | None, ...], what: str) -> npt.NDArray[np.float64]:
+    """A finite float64 copy of `array`, read-only; None in `shape` stands for any length.
+
+    Raises:
+        MessageError: Another shape, or a value that is not finite.
+    """
+    try:
+        copy = np.array(array, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise MessageError(f"{what} is not an array of numbers: {error}") from error
+    if copy.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, copy.shape, strict=True)):
+        wanted = ", ".join("n" if n is None else str(n) for n in shape)
+        raise MessageError(f"{what} has shape {copy.shape}; allowed is ({wanted})")
+    if not np.isfinite(copy).all():
+        raise MessageError(f"{what} holds NaN or infinity; finite numbers are needed")
+    copy.setflags(write=False)
+    return copy
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StanceMessage:
+    """Posture of the robot at a stance pause.
+
+    Attributes:
+        joint_positions: [rad] by joint name, read-only.
+        support_feet: Names of the legs that carry weight.
+        gravity_in_base: Direction of gravity in `base_link`, pointing down, any length; None when unknown.
+    """
+
+    joint_positions: Mapping[str, float]
+    support_feet: tuple[str, ...]
+    gravity_in_base: Point | None = None
+
+    def __post_init__(self) -> None:
+        """Copy and check."""
+        joints = {str(k): finite(v, f"position of joint {k!r}") for k, v in self.joint_positions.items()}
+        object.__setattr__(self, "joint_positions", MappingProxyType(joints))
+        object.__setattr__(self, "support_feet", tuple(str(foot) for foot in self.support_feet))
+        if self.gravity_in_base is not None:
+            gravity = read_only(self.gravity_in_base, (3,), "gravity_in_base")
+            object.__setattr__(self, "gravity_in_base", tuple(gravity.tolist()))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TransformMessage:
+    """A transform between two frames: `transform_<source_frame>_to_<destination_frame>`.
+
+    Attributes:
+        source_frame: For example `base_link`.
+        destination_frame: For example `base_footprint`.
+        matrix: (4, 4) float64, a rotation and a translation [m], read-only.
+        covariance: (6, 6) float64 in the order x, y, z, roll, pitch, yaw [m, rad], read-only; None if
+            unknown.
+    """
+
+    source_frame: str
+    destination_frame: str
+    matrix: npt.NDArray[np.float64]
+    covariance: npt.NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        """Copy and check."""
+        name = f"transform_{self.source_frame}_to_{self.destination_frame}"
+        matrix = read_only(self.matrix, (4, 4), name)
+        rotation = matrix[:3, :3]
+        if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
+            raise MessageError(f"{name} has the last row {matrix[3].tolist()}; allowed is [0, 0, 0, 1]")
+        # 1e-6: far above rounding, far below any angle that matters (1 um at 1 m).
+        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(rotation) < 0.0:
+            raise MessageError(f"{name} does not hold a rotation in its upper left 3 x 3 part")
+        object.__setattr__(self, "matrix", matrix)
+        if self.covariance is not None:
+            covariance = read_only(self.covariance, (6, 6), f"covariance of {name}")
+            object.__setattr__(self, "covariance", covariance)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ObstacleMessage:
+    """Something that stands out of the terrain, in the frame of the message that carries it.
+
+    Attributes:
+        outline: (n, 2) float64 [m], corners seen from above, not closed, read-only.
+        height: [m] above its surroundings; negative for a hole.
+        position: [m] centre; z is its top, or the bottom of a hole.
+        sigma: [m] standard deviation of the height.
+        hazard: Union of the hazard flags of its cells, 0 ... 65535.
+    """
+
+    outline: npt.NDArray[np.float64]
+    height: float
+    position: Point
+    sigma: float
+    hazard: int
+
+    def __post_init__(self) -> None:
+        """Copy and check."""
+        object.__setattr__(self, "outline", read_only(self.outline, (None, 2), "outline of an obstacle"))
+        object.__setattr__(self, "height", finite(self.height, "height of an obstacle"))
+        position = read_only(self.position, (3,), "position of an obstacle")
+        object.__setattr__(self, "position", tuple(position.tolist()))
+        object.__setattr__(self, "sigma", finite(self.sigma, "sigma of an obstacle"))
+        if not 0 <= int(self.hazard) < 2**16:
+            raise MessageError(f"hazard of an obstacle is {self.hazard}; allowed are 0 to 65535")
+        object.__setattr__(self, "hazard", int(self.hazard))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class GroundPatch:
+    """Ground that the gait controller declares safe.
+
+    Attributes:
+        outline: (n, 2) float64 [m], at least 3 corners, not closed, read-only.
+        height: [m] in the frame of the message that carries it.
+        sigma: [m] standard deviation of the height.
+    """
+
+    outline: npt.NDArray[np.float64]
+    height: float
+    sigma: float
+
+    def __post_init__(self) -> None:
+        """Copy and check."""
+        outline = read_only(self.outline, (None, 2), "outline of known ground")
+        if len(outline) < 3:
+            raise MessageError(f"outline of known ground has {len(outline)} corners; at least 3 are needed")
+        object.__setattr__(self, "outline", outline)
+        object.__setattr__(self, "height", finite(self.height, "height of known ground"))
+        sigma = finite(self.sigma, "sigma of known ground")
+        if sigma < 0.0:
+            raise MessageError(f"sigma of known ground is {sigma}; allowed is 0 or more")
+        object.__setattr__(self, "sigma", sigma)
+
+
+def texts(values: Sequence[str], what: str) -> tuple[str, ...]:
+    """The values as a tuple of text.
+
+    Raises:
+        MessageError: A single text was given where a list is needed.
+    """
+    if isinstance(values, str):
+        raise MessageError(f"{what} is the text {values!r}; a list of texts is needed")
+    return tuple(str(value) for value in values)

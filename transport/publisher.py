@@ -1,0 +1,47 @@
+"""Publishers of one key: latched, where late joiners get the last message, or plain."""
+
+from transport import zenoh_api
+from transport.session import Session
+
+
+class Publisher:
+    """Puts payloads on one key; a latched one keeps the last for those who join later."""
+
+    def __init__(self, session: Session, key: str, *, latched: bool = True) -> None:
+        """Declare the key.
+
+        Args:
+            session: Open session.
+            key: Where to publish.
+            latched: Late joiners get the last payload, and receivers notice losses.
+
+        Raises:
+            SessionClosed: The session is closed.
+            TransportError: The key is not valid.
+        """
+        declare = zenoh_api.declare_latched_publisher if latched else zenoh_api.declare_plain_publisher
+        self.key = key
+        self._session = session
+        self._raw = session.attempt(lambda: declare(session.raw, key), f"cannot publish on {key!r}")
+        self._count = 0
+        session.own(self)
+
+    @property
+    def count(self) -> int:
+        """Payloads that were put."""
+        return self._count
+
+    def put(self, payload: bytes) -> None:
+        """Send one payload. Returns without error when nobody listens or the link is down.
+
+        Raises:
+            SessionClosed: The session is closed.
+        """
+        self._session.attempt(lambda: self._raw.put(payload), f"cannot send on {self.key!r}")
+        self._count += 1
+
+    def close(self) -> None:
+        """Undeclare; safe to call twice, and after the session."""
+        self._session.disown(self)
+        if not self._session.raw_is_closed:
+            self._raw.undeclare()

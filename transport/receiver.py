@@ -1,0 +1,249 @@
+"""A receiver that keeps the newest message of one key, and counts what it did not keep."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final, Generic, TypeVar
+
+from transport import zenoh_api
+from transport.exceptions import MessageError, ReceiveTimeout, SessionClosed
+from transport.session import Session
+
+_LOG = logging.getLogger(__name__)
+_CLOSE_TIMEOUT: Final = 2.0
+"""[s] How long closing waits for a callback of the user to return."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Received(Generic[T]):
+    """A message with the moment of its arrival.
+
+    Attributes:
+        message: Decoded message.
+        number: Counts the samples of this receiver, from 1.
+        arrival: [s] on `time.monotonic()`.
+        arrival_stamp: [ns] since the epoch, by this machine's clock.
+    """
+
+    message: T
+    number: int
+    arrival: float
+    arrival_stamp: int
+
+    @property
+    def age(self) -> float:
+        """[s] since the arrival."""
+        return time.monotonic() - self.arrival
+
+
+class _Slot(Generic[T]):
+    """One payload with its arrival; decoded at most once, by whoever asks first."""
+
+    def __init__(self, payload: bytes, number: int, decode: Callable[[bytes], T]) -> None:
+        self.number = number
+        self.taken = False
+        self._arrival = (time.monotonic(), time.time_ns())
+        self._payload = payload
+        self._decode = decode
+        self._lock = threading.Lock()
+        self._result: Received[T] | MessageError | None = None
+
+    def open(self) -> Received[T]:
+        self.taken = True
+        with self._lock:
+            if self._result is None:
+                try:
+                    self._result = Received(self._decode(self._payload), self.number, *self._arrival)
+                except MessageError as error:
+                    self._result = error
+            if isinstance(self._result, MessageError):
+                raise self._result
+            return self._result
+
+
+class NewestReceiver(Generic[T]):
+    """Receives one key and keeps the newest message only.
+
+    Zenoh's thread copies each payload into one slot; decoding happens in the thread that asks. A slow reader
+    therefore never sees an old message, and never holds anybody up.
+    """
+
+    def __init__(
+        self, session: Session, key: str, decode: Callable[[bytes], T], *, latched: bool = True
+    ) -> None:
+        """Subscribe.
+
+        Args:
+            session: Open session.
+            key: Key to receive.
+            decode: Makes a message of a payload; raises MessageError when it is not one.
+            latched: Ask for the last message that was published before, and notice losses.
+
+        Raises:
+            SessionClosed: The session is closed.
+            TransportError: The key is not valid.
+        """
+        self.key = key
+        self._session = session
+        self._decode = decode
+        self._changed = threading.Condition()
+        self._slot: _Slot[T] | None = None
+        self._received = self._superseded = self._missed = self._rejected = 0
+        self._closed = False
+        self._threads: list[threading.Thread] = []
+        self._raw = session.attempt(lambda: self._subscribe(latched), f"cannot receive {key!r}")
+        session.own(self)
+
+    def _subscribe(self, latched: bool) -> tuple[Any, ...]:
+        if latched:
+            return zenoh_api.declare_latched_subscriber(
+                self._session.raw, self.key, self._on_sample, self._on_miss
+            )
+        return (self._session.raw.declare_subscriber(self.key, zenoh_api.direct(self._on_sample)),)
+
+    @property
+    def received(self) -> int:
+        """Samples that arrived."""
+        return self._received
+
+    @property
+    def superseded(self) -> int:
+        """Samples that a newer one replaced before anybody asked for them."""
+        return self._superseded
+
+    @property
+    def missed(self) -> int:
+        """Samples that were published and lost on the way."""
+        return self._missed
+
+    @property
+    def rejected(self) -> int:
+        """Samples that were no valid message."""
+        return self._rejected
+
+    def _on_sample(self, sample: Any) -> None:
+        # Copied here, not when it is read: the payload may lie in memory shared with the publisher, and a
+        # process that was stopped for a while must not find it overwritten.
+        payload = sample.payload.to_bytes()
+        with self._changed:
+            if self._slot is not None and not self._slot.taken:
+                self._superseded += 1
+            self._received += 1
+            self._slot = _Slot(payload, self._received, self._decode)
+            self._changed.notify_all()
+
+    def _on_miss(self, count: int) -> None:
+        with self._changed:
+            self._missed += count
+
+    def _open(self, slot: _Slot[T]) -> Received[T]:
+        first = not slot.taken
+        try:
+            return slot.open()
+        except MessageError:
+            if first:
+                self._rejected += 1
+            raise
+
+    def latest(self) -> Received[T] | None:
+        """The newest message, or None when none came yet.
+
+        Raises:
+            MessageError: The newest sample is not a valid message; an older one is not returned in its place.
+        """
+        with self._changed:
+            slot = self._slot
+        return None if slot is None else self._open(slot)
+
+    def wait_for(
+        self, predicate: Callable[[T], bool], timeout: float | None, *, after: int = 0
+    ) -> Received[T]:
+        """Wait for a newest message that `predicate` accepts; samples that are no message are passed over.
+
+        Args:
+            predicate: Called in this thread with each newest message.
+            timeout: [s]; None waits without end. Ctrl-C works.
+            after: Number of a sample; only later ones count.
+
+        Raises:
+            ReceiveTimeout: None came in time.
+            SessionClosed: The receiver was closed meanwhile.
+        """
+        deadline = None if timeout is None else time.monotonic() + timeout
+        while True:
+            slot = self._next(after, deadline)
+            if slot is None:
+                raise ReceiveTimeout(
+                    f"no message on {self.key!r} that fits within {timeout:g} s; {self.received} arrived, "
+                    f"{self.rejected} were damaged, {self.missed} were lost"
+                )
+            after = slot.number
+            try:
+                received = self._open(slot)
+            except MessageError as error:
+                _LOG.warning("message on %s refused: %s", self.key, error)
+                continue
+            if predicate(received.message):
+                return received
+
+    def _next(self, after: int, deadline: float | None) -> _Slot[T] | None:
+        with self._changed:
+            while True:
+                if self._closed:
+                    raise SessionClosed(f"the receiver of {self.key!r} is closed")
+                if self._slot is not None and self._slot.number > after:
+                    return self._slot
+                remaining = None if deadline is None else deadline - time.monotonic()
+                if remaining is not None and remaining <= 0.0:
+                    return None
+                self._changed.wait(remaining)
+
+    def on_newest(self, callback: Callable[[Received[T]], None]) -> None:
+        """Call `callback` with the newest message, again and again, on a thread of its own.
+
+        What arrives while it works is skipped but for the newest. An error that it raises is logged, and
+        it is called again with the next message.
+
+        Raises:
+            SessionClosed: The receiver is closed.
+        """
+        if self._closed:
+            raise SessionClosed(f"the receiver of {self.key!r} is closed")
+        # A daemon: a callback that never returns must not keep the interpreter from ending.
+        thread = threading.Thread(
+            target=self._dispatch, args=(callback,), name=f"transport-{self.key}", daemon=True
+        )
+        self._threads.append(thread)
+        thread.start()
+
+    def _dispatch(self, callback: Callable[[Received[T]], None]) -> None:
+        number = 0
+        while True:
+            try:
+                received = self.wait_for(lambda _: True, None, after=number)
+            except SessionClosed:
+                return
+            number = received.number
+            try:
+                callback(received)
+            except Exception:
+                _LOG.exception("the callback for %s failed", self.key)
+
+    def close(self) -> None:
+        """Stop receiving and end the callbacks' threads; safe to call twice."""
+        with self._changed:
+            if self._closed:
+                return
+            self._closed = True
+            self._changed.notify_all()
+        self._session.disown(self)
+        if not self._session.raw_is_closed:
+            for part in reversed(self._raw):
+                part.undeclare()
+        for thread in self._threads:
+            if thread is not threading.current_thread():
+                thread.join(_CLOSE_TIMEOUT)

@@ -1,0 +1,211 @@
+"""One open Zenoh session: how it is opened, what it holds, and that it always closes."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import Any, Final, Self
+
+from transport import exit_watcher, zenoh_api
+from transport.configuration import (
+    DEFAULT_ENDPOINT,
+    check_exposure,
+    client_configuration,
+    node_configuration,
+)
+from transport.exceptions import ConnectionFailed, SessionClosed, TransportError
+from transport.exit_watcher import Closable
+
+_LOG = logging.getLogger(__name__)
+_PAUSE: Final = 0.1
+"""[s] Between two attempts to connect; short, so that Ctrl-C is answered at once."""
+
+_CHECK_LISTEN: Final = (
+    "Check: is another node or a Zenoh router running on this port (then stop it, or connect to it instead)? "
+    "is the address one of this machine? with security: are certificate and key in the folder readable and "
+    "in date?"
+)
+_CHECK_CONNECT: Final = (
+    "Zenoh says the same whatever the cause. Check: is the node running and does it listen there? does the "
+    "protocol agree (tcp without security, tls with it)? with security: is the certificate in date and of "
+    "the same CA as the node's, does the node's certificate name this host? with a password: is it right? "
+    "The node's log (RUST_LOG=warn) tells which."
+)
+
+Configuration = Mapping[str, Any] | str
+
+
+class Session:
+    """An open Zenoh session with everything declared in it; use it in a `with` block.
+
+    Open one with `open_node` or `open_client`. Whatever is declared through this package is closed with
+    it, at the end of the main thread at the latest, so that a script that crashes does not hang.
+    """
+
+    def __init__(self, configuration: Configuration, endpoints: tuple[str, ...]) -> None:
+        """Open at once or fail; see `open_node` and `open_client`."""
+        self._raw: Any = zenoh_api.open_raw(configuration)
+        self._lock = threading.RLock()
+        self._parts: list[Closable] = []
+        self._closed = False
+        self.endpoints = endpoints
+        exit_watcher.watch(self)
+
+    def __enter__(self) -> Self:
+        """The session itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    @property
+    def raw(self) -> Any:
+        """The Zenoh session.
+
+        Raises:
+            SessionClosed: It is closed.
+        """
+        if self._closed:
+            raise SessionClosed("the Zenoh session is closed; open a new one")
+        return self._raw
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._closed
+
+    @property
+    def raw_is_closed(self) -> bool:
+        """Whether Zenoh itself has closed; parts then need not be undeclared."""
+        return bool(self._raw.is_closed())
+
+    @property
+    def zenoh_id(self) -> str:
+        """Zenoh's id of this session, hexadecimal."""
+        return str(self.raw.zid())
+
+    def links(self) -> tuple[str, ...]:
+        """Addresses of the other ends of all links that are up now; empty when nobody is connected."""
+        return () if self._closed else tuple(str(link.dst) for link in self._raw.info.links())
+
+    def own(self, part: Closable) -> None:
+        """Close `part` together with this session, before it.
+
+        Raises:
+            SessionClosed: The session is closed already.
+        """
+        with self._lock:
+            if self._closed:
+                raise SessionClosed("the Zenoh session is closed; open a new one")
+            self._parts.append(part)
+
+    def disown(self, part: Closable) -> None:
+        """Forget a part that was closed by itself."""
+        with self._lock:
+            if part in self._parts:
+                self._parts.remove(part)
+
+    def attempt(self, action: Callable[[], Any], what: str) -> Any:
+        """Run a call into Zenoh and turn its error into one of this package.
+
+        Raises:
+            SessionClosed: The session is closed.
+            TransportError: Zenoh refused; the text says what was tried.
+        """
+        try:
+            return action()
+        except zenoh_api.zenoh_error() as error:
+            if self._closed or self._raw.is_closed():
+                raise SessionClosed(f"{what}: the Zenoh session is closed") from error
+            raise TransportError(f"{what}: {zenoh_api.error_text(error)}") from error
+
+    def close(self) -> None:
+        """Close all that was declared, newest first, then the session; safe to call twice."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            parts, self._parts = self._parts[::-1], []
+        for part in parts:
+            try:
+                part.close()
+            except Exception:
+                _LOG.exception("closing %r failed", part)
+        try:
+            self._raw.close()
+        finally:
+            exit_watcher.forget(self)
+
+
+def open_node(
+    *,
+    listen: str | tuple[str, ...] = DEFAULT_ENDPOINT,
+    connect: str | None = None,
+    allow_insecure: bool = False,
+    shared_memory: bool = True,
+    timeout: float = 5.0,
+) -> Session:
+    """Open the session of a node that publishes.
+
+    Args:
+        listen: Endpoints that clients connect to; the node is the Zenoh router.
+        connect: Endpoint of an external router; then the node listens nowhere.
+        allow_insecure: Listen beyond this machine without security.
+        shared_memory: Let Zenoh pass large payloads through /dev/shm between processes of one machine.
+        timeout: [s] to wait for an external router.
+
+    Raises:
+        ConfigurationError: An endpoint is not valid, or open to other machines without security.
+        ConnectionFailed: The port is taken, or the external router does not answer.
+    """
+    if connect is not None:
+        return open_client(connect, shared_memory=shared_memory, timeout=timeout)
+    endpoints = (listen,) if isinstance(listen, str) else tuple(listen)
+    check_exposure(endpoints, secured=False, allow_insecure=allow_insecure)
+    return listen_with(node_configuration(endpoints, shared_memory=shared_memory), endpoints)
+
+
+def open_client(
+    endpoint: str = DEFAULT_ENDPOINT, *, shared_memory: bool = True, timeout: float = 5.0
+) -> Session:
+    """Open the session of a client: a planner, a viewer, the gait controller.
+
+    Args:
+        endpoint: Where the node or the router listens.
+        shared_memory: Let Zenoh pass large payloads through /dev/shm between processes of one machine.
+        timeout: [s] to wait for the router; it is tried again until then.
+
+    Raises:
+        ConfigurationError: The endpoint is not valid.
+        ConnectionFailed: No connection within `timeout`; the text lists what to check.
+    """
+    return connect_with(client_configuration(endpoint, shared_memory=shared_memory), (endpoint,), timeout)
+
+
+def listen_with(configuration: Configuration, endpoints: tuple[str, ...]) -> Session:
+    """Open a session that listens, from a whole Zenoh configuration; errors as of `open_node`."""
+    try:
+        return Session(configuration, endpoints)
+    except zenoh_api.zenoh_error() as error:
+        raise ConnectionFailed(
+            f"cannot listen on {', '.join(endpoints)}: {zenoh_api.error_text(error)}. {_CHECK_LISTEN}"
+        ) from error
+
+
+def connect_with(configuration: Configuration, endpoints: tuple[str, ...], timeout: float) -> Session:
+    """Open a client's session from a whole Zenoh configuration; errors as of `open_client`."""
+    deadline = time.monotonic() + timeout
+    while True:
+        try:
+            return Session(configuration, endpoints)
+        except zenoh_api.zenoh_error() as error:
+            if time.monotonic() + _PAUSE >= deadline:
+                raise ConnectionFailed(
+                    f"cannot connect to {', '.join(endpoints)} within {timeout:g} s: "
+                    f"{zenoh_api.error_text(error)} {_CHECK_CONNECT}"
+                ) from error
+        time.sleep(_PAUSE)

@@ -1,0 +1,101 @@
+"""Status of the node: message in Python, and its CDR payload as diagnostic_msgs/DiagnosticArray."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+from transport.codec import decode, encode, make_header, read_time
+from transport.exceptions import MessageError
+from transport.terrain_message import Health
+from transport.typestore import STATUS, message_class
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatusItem:
+    """Status of one part of the node.
+
+    Attributes:
+        name: Part, for example "scanner".
+        level: OK, WARN, ERROR or STALE.
+        message: One line for a person.
+        hardware_id: Device or robot, empty when none.
+        values: Figures as text by name, with the unit in the name.
+    """
+
+    name: str
+    level: Health
+    message: str = ""
+    hardware_id: str = ""
+    values: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Freeze the figures as text."""
+        values = {str(key): str(value) for key, value in self.values.items()}
+        object.__setattr__(self, "values", MappingProxyType(values))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Status:
+    """Status of the node: one item per part.
+
+    Attributes:
+        stamp: [ns] since the epoch.
+        items: Parts of the node.
+    """
+
+    stamp: int
+    items: tuple[StatusItem, ...]
+
+    @property
+    def level(self) -> Health:
+        """The worst level of all items; STALE when there are none."""
+        return max((item.level for item in self.items), default=Health.STALE)
+
+    def item(self, name: str) -> StatusItem | None:
+        """The item of one part, or None."""
+        return next((item for item in self.items if item.name == name), None)
+
+
+def encode_status(status: Status) -> bytes:
+    """CDR payload of a status, a diagnostic_msgs/DiagnosticArray.
+
+    Raises:
+        MessageError: A field does not fit its ROS 2 type.
+    """
+    pair = message_class("diagnostic_msgs/msg/KeyValue")
+    part: Any = message_class("diagnostic_msgs/msg/DiagnosticStatus")
+    parts = [
+        part(
+            level=int(item.level),
+            name=item.name,
+            message=item.message,
+            hardware_id=item.hardware_id,
+            values=[pair(key, value) for key, value in item.values.items()],
+        )
+        for item in status.items
+    ]
+    return encode(message_class(STATUS)(make_header(status.stamp, ""), parts))
+
+
+def decode_status(payload: bytes | bytearray | memoryview) -> Status:
+    """Status from its CDR payload.
+
+    Raises:
+        MessageError: The payload is damaged or a level is unknown.
+    """
+    message = decode(payload, STATUS)
+    try:
+        items = tuple(
+            StatusItem(
+                name=part.name,
+                level=Health(part.level),
+                message=part.message,
+                hardware_id=part.hardware_id,
+                values={pair.key: pair.value for pair in part.values},
+            )
+            for part in message.status
+        )
+    except ValueError as error:
+        raise MessageError(f"status refused: {error}; allowed levels are 0 to 3") from error
+    return Status(stamp=read_time(message.header.stamp), items=items)

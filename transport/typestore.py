@@ -1,0 +1,81 @@
+"""The message types this package speaks: those of ROS 2, those of guara_msgs and those of grid_map_msgs."""
+
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, Final
+
+from transport.exceptions import MessageError
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+TERRAIN: Final = "guara_msgs/msg/Terrain"
+STANCE_PAUSE: Final = "guara_msgs/msg/StancePause"
+SCAN_REQUEST: Final = "guara_msgs/msg/ScanRequest"
+SCAN_REPLY: Final = "guara_msgs/msg/ScanReply"
+REFUSAL: Final = "guara_msgs/msg/Refusal"
+QUERY_REQUEST: Final = "guara_msgs/msg/QueryRequest"
+OCCUPANCY: Final = "nav_msgs/msg/OccupancyGrid"
+GRID_MAP: Final = "grid_map_msgs/msg/GridMap"
+STATUS: Final = "diagnostic_msgs/msg/DiagnosticArray"
+IMAGE: Final = "sensor_msgs/msg/Image"
+COMPRESSED_IMAGE: Final = "sensor_msgs/msg/CompressedImage"
+
+
+def message_files() -> dict[str, str]:
+    """Texts of the `.msg` files of this package, by type name such as `guara_msgs/msg/Terrain`."""
+    folder = files("transport") / "msg"
+    found: dict[str, str] = {}
+    for package, place in (("guara_msgs", folder), ("grid_map_msgs", folder / "grid_map_msgs")):
+        for entry in place.iterdir():
+            if entry.name.endswith(".msg"):
+                found[f"{package}/msg/{entry.name.removesuffix('.msg')}"] = entry.read_text(encoding="utf-8")
+    return dict(sorted(found.items()))
+
+
+@cache
+def typestore() -> "Typestore":
+    """The rosbags type store with all types of this package; read once, when first used."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types: dict[str, Any] = {}
+    for name, text in message_files().items():
+        types.update(get_types_from_msg(text, name))
+    store.register(types)
+    return store
+
+
+def message_class(type_name: str) -> Any:
+    """The generated class of one ROS 2 type; its fields are those of the definition, in that order.
+
+    Raises:
+        MessageError: The type is not known.
+    """
+    known = typestore().types
+    if type_name not in known:
+        ours = ", ".join(message_files())
+        raise MessageError(
+            f"message type {type_name!r} is not known; known are the types of ROS 2 Jazzy and {ours}"
+        )
+    return known[type_name]
+
+
+def message_definition(type_name: str) -> str:
+    """Definition of a type with all types that it uses, as `ros2msg` schemas of MCAP hold it."""
+    message_class(type_name)
+    text, _ = typestore().generate_msgdef(type_name, ros_version=2)
+    return text
+
+
+def type_hash(type_name: str) -> str:
+    """The ROS 2 type hash (`RIHS01_...`) of a type, part of the keys of rmw_zenoh."""
+    message_class(type_name)
+    return typestore().hash_rihs01(type_name)
+
+
+def dds_type_name(type_name: str) -> str:
+    """The name of a type in DDS style, as `nav_msgs::msg::dds_::OccupancyGrid_`."""
+    message_class(type_name)
+    package, kind, name = type_name.split("/")
+    return f"{package}::{kind}::dds_::{name}_"
