@@ -1,0 +1,48 @@
+"""Errors and warnings of this package: one root, each also the builtin that fits."""
+
+from collections.abc import Iterable
+
+
+class KinematicsError(Exception):
+    """Root of every error that `kinematics` raises."""
+
+    def __str__(self) -> str:
+        """The message as written: `KeyError` would quote it."""
+        return str(self.args[0]) if len(self.args) == 1 else super().__str__()
+
+
+class RobotNotFound(KinematicsError, FileNotFoundError):
+    """No robot folder of that name or path."""
+
+
+class RobotFileError(KinematicsError, ValueError):
+    """A file of a robot folder is broken or contradicts another; the message names file and place."""
+
+
+class UnknownName(KinematicsError, KeyError):
+    """A name of a frame, joint, leg or posture that the robot does not have; the message lists those it has."""
+
+
+class JointPositionError(KinematicsError, ValueError):
+    """Joint positions that cannot be used: missing, not finite, of wrong length."""
+
+
+class StanceError(KinematicsError, ValueError):
+    """A stance that is malformed or does not hold the body: the message names the field."""
+
+
+class ArgumentError(KinematicsError, ValueError):
+    """An argument of wrong shape or value; the message says what was given and what is allowed."""
+
+
+class CameraMoved(KinematicsError, RuntimeError):
+    """The camera moved between the begin and the end of a scan by more than robot.toml allows."""
+
+
+class JointLimitWarning(UserWarning):
+    """A joint stands beyond its limit; the message names the joint and by how much."""
+
+
+def unknown_name(kind: str, given: object, valid: Iterable[str]) -> UnknownName:
+    """An `UnknownName` whose message says what was given and lists what there is."""
+    return UnknownName(f"unknown {kind} {given!r}; this robot has: {', '.join(valid)}")

@@ -1,0 +1,84 @@
+"""The mathematics of `base_footprint`: its transform from soles and vertical, and how noise travels through.
+
+With u the unit vertical in `base_link` and p_i the supporting soles, the rows of the rotation from base to
+footprint are
+
+    x = (e_x - u_x u) / s,   s = sqrt(1 - u_x^2)      the body's x axis laid on the horizontal
+    y = u x x
+    z = u
+
+and its translation is (0, 0, h) with h = -u . mean(p_i): the footprint lies straight below the body's origin,
+with z = 0 at the mean of the soles.
+
+A small change du of the vertical turns the footprint about its own fixed axes by B du, B = (y, -x, (u_x / s)
+y) as rows; the last row is there because the heading is kept on the body's x axis while the body tips.
+"""
+
+import numpy as np
+
+from kinematics.tree import Array
+
+
+def transform_base_to_footprint(soles_in_base: Array, up: Array) -> Array:
+    """The transform (4, 4) for supporting soles (n, 3) [m] and the unit vertical (3,) in `base_link`."""
+    x = np.array([1.0, 0.0, 0.0]) - up[0] * up
+    x /= np.linalg.norm(x)
+    transform = np.eye(4)
+    transform[:3, :3] = x, np.cross(up, x), up
+    transform[2, 3] = -up @ soles_in_base.mean(axis=0)
+    return transform
+
+
+def turn_by_vertical(transform: Array) -> Array:
+    """B (3, 3): d(rotation of the footprint about its fixed axes [rad]) / d(vertical in `base_link`)."""
+    x, y, up = transform[:3, :3]
+    return np.array([y, -x, up[0] / np.sqrt(1.0 - up[0] ** 2) * y])
+
+
+def footprint_jacobians(soles_in_base: Array, transform: Array, up_by_soles: Array) -> tuple[Array, Array]:
+    """How the transform moves with its causes, rows in REP-103 order (x y z, rotations about fixed axes).
+
+    Args:
+        soles_in_base: (n, 3) supporting soles [m].
+        transform: (4, 4) base to footprint.
+        up_by_soles: (3, 3 n) d(vertical) / d(soles); zero where the vertical comes from elsewhere.
+
+    Returns:
+        by_soles (6, 3 n) and by_vertical (6, 3): the first holds the vertical's dependence on the soles
+        already.
+    """
+    count = len(soles_in_base)
+    up = transform[2, :3]
+    by_vertical = np.zeros((6, 3))
+    by_vertical[2] = -soles_in_base.mean(axis=0)
+    by_vertical[3:] = turn_by_vertical(transform)
+    by_soles = by_vertical @ up_by_soles
+    by_soles[2] -= np.tile(up, count) / count
+    return by_soles, by_vertical
+
+
+def skew(vector: Array) -> Array:
+    """Cross-product matrix (3, 3) of a vector a: times b it gives a x b."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def compose_covariance(
+    transform_middle_to_destination: Array,
+    covariance_middle_to_destination: Array,
+    transform_source_to_middle: Array,
+    covariance_source_to_middle: Array,
+) -> Array:
+    """Covariance (6, 6) of `transform_middle_to_destination @ transform_source_to_middle`, both uncertain.
+
+    Each covariance is in REP-103 order: translation [m], then rotation about the fixed axes [rad] of the
+    transform's destination (first-order propagation).
+    """
+    rotation = transform_middle_to_destination[:3, :3]
+    by_outer, by_inner = np.eye(6), np.zeros((6, 6))
+    by_outer[:3, 3:] = -skew(rotation @ transform_source_to_middle[:3, 3])
+    by_inner[:3, :3] = by_inner[3:, 3:] = rotation
+    return np.asarray(
+        by_outer @ covariance_middle_to_destination @ by_outer.T
+        + by_inner @ covariance_source_to_middle @ by_inner.T
+    )

@@ -1,0 +1,76 @@
+"""Checks joint positions that come from outside and puts them into the robot's order."""
+
+import warnings
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from kinematics.exceptions import JointLimitWarning, JointPositionError, unknown_name
+from kinematics.tree import KinematicTree
+
+_LIMIT_TOLERANCE = 1e-9  # rad: a posture that stands exactly on a limit is not beyond it
+
+
+def checked_positions(
+    tree: KinematicTree, joint_positions: Mapping[str, float] | npt.ArrayLike
+) -> npt.NDArray[np.float64]:
+    """Joint positions (n,) [rad] in the order of `tree.joint_names`.
+
+    Args:
+        tree: the kinematic tree that names the joints.
+        joint_positions: by name, every joint once; or an array in the order of `tree.joint_names`.
+
+    Raises:
+        UnknownName: a joint that the robot does not have.
+        JointPositionError: a joint is missing, a value is not a finite number, or an array has the wrong
+            length.
+    """
+    names = tree.joint_names
+    if isinstance(joint_positions, Mapping):
+        for name in joint_positions:
+            if name not in names:
+                raise unknown_name("joint", name, names)
+        missing = [name for name in names if name not in joint_positions]
+        if missing:
+            raise JointPositionError(
+                f"no position for {', '.join(missing)}; all {len(names)} joints are needed"
+            )
+        values: npt.ArrayLike = [joint_positions[name] for name in names]
+    else:
+        values = joint_positions
+    try:
+        positions = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise JointPositionError(f"joint positions are not numbers: {values!r}") from None
+    if positions.shape != (len(names),):
+        raise JointPositionError(
+            f"joint positions have shape {positions.shape}; ({len(names)},) is needed, in the order "
+            f"{', '.join(names)}"
+        )
+    for name, value in zip(names, positions, strict=True):
+        if not np.isfinite(value):
+            raise JointPositionError(f"joint {name}: position {value} is not finite")
+    return positions
+
+
+def beyond_limits(tree: KinematicTree, positions: npt.NDArray[np.float64]) -> dict[str, float]:
+    """Joints beyond their limits and by how much [rad]; a `JointLimitWarning` is issued for each.
+
+    A joint beyond its limit is a measurement, not a reason to stop: encoders are offset, limits in the URDF
+    are nominal.
+    """
+    beyond: dict[str, float] = {}
+    lower, upper = tree.lower_limits, tree.upper_limits
+    for index in np.flatnonzero(
+        (positions < lower - _LIMIT_TOLERANCE) | (positions > upper + _LIMIT_TOLERANCE)
+    ):
+        name, value = tree.joint_names[index], positions[index]
+        beyond[name] = float(max(lower[index] - value, value - upper[index]))
+        warnings.warn(
+            f"joint {name} is at {value:.4f} rad, {beyond[name]:.4f} rad beyond its limits "
+            f"{lower[index]:g} ... {upper[index]:g}",
+            JointLimitWarning,
+            stacklevel=4,  # the caller of RobotModel.state
+        )
+    return beyond

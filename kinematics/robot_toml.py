@@ -1,0 +1,116 @@
+"""Reads robot.toml: what a robot's URDF cannot say."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+from kinematics.exceptions import RobotFileError
+from kinematics.toml_table import Table, frozen
+
+
+@dataclass(frozen=True, slots=True)
+class LegConfig:
+    """One leg: its hip link, its sole frame and its joints from hip to sole."""
+
+    name: str
+    hip: str
+    sole: str
+    joints: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PostureConfig:
+    """Heights [m] of hips and camera (optical centre) over the plane of the soles, in one posture."""
+
+    name: str
+    hip_height: float
+    camera_height: float
+
+
+@dataclass(frozen=True, slots=True)
+class RobotToml:
+    """What robot.toml says of the robot itself; tables for readers above stay raw in `tables`."""
+
+    path: Path
+    name: str
+    sole: tuple[float, float]
+    scan_posture: str
+    base_frame: str
+    camera_frame: str
+    laser_frame: str
+    imu_frame: str | None
+    legs: tuple[LegConfig, ...]
+    postures: tuple[PostureConfig, ...]
+    root: Table
+
+    def section(self, name: str) -> Mapping[str, object]:
+        """One top-level table, read-only all the way down.
+
+        Raises:
+            RobotFileError: naming the file and the missing table.
+        """
+        return cast(Mapping[str, object], frozen(self.root.table(name).values))
+
+
+def read_robot_toml(path: Path) -> RobotToml:
+    """Read and check robot.toml.
+
+    Raises:
+        RobotFileError: naming the file, the table and the key, what was given and what is needed.
+    """
+    try:
+        with path.open("rb") as file:
+            root = Table(path, "", tomllib.load(file))
+    except OSError as error:
+        raise RobotFileError(f"{path}: cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise RobotFileError(f"{path}: is not valid TOML: {error}") from error
+    frames, legs, postures = root.table("frames"), root.table("legs"), root.table("postures")
+    config = RobotToml(
+        path=path,
+        name=root.text("name"),
+        sole=root.pair("sole", above=0.0),
+        scan_posture=root.text("scan_posture"),
+        base_frame=frames.text("base"),
+        camera_frame=frames.text("camera"),
+        laser_frame=frames.text("laser"),
+        imu_frame=frames.text("imu") if "imu" in frames.values else None,
+        legs=tuple(_leg(name, legs.table(name)) for name in legs.values),
+        postures=tuple(_posture(name, postures.table(name)) for name in postures.values),
+        root=root,
+    )
+    if len(config.legs) < 3:
+        raise RobotFileError(
+            f"{path}: {len(config.legs)} tables [legs.<name>]; a support plane needs three legs"
+        )
+    if config.scan_posture not in [posture.name for posture in config.postures]:
+        raise root.refuse("scan_posture", "the name of a table [postures.<name>]")
+    _check_joints_once(config)
+    return config
+
+
+def _leg(name: str, table: Table) -> LegConfig:
+    joints = table.texts("joints")
+    if not joints:
+        raise table.refuse("joints", "a list of at least one joint")
+    return LegConfig(name, table.text("hip"), table.text("sole"), joints)
+
+
+def _posture(name: str, table: Table) -> PostureConfig:
+    return PostureConfig(
+        name, table.number("hip_height", above=0.0), table.number("camera_height", above=0.0)
+    )
+
+
+def _check_joints_once(config: RobotToml) -> None:
+    owner: dict[str, str] = {}
+    for leg in config.legs:
+        for joint in leg.joints:
+            if joint in owner:
+                raise RobotFileError(
+                    f"{config.path}: joint {joint!r} stands in [legs.{owner[joint]}] and [legs.{leg.name}]; "
+                    "a joint belongs to one leg"
+                )
+            owner[joint] = leg.name

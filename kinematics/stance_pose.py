@@ -1,0 +1,257 @@
+"""Where the body stands over the ground at a pause, which way is up, and how well both are known.
+
+A point measured in `base_link` does not depend on this pose: the pose only says which way is up and joins
+scans.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from kinematics.exceptions import ArgumentError, StanceError
+from kinematics.footprint import compose_covariance, footprint_jacobians, transform_base_to_footprint
+from kinematics.state import RobotState
+from kinematics.support import SupportPlane, fit_support_plane
+from kinematics.toml_table import Table
+from kinematics.transforms import checked_covariance, checked_transform, inverse
+from kinematics.tree import Array, read_only
+from kinematics.unloaded import FourFeet, find_unloaded_foot
+
+ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
+"""Where the vertical can come from, the best first."""
+
+_LEAST_UP_Z = 0.5
+"""A body tilted by more than 60 degrees has fallen: no pose of a scan."""
+
+
+@dataclass(frozen=True, slots=True)
+class StanceNoise:
+    """How well a stance is known (robot.toml, table [stance]); standard deviations.
+
+    Attributes:
+        encoder_sigma: one joint angle [rad].
+        contact_sigma: sole centre against ground, per axis [m].
+        imu_sigma: direction of gravity from an IMU at rest, per axis [rad].
+        level_sigma: the body's tilt where it is taken as level, per axis [rad].
+        terrain_slope_sigma: tilt of the support plane against the horizontal, per axis [rad].
+        centre_of_mass_sigma: place of the centre of mass over ground [m].
+        unloaded_sigmas: how many sigmas above the plane of the others a foot may carry no load [-].
+    """
+
+    encoder_sigma: float
+    contact_sigma: float
+    imu_sigma: float
+    level_sigma: float
+    terrain_slope_sigma: float
+    centre_of_mass_sigma: float
+    unloaded_sigmas: float
+
+    @classmethod
+    def from_table(cls, table: Table) -> "StanceNoise":
+        """Read the table; every value must be positive."""
+        return cls(**{field: table.number(field, above=0.0) for field in cls.__dataclass_fields__})
+
+
+@dataclass(frozen=True, slots=True)
+class GravityEstimate:
+    """Direction of gravity in `base_link`, pointing down, any length, and its sigma per axis [rad]."""
+
+    gravity_in_base: tuple[float, float, float]
+    sigma: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StancePose:
+    """The pose of one stance pause; all arrays are read-only.
+
+    Attributes:
+        transform_base_to_footprint: (4, 4).
+        covariance: (6, 6) of it, REP-103 order (x y z [m], rotations about the footprint's fixed axes [rad]).
+            x, y and the heading are exact by definition. With `support_plane` it is relative to that plane,
+            not to gravity.
+        attitude_source: "imu", "odometry", "support_plane" or "level".
+        support_feet_used: the feet that the pose rests on.
+        unloaded_feet: feet named as supporting but found hanging, left out.
+        support_residual: rms distance of the used soles from their plane [m]; zero for three, NaN for fewer
+            feet.
+        soles_in_footprint: (n, 3) centres of the used soles [m].
+        transform_camera_to_footprint: (4, 4) of the camera placement that was given (nominal: the URDF's).
+        camera_covariance: (6, 6) of it, same order.
+        state: the robot's state that it was made from.
+    """
+
+    transform_base_to_footprint: Array
+    covariance: Array
+    attitude_source: str
+    support_feet_used: tuple[str, ...]
+    unloaded_feet: tuple[str, ...]
+    support_residual: float
+    soles_in_footprint: Array
+    transform_camera_to_footprint: Array
+    camera_covariance: Array
+    state: RobotState
+
+    @property
+    def transform_footprint_to_base(self) -> Array:
+        """(4, 4), the inverse."""
+        return read_only(inverse(self.transform_base_to_footprint))
+
+    @property
+    def up_in_base(self) -> Array:
+        """(3,) unit vertical in `base_link`."""
+        return read_only(self.transform_base_to_footprint[2, :3])
+
+    @property
+    def height(self) -> float:
+        """Height of the body's origin over the mean of the used soles [m]."""
+        return float(self.transform_base_to_footprint[2, 3])
+
+    @property
+    def roll(self) -> float:
+        """Roll of the body [rad], positive with its left side up."""
+        return float(np.arctan2(self.up_in_base[1], self.up_in_base[2]))
+
+    @property
+    def pitch(self) -> float:
+        """Pitch of the body [rad], positive nose down."""
+        return float(np.arcsin(-self.up_in_base[0]))
+
+
+def stance_pose(
+    state: RobotState,
+    support_feet: Sequence[str],
+    gravity_in_base: Sequence[float] | None = None,
+    *,
+    noise: StanceNoise,
+    attitude: str | None = None,
+    odometry: GravityEstimate | None = None,
+    transform_camera_to_base: npt.ArrayLike | None = None,
+    camera_covariance: npt.ArrayLike | None = None,
+    find_unloaded: bool = True,
+) -> StancePose:
+    """The pose of a stance.
+
+    Args:
+        state: the robot's state.
+        support_feet: legs whose soles carry the body.
+        gravity_in_base: direction of gravity, pointing down, where an IMU gives it.
+        noise: standard deviations.
+        attitude: one of `ATTITUDE_SOURCES`; None takes the best that is there: `imu`, `odometry`,
+            `support_plane`.
+        odometry: gravity carried over from earlier pauses.
+        transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
+        camera_covariance: (6, 6) of it, REP-103 order in `base_link`; default zero.
+        find_unloaded: among four feet, look for one that hangs, and leave it out.
+
+    Raises:
+        UnknownName: a leg that the robot does not have.
+        StanceError: too few feet for the attitude source, feet on a line, gravity asked for but not given, or
+            a body tilted by more than 60 degrees.
+        ArgumentError: an unknown source, or a transform or covariance that is none.
+    """
+    legs = list(support_feet)
+    source, up, sigma = _vertical(attitude, gravity_in_base, odometry, noise)
+    least = 1 if source in ("imu", "odometry") else 3
+    if len(legs) < least:
+        raise StanceError(
+            f"support_feet: {len(legs)} given ({', '.join(legs) or 'none'}); attitude from {source!r} needs "
+            f"{least} or more" + (", or gravity_in_base" if least == 3 else "")
+        )
+    soles = state.soles_in_base(legs)
+    covariances = sole_covariances(state, legs, noise)
+    unloaded: list[str] = []
+    if find_unloaded and len(legs) == 4:
+        centre = state.centre_of_mass_in_base
+        feet = FourFeet(soles, covariances, centre, noise.centre_of_mass_sigma, up, sigma)
+        row = find_unloaded_foot(feet, noise.unloaded_sigmas)
+        if row is not None:
+            unloaded.append(legs.pop(row))
+            soles, covariances = np.delete(soles, row, axis=0), np.delete(covariances, row, axis=0)
+    plane = fit_support_plane(soles) if len(legs) >= 3 else None
+    up_by_soles = np.zeros((3, 3 * len(legs)))
+    if up is None:
+        up, up_by_soles = _plane_vertical(plane, len(legs))  # type: ignore[arg-type]
+    if up[2] < _LEAST_UP_Z:
+        raise StanceError(
+            f"the body is tilted by {np.degrees(np.arccos(up[2])):.0f} degrees ({source}); 60 are allowed"
+        )
+    transform = transform_base_to_footprint(soles, up)
+    by_soles, by_vertical = footprint_jacobians(soles, transform, up_by_soles)
+    covariance = sigma**2 * by_vertical @ (np.eye(3) - np.outer(up, up)) @ by_vertical.T
+    for row, sole_covariance in enumerate(covariances):
+        block = by_soles[:, 3 * row : 3 * row + 3]
+        covariance += block @ sole_covariance @ block.T
+    if transform_camera_to_base is None:
+        camera = state.transform_to_base(state.tree.config.camera_frame)
+    else:
+        camera = checked_transform(transform_camera_to_base, "transform_camera_to_base")
+    mount = (
+        np.zeros((6, 6))
+        if camera_covariance is None
+        else checked_covariance(camera_covariance, "camera_covariance")
+    )
+    return StancePose(
+        transform_base_to_footprint=read_only(transform),
+        covariance=read_only(covariance),
+        attitude_source=source,
+        support_feet_used=tuple(legs),
+        unloaded_feet=tuple(unloaded),
+        support_residual=plane.residual if plane is not None else float("nan"),
+        soles_in_footprint=read_only(soles @ transform[:3, :3].T + transform[:3, 3]),
+        transform_camera_to_footprint=read_only(transform @ camera),
+        camera_covariance=read_only(compose_covariance(transform, covariance, camera, mount)),
+        state=state,
+    )
+
+
+def sole_covariances(state: RobotState, legs: Sequence[str], noise: StanceNoise) -> Array:
+    """Covariance of each sole centre in `base_link`, (n, 3, 3) [m^2]: encoder and contact noise."""
+    contact = noise.contact_sigma**2 * np.eye(3)
+    jacobians = [state.jacobian(state.tree.leg(leg).sole)[:3] for leg in legs]
+    return np.reshape([noise.encoder_sigma**2 * j @ j.T + contact for j in jacobians], (-1, 3, 3))
+
+
+def _vertical(
+    attitude: str | None,
+    gravity_in_base: Sequence[float] | None,
+    odometry: GravityEstimate | None,
+    noise: StanceNoise,
+) -> tuple[str, Array | None, float]:
+    """Source, unit vertical (None: take the support plane's normal) and its sigma [rad]."""
+    if attitude is None:
+        attitude = (
+            "imu" if gravity_in_base is not None else "odometry" if odometry is not None else "support_plane"
+        )
+    if attitude not in ATTITUDE_SOURCES:
+        raise ArgumentError(
+            f"attitude is {attitude!r}; allowed: {', '.join(ATTITUDE_SOURCES)}, or None for the best"
+        )
+    if attitude == "imu":
+        if gravity_in_base is None:
+            raise StanceError("attitude 'imu' was asked for, but the stance has no gravity_in_base")
+        return attitude, _unit_up(gravity_in_base), noise.imu_sigma
+    if attitude == "odometry":
+        if odometry is None:
+            raise StanceError("attitude 'odometry' was asked for, but no odometry was given")
+        return attitude, _unit_up(odometry.gravity_in_base), odometry.sigma
+    if attitude == "level":
+        return attitude, np.array([0.0, 0.0, 1.0]), noise.level_sigma
+    return attitude, None, 0.0
+
+
+def _unit_up(gravity: Sequence[float]) -> Array:
+    up = -np.asarray(gravity, dtype=np.float64)
+    return np.asarray(up / np.linalg.norm(up))
+
+
+def _plane_vertical(plane: SupportPlane, count: int) -> tuple[Array, Array]:
+    """The plane's normal and its derivative by the soles, (3, 3 n)."""
+    a, b, _ = plane.coefficients
+    upright = np.array([-a, -b, 1.0])
+    length = np.linalg.norm(upright)
+    normal_by_slopes = (np.eye(3) - np.outer(plane.normal, plane.normal)) / length @ -np.eye(3, 2)
+    # A sole shifted along x or y on a tilted plane leaves it by as much as one shifted along z by -a or -b.
+    heights_by_soles = np.kron(np.eye(count), upright[None, :])
+    return np.asarray(plane.normal), normal_by_slopes @ plane.gain[:2] @ heights_by_soles

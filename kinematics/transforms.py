@@ -1,0 +1,59 @@
+"""Rigid transforms as (4, 4) matrices: inverse, application to points, checks of those from outside."""
+
+import numpy as np
+import numpy.typing as npt
+
+from kinematics.exceptions import ArgumentError
+from kinematics.tree import Array
+
+_ROTATION_TOLERANCE = 1e-6  # a rotation written with seven digits
+
+
+def inverse(transform: Array) -> Array:
+    """The inverse of a rigid transform (4, 4)."""
+    result = np.eye(4)
+    result[:3, :3] = transform[:3, :3].T
+    result[:3, 3] = -transform[:3, :3].T @ transform[:3, 3]
+    return result
+
+
+def transform_points(transform: Array, points: npt.ArrayLike) -> Array:
+    """Points (..., 3) [m] taken through a transform (4, 4)."""
+    return np.asarray(np.asarray(points, dtype=np.float64) @ transform[:3, :3].T + transform[:3, 3])
+
+
+def checked_transform(value: npt.ArrayLike, name: str) -> Array:
+    """A rigid transform (4, 4) that came from outside.
+
+    Raises:
+        ArgumentError: wrong shape, not finite, no rotation, or a last row other than 0 0 0 1; the message
+            says `name`.
+    """
+    transform = np.array(value, dtype=np.float64)
+    if transform.shape != (4, 4) or not np.all(np.isfinite(transform)):
+        raise ArgumentError(f"{name} has shape {transform.shape}; a finite (4, 4) matrix is needed")
+    rotation = transform[:3, :3]
+    error = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if error > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
+        raise ArgumentError(f"{name} holds no rotation: R R' misses the identity by {error:.2g}")
+    if not np.array_equal(transform[3], [0.0, 0.0, 0.0, 1.0]):
+        raise ArgumentError(f"{name} ends in the row {transform[3].tolist()}; 0 0 0 1 is needed")
+    return transform
+
+
+def checked_covariance(value: npt.ArrayLike, name: str) -> Array:
+    """A covariance (6, 6) that came from outside.
+
+    Raises:
+        ArgumentError: wrong shape, not finite, not symmetric or with a negative eigenvalue; the message says
+            `name`.
+    """
+    covariance = np.array(value, dtype=np.float64)
+    if covariance.shape != (6, 6) or not np.all(np.isfinite(covariance)):
+        raise ArgumentError(f"{name} has shape {covariance.shape}; a finite (6, 6) matrix is needed")
+    scale = max(float(np.abs(covariance).max()), np.finfo(float).tiny)
+    if np.abs(covariance - covariance.T).max() > 1e-9 * scale:
+        raise ArgumentError(f"{name} is not symmetric")
+    if np.linalg.eigvalsh(covariance)[0] < -1e-9 * scale:
+        raise ArgumentError(f"{name} has a negative eigenvalue: no covariance")
+    return covariance

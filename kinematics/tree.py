@@ -1,0 +1,138 @@
+"""The kinematic tree of a robot: names, limits and frames mapped onto Pinocchio's model.
+
+Pinocchio orders joints by its own rule, and answers an unknown frame name with an index past the end; both
+stay behind this module. The body is a free-flyer held at the identity, so Pinocchio's world is `base_link`.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from kinematics.exceptions import RobotFileError, unknown_name
+from kinematics.robot_toml import LegConfig, RobotToml
+from kinematics.urdf import Link, Urdf
+
+Array = npt.NDArray[np.float64]
+
+
+def read_only(array: npt.ArrayLike) -> Array:
+    """A copy of an array, float64 and not writeable."""
+    copy = np.array(array, dtype=np.float64)
+    copy.setflags(write=False)
+    return copy
+
+
+class KinematicTree:
+    """A checked URDF in Pinocchio, with everything found by name.
+
+    Attributes:
+        urdf: what the file says.
+        config: what robot.toml says.
+        joint_names: all moving joints: those of the legs, from hip to sole in robot.toml's order, then any
+            others.
+        legs: leg name -> its configuration, in robot.toml's order.
+        links: link name -> its inertia and shapes.
+        lower_limits, upper_limits: (n,) [rad], in the order of `joint_names`.
+        pinocchio_model: Pinocchio's model; take it as read-only.
+        velocity_indices: (n,) columns of Pinocchio's Jacobians, in the order of `joint_names`.
+    """
+
+    def __init__(self, urdf: Urdf, config: RobotToml) -> None:
+        """Build Pinocchio's model and the maps from names to its indices.
+
+        Raises:
+            RobotFileError: Pinocchio refuses the URDF, or robot.toml names links or joints that it does not
+                have.
+        """
+        import pinocchio
+
+        self.urdf = urdf
+        self.config = config
+        self.legs: Mapping[str, LegConfig] = MappingProxyType({leg.name: leg for leg in config.legs})
+        self.links: Mapping[str, Link] = MappingProxyType({link.name: link for link in urdf.links})
+        moving = {joint.name: joint for joint in urdf.joints if joint.kind != "fixed"}
+        self._check_names(list(moving))
+        leg_joints = [joint for leg in config.legs for joint in leg.joints]
+        self.joint_names = (*leg_joints, *(name for name in moving if name not in leg_joints))
+        self.lower_limits = read_only([moving[name].lower for name in self.joint_names])
+        self.upper_limits = read_only([moving[name].upper for name in self.joint_names])
+        try:
+            self.pinocchio_model: Any = pinocchio.buildModelFromXML(
+                urdf.text, pinocchio.JointModelFreeFlyer()
+            )
+        except (ValueError, RuntimeError) as error:
+            raise RobotFileError(f"{urdf.path}: Pinocchio refuses it: {error}") from error
+        joints = [
+            self.pinocchio_model.joints[self.pinocchio_model.getJointId(name)] for name in self.joint_names
+        ]
+        self._position_indices = np.array([joint.idx_q for joint in joints])
+        self.velocity_indices = np.array([joint.idx_v for joint in joints])
+        self._neutral = pinocchio.neutral(self.pinocchio_model)
+        self._frame_ids = {
+            name: int(self.pinocchio_model.getFrameId(name, pinocchio.FrameType.BODY)) for name in self.links
+        }
+
+    def _check_names(self, moving: list[str]) -> None:
+        config = self.config
+        frames = {
+            "frames.base": config.base_frame,
+            "frames.camera": config.camera_frame,
+            "frames.laser": config.laser_frame,
+        }
+        if config.imu_frame is not None:
+            frames["frames.imu"] = config.imu_frame
+        for leg in config.legs:
+            frames[f"legs.{leg.name}.hip"] = leg.hip
+            frames[f"legs.{leg.name}.sole"] = leg.sole
+        for key, frame in frames.items():
+            if frame not in self.links:
+                raise RobotFileError(
+                    f"{config.path}: {key} is {frame!r}, no link of {self.urdf.path.name}; "
+                    f"its links are: {', '.join(self.links)}"
+                )
+        for leg in config.legs:
+            for joint in leg.joints:
+                if joint not in moving:
+                    raise RobotFileError(
+                        f"{config.path}: [legs.{leg.name}] joints names {joint!r}, no moving joint of "
+                        f"{self.urdf.path.name}; its moving joints are: {', '.join(moving)}"
+                    )
+
+    def configuration(self, positions: Array) -> Array:
+        """Pinocchio's configuration vector for joint positions (n,) in the order of `joint_names`."""
+        configuration = self._neutral.copy()
+        configuration[self._position_indices] = positions
+        return configuration
+
+    def frame_id(self, frame: str) -> int:
+        """Pinocchio's index of a link's frame.
+
+        Raises:
+            UnknownName: the robot has no such frame; the message lists them.
+        """
+        if frame not in self._frame_ids:
+            raise unknown_name("frame", frame, self._frame_ids)
+        return self._frame_ids[frame]
+
+    def leg(self, leg: str) -> LegConfig:
+        """The configuration of a leg.
+
+        Raises:
+            UnknownName: the robot has no such leg; the message lists them.
+        """
+        if leg not in self.legs:
+            raise unknown_name("leg", leg, self.legs)
+        return self.legs[leg]
+
+    def joint_index(self, joint: str) -> int:
+        """Place of a joint in `joint_names`.
+
+        Raises:
+            UnknownName: the robot has no such joint; the message lists them.
+        """
+        if joint not in self.joint_names:
+            raise unknown_name("joint", joint, self.joint_names)
+        return self.joint_names.index(joint)

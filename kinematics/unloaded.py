@@ -1,0 +1,118 @@
+"""Finds the one foot among four that hangs above the plane of the others and may carry no load.
+
+Four soles and a plane leave one number: by how far they miss lying in one plane. It says that a foot hangs,
+not which: of the two feet at the ends of the raised diagonal either may be the one. What decides, in this
+order:
+
+1. where the vertical is known: the three feet left over stand level with each other for one of the two only.
+   When they do so for neither, the ground is uneven and nothing says that a foot hangs: all four are kept;
+2. balance: the centre of mass must lie over the triangle of the loaded feet, so it lies on the far side of
+   the other diagonal, seen from the foot that hangs; used when it lies further from that diagonal than its
+   own uncertainty;
+3. the body is commanded level: the triangle to which the body is less tilted.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kinematics.tree import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FourFeet:
+    """What is known of four feet.
+
+    Attributes:
+        soles: (4, 3) sole centres in `base_link` [m].
+        covariances: (4, 3, 3) of each [m^2].
+        centre_of_mass: (3,) in `base_link` [m].
+        centre_of_mass_sigma: how well its place over ground is known [m].
+        up: (3,) unit vertical in `base_link` where known, else None.
+        up_sigma: its standard deviation [rad].
+    """
+
+    soles: Array
+    covariances: Array
+    centre_of_mass: Array
+    centre_of_mass_sigma: float
+    up: Array | None
+    up_sigma: float
+
+
+def find_unloaded_foot(feet: FourFeet, sigmas: float) -> int | None:
+    """Row of the foot that hangs, or None when no foot hangs or nothing says which.
+
+    Args:
+        feet: the four feet.
+        sigmas: how many standard deviations above the plane of the other three a foot must be.
+    """
+    candidates = [row for row in range(4) if _hangs(feet, row, sigmas)]
+    if feet.up is not None:
+        candidates = [row for row in candidates if _others_level(feet, row, sigmas)]
+    if len(candidates) < 2:
+        return candidates[0] if candidates else None
+    # Two remain: the ends of one diagonal. The centre of mass lies on the side of the loaded one.
+    first, second = candidates[:2]
+    towards_first = _balance_towards(feet, first)
+    if abs(towards_first) > feet.centre_of_mass_sigma:
+        return second if towards_first > 0.0 else first
+    return min(candidates, key=lambda row: _tilt(_others(feet.soles, row)))
+
+
+def _others(values: Array, row: int) -> Array:
+    return np.delete(values, row, axis=0)
+
+
+def _normal(three: Array) -> Array:
+    normal = np.cross(three[1] - three[0], three[2] - three[0])
+    normal = normal if normal[2] > 0.0 else -normal
+    return np.asarray(normal / np.linalg.norm(normal))
+
+
+def _tilt(three: Array) -> float:
+    """Cosine distance of the normal of three soles from the body's z axis: grows with the tilt."""
+    return 1.0 - float(_normal(three)[2])
+
+
+def _hangs(feet: FourFeet, row: int, sigmas: float) -> bool:
+    """Whether a sole lies above the plane of the other three by more than noise."""
+    others, normal = _others(feet.soles, row), _normal(_others(feet.soles, row))
+    gap = float(normal @ (feet.soles[row] - others[0]))
+    # The point of the plane under the sole is a weighted sum of the three, by its barycentric coordinates.
+    weights = np.linalg.solve(
+        np.vstack([others[:, :2].T, np.ones(3)]), np.append((feet.soles[row] - gap * normal)[:2], 1.0)
+    )
+    variance = normal @ feet.covariances[row] @ normal
+    variance += sum(
+        w * w * (normal @ c @ normal) for w, c in zip(weights, _others(feet.covariances, row), strict=True)
+    )
+    return bool(gap > sigmas * np.sqrt(variance))
+
+
+def _others_level(feet: FourFeet, row: int, sigmas: float) -> bool:
+    """Whether the other three stand on one level, as far as soles and vertical are known."""
+    up = np.asarray(feet.up)
+    others, covariances = _others(feet.soles, row), _others(feet.covariances, row)
+    heights = others @ up
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        variance = up @ (covariances[i] + covariances[j]) @ up
+        variance += (feet.up_sigma * np.linalg.norm(others[i] - others[j])) ** 2
+        if abs(heights[i] - heights[j]) > sigmas * np.sqrt(variance):
+            return False
+    return True
+
+
+def _balance_towards(feet: FourFeet, row: int) -> float:
+    """Distance [m] of the centre of mass from the diagonal beside a foot, positive on that foot's side."""
+    others = _others(feet.soles, row)
+    up = feet.up if feet.up is not None else _normal(others)
+    # The foot opposite is the one for which the other two lie on different sides of the line between both.
+    for opposite in range(3):
+        i, j = (other for other in range(3) if other != opposite)
+        across = np.cross(up, others[opposite] - feet.soles[row])
+        if (across @ (others[i] - feet.soles[row])) * (across @ (others[j] - feet.soles[row])) < 0.0:
+            side = np.cross(up, others[j] - others[i])
+            side *= np.sign(side @ (feet.soles[row] - others[i])) / np.linalg.norm(side)
+            return float(side @ (feet.centre_of_mass - others[i]))
+    return 0.0
