@@ -1,1 +1,78 @@
-"""Terrain perception for walking robots from one camera and a swept laser stripe."""
+"""Terrain perception for walking robots from one camera and a swept laser stripe.
+
+Public names are loaded when first used, so that importing the package costs little.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from guara_perception.app.open_scan import open_scan
+    from guara_perception.calibration.calibration import Calibration, StripePlane
+    from guara_perception.calibration.camera import CameraModel
+    from guara_perception.calibration.file import load_calibration, save_calibration
+    from guara_perception.exceptions import (
+        CalibrationMismatch,
+        CalibrationRefused,
+        FileFormatError,
+        InvalidInput,
+        MissingFile,
+        PerceptionError,
+        UnsafeGrid,
+    )
+    from guara_perception.process import process_scan
+    from guara_perception.scan import Scan, ScanStripe
+    from guara_perception.scan_processor import ScanProcessor
+    from guara_perception.settings import TraversabilityLimits
+    from guara_perception.stripes.extract import extract_stripe
+    from guara_perception.stripes.profile import StripeProfile, StripeStatus
+    from guara_perception.terrain.assess_terrain import assess_terrain
+    from guara_perception.terrain.file import load_terrain
+    from guara_perception.terrain.grid import TerrainGrid
+    from guara_perception.terrain.hazard import Hazard
+
+_HOME = {
+    "Calibration": "calibration.calibration",
+    "CalibrationMismatch": "exceptions",
+    "CalibrationRefused": "exceptions",
+    "CameraModel": "calibration.camera",
+    "FileFormatError": "exceptions",
+    "Hazard": "terrain.hazard",
+    "InvalidInput": "exceptions",
+    "MissingFile": "exceptions",
+    "PerceptionError": "exceptions",
+    "Scan": "scan",
+    "ScanProcessor": "scan_processor",
+    "ScanStripe": "scan",
+    "StripePlane": "calibration.calibration",
+    "StripeProfile": "stripes.profile",
+    "StripeStatus": "stripes.profile",
+    "TerrainGrid": "terrain.grid",
+    "TraversabilityLimits": "settings",
+    "UnsafeGrid": "exceptions",
+    "assess_terrain": "terrain.assess_terrain",
+    "extract_stripe": "stripes.extract",
+    "load_calibration": "calibration.file",
+    "load_terrain": "terrain.file",
+    "open_scan": "app.open_scan",
+    "process_scan": "process",
+    "save_calibration": "calibration.file",
+}
+
+__all__ = sorted(_HOME)  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from its module."""
+    if name not in _HOME:
+        raise AttributeError(f"guara_perception has no name {name!r}; it has {', '.join(sorted(_HOME))}")
+    value = getattr(importlib.import_module(f"guara_perception.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Public names for completion."""
+    return sorted([*globals(), *_HOME])

@@ -1,0 +1,1 @@
+"""Benchmarks: figures of accuracy and speed, printed by commands anyone can run."""

@@ -1,0 +1,161 @@
+"""Prints the error of every scan of a data folder against its truth, as the data's README defines it."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+import guara_perception as gp
+from benchmarks.truth import truth_calibration
+from kinematics import load_robot
+
+# From a change of height this large inside 3 x 3 mm, cells this near are no interior.
+JUMP_M = 0.003
+INTERIOR_MARGIN_MM = 6
+# A known cell that nobody could see must at least lie within its true heights by this much.
+UNSEEN_TOLERANCE_M = 0.002
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Truth of a scan per grid cell, (ny, nx) each."""
+
+    mean: npt.NDArray[np.float64]
+    low: npt.NDArray[np.float64]
+    high: npt.NDArray[np.float64]
+    interior: npt.NDArray[np.bool_]
+    unseen: npt.NDArray[np.bool_]
+    dark: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Figures of one scan; millimetres and per cent."""
+
+    mean: float
+    p95: float
+    worst: float
+    near: float
+    far: float
+    bias: float
+    bias_near: float
+    bias_far: float
+    known: float
+    unseen_known: float
+    unseen_wrong: int
+    dark_known: float
+    unsafe: int
+
+
+def load_truth(path: Path, cell_mm: int) -> Truth:
+    """Truth at 1 mm, gathered into cells of `cell_mm`."""
+    with np.load(path) as data:
+        elevation = data["elevation"].astype(np.float64)
+        seen = data["visible"] & data["lit"] & ~data["dark"]
+        dark = data["dark"]
+    kernel = np.ones((3, 3), np.uint8)
+    spread = cv2.dilate(elevation, kernel) - cv2.erode(elevation, kernel)
+    side = 2 * INTERIOR_MARGIN_MM + 1
+    near_jump = cv2.dilate((spread > JUMP_M).astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+
+    def cells(layer: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+        ny, nx = (n // cell_mm for n in layer.shape)
+        return layer.reshape(ny, cell_mm, nx, cell_mm).swapaxes(1, 2).reshape(ny, nx, -1)
+
+    heights = cells(elevation)
+    return Truth(
+        mean=heights.mean(axis=-1),
+        low=heights.min(axis=-1),
+        high=heights.max(axis=-1),
+        interior=cells(seen & ~near_jump).all(axis=-1),
+        unseen=~cells(seen).any(axis=-1),
+        dark=cells(dark).all(axis=-1),
+    )
+
+
+def figures(terrain: gp.TerrainGrid, truth: Truth) -> Figures:
+    """Compare a grid with its truth."""
+    elevation = terrain.elevation.astype(np.float64)
+    known = np.isfinite(elevation)
+    error = (elevation - truth.mean) * 1e3
+    used = truth.interior & known
+    third = elevation.shape[1] // 3
+    near, far = used.copy(), used.copy()
+    near[:, third:] = False
+    far[:, : elevation.shape[1] - third] = False
+    unseen = truth.unseen & known
+    wrong = unseen & ((elevation > truth.high + UNSEEN_TOLERANCE_M) | (elevation < truth.low - UNSEEN_TOLERANCE_M))
+    traversable = terrain.traversability > 0
+    return Figures(
+        mean=_mean(np.abs(error[used])),
+        p95=float(np.percentile(np.abs(error[used]), 95)) if used.any() else np.nan,
+        worst=float(np.abs(error[used]).max()) if used.any() else np.nan,
+        near=_mean(np.abs(error[near])),
+        far=_mean(np.abs(error[far])),
+        bias=_mean(error[used]),
+        bias_near=_mean(error[near]),
+        bias_far=_mean(error[far]),
+        known=_share(used, truth.interior),
+        unseen_known=_share(unseen, truth.unseen),
+        unseen_wrong=int(wrong.sum()),
+        dark_known=_share(truth.dark & known, truth.dark),
+        unsafe=int((traversable & (truth.unseen | truth.dark)).sum()),
+    )
+
+
+def _mean(values: npt.NDArray[np.float64]) -> float:
+    return float(values.mean()) if values.size else np.nan
+
+
+def _share(part: npt.NDArray[np.bool_], whole: npt.NDArray[np.bool_]) -> float:
+    return 100.0 * float(part.sum()) / float(whole.sum()) if whole.any() else 0.0
+
+
+HEADER = (
+    "scan                  method   mean   p95 worst |  near   far |  bias  near   far | known%  "
+    "unseen% wrong  dark% unsafe |  time"
+)
+
+
+def row(name: str, method: str, f: Figures, seconds: float) -> str:
+    """One line of the table."""
+    return (
+        f"{name:<21} {method:<7} {f.mean:6.3f} {f.p95:5.2f} {f.worst:5.2f} | {f.near:5.3f} {f.far:5.3f} | "
+        f"{f.bias:+.3f} {f.bias_near:+.3f} {f.bias_far:+.3f} | {f.known:6.2f} {f.unseen_known:8.2f} "
+        f"{f.unseen_wrong:5d} {f.dark_known:6.2f} {f.unsafe:6d} | {seconds:4.1f}s"
+    )
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path, nargs="+", help="data folders with calibration/ and scans/")
+    parser.add_argument("-c", "--calibration", type=Path, help="calibration.json; default: the truth of each folder")
+    parser.add_argument("--method", default="precise", help="comma-separated methods")
+    parser.add_argument("--scans", default="", help="comma-separated names of scans; default: all")
+    arguments = parser.parse_args()
+    robot = load_robot("guara")
+    print("millimetres; interior cells of 5 mm against the mean truth of the cell")
+    print(HEADER)
+    for data in arguments.data:
+        calibration = gp.load_calibration(arguments.calibration) if arguments.calibration else truth_calibration(data)
+        for truth_path in sorted(data.glob("scans/*/truth.npz")):
+            folder = truth_path.parent
+            if arguments.scans and folder.name not in arguments.scans.split(","):
+                continue
+            truth = load_truth(truth_path, 5)
+            for method in arguments.method.split(","):
+                start = time.perf_counter()
+                terrain = gp.process_scan(gp.open_scan(folder), calibration, robot, method=method, pictures=False)
+                seconds = time.perf_counter() - start
+                print(row(f"{data.name}/{folder.name}", method, figures(terrain, truth), seconds), flush=True)
+
+
+if __name__ == "__main__":
+    main()

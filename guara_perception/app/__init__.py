@@ -1,0 +1,1 @@
+"""Commands, node, client, opening and saving: everything of perception that touches the outside world."""

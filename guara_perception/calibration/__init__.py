@@ -1,0 +1,7 @@
+"""Calibration: the model, its file, and how it is made from pictures."""
+
+from guara_perception.calibration.calibration import Calibration, StripePlane
+from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.file import load_calibration, save_calibration
+
+__all__ = ["Calibration", "CameraModel", "StripePlane", "load_calibration", "save_calibration"]

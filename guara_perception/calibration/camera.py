@@ -1,0 +1,85 @@
+"""The camera model: pinhole with Brown distortion, from pixels to rays and back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.readonly import readonly
+
+Float = npt.NDArray[np.float64]
+
+# 8 fixed-point steps leave < 0.001 px at the corner for k1 = -0.3; 30 cost little and reach rounding.
+UNDISTORT_STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 1e-10)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraModel:
+    """Intrinsic calibration, eq. 1 of the paper with the lens model that OpenCV uses.
+
+    Attributes:
+        size: image width and height [px].
+        matrix: (3, 3) float64, focal lengths and principal point [px].
+        distortion: (5,) float64, k1, k2, p1, p2, k3.
+    """
+
+    size: tuple[int, int]
+    matrix: Float
+    distortion: Float
+
+    def __post_init__(self) -> None:
+        """Check and freeze."""
+        matrix = readonly(np.array(self.matrix, dtype=np.float64))
+        distortion = readonly(np.array(self.distortion, dtype=np.float64).ravel())
+        if len(self.size) != 2 or min(self.size) < 16:
+            raise InvalidInput(f"camera size is {self.size}, it must be (width, height), each 16 px or more")
+        if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+            raise InvalidInput(f"camera matrix has shape {matrix.shape}, it must be 3x3 and finite")
+        if matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or not np.allclose(matrix[2], (0, 0, 1)):
+            raise InvalidInput("camera matrix must have positive focal lengths and a last row of 0 0 1")
+        if distortion.shape != (5,) or not np.isfinite(distortion).all():
+            raise InvalidInput(
+                f"camera distortion has {distortion.size} values, it must be 5 finite ones (k1, k2, p1, p2, k3)"
+            )
+        object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
+        object.__setattr__(self, "matrix", matrix)
+        object.__setattr__(self, "distortion", distortion)
+
+    def rays(self, points_px: npt.ArrayLike) -> Float:
+        """Viewing rays of pixels, (n, 3) float64 in the camera frame with z = 1 (eq. 3 with rho the depth).
+
+        Args:
+            points_px: (n, 2) pixel positions (u, v) as delivered by the camera, distorted.
+        """
+        points = np.ascontiguousarray(points_px, dtype=np.float64).reshape(-1, 1, 2)
+        flat = cv2.undistortPoints(points, self.matrix, self.distortion, criteria=UNDISTORT_STEPS)[:, 0]
+        return np.column_stack((flat, np.ones(len(flat))))
+
+    def project(self, points_in_camera: npt.ArrayLike) -> Float:
+        """Pixels (n, 2) of points (n, 3) in the camera frame, with distortion; NaN behind the camera or past the fold.
+
+        The Brown model folds back far outside the picture: there a point would land inside it again. Such points
+        are recognised by the radius at which the distorted radius stops growing.
+        """
+        points = np.ascontiguousarray(points_in_camera, dtype=np.float64).reshape(-1, 3)
+        depth = points[:, 2]
+        visible = depth > 1e-6
+        radius = np.hypot(points[:, 0], points[:, 1])
+        visible &= radius < self.fold_radius() * np.where(visible, depth, 1.0)
+        pixels = np.full((len(points), 2), np.nan)
+        if visible.any():
+            zero = np.zeros(3)
+            pixels[visible] = cv2.projectPoints(points[visible], zero, zero, self.matrix, self.distortion)[0][:, 0]
+        return pixels
+
+    def fold_radius(self) -> float:
+        """Undistorted radius (tangent of the field angle) beyond which the radial model is no longer monotone."""
+        k1, k2, _, _, k3 = self.distortion
+        radius = np.linspace(0.0, 4.0, 2001)
+        growth = 1 + 3 * k1 * radius**2 + 5 * k2 * radius**4 + 7 * k3 * radius**6
+        falling = np.flatnonzero(growth <= 0)
+        return float(radius[falling[0]]) if falling.size else np.inf

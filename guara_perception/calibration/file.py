@@ -1,0 +1,118 @@
+"""Loads and saves `calibration.json`, versioned and with a content hash."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import logging
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from guara_perception.calibration.calibration import VERDICTS, Calibration, StripePlane
+from guara_perception.calibration.camera import CameraModel
+from guara_perception.exceptions import FileFormatError, InvalidInput
+from guara_perception.fields import Fields, read_json
+from guara_perception.whole_file import whole_file
+
+FORMAT = "guara-calibration/1"
+logger = logging.getLogger(__name__)
+
+
+def load_calibration(path: str | Path) -> Calibration:
+    """Read and validate a calibration file.
+
+    The hash of the result is that of the content; a stored hash that differs (a file edited by hand) is logged as a
+    warning, and the grids carry the hash of what was really used.
+
+    Raises:
+        MissingFile: no such file.
+        FileFormatError: the content is not a calibration; the message names the field.
+    """
+    fields = read_json(path)
+    fields.text("format", (FORMAT,))
+    try:
+        calibration = _parse(fields)
+    except InvalidInput as error:
+        raise FileFormatError(f"{path}: {error}") from None
+    content = dataclasses.replace(calibration, hash=content_hash(calibration))
+    stored = fields.data.get("hash")
+    if stored and stored != content.hash:
+        logger.warning("%s: stored hash %s, content hash %s: edited after it was made", path, stored, content.hash)
+    return content
+
+
+def save_calibration(calibration: Calibration, path: str | Path) -> Calibration:
+    """Write a calibration file, whole or not at all; return it as written, with `created` and `hash` filled in."""
+    created = calibration.created or datetime.now(UTC).isoformat(timespec="seconds")
+    dated = dataclasses.replace(calibration, created=created)
+    final = dataclasses.replace(dated, hash=content_hash(dated))
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(to_dict(final), indent=1) + "\n", encoding="utf-8")
+    return final
+
+
+def to_dict(calibration: Calibration) -> dict[str, Any]:
+    """The JSON object of a calibration, fields in the order of the contract."""
+    camera = calibration.camera
+    return {
+        "format": FORMAT,
+        "robot": calibration.robot,
+        "camera": {
+            "size": list(camera.size),
+            "matrix": camera.matrix.tolist(),
+            "distortion": camera.distortion.tolist(),
+        },
+        "transform_camera_to_base": calibration.transform_camera_to_base.tolist(),
+        "stripes": [
+            {"index": s.index, "mirror_angle": s.mirror_angle, "plane": s.plane.tolist()} for s in calibration.stripes
+        ],
+        "mirror": calibration.mirror,
+        "paper": calibration.paper,
+        "covariance": calibration.covariance,
+        "quality": dict(calibration.quality),
+        "created": calibration.created,
+        "hash": calibration.hash,
+    }
+
+
+def content_hash(calibration: Calibration) -> str:
+    """Hash of everything in the calibration but the hash itself: SHA-256, first 16 hexadecimal digits."""
+    content = to_dict(calibration)
+    del content["hash"]
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _parse(fields: Fields) -> Calibration:
+    camera = fields.sub("camera")
+    width, height = (int(n) for n in camera.array("size", (2,)))
+    stripes = tuple(
+        StripePlane(
+            index=item.integer("index", minimum=0),
+            mirror_angle=item.number("mirror_angle", -3.15, 3.15),
+            plane=item.array("plane", (4,)),
+        )
+        for item in fields.items("stripes")
+    )
+    quality: dict[str, Any] = {"verdict": "unknown", "reasons": []}
+    if fields.has("quality"):
+        given = fields.sub("quality")
+        quality = {**given.data, "verdict": given.text("verdict", VERDICTS)}
+        quality["reasons"] = given.sequence("reasons") if given.has("reasons") else []
+    return Calibration(
+        robot=fields.text("robot"),
+        camera=CameraModel(
+            size=(width, height),
+            matrix=camera.array("matrix", (3, 3)),
+            distortion=camera.array("distortion", (5,)),
+        ),
+        transform_camera_to_base=fields.array("transform_camera_to_base", (4, 4)),
+        stripes=stripes,
+        mirror=fields.sub("mirror").data if fields.has("mirror") else None,
+        paper=fields.sub("paper").data if fields.has("paper") else None,
+        covariance=fields.sub("covariance").data if fields.has("covariance") else None,
+        quality=quality,
+        created=fields.text("created") if fields.has("created") else "",
+    )

@@ -1,0 +1,29 @@
+"""Errors of guara_perception: one root, each subclass also the builtin that fits."""
+
+
+class PerceptionError(Exception):
+    """Root of every error that guara_perception raises on purpose."""
+
+
+class InvalidInput(PerceptionError, ValueError):
+    """An argument that cannot be used; the message says what was given and what is allowed."""
+
+
+class MissingFile(PerceptionError, FileNotFoundError):
+    """A file or folder that was named and is not there."""
+
+
+class FileFormatError(PerceptionError, ValueError):
+    """A file whose content is not what the format allows; the message names file and field."""
+
+
+class CalibrationMismatch(PerceptionError, ValueError):
+    """Scan, robot and calibration do not belong together."""
+
+
+class CalibrationRefused(PerceptionError, RuntimeError):
+    """A calibration whose quality verdict is `refused`."""
+
+
+class UnsafeGrid(PerceptionError, RuntimeError):
+    """A grid that breaks the safety invariant; it must not leave the process."""

@@ -1,0 +1,150 @@
+"""Reads typed fields out of parsed JSON, with errors that name file, field, what was given and what is allowed."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import FileFormatError, MissingFile
+
+
+def read_json(path: str | Path) -> Fields:
+    """Read a JSON file whose top level is an object.
+
+    Raises:
+        MissingFile: there is no such file.
+        FileFormatError: it is not JSON, or not an object.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise MissingFile(f"{path}: no such file")
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise FileFormatError(f"{path}: not a JSON file ({error})") from None
+    if not isinstance(data, dict):
+        raise FileFormatError(f"{path}: the top level is {_kind(data)}, it must be a JSON object")
+    return Fields(data, str(path))
+
+
+class Fields:
+    """A view of one JSON object that checks each field as it is read.
+
+    Attributes:
+        data: the parsed object.
+        source: file name for messages.
+        path: dotted place inside the file, empty at the top.
+    """
+
+    def __init__(self, data: Mapping[str, Any], source: str, path: str = "") -> None:
+        """See the class."""
+        self.data = data
+        self.source = source
+        self.path = path
+
+    def place(self, name: str) -> str:
+        """Name of a field for a message: file and dotted path."""
+        return f"{self.source}: {self.path}.{name}" if self.path else f"{self.source}: {name}"
+
+    def has(self, name: str) -> bool:
+        """Whether the field is there and not null."""
+        return self.data.get(name) is not None
+
+    def raw(self, name: str) -> Any:
+        """The field as parsed; missing or null is refused."""
+        if name not in self.data:
+            raise FileFormatError(f"{self.place(name)} is missing")
+        value = self.data[name]
+        if value is None:
+            raise FileFormatError(f"{self.place(name)} is null, a value is needed")
+        return value
+
+    def text(self, name: str, allowed: tuple[str, ...] | None = None) -> str:
+        """A text field, one of `allowed` where given."""
+        value = self.raw(name)
+        if not isinstance(value, str):
+            raise FileFormatError(f"{self.place(name)} is {_kind(value)}, it must be a text")
+        if allowed is not None and value not in allowed:
+            raise FileFormatError(f"{self.place(name)} is {value!r}, allowed: {', '.join(map(repr, allowed))}")
+        return value
+
+    def integer(self, name: str, minimum: int | None = None, maximum: int | None = None) -> int:
+        """A whole number within bounds (inclusive)."""
+        value = self.raw(name)
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise FileFormatError(f"{self.place(name)} is {_kind(value)}, it must be a whole number")
+        self._check_bounds(name, value, minimum, maximum)
+        return value
+
+    def number(self, name: str, minimum: float | None = None, maximum: float | None = None) -> float:
+        """A finite number within bounds (inclusive)."""
+        value = self.raw(name)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise FileFormatError(f"{self.place(name)} is {_kind(value)}, it must be a number")
+        if not math.isfinite(value):
+            raise FileFormatError(f"{self.place(name)} is {value}, it must be finite")
+        self._check_bounds(name, value, minimum, maximum)
+        return float(value)
+
+    def array(self, name: str, shape: tuple[int | None, ...]) -> npt.NDArray[np.float64]:
+        """A nested list of finite numbers of the given shape (None = any length)."""
+        value = self.raw(name)
+        wanted = "x".join("n" if n is None else str(n) for n in shape)
+        try:
+            array = np.array(value, dtype=np.float64)
+        except (ValueError, TypeError):
+            raise FileFormatError(f"{self.place(name)} is not an array of {wanted} numbers") from None
+        fits = array.ndim == len(shape) and all(w is None or w == n for w, n in zip(shape, array.shape, strict=False))
+        if not fits:
+            given = "x".join(map(str, array.shape)) or "a single value"
+            raise FileFormatError(f"{self.place(name)} has shape {given}, it must be {wanted}")
+        if not np.isfinite(array).all():
+            raise FileFormatError(f"{self.place(name)} holds NaN or infinity, all values must be finite")
+        return array
+
+    def sub(self, name: str) -> Fields:
+        """A nested object."""
+        value = self.raw(name)
+        if not isinstance(value, dict):
+            raise FileFormatError(f"{self.place(name)} is {_kind(value)}, it must be an object")
+        return Fields(value, self.source, f"{self.path}.{name}" if self.path else name)
+
+    def items(self, name: str) -> Iterator[Fields]:
+        """The objects of a list, one by one, each knowing its place."""
+        for i, value in enumerate(self.sequence(name)):
+            place = f"{self.path}.{name}[{i}]" if self.path else f"{name}[{i}]"
+            if not isinstance(value, dict):
+                raise FileFormatError(f"{self.source}: {place} is {_kind(value)}, it must be an object")
+            yield Fields(value, self.source, place)
+
+    def sequence(self, name: str) -> list[Any]:
+        """A list, elements unchecked."""
+        value = self.raw(name)
+        if not isinstance(value, list):
+            raise FileFormatError(f"{self.place(name)} is {_kind(value)}, it must be a list")
+        return value
+
+    def _check_bounds(self, name: str, value: float, minimum: float | None, maximum: float | None) -> None:
+        if (minimum is not None and value < minimum) or (maximum is not None and value > maximum):
+            low = "-inf" if minimum is None else minimum
+            high = "inf" if maximum is None else maximum
+            raise FileFormatError(f"{self.place(name)} is {value}, allowed: {low} ... {high}")
+
+
+def _kind(value: Any) -> str:
+    names: dict[type, str] = {
+        dict: "an object",
+        list: "a list",
+        str: "a text",
+        bool: "true or false",
+        int: "a whole number",
+        float: "a number",
+        type(None): "null",
+    }
+    return names.get(type(value), type(value).__name__)

@@ -1,0 +1,125 @@
+"""`process_scan`: a whole recorded scan into terrain."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from guara_perception.calibration.calibration import Calibration, format_indices
+from guara_perception.exceptions import CalibrationMismatch, InvalidInput
+from guara_perception.ranging.range_images import range_images
+from guara_perception.scan import Scan
+from guara_perception.scan_processor import ScanProcessor
+from guara_perception.settings import Settings
+from guara_perception.terrain.grid import TerrainGrid
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+logger = logging.getLogger(__name__)
+
+
+def process_scan(
+    scan: Scan,
+    calibration: Calibration,
+    robot: RobotModel,
+    method: str = "precise",
+    resolution: float | None = None,
+    *,
+    pictures: bool = True,
+    strict: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> TerrainGrid:
+    """Process a recorded scan.
+
+    Args:
+        scan: from `open_scan`.
+        calibration: of the rangefinder that recorded it.
+        robot: model of the robot that carried it.
+        method: stripe extraction method.
+        resolution: cell edge [m]; None = the robot's default.
+        pictures: also draw the range images (`terrain.pictures`).
+        strict: refuse a scan with a frame that cannot be used; otherwise such a stripe is left unknown.
+        progress: called with (stripes done, stripes in all).
+
+    Returns:
+        TerrainGrid of extent "footprint".
+
+    Raises:
+        CalibrationMismatch: robot, stripes or picture size of scan and calibration do not belong together.
+        InvalidInput: unknown method, bad resolution; with `strict` a frame that cannot be used.
+        MissingFile, FileFormatError: a frame cannot be read.
+        kinematics.KinematicsError: the stance does not fit the robot.
+    """
+    processor = run_scan(scan, calibration, robot, method, resolution, strict=strict, progress=progress)
+    terrain = processor.finish()
+    if not pictures:
+        return terrain
+    settings = Settings.of(robot)
+    images = range_images(
+        processor.points,
+        settings.pattern(scan.mode).step,
+        processor.camera_position,
+        settings.footprint_x,
+        settings.footprint_y,
+        settings.join_height,
+    )
+    return dataclasses.replace(
+        terrain, pictures={"ortho_image_mm": images.ortho_image_mm, "range_image_mm": images.range_image_mm}
+    )
+
+
+def run_scan(
+    scan: Scan,
+    calibration: Calibration,
+    robot: RobotModel,
+    method: str = "precise",
+    resolution: float | None = None,
+    *,
+    strict: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> ScanProcessor:
+    """Feed a recorded scan through a ScanProcessor and return it, for those who want points and profiles too.
+
+    Raises:
+        See `process_scan`.
+    """
+    missing = tuple(sorted({stripe.index for stripe in scan.stripes} - set(calibration.indices)))
+    if missing:
+        raise CalibrationMismatch(
+            f"{scan.source}: stripe index {format_indices(missing)} is not in the calibration, "
+            f"which holds {format_indices(calibration.indices)}"
+        )
+    if scan.calibration_hash and calibration.hash and scan.calibration_hash != calibration.hash:
+        logger.warning(
+            "%s was recorded with calibration %s, it is processed with %s",
+            scan.source,
+            scan.calibration_hash,
+            calibration.hash,
+        )
+    processor = ScanProcessor(
+        calibration,
+        robot,
+        scan.stance,
+        scan.mode,
+        method=method,
+        resolution=resolution,
+        stamp=scan.stamp,
+        step=scan.step,
+    )
+    width, height = calibration.camera.size
+    fitting = 0
+    for done, (stripe, on, off) in enumerate(scan.frames(), start=1):
+        profile = processor.add(stripe.index, on, off)
+        if strict and profile.is_frame_bad:
+            raise InvalidInput(f"{scan.source}: frame {stripe.on}: {profile.reason}")
+        fitting += on.shape[:2] == (height, width)
+        if progress is not None:
+            progress(done, len(scan.stripes))
+    if not fitting:
+        raise CalibrationMismatch(
+            f"{scan.source}: no frame is {width}x{height} px as the calibrated camera's: another camera's calibration?"
+        )
+    return processor

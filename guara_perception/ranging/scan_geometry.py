@@ -1,0 +1,81 @@
+"""What is known of a scan before its first frame: where each stripe can appear and which cells it should pass over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.ranging.height_rows import height_rows, plane_in_frame, row_band
+from guara_perception.ranging.triangulate import sheet_origin
+from guara_perception.settings import Settings
+
+Float = npt.NDArray[np.float64]
+
+# Beyond the height gates, so that a stripe just outside is seen and told apart from no return at all.
+GATE_MARGIN_M = 0.025
+# Room for smoothing and for the centre window at the edge of the band.
+ROW_MARGIN_PX = 8
+
+
+@dataclass(frozen=True, slots=True)
+class StripeGeometry:
+    """One stripe of the pattern.
+
+    Attributes:
+        index: in the standard pattern.
+        plane_in_camera: (4,) n . X + d = 0.
+        band: first and end row in which the stripe can appear; (0, 0) when it is out of view.
+    """
+
+    index: int
+    plane_in_camera: Float
+    band: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class ScanGeometry:
+    """All stripes of a scan as seen from one stance.
+
+    Attributes:
+        transform_camera_to_footprint: (4, 4).
+        stripes: by index, in the order of the pattern, those that are calibrated.
+        planes_in_footprint: (s, 4) in the same order.
+        eyes: positions (3,) of the camera and of the laser (the spot on the mirror axis nearest to the camera).
+    """
+
+    transform_camera_to_footprint: Float
+    stripes: dict[int, StripeGeometry]
+    planes_in_footprint: Float
+    eyes: tuple[Float, Float]
+
+    def pixels(self, calibration: Calibration, points_in_footprint: Float) -> Float:
+        """Picture positions (n, 2) of points (n, 3) in base_footprint."""
+        rotation, translation = (
+            self.transform_camera_to_footprint[:3, :3],
+            self.transform_camera_to_footprint[:3, 3],
+        )
+        return calibration.camera.project((points_in_footprint - translation) @ rotation)
+
+
+def scan_geometry(
+    calibration: Calibration, transform_base_to_footprint: Float, settings: Settings, mode: str
+) -> ScanGeometry:
+    """Predict a scan from calibration and stance."""
+    transform = transform_base_to_footprint @ calibration.transform_camera_to_base
+    pattern = set(settings.pattern(mode))
+    planned = [stripe for stripe in calibration.stripes if stripe.index in pattern]
+    planes = np.array([stripe.plane for stripe in planned]).reshape(-1, 4)
+    gates = np.array([settings.minimum_height - GATE_MARGIN_M, settings.maximum_height + GATE_MARGIN_M])
+    rows = height_rows(calibration.camera, transform, planes, gates)
+    height = calibration.camera.size[1]
+    stripes = {
+        stripe.index: StripeGeometry(stripe.index, stripe.plane, row_band(rows[i], ROW_MARGIN_PX, height))
+        for i, stripe in enumerate(planned)
+    }
+    camera = transform[:3, 3]
+    every_plane = np.array([plane_in_frame(stripe.plane, transform) for stripe in calibration.stripes])
+    in_pattern = np.array([plane_in_frame(plane, transform) for plane in planes]).reshape(-1, 4)
+    return ScanGeometry(transform, stripes, in_pattern, (camera, sheet_origin(every_plane, camera)))

@@ -1,0 +1,98 @@
+"""The points of one stripe in the robot's frame, those that cannot be trusted set apart with their reason."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.camera import CameraModel
+from guara_perception.ranging.triangulate import triangulate
+from guara_perception.readonly import readonly
+from guara_perception.stripes.profile import StripeProfile, StripeStatus
+
+Float = npt.NDArray[np.float64]
+
+# Beside a jump of this height the three-column mean mixes two surfaces.
+JUMP_M = 0.004
+MIXED_COLUMNS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class StripePoints:
+    """One stripe of an organised scan, one entry per image column.
+
+    Attributes:
+        points: (w, 3) in base_footprint [m], NaN where there is no trusted return within the height gates.
+        variance: (w,) variance of the height from the stripe position [m^2], NaN likewise.
+        status: (w,) uint8 StripeStatus.
+        out_of_range: (w, 3) points seen below or above the gates, NaN elsewhere.
+        doubtful: (w, 3) points of returns that may not be used, NaN elsewhere.
+    """
+
+    points: Float
+    variance: Float
+    status: npt.NDArray[np.uint8]
+    out_of_range: Float
+    doubtful: Float
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for field in dataclasses.fields(self):
+            object.__setattr__(self, field.name, readonly(getattr(self, field.name)))
+
+
+def stripe_points(
+    profile: StripeProfile,
+    camera: CameraModel,
+    plane_in_camera: Float,
+    transform_camera_to_footprint: Float,
+    gates: tuple[float, float],
+) -> StripePoints:
+    """Triangulate a profile and sort its points.
+
+    Args:
+        profile: stripe along the columns of the whole picture.
+        camera: intrinsic model.
+        plane_in_camera: (4,) calibrated sheet.
+        transform_camera_to_footprint: (4, 4).
+        gates: lowest and highest height that counts as terrain [m].
+    """
+    rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
+    in_camera, spread = triangulate(camera, plane_in_camera, profile.position_px, profile.sigma_px)
+    points = in_camera @ rotation.T + translation
+    variance = (spread @ rotation[2]) ** 2
+    status = profile.status.copy()
+
+    mixed = _beside_jumps(points[:, 2])
+    doubtful_in_camera, _ = triangulate(camera, plane_in_camera, profile.doubtful_px, np.zeros(len(points)))
+    doubtful = doubtful_in_camera @ rotation.T + translation
+    doubtful[mixed] = points[mixed]
+    with np.errstate(invalid="ignore"):
+        outside = (points[:, 2] < gates[0]) | (points[:, 2] > gates[1])
+        unusual = (doubtful[:, 2] < gates[0]) | (doubtful[:, 2] > gates[1])
+    out_of_range = np.where((outside & ~mixed)[:, None], points, np.nan)
+    doubtful[unusual] = np.nan
+    status[mixed] = StripeStatus.MIXED_EDGE
+    status[outside] = StripeStatus.OUT_OF_BAND
+    kept = np.isfinite(points[:, 2]) & ~outside & ~mixed
+    return StripePoints(
+        points=np.where(kept[:, None], points, np.nan),
+        variance=np.where(kept, variance, np.nan),
+        status=status,
+        out_of_range=out_of_range,
+        doubtful=doubtful,
+    )
+
+
+def _beside_jumps(height: Float) -> npt.NDArray[np.bool_]:
+    """Columns within MIXED_COLUMNS of a jump between neighbouring columns."""
+    with np.errstate(invalid="ignore"):
+        jump = np.flatnonzero(np.abs(np.diff(height)) > JUMP_M)
+    mixed = np.zeros(height.size, dtype=bool)
+    for shift in range(1 - MIXED_COLUMNS, MIXED_COLUMNS + 1):
+        column = jump + shift
+        mixed[column[(column >= 0) & (column < height.size)]] = True
+    return mixed & np.isfinite(height)

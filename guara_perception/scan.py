@@ -1,0 +1,92 @@
+"""A recorded scan: what was fired, from which stance, and its frames, read one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.settings import MODES
+
+if TYPE_CHECKING:
+    from kinematics import Stance
+
+Frame = npt.NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class ScanStripe:
+    """One stripe of a recorded scan.
+
+    Attributes:
+        index: in the standard pattern; pairs the stripe with the calibration.
+        mirror_angle: as commanded [rad].
+        on: name of the frame with the laser on.
+        off: name of the frame with the laser off (may be shared), or None.
+        stamp: time of the frame [ns since the epoch], or None.
+    """
+
+    index: int
+    mirror_angle: float
+    on: str
+    off: str | None
+    stamp: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """A recorded scan (contract, section 3).
+
+    Attributes:
+        robot: name of the robot.
+        mode: "coarse" or "standard".
+        stamp: time of the scan [ns since the epoch].
+        step: number of the stance pause.
+        stripes: in recorded order.
+        stance: at the beginning.
+        stance_end: read again after the scan, or None.
+        calibration_hash: of the calibration that was in use, or None.
+        source: where it came from, for messages.
+        read_frame: gives the picture of a frame name, (h, w) or (h, w, 3).
+    """
+
+    robot: str
+    mode: str
+    stamp: int
+    step: int
+    stripes: tuple[ScanStripe, ...]
+    stance: Stance
+    stance_end: Stance | None
+    calibration_hash: str | None
+    source: str
+    read_frame: Callable[[str], Frame]
+
+    def __post_init__(self) -> None:
+        """Check what no field alone can show."""
+        if self.mode not in MODES:
+            raise InvalidInput(f"{self.source}: mode is {self.mode!r}, allowed: {', '.join(MODES)}")
+        seen: set[int] = set()
+        for stripe in self.stripes:
+            if stripe.index in seen:
+                raise InvalidInput(f"{self.source}: stripe index {stripe.index} stands twice, each may stand once")
+            seen.add(stripe.index)
+        if not self.stripes:
+            raise InvalidInput(f"{self.source}: the scan holds no stripe")
+
+    def frames(self) -> Iterator[tuple[ScanStripe, Frame, Frame | None]]:
+        """Stripe, laser-on and laser-off picture, one stripe at a time; a shared off frame is read once in a row.
+
+        Raises:
+            MissingFile, FileFormatError: a frame cannot be read; the message names it.
+        """
+        last: tuple[str, Frame] | None = None
+        for stripe in self.stripes:
+            off: Frame | None = None
+            if stripe.off is not None:
+                if last is None or last[0] != stripe.off:
+                    last = (stripe.off, self.read_frame(stripe.off))
+                off = last[1]
+            yield stripe, self.read_frame(stripe.on), off

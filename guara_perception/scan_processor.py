@@ -1,0 +1,271 @@
+"""`ScanProcessor`: frames in, one stripe at a time, terrain out; no frame is kept."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.calibration import Calibration, format_indices
+from guara_perception.exceptions import CalibrationMismatch, InvalidInput
+from guara_perception.ranging.scan_geometry import scan_geometry
+from guara_perception.ranging.stripe_points import StripePoints, stripe_points
+from guara_perception.scan_report import scan_report
+from guara_perception.settings import Settings
+from guara_perception.stripes.extract import METHODS, unusable_frame
+from guara_perception.stripes.profile import StripeProfile, bad_frame
+from guara_perception.terrain.assess import assess_layers
+from guara_perception.terrain.causes import plan_looks, unknown_causes
+from guara_perception.terrain.geometry import GridGeometry
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.hazard import Hazard
+from guara_perception.terrain.raster import CellSamples, join_stripes, merge, pool, rasterise
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel, Stance
+
+Frame = npt.NDArray[Any]
+
+# Finer than this the raster need not be; coarser grids are pooled from it, so a lost stripe always leaves a gap.
+FINEST_CELL_M = 0.005
+
+
+class ScanProcessor:
+    """Turns the frames of one scan into a TerrainGrid while they arrive.
+
+    Example:
+        processor = ScanProcessor(calibration, robot, stance, mode="standard")
+        processor.add(index, on, off)
+        terrain = processor.finish()
+    """
+
+    def __init__(
+        self,
+        calibration: Calibration,
+        robot: RobotModel,
+        stance: Stance | Mapping[str, Any],
+        mode: str = "standard",
+        *,
+        method: str = "precise",
+        resolution: float | None = None,
+        stamp: int = 0,
+        step: int = 0,
+    ) -> None:
+        """Prepare a scan: everything that does not depend on the frames is computed here.
+
+        Args:
+            calibration: of this rangefinder.
+            robot: model of the robot that carries it.
+            stance: joint positions, support feet and gravity at this pause.
+            mode: "coarse" or "standard".
+            method: stripe extraction, one of `guara_perception.stripes.METHODS`.
+            resolution: cell edge [m]; None = the robot's default. It must divide the area.
+            stamp: time of the scan [ns since the epoch].
+            step: number of the stance pause.
+
+        Raises:
+            InvalidInput: unknown mode or method, a resolution that does not divide the area.
+            CalibrationMismatch: the calibration belongs to another robot or holds no stripe of this mode.
+            kinematics.KinematicsError: the stance does not fit the robot.
+        """
+        from kinematics import Stance
+
+        if method not in METHODS:
+            raise InvalidInput(f"method is {method!r}, allowed: {', '.join(METHODS)}")
+        if calibration.robot != robot.name:
+            raise CalibrationMismatch(
+                f"the calibration belongs to robot {calibration.robot!r}, the robot is {robot.name!r}: use its own"
+            )
+        self._settings = Settings.of(robot)
+        self._mode = mode
+        self._pattern = self._settings.pattern(mode)
+        self._calibration = calibration
+        self._robot = robot
+        self._stance = stance if isinstance(stance, Stance) else Stance.from_dict(stance)
+        self._pose = robot.stance_pose(self._stance)
+        self._method = method
+        self._stamp, self._step = int(stamp), int(step)
+        cell = self._settings.resolution if resolution is None else float(resolution)
+        self._grid = GridGeometry.over(self._settings.footprint_x, self._settings.footprint_y, cell)
+        self._pooling = max(int(np.ceil(cell / FINEST_CELL_M - 1e-9)), 1)
+        self._fine = self._grid.refined(self._pooling)
+        self._geometry = scan_geometry(calibration, self._pose.transform_base_to_footprint, self._settings, mode)
+        if not self._geometry.stripes:
+            raise CalibrationMismatch(
+                f"the calibration holds no stripe of the {mode} pattern; it holds {format_indices(calibration.indices)}"
+            )
+        x, y = self._grid.centres()
+        ground = np.column_stack((np.tile(x, y.size), np.repeat(y, x.size), np.zeros(self._grid.size)))
+        self._plan = plan_looks(
+            self._grid,
+            self._geometry.planes_in_footprint,
+            self._geometry.pixels(calibration, ground),
+            calibration.camera.size,
+        )
+        self._order = list(self._geometry.stripes)
+        self._profiles: dict[int, StripeProfile] = {}
+        self._points: dict[int, StripePoints] = {}
+        self._samples: dict[tuple[int, int], CellSamples] = {}
+        self._marks = np.zeros(self._fine.shape, dtype=np.uint16)
+        self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
+
+    @property
+    def grid(self) -> GridGeometry:
+        """Geometry of the grid that `finish` returns."""
+        return self._grid
+
+    @property
+    def camera_position(self) -> npt.NDArray[np.float64]:
+        """Optical centre (3,) in base_footprint: its height is the paper's H, its x and y the nadir."""
+        return self._geometry.eyes[0]
+
+    @property
+    def points(self) -> Mapping[int, StripePoints]:
+        """Organised points of the stripes added so far, by index; bad frames are not among them."""
+        return dict(sorted(self._points.items()))
+
+    @property
+    def profiles(self) -> Mapping[int, StripeProfile]:
+        """Stripe profiles of the frames added so far, by index."""
+        return dict(sorted(self._profiles.items()))
+
+    def add(self, index: int, on: Frame, off: Frame | None = None) -> StripeProfile:
+        """Process one frame pair; in any order. Nothing of the frames is kept.
+
+        A frame that cannot be used (blank, of another size, swapped, no array at all) marks its stripe as bad; the
+        scan goes on and its report says so.
+
+        Args:
+            index: of the stripe in the standard pattern.
+            on: picture with the laser on, as OpenCV reads it.
+            off: picture with the laser off, or None.
+
+        Returns:
+            The stripe that was found.
+
+        Raises:
+            InvalidInput: the index is not in the pattern of this mode, or was added before.
+            CalibrationMismatch: the index is not calibrated.
+        """
+        if index not in self._pattern:
+            raise InvalidInput(
+                f"stripe index {index} is not in the {self._mode} pattern: {format_indices(tuple(self._pattern))}"
+            )
+        if index in self._profiles:
+            raise InvalidInput(f"stripe index {index} was added before; a scan takes each stripe once")
+        self._calibration.stripe(index)
+        stripe = self._geometry.stripes[index]
+        start = time.perf_counter()
+        profile = self._extract(stripe.band, on, off)
+        self._profiles[index] = profile
+        extracted = time.perf_counter()
+        self._seconds["extract"] += extracted - start
+        if profile.is_frame_bad:
+            return profile
+        settings = self._settings
+        points = stripe_points(
+            profile,
+            self._calibration.camera,
+            stripe.plane_in_camera,
+            self._geometry.transform_camera_to_footprint,
+            (settings.minimum_height, settings.maximum_height),
+        )
+        triangulated = time.perf_counter()
+        self._seconds["triangulate"] += triangulated - extracted
+        self._points[index] = points
+        self._rasterise(index, points)
+        self._seconds["raster"] += time.perf_counter() - triangulated
+        return profile
+
+    def finish(self) -> TerrainGrid:
+        """The terrain of what was added so far; at any time, and again after more stripes.
+
+        Raises:
+            UnsafeGrid: the safety invariant is broken (a defect of this program, never of the data).
+        """
+        start = time.perf_counter()
+        fine = merge((self._samples[key] for key in sorted(self._samples)), self._fine)
+        raster = pool(fine, self._pooling)
+        marks = self._pooled_marks()
+        # A return outside the height gates is evidence of a drop or a wall: it outweighs heights in the same cell.
+        elevation = np.where(marks & np.uint16(Hazard.OUT_OF_RANGE), np.nan, raster.elevation)
+        usable = np.array([index in self._points for index in self._order])
+        pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
+        causes = unknown_causes(elevation, self._plan, pair_usable, marks, self._geometry.eyes, self._grid)
+        variance = raster.variance + np.where(np.isfinite(elevation), 0.0, np.nan)
+        layers = assess_layers(
+            elevation, variance, raster.low, raster.high, causes, self._grid.resolution, self._settings.limits
+        )
+        seen = np.isfinite(elevation)
+        layers["age"] = np.where(seen, 0, 255).astype(np.uint8)
+        layers["looks"] = seen.astype(np.uint8)
+        seconds = {**self._seconds, "finish": time.perf_counter() - start}
+        report = scan_report(
+            calibration=self._calibration,
+            robot=self._robot,
+            settings=self._settings,
+            stance=self._stance,
+            pose=self._pose,
+            mode=self._mode,
+            method=self._method,
+            profiles=self._profiles,
+            points=self._points,
+            planned=self._order,
+            layers=layers,
+            seconds=seconds,
+        )
+        return TerrainGrid(
+            layers=layers,
+            geometry=self._grid,
+            stamp=self._stamp,
+            step=self._step,
+            extent="footprint",
+            metadata=report,
+        )
+
+    def _extract(self, band: tuple[int, int], on: Frame, off: Frame | None) -> StripeProfile:
+        width, height = self._calibration.camera.size
+        if not isinstance(on, np.ndarray) or on.dtype not in (np.uint8, np.uint16) or on.ndim not in (2, 3):
+            given = f"{on.dtype} {on.shape}" if isinstance(on, np.ndarray) else type(on).__name__
+            return bad_frame(width, f"the frame is {given}, it must be a uint8 or uint16 picture")
+        if on.shape[:2] != (height, width):
+            return bad_frame(
+                width,
+                f"the frame is {on.shape[1]}x{on.shape[0]} px, the calibrated camera gives {width}x{height}",
+            )
+        first, end = band
+        if end <= first:
+            return bad_frame(width, "the stripe lies outside the camera's view at this stance")
+        reason = unusable_frame(on[first:end], off, on.shape)
+        if reason:
+            return bad_frame(width, reason)
+        return METHODS[self._method](on[first:end], None if off is None else off[first:end], first)
+
+    def _rasterise(self, index: int, points: StripePoints) -> None:
+        fine, join_height = self._fine, self._settings.join_height
+        self._samples[(index, index)] = rasterise(points.points, points.variance, fine)
+        self._mark(points.out_of_range, Hazard.OUT_OF_RANGE)
+        self._mark(points.doubtful, Hazard.AMBIGUOUS)
+        spacing = self._pattern.step
+        for first, second in ((index - spacing, index), (index, index + spacing)):
+            if first not in self._points or second not in self._points:
+                continue
+            a, b = self._points[first], self._points[second]
+            variances = (a.variance, b.variance)
+            joined = join_stripes((a.points, b.points), variances, join_height, fine.resolution)
+            self._samples[(first, second)] = rasterise(*joined, fine)
+            beyond = join_stripes((a.out_of_range, b.out_of_range), variances, np.inf, fine.resolution)
+            self._mark(beyond[0], Hazard.OUT_OF_RANGE)
+
+    def _mark(self, points: npt.NDArray[np.float64], flag: Hazard) -> None:
+        iy, ix = self._fine.indices(points[:, 0], points[:, 1])
+        inside = self._fine.contains(iy, ix)
+        self._marks[iy[inside], ix[inside]] |= np.uint16(flag)
+
+    def _pooled_marks(self) -> npt.NDArray[np.uint16]:
+        ny, nx = self._grid.shape
+        blocks = self._marks.reshape(ny, self._pooling, nx, self._pooling).swapaxes(1, 2).reshape(ny, nx, -1)
+        return np.asarray(np.bitwise_or.reduce(blocks, axis=-1), dtype=np.uint16)

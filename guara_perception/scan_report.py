@@ -1,0 +1,89 @@
+"""What a scan says of itself: method, stance, coverage, bad frames, health; plain JSON values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.ranging.stripe_points import StripePoints
+from guara_perception.settings import Settings
+from guara_perception.stripes.profile import StripeProfile, StripeStatus
+from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel, Stance, StancePose
+
+# Under this share of expected returns a scan is worth a warning with advice.
+LOW_COVERAGE = 0.5
+ADVICE = (
+    "under half of the expected laser returns came back: check that the laser is on and the lens clean; in bright "
+    "scenes use a polarised lens or less exposure, on dark ground a narrow band-pass filter or a stronger laser"
+)
+
+
+def scan_report(
+    *,
+    calibration: Calibration,
+    robot: RobotModel,
+    settings: Settings,
+    stance: Stance,
+    pose: StancePose,
+    mode: str,
+    method: str,
+    profiles: Mapping[int, StripeProfile],
+    points: Mapping[int, StripePoints],
+    planned: Sequence[int],
+    layers: Mapping[str, npt.NDArray[Any]],
+    seconds: Mapping[str, float],
+) -> dict[str, Any]:
+    """Metadata of a grid; see docs/files.md for the fields."""
+    bad = {index: profile.reason for index, profile in sorted(profiles.items()) if profile.is_frame_bad}
+    counts = np.zeros(len(StripeStatus), dtype=np.int64)
+    for stripe in points.values():
+        counts += np.bincount(stripe.status, minlength=len(StripeStatus))
+    used = int(counts[StripeStatus.OK] + counts[StripeStatus.SATURATED])
+    hazard = np.asarray(layers["hazard"], np.uint16)
+    unknown = (hazard & UNKNOWN_MASK) != 0
+    expected = ~((hazard & np.uint16(Hazard.UNSCANNED | Hazard.OCCLUDED | Hazard.SELF)) != 0)
+    coverage = float((~unknown & expected).sum() / max(int(expected.sum()), 1))
+    reasons = [f"stripe {index}: {reason}" for index, reason in bad.items()]
+    missing = [index for index in planned if index not in profiles]
+    if missing:
+        reasons.append(f"{len(missing)} of {len(planned)} stripes were not fired")
+    if not expected.any():
+        reasons.append("no part of the area was scanned")
+    elif coverage < LOW_COVERAGE:
+        reasons.append(ADVICE)
+    verdict = calibration.quality.get("verdict")
+    if verdict == "refused":
+        reasons.append("the calibration was refused and is used all the same")
+    return {
+        "robot": robot.name,
+        "mode": mode,
+        "method": method,
+        "calibration_hash": calibration.hash,
+        "calibration_verdict": verdict,
+        "stance": stance.to_dict(),
+        "attitude_source": pose.attitude_source,
+        "support_feet_used": list(pose.support_feet_used),
+        "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),
+        "transform_camera_to_base": calibration.transform_camera_to_base.tolist(),
+        "pose_covariance": np.asarray(pose.covariance).tolist(),
+        "validity_pauses": settings.validity_pauses,
+        "validity_seconds": settings.validity_seconds,
+        "stripes_planned": len(planned),
+        "stripes_used": len(points),
+        "stripes_missing": missing,
+        "frames_bad": {str(index): reason for index, reason in bad.items()},
+        "points": {status.name: int(counts[status]) for status in StripeStatus},
+        "points_used": used,
+        "coverage": coverage,
+        "known": float((~unknown).mean()),
+        "hazard_cells": {flag.name: int(((hazard & flag) != 0).sum()) for flag in Hazard if flag and flag.name},
+        "health": {"level": "ok" if not reasons else "degraded", "reasons": reasons},
+        "seconds": {name: round(value, 6) for name, value in seconds.items()},
+    }

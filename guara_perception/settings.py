@@ -1,0 +1,163 @@
+"""What perception reads from a robot's `robot.toml`: grid, heights, scan pattern, limits, validity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from guara_perception.exceptions import FileFormatError, InvalidInput
+from guara_perception.fields import Fields
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+Range = tuple[float, float]
+MODES = ("coarse", "standard")
+
+
+@dataclass(frozen=True, slots=True)
+class TraversabilityLimits:
+    """What the robot's feet can bear; every value is a hard limit, above it a cell is a hazard.
+
+    Attributes:
+        slope: largest angle to the horizontal [rad].
+        step: largest rise within the disc [m].
+        drop: largest fall within the disc [m].
+        roughness: largest standard deviation about the fitted plane [m].
+        sigma: largest standard deviation of the elevation [m].
+        disc_radius: half the window of the plane fit and of the step search [m].
+        confidence: number of standard deviations added before a value is compared.
+        sole_length, sole_width: the sole rectangle, along x and y [m].
+    """
+
+    slope: float
+    step: float
+    drop: float
+    roughness: float
+    sigma: float
+    disc_radius: float
+    confidence: float
+    sole_length: float
+    sole_width: float
+
+    def __post_init__(self) -> None:
+        """Refuse limits that can never hold."""
+        for name in self.__slots__:
+            value = getattr(self, name)
+            low, high = (0.0, np.pi / 2) if name == "slope" else (0.0, 10.0)
+            if not np.isfinite(value) or value > high or value < low or (value == 0 and name != "confidence"):
+                raise InvalidInput(f"limit {name} is {value}, it must be above 0 and at most {high:.4g}")
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """All perception settings of one robot.
+
+    Attributes:
+        resolution: default cell edge [m].
+        footprint_x, footprint_y: area of a single scan in base_footprint [m].
+        map_x, map_y: area of the fused map in base_footprint [m].
+        minimum_height, maximum_height: heights that count as terrain [m].
+        join_height: largest height difference between neighbouring stripes on one surface [m].
+        stripes: number of stripes of the standard pattern.
+        coarse_every: a coarse scan fires every so many of them.
+        mirror_angles: nominal first and last mirror angle, for a first calibration only [rad].
+        limits: traversability limits.
+        validity_pauses, validity_seconds: how long a look may be used.
+    """
+
+    resolution: float
+    footprint_x: Range
+    footprint_y: Range
+    map_x: Range
+    map_y: Range
+    minimum_height: float
+    maximum_height: float
+    join_height: float
+    stripes: int
+    coarse_every: int
+    mirror_angles: Range
+    limits: TraversabilityLimits
+    validity_pauses: int
+    validity_seconds: float
+
+    @staticmethod
+    def of(robot: RobotModel) -> Settings:
+        """Read and check the perception tables of a robot.
+
+        Raises:
+            FileFormatError: a value is missing or impossible; the message names table and field.
+        """
+        tables = {
+            name: Fields(_plain(robot.section(name)), f"robot.toml of {robot.name}", name)
+            for name in ("grid", "heights", "scan", "traversability", "validity")
+        }
+        grid, heights, scan = tables["grid"], tables["heights"], tables["scan"]
+        footprint, area = grid.sub("footprint"), grid.sub("map")
+        minimum = heights.number("minimum", -2.0, 0.0)
+        return Settings(
+            resolution=grid.number("resolution", 1e-4, 0.1),
+            footprint_x=_range(footprint, "x"),
+            footprint_y=_range(footprint, "y"),
+            map_x=_range(area, "x"),
+            map_y=_range(area, "y"),
+            minimum_height=minimum,
+            maximum_height=heights.number("maximum", minimum + 0.01, 2.0),
+            join_height=heights.number("join_height", 1e-4, 0.1),
+            stripes=scan.integer("stripes", 2, 10_000),
+            coarse_every=scan.integer("coarse_every", 1, 100),
+            mirror_angles=(scan.number("mirror_angle_first", -3, 3), scan.number("mirror_angle_last", -3, 3)),
+            limits=_limits(tables["traversability"], robot.sole),
+            validity_pauses=tables["validity"].integer("pauses", 1, 255),
+            validity_seconds=tables["validity"].number("seconds", 0.1, 1e6),
+        )
+
+    def pattern(self, mode: str) -> range:
+        """Stripe indices of a mode, in the standard pattern.
+
+        Raises:
+            InvalidInput: no such mode.
+        """
+        if mode not in MODES:
+            raise InvalidInput(f"mode is {mode!r}, allowed: {', '.join(MODES)}")
+        return range(0, self.stripes, self.coarse_every if mode == "coarse" else 1)
+
+
+def _limits(table: Fields, sole: tuple[float, float]) -> TraversabilityLimits:
+    try:
+        return TraversabilityLimits(
+            slope=table.number("slope_limit"),
+            step=table.number("step_limit"),
+            drop=table.number("drop_limit"),
+            roughness=table.number("roughness_limit"),
+            sigma=table.number("sigma_limit"),
+            disc_radius=table.number("disc_radius"),
+            confidence=table.number("confidence"),
+            sole_length=float(sole[0]),
+            sole_width=float(sole[1]),
+        )
+    except InvalidInput as error:
+        raise FileFormatError(f"{table.source}: [traversability] {error}") from None
+
+
+def _range(fields: Fields, name: str) -> Range:
+    low, high = (float(v) for v in fields.array(name, (2,)))
+    if high <= low:
+        raise FileFormatError(f"{fields.place(name)} is [{low}, {high}], the first must be below the second")
+    return low, high
+
+
+def _plain(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Lists and dicts from whatever immutable containers the robot hands out."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {key: plain(item) for key, item in value.items()}
+        if isinstance(value, tuple | list):
+            return [plain(item) for item in value]
+        return value
+
+    return {key: plain(item) for key, item in table.items()}

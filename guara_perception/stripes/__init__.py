@@ -1,0 +1,6 @@
+"""Stripes: from a pair of frames to the position of the laser line in every column."""
+
+from guara_perception.stripes.extract import METHODS, extract_stripe
+from guara_perception.stripes.profile import StripeProfile, StripeStatus
+
+__all__ = ["METHODS", "StripeProfile", "StripeStatus", "extract_stripe"]

@@ -1,0 +1,86 @@
+"""`extract_stripe`: the stripe of one picture, along columns or rows, by a chosen method."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.stripes.precise import extract_precise
+from guara_perception.stripes.profile import StripeProfile, bad_frame
+
+METHODS = {"precise": extract_precise}
+
+
+def extract_stripe(
+    on: npt.NDArray[Any],
+    off: npt.NDArray[Any] | None = None,
+    along: str = "columns",
+    band: tuple[int, int] | None = None,
+    method: str = "precise",
+) -> StripeProfile:
+    """Find the laser stripe in one picture.
+
+    Args:
+        on: (h, w) or (h, w, 3) BGR as OpenCV reads it, uint8 or uint16, laser on.
+        off: the same view with the laser off; None = the background is estimated from `on`.
+        along: "columns": the stripe crosses the columns, one position (a row) per column; "rows": one position
+            (a column) per row.
+        band: (first, end) rows to look in (columns for along="rows"); None = the whole picture.
+        method: one of METHODS.
+
+    Returns:
+        A StripeProfile with w entries (h for along="rows"). A picture that cannot be used (empty, black, white,
+        another size or type than its off frame) gives FRAME_BAD in every entry and says why.
+
+    Raises:
+        InvalidInput: `on` is no picture at all, or an argument is not one of those allowed.
+    """
+    if method not in METHODS:
+        raise InvalidInput(f"method is {method!r}, allowed: {', '.join(METHODS)}")
+    if along not in ("columns", "rows"):
+        raise InvalidInput(f"along is {along!r}, allowed: 'columns', 'rows'")
+    _check_picture(on)
+    if along == "rows":
+        on = on.swapaxes(0, 1)
+        off = off.swapaxes(0, 1) if isinstance(off, np.ndarray) and off.ndim >= 2 else off
+    height, width = on.shape[:2]
+    first, end = (0, height) if band is None else (int(band[0]), int(band[1]))
+    if not 0 <= first < end <= height or end - first < 8:
+        raise InvalidInput(f"band is {band}, it must be (first, end) with 8 lines or more inside 0 ... {height}")
+    reason = unusable_frame(on[first:end], None if off is None else off, on.shape)
+    if reason:
+        return bad_frame(width, reason)
+    return METHODS[method](on[first:end], None if off is None else off[first:end], first)
+
+
+def unusable_frame(band: npt.NDArray[Any], off: npt.NDArray[Any] | None, shape: tuple[int, ...]) -> str:
+    """Why a frame cannot be used, or an empty text.
+
+    Args:
+        band: the part of the laser-on frame that will be searched.
+        off: the whole laser-off frame, or None.
+        shape: shape of the whole laser-on frame.
+    """
+    if off is not None:
+        if not isinstance(off, np.ndarray) or off.dtype != band.dtype or off.shape != shape:
+            given = f"{off.dtype} {off.shape}" if isinstance(off, np.ndarray) else type(off).__name__
+            return f"laser-off frame is {given}, laser-on frame is {band.dtype} {shape}: they must be alike"
+    thin = band[::4, ::4]
+    low, high = float(thin.min()), float(thin.max())
+    if low == high and float(band.min()) == float(band.max()):
+        return f"the frame is blank: every pixel is {low:.0f}"
+    if float(np.mean(thin >= 0.98 * np.iinfo(band.dtype).max)) > 0.5:
+        return "more than half of the frame is white: exposure too long or too much light"
+    return ""
+
+
+def _check_picture(on: npt.NDArray[Any]) -> None:
+    if not isinstance(on, np.ndarray):
+        raise InvalidInput(f"the picture is {type(on).__name__}, it must be a numpy array")
+    if on.dtype not in (np.uint8, np.uint16) or on.ndim not in (2, 3) or (on.ndim == 3 and on.shape[2] not in (1, 3)):
+        raise InvalidInput(f"the picture is {on.dtype} {on.shape}, it must be uint8 or uint16, (h, w) or (h, w, 3)")
+    if min(on.shape[:2]) < 8:
+        raise InvalidInput(f"the picture is {on.shape}, it must have 8 pixels or more each way")

@@ -1,0 +1,61 @@
+"""The result of finding one laser stripe in one picture: a position, a sigma and a status per column."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.readonly import readonly
+
+
+class StripeStatus(IntEnum):
+    """What happened in one column; values are fixed (contract, section 2)."""
+
+    OK = 0
+    DROPOUT = 1
+    AMBIGUOUS = 2
+    SATURATED = 3
+    MIXED_EDGE = 4
+    OUT_OF_BAND = 5
+    FRAME_BAD = 6
+
+
+@dataclass(frozen=True, slots=True)
+class StripeProfile:
+    """One stripe, column by column (row by row when it was extracted along rows).
+
+    Attributes:
+        position_px: (n,) float32, row of the stripe centre in full-picture coordinates, NaN where there is none.
+        sigma_px: (n,) float32, standard deviation of the position, NaN where there is none.
+        status: (n,) uint8, a StripeStatus per column.
+        peak: (n,) float32, height of the smoothed peak above background [grey levels], NaN in a bad frame.
+        doubtful_px: (n,) float32, where a return was seen that may not be used (ambiguous or mixed), NaN elsewhere.
+        reason: why the whole frame is bad, empty when it is not.
+    """
+
+    position_px: npt.NDArray[np.float32]
+    sigma_px: npt.NDArray[np.float32]
+    status: npt.NDArray[np.uint8]
+    peak: npt.NDArray[np.float32]
+    doubtful_px: npt.NDArray[np.float32]
+    reason: str = ""
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("position_px", "sigma_px", "status", "peak", "doubtful_px"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @property
+    def is_frame_bad(self) -> bool:
+        """Whether the whole frame was refused."""
+        return bool(self.reason)
+
+
+def bad_frame(n: int, reason: str) -> StripeProfile:
+    """The profile of a frame that cannot be used: nothing known, the reason said."""
+    nothing = np.full(n, np.nan, dtype=np.float32)
+    status = np.full(n, StripeStatus.FRAME_BAD, dtype=np.uint8)
+    return StripeProfile(nothing, nothing.copy(), status, nothing.copy(), nothing.copy(), reason)

@@ -1,0 +1,1 @@
+"""Terrain: from points to grids, hazards and answers for planners."""

@@ -1,0 +1,55 @@
+"""`assess_terrain`: a TerrainGrid from any elevation array."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.settings import TraversabilityLimits
+from guara_perception.terrain.assess import assess_layers, check_heights
+from guara_perception.terrain.geometry import GridGeometry
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.hazard import Hazard
+
+
+def assess_terrain(
+    elevation: npt.ArrayLike,
+    resolution: float,
+    origin: tuple[float, float] = (0.0, 0.0),
+    variance: npt.ArrayLike | None = None,
+    limits: TraversabilityLimits | None = None,
+) -> TerrainGrid:
+    """Judge any elevation array as if the rangefinder had measured it.
+
+    Args:
+        elevation: (ny, nx) heights [m], a[iy, ix], x fastest; NaN = unknown (becomes UNSCANNED).
+        resolution: cell edge [m].
+        origin: corner of cell (0, 0) [m].
+        variance: (ny, nx) variances of the heights [m^2]; None = exact.
+        limits: what the feet can bear; None = those of the Guara's robot.toml.
+
+    Raises:
+        InvalidInput: wrong shapes, resolution not positive, infinite heights, NaN or negative variance.
+    """
+    heights, spread = check_heights(elevation, variance)
+    if np.ndim(resolution) != 0 or len(tuple(origin)) != 2:
+        raise InvalidInput(f"resolution is {resolution}, origin is {origin}: one number and a pair (x, y) are needed")
+    x, y = origin
+    geometry = GridGeometry((float(x), float(y)), float(resolution), (heights.shape[0], heights.shape[1]))
+    known = np.isfinite(heights)
+    hazard = np.where(known, 0, np.uint16(Hazard.UNSCANNED)).astype(np.uint16)
+    if limits is None:
+        limits = default_limits()
+    layers = assess_layers(heights, spread, heights, heights, hazard, geometry.resolution, limits)
+    layers["age"] = np.where(known, 0, 255).astype(np.uint8)
+    layers["looks"] = known.astype(np.uint8)
+    return TerrainGrid(layers=layers, geometry=geometry)
+
+
+def default_limits() -> TraversabilityLimits:
+    """The limits of the Guara."""
+    from guara_perception.settings import Settings
+    from kinematics import load_robot
+
+    return Settings.of(load_robot("guara")).limits

@@ -1,0 +1,87 @@
+"""Where the cells of a grid are: the one place that knows axis order and half cells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+
+Float = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class GridGeometry:
+    """A grid a[iy, ix]: cell (0, 0) at minimum x and y, x fastest (contract, section 2).
+
+    Attributes:
+        origin: x and y of the corner of cell (0, 0) [m].
+        resolution: edge of a cell [m].
+        shape: (ny, nx).
+    """
+
+    origin: tuple[float, float]
+    resolution: float
+    shape: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if not (np.isfinite(self.resolution) and self.resolution > 0):
+            raise InvalidInput(f"resolution is {self.resolution}, it must be a positive number of metres")
+        if not np.isfinite(self.origin).all() or len(self.origin) != 2:
+            raise InvalidInput(f"origin is {self.origin}, it must be two finite numbers (x, y)")
+        if len(self.shape) != 2 or min(self.shape) < 1:
+            raise InvalidInput(f"grid shape is {self.shape}, it must be (ny, nx) with one cell or more")
+
+    @staticmethod
+    def over(x: tuple[float, float], y: tuple[float, float], resolution: float) -> GridGeometry:
+        """The grid over an area, which the resolution must divide.
+
+        Raises:
+            InvalidInput: the resolution does not divide the area.
+        """
+        if not (np.isfinite(resolution) and resolution > 0):
+            raise InvalidInput(f"resolution is {resolution}, it must be a positive number of metres")
+        counts = []
+        for low, high in (y, x):
+            cells = (high - low) / resolution
+            if abs(cells - round(cells)) > 1e-6 * max(cells, 1) or round(cells) < 1:
+                raise InvalidInput(
+                    f"resolution {resolution} m does not divide the area, it must divide "
+                    f"{x[1] - x[0]:.3g} and {y[1] - y[0]:.3g} m (for instance 0.005, 0.01 or 0.015)"
+                )
+            counts.append(round(cells))
+        return GridGeometry((x[0], y[0]), float(resolution), (counts[0], counts[1]))
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return self.shape[0] * self.shape[1]
+
+    def indices(self, x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Cell indices (iy, ix) of points; not clipped, -1 for NaN. Cells are half open: [low, high)."""
+        fx = (np.asarray(x, np.float64) - self.origin[0]) / self.resolution
+        fy = (np.asarray(y, np.float64) - self.origin[1]) / self.resolution
+        # A point given as 0.50 + 3 * 0.005 must not fall into the cell below for a rounding error.
+        ix = np.floor(np.nan_to_num(fx, nan=-1.0, posinf=-1.0, neginf=-1.0) + 1e-6)
+        iy = np.floor(np.nan_to_num(fy, nan=-1.0, posinf=-1.0, neginf=-1.0) + 1e-6)
+        limit = 2**31
+        return np.clip(iy, -1, limit).astype(np.int64), np.clip(ix, -1, limit).astype(np.int64)
+
+    def contains(self, iy: npt.NDArray[np.int64], ix: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+        """Whether indices lie on the grid."""
+        return (iy >= 0) & (iy < self.shape[0]) & (ix >= 0) & (ix < self.shape[1])
+
+    def centres(self) -> tuple[Float, Float]:
+        """X (nx,) and y (ny,) of the cell centres."""
+        ny, nx = self.shape
+        x = self.origin[0] + (np.arange(nx, dtype=np.float64) + 0.5) * self.resolution
+        y = self.origin[1] + (np.arange(ny, dtype=np.float64) + 0.5) * self.resolution
+        return x, y
+
+    def refined(self, factor: int) -> GridGeometry:
+        """The same area with cells `factor` times smaller."""
+        ny, nx = self.shape
+        return GridGeometry(self.origin, self.resolution / factor, (ny * factor, nx * factor))

@@ -1,0 +1,169 @@
+"""Rasterises stripes: samples, and the lines between neighbouring stripes, into the cells of a grid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.terrain.geometry import GridGeometry
+
+Float = npt.NDArray[np.float64]
+
+# Samples this far below the highest of a cell belong to another surface: the top one is what a foot meets.
+TOP_LAYER_M = 0.004
+# Samples along a joining line are at most a third of a cell apart, so no crossed cell is missed.
+SAMPLES_PER_CELL = 3
+
+
+@dataclass(frozen=True, slots=True)
+class CellSamples:
+    """Samples of one stripe or one pair, summed per cell; arrays of equal length, cells ascending.
+
+    Attributes:
+        cell: flat cell index iy * nx + ix.
+        total, count: sum and number of the heights in the top layer of the cell.
+        variance_total: sum of their variances.
+        low, high: lowest and highest height of any sample.
+    """
+
+    cell: npt.NDArray[np.int64]
+    total: Float
+    count: Float
+    variance_total: Float
+    low: Float
+    high: Float
+
+
+@dataclass(frozen=True, slots=True)
+class Raster:
+    """A grid of heights: all (ny, nx) float64, NaN (count 0) where no sample fell."""
+
+    elevation: Float
+    variance: Float
+    low: Float
+    high: Float
+    count: Float
+
+
+def join_stripes(
+    points: tuple[Float, Float], variances: tuple[Float, Float], join_height: float, resolution: float
+) -> tuple[Float, Float]:
+    """Sample the lines between the points of two neighbouring stripes in the same image columns.
+
+    Only columns in which both stripes have a point and their heights differ by less than `join_height` are joined;
+    nothing is ever bridged where one of the two is missing.
+
+    Args:
+        points: two (w, 3) arrays in base_footprint, NaN where there is no point.
+        variances: two (w,) arrays, variance of the heights [m^2].
+        join_height: largest height difference of one surface [m].
+        resolution: cell edge [m].
+
+    Returns:
+        Samples (n, 3) and their variances (n,); the end points themselves are not among them.
+    """
+    first, second = points
+    difference = second - first
+    columns = np.flatnonzero(np.abs(difference[:, 2]) < join_height)
+    if not columns.size:
+        return np.empty((0, 3)), np.empty(0)
+    step = difference[columns]
+    longest = float(np.sqrt((step[:, :2] ** 2).sum(axis=1).max()))
+    n = int(np.clip(np.ceil(SAMPLES_PER_CELL * longest / resolution), 2, 64))
+    share = (np.arange(n) + 0.5) / n
+    samples = first[columns] + share[:, None, None] * step
+    weight_first, weight_second = (1 - share[:, None]) ** 2, share[:, None] ** 2
+    variance = weight_first * variances[0][columns] + weight_second * variances[1][columns]
+    return samples.reshape(-1, 3), variance.ravel()
+
+
+def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSamples:
+    """Sum samples per cell, the top layer of each cell apart from what lies below it.
+
+    Args:
+        points: (n, 3) in base_footprint; NaN points are left out.
+        variance: (n,) variance of the heights [m^2].
+        geometry: the grid.
+    """
+    iy, ix = geometry.indices(points[:, 0], points[:, 1])
+    inside = geometry.contains(iy, ix) & np.isfinite(points[:, 2])
+    flat = iy[inside] * geometry.shape[1] + ix[inside]
+    height, spread = points[inside, 2], variance[inside]
+    if not flat.size:
+        nothing = np.empty(0)
+        return CellSamples(np.empty(0, np.int64), nothing, nothing, nothing, nothing, nothing)
+    start = int(flat.min())
+    local = flat - start
+    length = int(local.max()) + 1
+    high = np.full(length, -np.inf)
+    low = np.full(length, np.inf)
+    np.maximum.at(high, local, height)
+    np.minimum.at(low, local, height)
+    is_top = height > high[local] - TOP_LAYER_M
+    top = local[is_top]
+    count = _sum(top, np.ones(top.size), length)
+    total = _sum(top, height[is_top], length)
+    variance_total = _sum(top, spread[is_top], length)
+    used = np.flatnonzero(count)
+    return CellSamples(
+        (used + start).astype(np.int64), total[used], count[used], variance_total[used], low[used], high[used]
+    )
+
+
+def _sum(cell: npt.NDArray[np.int64], weights: Float, size: int) -> Float:
+    return np.asarray(np.bincount(cell, weights=weights, minlength=size), dtype=np.float64)
+
+
+def merge(parts: Iterable[CellSamples], geometry: GridGeometry) -> Raster:
+    """Bring the parts of all stripes together; the result does not depend on the order in which they were made."""
+    parts = [part for part in parts if part.cell.size]
+    shape = geometry.shape
+    if not parts:
+        nothing = np.full(shape, np.nan)
+        return Raster(nothing, nothing, nothing, nothing, np.zeros(shape))
+    cell = np.concatenate([part.cell for part in parts])
+    total, count, variance_total, low, high = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("total", "count", "variance_total", "low", "high")
+    )
+    size = geometry.size
+    highest = np.full(size, -np.inf)
+    lowest = np.full(size, np.inf)
+    np.maximum.at(highest, cell, high)
+    np.minimum.at(lowest, cell, low)
+    is_top = high > highest[cell] - TOP_LAYER_M
+    top = cell[is_top]
+    counts = _sum(top, count[is_top], size)
+    known = counts > 0
+    safe = np.where(known, counts, 1)
+    mean = _sum(top, total[is_top], size) / safe
+    mean_variance = _sum(top, variance_total[is_top], size) / safe
+    nan = np.where(known, 0.0, np.nan)
+    return Raster(
+        elevation=(mean + nan).reshape(shape),
+        variance=(mean_variance + nan).reshape(shape),
+        low=np.where(known, lowest, np.nan).reshape(shape),
+        high=np.where(known, highest, np.nan).reshape(shape),
+        count=counts.reshape(shape),
+    )
+
+
+def pool(raster: Raster, factor: int) -> Raster:
+    """Coarser cells from `factor` x `factor` fine ones, conservatively: one unknown fine cell makes all unknown."""
+    if factor == 1:
+        return raster
+    ny, nx = (n // factor for n in raster.count.shape)
+
+    def blocks(layer: Float) -> Float:
+        return layer.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1)
+
+    return Raster(
+        elevation=blocks(raster.elevation).mean(axis=-1),
+        variance=blocks(raster.variance).mean(axis=-1),
+        low=blocks(raster.low).min(axis=-1),
+        high=blocks(raster.high).max(axis=-1),
+        count=np.where(np.isfinite(blocks(raster.elevation)).all(axis=-1), blocks(raster.count).sum(axis=-1), 0),
+    )
