@@ -47,10 +47,10 @@ def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_ro
     signal = laser_light(on, off)
     if signal.reason:
         return bad_frame(columns, signal.reason)
-    smooth = cv2.blur(signal.light, (COLUMN_MEAN_PX, 1))
+    mean = cv2.blur(signal.light, (COLUMN_MEAN_PX, 1))
     size = (1, min(ROW_SMOOTHING_SIZE_PX, rows - 1 + rows % 2))
-    smooth = np.asarray(
-        cv2.GaussianBlur(smooth, size, ROW_SMOOTHING_SIGMA_PX, borderType=cv2.BORDER_REPLICATE), dtype=np.float32
+    smooth: Float32 = np.asarray(
+        cv2.GaussianBlur(mean, size, ROW_SMOOTHING_SIGMA_PX, borderType=cv2.BORDER_REPLICATE), dtype=np.float32
     )
     sample = smooth[::2, ::3]
     noise = max(1.4826 * float(np.median(np.abs(sample - np.median(sample)))), 1e-3)

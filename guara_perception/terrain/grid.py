@@ -129,7 +129,7 @@ class TerrainGrid:
         """
         if unknown not in (100, -1):
             raise InvalidInput(f"unknown is {unknown!r}, allowed: 100 (unknown is a hazard), -1 (unknown is marked)")
-        return occupancy_values(self.layers["traversability"], self.layers["hazard"], unknown)  # type: ignore[arg-type]
+        return occupancy_values(self.layers["traversability"], self.layers["hazard"], unknown)
 
     def save(self, path: str | Path) -> None:
         """Write the grid to an .npz file; `load_terrain` reads it back.
