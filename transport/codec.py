@@ -23,9 +23,7 @@ def encode(message: Any) -> bytes:
     """
     name = getattr(message, "__msgtype__", None)
     if name is None:
-        raise MessageError(
-            f"{type(message).__name__} is not a ROS 2 message object; make one with message_class"
-        )
+        raise MessageError(f"{type(message).__name__} is not a ROS 2 message object; make one with message_class")
     try:
         return bytes(typestore().serialize_cdr(message, name, little_endian=True))
     except Exception as error:  # rosbags raises whatever its generated code ran into
@@ -47,9 +45,7 @@ def decode(payload: bytes | bytearray | memoryview, type_name: str) -> Any:
     """
     message_class(type_name)
     if len(payload) > MAXIMUM_PAYLOAD:
-        raise MessageError(
-            f"{type_name} of {len(payload)} bytes refused; allowed are {MAXIMUM_PAYLOAD} bytes"
-        )
+        raise MessageError(f"{type_name} of {len(payload)} bytes refused; allowed are {MAXIMUM_PAYLOAD} bytes")
     try:
         return typestore().deserialize_cdr(memoryview(payload).toreadonly(), type_name)
     except Exception as error:  # a hostile payload may trip generated code anywhere
@@ -64,9 +60,7 @@ def make_time(stamp: int) -> Any:
     """
     seconds, nanoseconds = divmod(int(stamp), 1_000_000_000)
     if not 0 <= seconds < 2**31:
-        raise MessageError(
-            f"stamp {stamp} ns is out of range; allowed are 0 to {2**31 * 1_000_000_000 - 1} ns"
-        )
+        raise MessageError(f"stamp {stamp} ns is out of range; allowed are 0 to {2**31 * 1_000_000_000 - 1} ns")
     return message_class("builtin_interfaces/msg/Time")(seconds, nanoseconds)
 
 

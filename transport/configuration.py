@@ -47,20 +47,14 @@ def is_local(endpoint: str) -> bool:
         return False
 
 
-def check_exposure(endpoints: Sequence[str], *, secured: bool, allow_insecure: bool) -> None:
+def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:
     """Refuse to be reachable from other machines without security, unless that was asked for.
 
     Raises:
         ConfigurationError: An endpoint is reachable from outside and nothing protects it.
     """
     for endpoint in endpoints:
-        check_endpoint(endpoint)
-        if secured and not is_local(endpoint) and not endpoint.startswith(("tls/", "quic/")):
-            raise ConfigurationError(
-                f"endpoint {endpoint!r} is reachable from other machines without encryption although a "
-                f"security folder is given; use tls/host:port"
-            )
-        if not (secured or allow_insecure or is_local(endpoint)):
+        if not (is_local(endpoint) or allow_insecure):
             raise ConfigurationError(
                 f"endpoint {endpoint!r} is reachable from other machines and nothing protects it; give a "
                 f"security folder, stay on 127.0.0.1, or allow it explicitly (allow_insecure)"

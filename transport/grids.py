@@ -101,14 +101,9 @@ def grid_map_message(
         [dimension("column_index", ny, ny * nx), dimension("row_index", nx, nx)], 0
     )
     array_class = message_class("std_msgs/msg/Float32MultiArray")
-    data = [
-        array_class(layout, np.asarray(array, dtype=np.float32)[::-1, ::-1].ravel())
-        for array in layers.values()
-    ]
+    data = [array_class(layout, np.asarray(array, dtype=np.float32)[::-1, ::-1].ravel()) for array in layers.values()]
     # The pose of a GridMap is its centre.
     info = message_class("grid_map_msgs/msg/GridMapInfo")(
         edge, nx * edge, ny * edge, _make_pose(x + 0.5 * nx * edge, y + 0.5 * ny * edge)
     )
-    return message_class(GRID_MAP)(
-        make_header(stamp, frame_id), info, list(layers), list(basic_layers), data, 0, 0
-    )
+    return message_class(GRID_MAP)(make_header(stamp, frame_id), info, list(layers), list(basic_layers), data, 0, 0)

@@ -15,9 +15,7 @@ class AliveToken:
         """Declare the token on `key`, as of `keys.alive_key`."""
         self.key = key
         self._session = session
-        self._raw: Any = session.attempt(
-            lambda: zenoh_api.declare_token(session.raw, key), f"cannot declare {key!r}"
-        )
+        self._raw: Any = session.attempt(lambda: zenoh_api.declare_token(session.raw, key), f"cannot declare {key!r}")
         session.own(self)
 
     def close(self) -> None:

@@ -9,6 +9,9 @@ from typing import Final
 from transport.exceptions import ReceiveTimeout, SessionClosed
 
 _LOG = logging.getLogger(__name__)
+MAXIMUM_PENDING: Final = 64
+"""Questions that may wait for an answer; more are dropped, so that a flood of them fills no memory."""
+
 _CLOSE_TIMEOUT: Final = 2.0
 """[s] How long closing waits for a message that is being sent."""
 
@@ -38,6 +41,11 @@ class Outbox:
     def sent(self) -> int:
         """Actions that were run without error."""
         return self._sent
+
+    @property
+    def pending(self) -> int:
+        """Actions that wait."""
+        return len(self._pending)
 
     @property
     def superseded(self) -> int:

@@ -31,13 +31,13 @@ class Publisher:
         """Payloads that were put."""
         return self._count
 
-    def put(self, payload: bytes) -> None:
+    def put(self, payload: bytes, attachment: bytes | None = None) -> None:
         """Send one payload. Returns without error when nobody listens or the link is down.
 
         Raises:
             SessionClosed: The session is closed.
         """
-        self._session.attempt(lambda: self._raw.put(payload), f"cannot send on {self.key!r}")
+        self._session.attempt(lambda: self._raw.put(payload, attachment=attachment), f"cannot send on {self.key!r}")
         self._count += 1
 
     def close(self) -> None:

@@ -72,9 +72,7 @@ class NewestReceiver(Generic[T]):
     therefore never sees an old message, and never holds anybody up.
     """
 
-    def __init__(
-        self, session: Session, key: str, decode: Callable[[bytes], T], *, latched: bool = True
-    ) -> None:
+    def __init__(self, session: Session, key: str, decode: Callable[[bytes], T], *, latched: bool = True) -> None:
         """Subscribe.
 
         Args:
@@ -100,9 +98,7 @@ class NewestReceiver(Generic[T]):
 
     def _subscribe(self, latched: bool) -> tuple[Any, ...]:
         if latched:
-            return zenoh_api.declare_latched_subscriber(
-                self._session.raw, self.key, self._on_sample, self._on_miss
-            )
+            return zenoh_api.declare_latched_subscriber(self._session.raw, self.key, self._on_sample, self._on_miss)
         return (self._session.raw.declare_subscriber(self.key, zenoh_api.direct(self._on_sample)),)
 
     @property
@@ -159,13 +155,17 @@ class NewestReceiver(Generic[T]):
             slot = self._slot
         return None if slot is None else self._open(slot)
 
-    def wait_for(
-        self, predicate: Callable[[T], bool], timeout: float | None, *, after: int = 0
+    def wait_for(self, predicate: Callable[[T], bool], timeout: float | None) -> Received[T]:
+        """Wait for a newest message that `predicate` accepts; as `wait_until`, but of the message alone."""
+        return self.wait_until(lambda received: predicate(received.message), timeout)
+
+    def wait_until(
+        self, predicate: Callable[[Received[T]], bool], timeout: float | None, *, after: int = 0
     ) -> Received[T]:
         """Wait for a newest message that `predicate` accepts; samples that are no message are passed over.
 
         Args:
-            predicate: Called in this thread with each newest message.
+            predicate: Called in this thread with each newest message and its arrival.
             timeout: [s]; None waits without end. Ctrl-C works.
             after: Number of a sample; only later ones count.
 
@@ -187,7 +187,7 @@ class NewestReceiver(Generic[T]):
             except MessageError as error:
                 _LOG.warning("message on %s refused: %s", self.key, error)
                 continue
-            if predicate(received.message):
+            if predicate(received):
                 return received
 
     def _next(self, after: int, deadline: float | None) -> _Slot[T] | None:
@@ -214,9 +214,7 @@ class NewestReceiver(Generic[T]):
         if self._closed:
             raise SessionClosed(f"the receiver of {self.key!r} is closed")
         # A daemon: a callback that never returns must not keep the interpreter from ending.
-        thread = threading.Thread(
-            target=self._dispatch, args=(callback,), name=f"transport-{self.key}", daemon=True
-        )
+        thread = threading.Thread(target=self._dispatch, args=(callback,), name=f"transport-{self.key}", daemon=True)
         self._threads.append(thread)
         thread.start()
 
@@ -224,7 +222,7 @@ class NewestReceiver(Generic[T]):
         number = 0
         while True:
             try:
-                received = self.wait_for(lambda _: True, None, after=number)
+                received = self.wait_until(lambda _: True, None, after=number)
             except SessionClosed:
                 return
             number = received.number

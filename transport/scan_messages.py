@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from enum import IntEnum
 
-from transport.codec import decode, encode
+from transport.codec import decode, encode, make_time, read_time
 from transport.exceptions import MessageError
 from transport.parts import finite
 from transport.terrain_message import EXTENTS, MODES
@@ -43,9 +43,7 @@ class ScanRequest:
             MessageError: A field is not what the message allows.
         """
         if not 0 < len(self.id) <= MAXIMUM_ID:
-            raise MessageError(
-                f"id of the request has {len(self.id)} characters; allowed are 1 to {MAXIMUM_ID}"
-            )
+            raise MessageError(f"id of the request has {len(self.id)} characters; allowed are 1 to {MAXIMUM_ID}")
         if self.mode not in MODES:
             raise MessageError(f"mode is {self.mode!r}; allowed are {', '.join(map(repr, MODES))}")
         if finite(self.timeout, "timeout") <= 0.0:
@@ -63,6 +61,7 @@ class ScanReply:
         stripes_total: Stripes of the pattern.
         step: DONE: number of the pause.
         sequence: DONE: sequence of the terrain message, published before.
+        stamp: [ns] DONE: stamp of the terrain message.
         code: FAILED: short name of the cause.
         message: FAILED: the cause in words.
     """
@@ -73,6 +72,7 @@ class ScanReply:
     stripes_total: int = 0
     step: int = 0
     sequence: int = 0
+    stamp: int = 0
     code: str = ""
     message: str = ""
 
@@ -115,9 +115,7 @@ class QueryRequest:
         if self.region is None:
             return
         if len(self.region) != 4:
-            raise MessageError(
-                f"region has {len(self.region)} numbers; allowed are x_min, x_max, y_min, y_max"
-            )
+            raise MessageError(f"region has {len(self.region)} numbers; allowed are x_min, x_max, y_min, y_max")
         x_min, x_max, y_min, y_max = (finite(limit, "limit of the region") for limit in self.region)
         if x_min >= x_max or y_min >= y_max:
             raise MessageError(f"region {self.region} is empty; x_min < x_max and y_min < y_max are needed")
@@ -145,6 +143,7 @@ def encode_scan_reply(reply: ScanReply) -> bytes:
             stripes_total=reply.stripes_total,
             step=reply.step,
             sequence=reply.sequence,
+            stamp=make_time(reply.stamp),
             code=reply.code,
             message=reply.message,
         )
@@ -165,6 +164,7 @@ def decode_scan_reply(payload: bytes) -> ScanReply:
         stripes_total=message.stripes_total,
         step=message.step,
         sequence=message.sequence,
+        stamp=read_time(message.stamp),
         code=message.code,
         message=message.message,
     )

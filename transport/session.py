@@ -4,6 +4,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
 
@@ -14,8 +15,9 @@ from transport.configuration import (
     client_configuration,
     node_configuration,
 )
-from transport.exceptions import ConnectionFailed, SessionClosed, TransportError
+from transport.exceptions import ConfigurationError, ConnectionFailed, SessionClosed, TransportError
 from transport.exit_watcher import Closable
+from transport.security import configured_endpoints, load_configuration, role_folder
 
 _LOG = logging.getLogger(__name__)
 _PAUSE: Final = 0.1
@@ -143,8 +145,9 @@ class Session:
 
 def open_node(
     *,
-    listen: str | tuple[str, ...] = DEFAULT_ENDPOINT,
+    listen: str | tuple[str, ...] | None = None,
     connect: str | None = None,
+    security: str | Path | None = None,
     allow_insecure: bool = False,
     shared_memory: bool = True,
     timeout: float = 5.0,
@@ -152,38 +155,67 @@ def open_node(
     """Open the session of a node that publishes.
 
     Args:
-        listen: Endpoints that clients connect to; the node is the Zenoh router.
+        listen: Endpoints that clients connect to; the node is the Zenoh router. None takes this machine only,
+            or what the security folder says.
         connect: Endpoint of an external router; then the node listens nowhere.
+        security: Folder made by `guara security init`, or its folder `node`.
         allow_insecure: Listen beyond this machine without security.
         shared_memory: Let Zenoh pass large payloads through /dev/shm between processes of one machine.
         timeout: [s] to wait for an external router.
 
     Raises:
         ConfigurationError: An endpoint is not valid, or open to other machines without security.
+        SecurityError: The security folder is incomplete.
         ConnectionFailed: The port is taken, or the external router does not answer.
     """
     if connect is not None:
-        return open_client(connect, shared_memory=shared_memory, timeout=timeout)
-    endpoints = (listen,) if isinstance(listen, str) else tuple(listen)
-    check_exposure(endpoints, secured=False, allow_insecure=allow_insecure)
-    return listen_with(node_configuration(endpoints, shared_memory=shared_memory), endpoints)
+        return _open_client(connect, security, "node", shared_memory=shared_memory, timeout=timeout)
+    given = (listen,) if isinstance(listen, str) else tuple(listen or ())
+    if security is None:
+        endpoints = given or (DEFAULT_ENDPOINT,)
+        check_exposure(endpoints, allow_insecure=allow_insecure)
+        return listen_with(node_configuration(endpoints, shared_memory=shared_memory), endpoints)
+    folder = role_folder(security, "node")
+    configuration = load_configuration(folder, listen=given, shared_memory=shared_memory)
+    return listen_with(configuration, given or configured_endpoints(folder, "listen"))
 
 
 def open_client(
-    endpoint: str = DEFAULT_ENDPOINT, *, shared_memory: bool = True, timeout: float = 5.0
+    endpoint: str | None = None,
+    *,
+    security: str | Path | None = None,
+    shared_memory: bool = True,
+    timeout: float = 5.0,
 ) -> Session:
     """Open the session of a client: a planner, a viewer, the gait controller.
 
     Args:
-        endpoint: Where the node or the router listens.
+        endpoint: Where the node or the router listens. None takes the default on this machine, or what the
+            security folder says.
+        security: Folder of a role, such as `DIR/planner`, made by `guara security init`.
         shared_memory: Let Zenoh pass large payloads through /dev/shm between processes of one machine.
-        timeout: [s] to wait for the router; it is tried again until then.
+        timeout: [s] to wait for the router; it is tried again until then. Ctrl-C works.
 
     Raises:
-        ConfigurationError: The endpoint is not valid.
+        ConfigurationError: The endpoint is not valid, or not encrypted although a security folder is given.
+        SecurityError: The security folder is incomplete.
         ConnectionFailed: No connection within `timeout`; the text lists what to check.
     """
-    return connect_with(client_configuration(endpoint, shared_memory=shared_memory), (endpoint,), timeout)
+    return _open_client(endpoint, security, "planner", shared_memory=shared_memory, timeout=timeout)
+
+
+def _open_client(
+    endpoint: str | None, security: str | Path | None, role: str, *, shared_memory: bool, timeout: float
+) -> Session:
+    if security is None:
+        target = endpoint or DEFAULT_ENDPOINT
+        return connect_with(client_configuration(target, shared_memory=shared_memory), (target,), timeout)
+    folder = role_folder(security, role)
+    endpoints = (endpoint,) if endpoint is not None else configured_endpoints(folder, "connect")
+    if not endpoints:
+        raise ConfigurationError(f"{folder} names no router to connect to; give an endpoint, tls/host:port")
+    configuration = load_configuration(folder, connect=endpoints[0], shared_memory=shared_memory)
+    return connect_with(configuration, endpoints, timeout)
 
 
 def listen_with(configuration: Configuration, endpoints: tuple[str, ...]) -> Session:

@@ -3,12 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 
 from transport.codec import decode, encode, make_header, read_time
 from transport.exceptions import MessageError
 from transport.terrain_message import Health
 from transport.typestore import STATUS, message_class
+
+STATUS_NAME: Final = "transport"
+"""Name of the item that the transport itself adds; its values hold the number of the stance pause as `step`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -147,9 +147,7 @@ class TerrainMessage:
         check_name(self.robot)
         for name, allowed in (("extent", EXTENTS), ("mode", MODES), ("attitude_source", ATTITUDE_SOURCES)):
             if getattr(self, name) not in allowed:
-                raise MessageError(
-                    f"{name} is {getattr(self, name)!r}; allowed are {', '.join(map(repr, allowed))}"
-                )
+                raise MessageError(f"{name} is {getattr(self, name)!r}; allowed are {', '.join(map(repr, allowed))}")
         for name, bits in (("sequence", 64), ("valid_pauses", 32)):
             if not 0 <= getattr(self, name) < 2**bits:
                 raise MessageError(f"{name} is {getattr(self, name)}; allowed are 0 to 2^{bits} - 1")

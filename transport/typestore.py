@@ -55,9 +55,7 @@ def message_class(type_name: str) -> Any:
     known = typestore().types
     if type_name not in known:
         ours = ", ".join(message_files())
-        raise MessageError(
-            f"message type {type_name!r} is not known; known are the types of ROS 2 Jazzy and {ours}"
-        )
+        raise MessageError(f"message type {type_name!r} is not known; known are the types of ROS 2 Jazzy and {ours}")
     return known[type_name]
 
 

@@ -1,0 +1,90 @@
+"""Sends one query and hands over its replies one by one, with a deadline and an ear for the other side's death."""
+
+import queue
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from transport import zenoh_api
+from transport.session import Session
+
+GRACE: Final = 0.5
+"""[s] Beyond the caller's timeout, so that the answerer's own word about its deadline can still arrive."""
+
+_POLL: Final = 0.05
+"""[s] How often a waiting caller looks whether the other side still lives."""
+
+_ZENOH_TIMEOUT: Final = b"Timeout"
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """One thing that happened to a query.
+
+    Attributes:
+        payload: Payload of a reply, or None.
+        error: Payload of an error reply, or None.
+        timed_out: The deadline passed.
+        vanished: The other side died while the query was open.
+        ended: No more replies will come.
+    """
+
+    payload: bytes | None = None
+    error: bytes | None = None
+    timed_out: bool = False
+    vanished: bool = False
+    ended: bool = False
+
+
+def ask(
+    session: Session,
+    key: str,
+    payload: bytes,
+    timeout: float,
+    *,
+    is_alive: Callable[[], bool] | None = None,
+) -> Iterator[Answer]:
+    """Send a query and yield what comes back; the last answer is `ended`, `timed_out` or `vanished`.
+
+    Args:
+        session: Open session.
+        key: Of the queryable.
+        payload: Of the query.
+        timeout: [s] after which the caller no longer waits. Ctrl-C works.
+        is_alive: Tells whether the other side still lives; asked while waiting.
+
+    Raises:
+        SessionClosed: The session is closed.
+        TransportError: Zenoh refused the query.
+    """
+    answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
+
+    def on_reply(reply: bytes | None, error: bytes | None) -> None:
+        if error == _ZENOH_TIMEOUT:
+            answers.put(Answer(timed_out=True))
+        else:
+            answers.put(Answer(payload=reply, error=error))
+
+    deadline = time.monotonic() + timeout + GRACE
+    session.attempt(
+        lambda: zenoh_api.get_replies(
+            session.raw, key, payload, timeout + GRACE, on_reply, lambda: answers.put(Answer(ended=True))
+        ),
+        f"cannot ask {key!r}",
+    )
+    while True:
+        remaining = deadline - time.monotonic()
+        if remaining <= 0.0:
+            yield Answer(timed_out=True)
+            return
+        try:
+            answer = answers.get(timeout=min(_POLL, remaining))
+        except queue.Empty:
+            if is_alive is not None and not is_alive():
+                yield Answer(vanished=True)
+                return
+            continue
+        yield answer
+        if answer.ended or answer.timed_out:
+            return

@@ -1,0 +1,126 @@
+"""A certificate authority of one's own, and certificates that it signs, as PEM texts."""
+
+import datetime
+import ipaddress
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+AUTHORITY_DAYS: Final = 3650
+"""[days] A CA is replaced with the robot's security folder, not during its life."""
+
+CERTIFICATE_DAYS: Final = 825
+"""[days] The longest life that common TLS libraries accept for a certificate of a server."""
+
+
+@dataclass(frozen=True, slots=True)
+class Credentials:
+    """A certificate with its private key.
+
+    Attributes:
+        certificate: PEM text.
+        key: PEM text, not encrypted: keep it readable by its owner only.
+    """
+
+    certificate: bytes
+    key: bytes
+
+
+def _key_bytes(key: Any) -> bytes:
+    from cryptography.hazmat.primitives import serialization
+
+    data: bytes = key.private_bytes(
+        serialization.Encoding.PEM,
+        serialization.PrivateFormat.PKCS8,
+        serialization.NoEncryption(),
+    )
+    return data
+
+
+def _builder(common_name: str, issuer: Any, key: Any, days: int) -> Any:
+    from cryptography import x509
+    from cryptography.x509.oid import NameOID
+
+    now = datetime.datetime.now(datetime.UTC)
+    end = now + datetime.timedelta(days=days)
+    # An hour back, for a robot whose clock is a little behind.
+    begin = min(now, end) - datetime.timedelta(hours=1)
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
+    return (
+        x509.CertificateBuilder()
+        .subject_name(name)
+        .issuer_name(issuer or name)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(begin)
+        .not_valid_after(end)
+    )
+
+
+def make_authority(common_name: str) -> Credentials:
+    """A new CA: self-signed, P-256, good for signing certificates and nothing else."""
+    from cryptography import x509
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
+
+    key = ec.generate_private_key(ec.SECP256R1())
+    usage = x509.KeyUsage(
+        digital_signature=False,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        key_cert_sign=True,
+        crl_sign=True,
+        encipher_only=False,
+        decipher_only=False,
+    )
+    certificate = (
+        _builder(common_name, None, key, AUTHORITY_DAYS)
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .add_extension(usage, critical=True)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+        .sign(key, hashes.SHA256())
+    )
+    return Credentials(certificate.public_bytes(serialization.Encoding.PEM), _key_bytes(key))
+
+
+def make_certificate(
+    authority: Credentials, common_name: str, hosts: Sequence[str], *, days: int = CERTIFICATE_DAYS
+) -> Credentials:
+    """A certificate signed by `authority`, for both ends of a TLS connection.
+
+    Args:
+        authority: CA.
+        common_name: Role; the access rules go by it.
+        hosts: Names and addresses under which the owner can be reached.
+        days: [days] life from now; negative for one that has expired.
+    """
+    from cryptography import x509
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
+    from cryptography.x509.oid import ExtendedKeyUsageOID
+
+    signer: Any = serialization.load_pem_private_key(authority.key, password=None)
+    parent = x509.load_pem_x509_certificate(authority.certificate)
+    key = ec.generate_private_key(ec.SECP256R1())
+    names: list[x509.GeneralName] = []
+    for host in hosts:
+        try:
+            names.append(x509.IPAddress(ipaddress.ip_address(host)))
+        except ValueError:
+            names.append(x509.DNSName(host))
+    uses = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
+    builder = _builder(common_name, parent.subject, key, days)
+    certificate = (
+        builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(x509.SubjectAlternativeName(names), critical=False)
+        .add_extension(x509.ExtendedKeyUsage(uses), critical=False)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+        .add_extension(
+            x509.AuthorityKeyIdentifier.from_issuer_public_key(parent.public_key()),  # type: ignore[arg-type]
+            critical=False,
+        )
+        .sign(signer, hashes.SHA256())
+    )
+    return Credentials(certificate.public_bytes(serialization.Encoding.PEM), _key_bytes(key))

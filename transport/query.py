@@ -1,0 +1,119 @@
+"""Asks for the newest grid or a region of it, and answers such questions."""
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from transport import zenoh_api
+from transport.asking import ask
+from transport.crop import crop_terrain
+from transport.exceptions import MessageError, ReceiveTimeout, ScannerUnavailable, StaleTerrain, TransportError
+from transport.keys import DEFAULT_ROBOT, query_key
+from transport.outbox import MAXIMUM_PENDING, Outbox
+from transport.scan_messages import (
+    QueryRequest,
+    Refusal,
+    decode_query_request,
+    decode_refusal,
+    encode_query_request,
+    encode_refusal,
+)
+from transport.session import Session
+from transport.terrain_codec import decode_terrain, encode_terrain
+from transport.terrain_message import TerrainMessage
+
+Provider = Callable[[str], TerrainMessage | None]
+
+
+class QueryServer:
+    """Answers queries for the newest grid of one robot."""
+
+    def __init__(self, session: Session, provider: Provider, *, robot: str = DEFAULT_ROBOT) -> None:
+        """Declare the queryable; `provider(extent)` returns the newest message or None, and must be quick."""
+        self._provider = provider
+        self._session = session
+        self._key = query_key(robot)
+        self._lock = threading.Lock()
+        self._count = 0
+        self._closed = False
+        self._outbox = Outbox()
+        self._raw = session.attempt(
+            lambda: zenoh_api.declare_queryable(session.raw, self._key, self._on_query),
+            f"cannot serve {self._key!r}",
+        )
+        session.own(self)
+
+    def _on_query(self, query: Any) -> None:
+        with self._lock:
+            self._count += 1
+            if self._closed or self._outbox.pending >= MAXIMUM_PENDING:
+                query.drop()
+            else:
+                self._outbox.post(f"query {self._count}", lambda: self._answer(query))
+
+    def _answer(self, query: Any) -> None:
+        code, message = "", ""
+        try:
+            request = decode_query_request(query.payload.to_bytes() if query.payload is not None else b"")
+            terrain = self._provider(request.extent)
+            if terrain is None:
+                code, message = "no_terrain", f"there is no grid of extent {request.extent!r} yet"
+            else:
+                if request.region is not None:
+                    terrain = crop_terrain(terrain, request.region)
+                query.reply(self._key, encode_terrain(terrain))
+        except MessageError as error:
+            code, message = "bad_request", str(error)
+        if code:
+            query.reply_err(encode_refusal(Refusal(id="", code=code, message=message)))
+        query.drop()
+
+    def close(self) -> None:
+        """Stop answering; safe to call twice."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+        self._session.disown(self)
+        self._outbox.close()
+        if not self._session.raw_is_closed:
+            self._raw.undeclare()
+
+
+def query_terrain(
+    session: Session,
+    *,
+    robot: str = DEFAULT_ROBOT,
+    extent: str = "footprint",
+    region: tuple[float, float, float, float] | None = None,
+    timeout: float = 5.0,
+) -> TerrainMessage:
+    """Ask for the newest grid, or the cells that a region touches.
+
+    Args:
+        session: Open session.
+        robot: Instance name.
+        extent: "footprint" or "map".
+        region: [m] (x_min, x_max, y_min, y_max) in the frame of the grid; None for all of it.
+        timeout: [s]
+
+    Raises:
+        MessageError: The extent or the region is not allowed, or lies off the grid.
+        StaleTerrain: The node has no grid yet.
+        ScannerUnavailable: Nobody answers, or this side may not ask.
+        ReceiveTimeout: No answer in time.
+    """
+    request = QueryRequest(extent=extent, region=region)
+    for answer in ask(session, query_key(robot), encode_query_request(request), timeout):
+        if answer.payload is not None:
+            return decode_terrain(answer.payload)
+        if answer.error is not None:
+            refusal = decode_refusal(answer.error)
+            kinds: dict[str, type[TransportError]] = {"no_terrain": StaleTerrain, "bad_request": MessageError}
+            raise kinds.get(refusal.code, TransportError)(refusal.message)
+        if answer.timed_out:
+            raise ReceiveTimeout(f"no answer on {query_key(robot)!r} within {timeout:g} s")
+    raise ScannerUnavailable(
+        f"nobody answers on {query_key(robot)!r}: no node of robot {robot!r} runs, or this side may not ask "
+        f"(the role of its certificate)"
+    )

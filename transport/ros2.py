@@ -1,0 +1,122 @@
+"""Mirrors occupancy and grid map in the form that rmw_zenoh uses, so that ROS 2 nodes see them as topics."""
+
+import struct
+import threading
+import time
+from typing import Any, Final
+
+from transport.exceptions import ConfigurationError
+from transport.keys import DEFAULT_ROBOT, check_name
+from transport.liveliness import AliveToken
+from transport.publisher import Publisher
+from transport.session import Session
+from transport.typestore import GRID_MAP, OCCUPANCY, dds_type_name, type_hash
+from transport.xxh3 import xxh3_128
+
+NODE_NAME: Final = "guara_perception"
+"""Name of the node as ROS 2 tools show it."""
+
+QOS: Final = ":1:,1:,:,:,,"
+"""Reliable, transient local, keep last 1, everything else at its default."""
+
+MAXIMUM_DOMAIN: Final = 232
+"""Highest ROS domain id."""
+
+_NODE_ID: Final = 0
+_FIRST_ENTITY_ID: Final = 10
+
+
+def data_key(domain: int, topic: str, type_name: str) -> str:
+    """Key under which rmw_zenoh exchanges one topic; `topic` without the slash in front."""
+    return f"{domain}/{topic}/{dds_type_name(type_name)}/{type_hash(type_name)}"
+
+
+def node_token_key(domain: int, zenoh_id: str) -> str:
+    """Key of the liveliness token by which ROS 2 tools know this node."""
+    return f"@ros2_lv/{domain}/{zenoh_id}/{_NODE_ID}/{_NODE_ID}/NN/%/%/{NODE_NAME}"
+
+
+def publisher_token_key(domain: int, zenoh_id: str, entity_id: int, topic: str, type_name: str) -> str:
+    """Key of the liveliness token by which ROS 2 tools know one publisher; `topic` without slash in front."""
+    mangled = "%" + topic.replace("/", "%")
+    return (
+        f"@ros2_lv/{domain}/{zenoh_id}/{_NODE_ID}/{entity_id}/MP/%/%/{NODE_NAME}/{mangled}/"
+        f"{dds_type_name(type_name)}/{type_hash(type_name)}/{QOS}"
+    )
+
+
+def publisher_id(token_key: str) -> bytes:
+    """The 16 bytes that identify a publisher: the hash of its token's key, low half first."""
+    return struct.pack("<QQ", *xxh3_128(token_key.encode()))
+
+
+def make_attachment(sequence: int, stamp: int, identity: bytes) -> bytes:
+    """What rmw_zenoh wants beside each payload: sequence from 1, time [ns], length of the id, the id."""
+    return struct.pack("<qqB", sequence, stamp, len(identity)) + identity
+
+
+class _Topic:
+    """One topic: its publisher, token and count."""
+
+    def __init__(self, session: Session, domain: int, entity_id: int, topic: str, type_name: str) -> None:
+        token_key = publisher_token_key(domain, session.zenoh_id, entity_id, topic, type_name)
+        self._identity = publisher_id(token_key)
+        self._publisher = Publisher(session, data_key(domain, topic, type_name))
+        self._token = AliveToken(session, token_key)
+        self._lock = threading.Lock()
+        self._sequence = 0
+
+    def put(self, payload: bytes) -> None:
+        with self._lock:
+            self._sequence += 1
+            attachment = make_attachment(self._sequence, time.time_ns(), self._identity)
+            self._publisher.put(payload, attachment)
+
+    def close(self) -> None:
+        self._token.close()
+        self._publisher.close()
+
+
+class Ros2Mirror:
+    """Topics `/<robot>/occupancy` and `/<robot>/grid_map` for ROS 2 nodes that use rmw_zenoh.
+
+    The frame is the one of the messages (`base_footprint`); no TF is published.
+    """
+
+    def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT, domain: int = 0) -> None:
+        """Declare both topics.
+
+        Raises:
+            ConfigurationError: A domain that ROS 2 does not have.
+            KeyNameError: A name of a robot that no ROS 2 topic can have.
+        """
+        if not 0 <= domain <= MAXIMUM_DOMAIN:
+            raise ConfigurationError(f"ROS domain is {domain}; allowed are 0 to {MAXIMUM_DOMAIN}")
+        check_name(robot)
+        if "-" in robot or robot[0].isdigit():
+            raise ConfigurationError(
+                f"robot name {robot!r} cannot be part of a ROS 2 topic; use letters, digits and '_', no digit in front"
+            )
+        self._session = session
+        self._node = AliveToken(session, node_token_key(domain, session.zenoh_id))
+        topics: list[Any] = [("occupancy", OCCUPANCY), ("grid_map", GRID_MAP)]
+        self._topics = {
+            name: _Topic(session, domain, _FIRST_ENTITY_ID + i, f"{robot}/{name}", type_name)
+            for i, (name, type_name) in enumerate(topics)
+        }
+        session.own(self)
+
+    def put_occupancy(self, payload: bytes) -> None:
+        """Send the CDR payload of a nav_msgs/OccupancyGrid."""
+        self._topics["occupancy"].put(payload)
+
+    def put_grid_map(self, payload: bytes) -> None:
+        """Send the CDR payload of a grid_map_msgs/GridMap."""
+        self._topics["grid_map"].put(payload)
+
+    def close(self) -> None:
+        """Withdraw topics and node; safe to call twice."""
+        self._session.disown(self)
+        for topic in self._topics.values():
+            topic.close()
+        self._node.close()

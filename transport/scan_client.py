@@ -1,0 +1,110 @@
+"""The planner's side of a scan request: send it, follow it, and name what went wrong."""
+
+import uuid
+from collections.abc import Callable
+from typing import NoReturn
+
+from transport.asking import ask
+from transport.exceptions import (
+    MessageError,
+    ScanBusy,
+    ScanFailed,
+    ScannerGone,
+    ScannerUnavailable,
+    ScanTimeout,
+)
+from transport.keys import DEFAULT_ROBOT, scan_key
+from transport.scan_messages import (
+    Refusal,
+    ScanReply,
+    ScanRequest,
+    ScanState,
+    decode_refusal,
+    decode_scan_reply,
+    encode_scan_request,
+)
+from transport.session import Session
+
+
+def new_request_id() -> str:
+    """An id that no other request has."""
+    return uuid.uuid4().hex
+
+
+def request_scan(
+    session: Session,
+    *,
+    robot: str = DEFAULT_ROBOT,
+    mode: str = "standard",
+    timeout: float = 30.0,
+    request_id: str | None = None,
+    on_progress: Callable[[ScanReply], None] | None = None,
+    is_alive: Callable[[], bool] | None = None,
+) -> ScanReply:
+    """Ask for a scan and wait for its end.
+
+    Args:
+        session: Open session.
+        robot: Instance name.
+        mode: "coarse" or "standard".
+        timeout: [s] until the scan must be done. Ctrl-C works.
+        request_id: The same id again returns the same scan, not a second one; None makes a new id.
+        on_progress: Called in this thread with each reply that says how far the scan is.
+        is_alive: Tells whether the node still lives, to notice a hung one before the timeout.
+
+    Returns:
+        The DONE reply: its step and the sequence of the terrain message, which was published before.
+
+    Raises:
+        MessageError: The mode or the timeout is not allowed.
+        ScannerUnavailable: Nobody answers, or this side may not ask.
+        ScanBusy: The scanner works on another request.
+        ScanFailed: The scanner refused, or could not finish; `code` says why.
+        ScanTimeout: Not done in time.
+        ScannerGone: The scanner died while it worked.
+    """
+    request = ScanRequest(id=request_id or new_request_id(), mode=mode, timeout=timeout)
+    accepted = False
+    for answer in ask(session, scan_key(robot), encode_scan_request(request), timeout, is_alive=is_alive):
+        if answer.payload is not None:
+            reply = decode_scan_reply(answer.payload)
+            if reply.id != request.id:
+                raise MessageError(f"reply to request {reply.id!r}, but {request.id!r} was asked")
+            if reply.state is ScanState.DONE:
+                return reply
+            if reply.state is ScanState.FAILED:
+                _raise_failure(reply.code, reply.message, timeout)
+            accepted = True
+            if reply.state is ScanState.PROGRESS and on_progress is not None:
+                on_progress(reply)
+        elif answer.error is not None:
+            refusal = _read_refusal(answer.error)
+            _raise_failure(refusal.code, refusal.message, timeout)
+        elif answer.timed_out:
+            raise ScanTimeout(
+                f"scan not done within {timeout:g} s ({'it was accepted' if accepted else 'no answer at all'})"
+            )
+        elif accepted or answer.vanished:
+            raise ScannerGone(
+                f"the scanner of {robot!r} went away before the scan was done; its node died, hung or lost its link"
+            )
+    raise ScannerUnavailable(
+        f"no scanner answers on {scan_key(robot)!r}: no node of robot {robot!r} runs, or this side may not "
+        f"trigger scans (the role of its certificate)"
+    )
+
+
+def _read_refusal(payload: bytes) -> Refusal:
+    try:
+        return decode_refusal(payload)
+    except MessageError:
+        # Zenoh itself answers with plain text, for example when a queryable raised.
+        return Refusal(id="", code="failed", message=payload[:200].decode("utf-8", "replace"))
+
+
+def _raise_failure(code: str, message: str, timeout: float) -> NoReturn:
+    if code == "busy":
+        raise ScanBusy(message)
+    if code in ("timeout", "expired"):
+        raise ScanTimeout(f"scan not done within {timeout:g} s: {message}")
+    raise ScanFailed(f"scan failed ({code}): {message}", code)

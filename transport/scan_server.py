@@ -1,0 +1,236 @@
+"""The scanner's side of a scan request: at most one scan per request, and exactly one last word."""
+
+import logging
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Final
+
+from transport import zenoh_api
+from transport.exceptions import MessageError, ScanFailed
+from transport.keys import DEFAULT_ROBOT, scan_key
+from transport.outbox import MAXIMUM_PENDING, Outbox
+from transport.scan_messages import (
+    Refusal,
+    ScanReply,
+    ScanRequest,
+    ScanState,
+    decode_scan_request,
+    encode_refusal,
+    encode_scan_reply,
+)
+from transport.session import Session
+from transport.terrain_message import TerrainMessage
+
+_LOG = logging.getLogger(__name__)
+_REMEMBERED: Final = 32
+"""Finished requests whose result a repeated request gets."""
+_CLOSE_TIMEOUT: Final = 2.0
+"""[s] How long closing waits for the handler to give up."""
+
+
+class ScanJob:
+    """One accepted request, as the handler sees it."""
+
+    def __init__(self, request: ScanRequest, report: Callable[[int, int], None]) -> None:
+        """Made by the server."""
+        self.request = request
+        self.cancelled = threading.Event()
+        self._deadline = time.monotonic() + request.timeout
+        self._report = report
+
+    @property
+    def remaining(self) -> float:
+        """[s] until the deadline of the request; 0 when it has passed."""
+        return max(0.0, self._deadline - time.monotonic())
+
+    def progress(self, stripes_done: int, stripes_total: int) -> None:
+        """Tell the asker how far the scan is; returns at once."""
+        self._report(stripes_done, stripes_total)
+
+
+class _Work:
+    """A running request: its job, the queries to answer, and whether the last word was said."""
+
+    def __init__(self, job: ScanJob, queries: list[Any]) -> None:
+        self.job = job
+        self.queries = queries
+        self.last: ScanReply | None = None
+        self.progress = ScanReply(id=job.request.id, state=ScanState.ACCEPTED)
+
+
+Handler = Callable[[ScanJob], TerrainMessage]
+Admission = Callable[[ScanRequest], None]
+
+
+class ScanServer:
+    """Answers scan requests of one robot.
+
+    One request at a time is worked on. A repeated id joins the running scan or gets the result of the finished
+    one. When the deadline passes, the asker is told at once and `ScanJob.cancelled` is set.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        handler: Handler,
+        *,
+        robot: str = DEFAULT_ROBOT,
+        admission: Admission | None = None,
+    ) -> None:
+        """Declare the queryable.
+
+        Args:
+            session: Open session.
+            handler: Runs on a thread of its own; looks at `job.cancelled`, reports progress, and returns the
+                grid when it is sent. Raises ScanFailed (with a code) when it cannot.
+            robot: Instance name.
+            admission: Called before a request is accepted; raises ScanFailed with the code of the refusal, such
+                as "not_stationary".
+        """
+        self._handler = handler
+        self._admission = admission
+        self._session = session
+        self._key = scan_key(robot)
+        self._lock = threading.Lock()
+        self._work: _Work | None = None
+        self._thread: threading.Thread | None = None
+        self._finished: OrderedDict[str, ScanReply] = OrderedDict()
+        self._queries = 0
+        self._closed = False
+        self._outbox = Outbox()
+        self._raw = session.attempt(
+            lambda: zenoh_api.declare_queryable(session.raw, self._key, self._on_query),
+            f"cannot serve {self._key!r}",
+        )
+        session.own(self)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a scan is being worked on."""
+        return self._work is not None
+
+    def _on_query(self, query: Any) -> None:
+        # Zenoh's thread: only hand over. Everything that is sent goes through the outbox, in order.
+        with self._lock:
+            self._queries += 1
+            if self._closed or self._outbox.pending >= MAXIMUM_PENDING:
+                query.drop()
+            else:
+                self._outbox.post(f"query {self._queries}", lambda: self._admit(query))
+
+    def _refuse(self, query: Any, request_id: str, code: str, message: str) -> None:
+        query.reply_err(encode_refusal(Refusal(id=request_id, code=code, message=message)))
+        query.drop()
+
+    def _admit(self, query: Any) -> None:
+        try:
+            request = decode_scan_request(query.payload.to_bytes() if query.payload is not None else b"")
+        except MessageError as error:
+            self._refuse(query, "", "bad_request", str(error))
+            return
+        with self._lock:
+            known, work = self._finished.get(request.id), self._work
+            joins = work is not None and work.job.request.id == request.id and work.last is None
+            if joins and work is not None:
+                work.queries.append(query)
+        if known is not None:
+            self._send([query], known)
+        elif joins and work is not None:
+            query.reply(self._key, encode_scan_reply(work.progress))
+        elif work is not None:
+            self._refuse(query, request.id, "busy", "the scanner works on another request; ask again later")
+        else:
+            self._accept(query, request)
+
+    def _accept(self, query: Any, request: ScanRequest) -> None:
+        try:
+            if self._admission is not None:
+                self._admission(request)
+        except ScanFailed as error:
+            self._refuse(query, request.id, error.code, str(error))
+            return
+        work = _Work(ScanJob(request, lambda done, total: self._report(work, done, total)), [query])
+        query.reply(self._key, encode_scan_reply(work.progress))
+        with self._lock:
+            self._work = work
+            self._thread = threading.Thread(target=self._run, args=(work,), name="transport-scan", daemon=True)
+            self._thread.start()
+
+    def _report(self, work: _Work, done: int, total: int) -> None:
+        reply = replace(work.progress, state=ScanState.PROGRESS, stripes_done=done, stripes_total=total)
+        work.progress = reply
+        self._outbox.post(f"progress {reply.id}", lambda: self._send_progress(work, reply))
+
+    def _send_progress(self, work: _Work, reply: ScanReply) -> None:
+        if work.last is None:
+            for query in work.queries:
+                query.reply(self._key, encode_scan_reply(reply))
+
+    def _run(self, work: _Work) -> None:
+        job = work.job
+        timer = threading.Timer(job.remaining, self._expire, args=(work,))
+        timer.daemon = True
+        timer.start()
+        try:
+            grid = self._handler(job)
+            last = replace(
+                work.progress,
+                state=ScanState.DONE,
+                step=grid.step,
+                sequence=grid.sequence,
+                stamp=grid.stamp,
+            )
+        except ScanFailed as error:
+            last = replace(work.progress, state=ScanState.FAILED, code=error.code, message=str(error))
+        except Exception as error:
+            _LOG.exception("scan request %s failed", job.request.id)
+            last = replace(work.progress, state=ScanState.FAILED, code="internal", message=str(error))
+        finally:
+            timer.cancel()
+        self._finish(work, last, returned=True)
+
+    def _expire(self, work: _Work) -> None:
+        work.job.cancelled.set()
+        words = f"the deadline of {work.job.request.timeout:g} s passed before the scan was done"
+        self._finish(work, replace(work.progress, state=ScanState.FAILED, code="timeout", message=words))
+
+    def _finish(self, work: _Work, last: ScanReply, *, returned: bool = False) -> None:
+        with self._lock:
+            if returned:
+                # Free before the asker hears of the end, so that its next request is not called busy.
+                self._work = None
+            if work.last is not None or self._closed:
+                return
+            work.last = last
+            self._finished[last.id] = last
+            while len(self._finished) > _REMEMBERED:
+                self._finished.popitem(last=False)
+            queries, work.queries = work.queries, []
+            self._outbox.post(f"last {last.id}", lambda: self._send(queries, last))
+
+    def _send(self, queries: list[Any], reply: ScanReply) -> None:
+        payload = encode_scan_reply(reply)
+        for query in queries:
+            query.reply(self._key, payload)
+            query.drop()
+
+    def close(self) -> None:
+        """Stop taking requests, end a running one as failed, wait a moment for its handler; safe to call twice."""
+        work = self._work
+        if work is not None:
+            work.job.cancelled.set()
+            words = "the scanner shuts down"
+            self._finish(work, replace(work.progress, state=ScanState.FAILED, code="closed", message=words))
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+        self._session.disown(self)
+        self._outbox.close()
+        if not self._session.raw_is_closed:
+            self._raw.undeclare()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(_CLOSE_TIMEOUT)

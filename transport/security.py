@@ -1,0 +1,199 @@
+"""The security folder: a CA, and per role a folder with certificate, key and Zenoh configuration."""
+
+import json
+import os
+import shutil
+import socket
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from transport import zenoh_api
+from transport.access_rules import ROLES, access_control
+from transport.authority import make_authority, make_certificate
+from transport.configuration import LEASE_MS, check_endpoint, client_configuration, node_configuration
+from transport.exceptions import ConfigurationError, SecurityError
+from transport.keys import DEFAULT_ROBOT, check_name
+
+CONFIGURATION: Final = "zenoh.json5"
+"""Name of the Zenoh configuration in a role's folder."""
+
+DEFAULT_LISTEN: Final = "tls/0.0.0.0:7447"
+"""Where a secured node listens: on all of its networks, because nobody gets in without a certificate."""
+
+_TLS: Final = "transport/link/tls"
+_FILES: Final = (
+    "root_ca_certificate",
+    "listen_private_key",
+    "listen_certificate",
+    "connect_private_key",
+    "connect_certificate",
+)
+
+
+def _role_configuration(role: str, robot: str, listen: str, connect: str) -> dict[str, Any]:
+    files = {
+        "root_ca_certificate": "ca.pem",
+        "connect_private_key": f"{role}.key",
+        "connect_certificate": f"{role}.pem",
+    }
+    if role == "node":
+        configuration = node_configuration([listen])
+        files |= {"listen_private_key": f"{role}.key", "listen_certificate": f"{role}.pem"}
+        configuration["adminspace"] = {"enabled": False}
+        configuration["access_control"] = access_control(robot)
+    else:
+        configuration = client_configuration(connect)
+    tls = {**files, "enable_mtls": True, "close_link_on_expiration": True}
+    configuration["transport"]["link"] |= {"protocols": ["tls"], "tls": tls, "tx": {"lease": LEASE_MS}}
+    return configuration
+
+
+def _write(path: Path, data: bytes, *, private: bool = False) -> None:
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if private else 0o644)
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(data)
+
+
+def init_security(
+    folder: str | Path,
+    *,
+    robot: str = DEFAULT_ROBOT,
+    hosts: Sequence[str] = (),
+    listen: str = DEFAULT_LISTEN,
+) -> Path:
+    """Make a CA and the folders of all roles: `ca`, `node`, `gait`, `planner`, `viewer`.
+
+    Give each machine only the folders of its roles, and keep `ca` off the robot. The folder appears whole or
+    not at all.
+
+    Args:
+        folder: New folder.
+        robot: Instance name; the access rules hold for its keys.
+        hosts: Names and addresses by which clients reach the node, beside localhost and this machine's name.
+        listen: Where the node will listen.
+
+    Returns:
+        The folder.
+
+    Raises:
+        SecurityError: The folder exists and is not empty, or cannot be written.
+        ConfigurationError: `listen` is no TLS endpoint.
+    """
+    check_name(robot)
+    if not check_endpoint(listen).startswith("tls/"):
+        raise ConfigurationError(f"endpoint {listen!r} is not encrypted; write tls/host:port")
+    target = Path(folder)
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise SecurityError(f"{target} exists and is not empty; give a new folder, or remove it first")
+    own_hosts = list(dict.fromkeys([*hosts, "localhost", "127.0.0.1", "::1", socket.gethostname()]))
+    port = listen.rpartition(":")[2]
+    connect = f"tls/{hosts[0] if hosts else 'localhost'}:{port}"
+    authority = make_authority(f"{robot} CA")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        staging = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+    except OSError as error:
+        raise SecurityError(f"cannot write {target}: {error.strerror}") from error
+    try:
+        (staging / "ca").mkdir()
+        _write(staging / "ca" / "ca.pem", authority.certificate)
+        _write(staging / "ca" / "ca.key", authority.key, private=True)
+        for role in ROLES:
+            place = staging / role
+            place.mkdir()
+            credentials = make_certificate(authority, role, own_hosts if role == "node" else [role])
+            configuration = _role_configuration(role, robot, listen, connect)
+            _write(place / "ca.pem", authority.certificate)
+            _write(place / f"{role}.pem", credentials.certificate)
+            _write(place / f"{role}.key", credentials.key, private=True)
+            _write(place / CONFIGURATION, (json.dumps(configuration, indent=2) + "\n").encode())
+        if target.exists():
+            target.rmdir()
+        staging.rename(target)
+    except OSError as error:
+        shutil.rmtree(staging, ignore_errors=True)
+        raise SecurityError(f"cannot write {target}: {error.strerror}") from error
+    return target
+
+
+def role_folder(folder: str | Path, role: str) -> Path:
+    """The folder of one role, given itself or the folder that `init_security` made.
+
+    Raises:
+        SecurityError: There is no Zenoh configuration in either.
+    """
+    path = Path(folder)
+    for place in (path, path / role):
+        if (place / CONFIGURATION).is_file():
+            return place
+    raise SecurityError(
+        f"{path} holds no {CONFIGURATION}, nor does {path / role}; give the folder of a role, "
+        f"made by `guara security init`"
+    )
+
+
+def load_configuration(
+    folder: Path,
+    *,
+    listen: Sequence[str] = (),
+    connect: str | None = None,
+    shared_memory: bool = True,
+) -> str:
+    """The Zenoh configuration of a role's folder, with the paths of its files made absolute.
+
+    Args:
+        folder: Folder of a role.
+        listen: Endpoints instead of the configured ones.
+        connect: Endpoint instead of the configured one; a node then is a client of that router.
+        shared_memory: Let Zenoh pass large payloads through /dev/shm between processes of one machine.
+
+    Raises:
+        SecurityError: The configuration cannot be read, or a file that it names is missing.
+        ConfigurationError: An endpoint without encryption.
+    """
+    for endpoint in (*listen, *(() if connect is None else (connect,))):
+        if not check_endpoint(endpoint).startswith(("tls/", "quic/")):
+            raise ConfigurationError(
+                f"endpoint {endpoint!r} is not encrypted although a security folder is given; use tls/host:port"
+            )
+    try:
+        text = (folder / CONFIGURATION).read_text(encoding="utf-8")
+        values: dict[str, Any] = {}
+        for name in _FILES:
+            value = zenoh_api.configuration_value(text, f"{_TLS}/{name}")
+            if value is not None:
+                values[f"{_TLS}/{name}"] = str(_existing(folder, value))
+    except (OSError, ValueError, zenoh_api.zenoh_error()) as error:
+        raise SecurityError(f"cannot use {folder / CONFIGURATION}: {error}") from error
+    values["transport/shared_memory/enabled"] = shared_memory
+    if listen:
+        values["listen/endpoints"] = list(listen)
+    if connect is not None:
+        values |= {"connect/endpoints": [connect], "mode": "client", "connect/timeout_ms": 0}
+        values |= {"access_control/enabled": False, "listen/endpoints": []}
+    return zenoh_api.with_values(text, values)
+
+
+def _existing(folder: Path, name: str) -> Path:
+    path = (folder / name).resolve()
+    with path.open("rb"):
+        return path
+
+
+def configured_endpoints(folder: Path, kind: str) -> tuple[str, ...]:
+    """The endpoints of a role's folder; kind is "listen" or "connect".
+
+    Raises:
+        SecurityError: The configuration cannot be read.
+    """
+    try:
+        text = (folder / CONFIGURATION).read_text(encoding="utf-8")
+        found = zenoh_api.configuration_value(text, f"{kind}/endpoints")
+    except (OSError, ValueError, zenoh_api.zenoh_error()) as error:
+        raise SecurityError(f"cannot use {folder / CONFIGURATION}: {error}") from error
+    # Zenoh writes endpoints either as one list, or as one list per mode of a session.
+    if isinstance(found, dict):
+        found = [endpoint for endpoints in found.values() for endpoint in endpoints]
+    return tuple(found or ())

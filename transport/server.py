@@ -1,0 +1,204 @@
+"""The perception node's side of the transport, whole: grids, scan requests, queries, status, sign of life."""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from transport.codec import encode
+from transport.exceptions import MessageError
+from transport.grids import grid_map_message, occupancy_message
+from transport.keys import DEFAULT_ROBOT, alive_key, grid_map_key, occupancy_key, terrain_key
+from transport.liveliness import AliveToken
+from transport.outbox import Outbox
+from transport.publisher import Publisher
+from transport.query import QueryServer
+from transport.ros2 import Ros2Mirror
+from transport.scan_server import Admission, Handler, ScanJob, ScanServer
+from transport.session import Session
+from transport.status_message import STATUS_NAME, StatusItem
+from transport.status_reporter import StatusReporter
+from transport.terrain_codec import encode_terrain
+from transport.terrain_message import EXTENTS, LAYERS, Health, TerrainMessage
+
+GRID_MAP_LAYERS: Final = tuple(name for name, kind in LAYERS.items() if kind.dtype == np.float32)
+"""Layers of the GridMap: those of float32, the only type that it can hold."""
+
+_SEND_TIMEOUT: Final = 2.0
+"""[s] How long the last word of a scan request waits for its terrain message to be sent."""
+
+
+class PerceptionServer:
+    """Publishes for one robot; nothing here ever makes the scan thread wait.
+
+    Attributes:
+        robot: Instance name.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        *,
+        robot: str = DEFAULT_ROBOT,
+        collect_status: Callable[[], Sequence[StatusItem]] | None = None,
+        ros2_domain: int | None = None,
+    ) -> None:
+        """Declare all keys, show the token, start the status.
+
+        Args:
+            session: Open session of the node.
+            robot: Instance name.
+            collect_status: Further status items; runs once a second on the reporter's thread.
+            ros2_domain: Mirror occupancy and grid map for ROS 2 in this domain; None does not.
+        """
+        self.robot = robot
+        self._session = session
+        self._collect = collect_status
+        self._lock = threading.Lock()
+        self._newest: dict[str, TerrainMessage] = {}
+        self._sequences = dict.fromkeys(EXTENTS, 0)
+        self._step: int | None = None
+        self._times: list[float] = []
+        self._outbox = Outbox()
+        self._terrain = {extent: Publisher(session, terrain_key(robot, extent)) for extent in EXTENTS}
+        self._occupancy = Publisher(session, occupancy_key(robot))
+        self._grid_map = Publisher(session, grid_map_key(robot))
+        self._mirror = None if ros2_domain is None else Ros2Mirror(session, robot=robot, domain=ros2_domain)
+        self._queries = QueryServer(session, self._newest.get, robot=robot)
+        self._scans: ScanServer | None = None
+        self._token = AliveToken(session, alive_key(robot))
+        self._status = StatusReporter(session, self._items, robot=robot)
+        session.own(self)
+
+    def next_sequence(self, extent: str) -> int:
+        """The sequence number that the next message of one extent must carry; each call gives a new one.
+
+        Raises:
+            MessageError: Unknown extent.
+        """
+        if extent not in self._sequences:
+            raise MessageError(f"extent is {extent!r}; allowed are {', '.join(map(repr, EXTENTS))}")
+        with self._lock:
+            self._sequences[extent] += 1
+            return self._sequences[extent]
+
+    def publish(self, terrain: TerrainMessage, *, occupancy: npt.NDArray[np.int8] | None = None) -> None:
+        """Hand over one grid; returns at once, encoding and sending happen on the outbox thread.
+
+        The Terrain message goes first, then what is derived from it.
+
+        Args:
+            terrain: Grid of either extent.
+            occupancy: (ny, nx) int8 of the same grid; with it, and for extent "footprint", the OccupancyGrid
+                and the GridMap are published too.
+
+        Raises:
+            MessageError: The occupancy has another shape, or the grid another robot's name.
+            SessionClosed: The session is closed.
+        """
+        if terrain.robot != self.robot:
+            raise MessageError(f"grid of robot {terrain.robot!r} given to the node of {self.robot!r}")
+        if occupancy is not None and occupancy.shape != terrain.shape:
+            raise MessageError(f"occupancy has shape {occupancy.shape}; the grid has {terrain.shape}")
+        publisher = self._terrain[terrain.extent]
+        with self._lock:
+            self._newest[terrain.extent] = terrain
+            self._step = terrain.step if self._step is None else max(self._step, terrain.step)
+            self._times = [*self._times[-9:], time.monotonic()]
+        self._outbox.post(publisher.key, lambda: publisher.put(encode_terrain(terrain)))
+        if occupancy is not None and terrain.extent == "footprint":
+            self._post_derived(terrain, occupancy)
+        self._status.changed()
+
+    def _post_derived(self, terrain: TerrainMessage, occupancy: npt.NDArray[np.int8]) -> None:
+        geometry = (terrain.resolution, terrain.origin, terrain.frame_id, terrain.stamp)
+
+        def send_occupancy() -> None:
+            payload = encode(occupancy_message(occupancy, *geometry))
+            self._occupancy.put(payload)
+            if self._mirror is not None:
+                self._mirror.put_occupancy(payload)
+
+        def send_grid_map() -> None:
+            layers = {name: terrain.layers[name] for name in GRID_MAP_LAYERS}
+            payload = encode(grid_map_message(layers, *geometry))
+            self._grid_map.put(payload)
+            if self._mirror is not None:
+                self._mirror.put_grid_map(payload)
+
+        self._outbox.post(self._occupancy.key, send_occupancy)
+        self._outbox.post(self._grid_map.key, send_grid_map)
+
+    def flush(self, timeout: float = _SEND_TIMEOUT) -> None:
+        """Wait until all grids are sent; ReceiveTimeout when that takes longer than `timeout` [s]."""
+        self._outbox.flush(timeout)
+
+    def serve_scans(self, handler: Handler, *, admission: Admission | None = None) -> None:
+        """Answer scan requests; see `ScanServer`. The grid that the handler published is sent before "done".
+
+        Raises:
+            SessionClosed: The session is closed.
+        """
+
+        def run(job: ScanJob) -> TerrainMessage:
+            terrain = handler(job)
+            self.flush()
+            return terrain
+
+        self._scans = ScanServer(self._session, run, robot=self.robot, admission=admission)
+
+    def begin_step(self, step: int) -> None:
+        """Say which stance pause it is now, so that receivers know how many pauses old a grid is."""
+        with self._lock:
+            self._step = step
+        self._status.changed()
+
+    def status_changed(self) -> None:
+        """Send the status now; returns at once."""
+        self._status.changed()
+
+    def _items(self) -> list[StatusItem]:
+        with self._lock:
+            newest = self._newest.get("footprint")
+            step, times = self._step, list(self._times)
+        span = times[-1] - times[0] if len(times) > 1 else 0.0
+        failed = self._outbox.failed
+        values: dict[str, Any] = {
+            "step": "" if step is None else step,
+            "last_scan_step": "" if newest is None else newest.step,
+            "last_scan_sequence": "" if newest is None else newest.sequence,
+            "last_scan_age_s": f"{time.monotonic() - times[-1]:.1f}" if times else "",
+            "grids_per_s": f"{(len(times) - 1) / span:.2f}" if span > 0.0 else "0",
+            "links": len(self._session.links()),
+            "published": sum(publisher.count for publisher in self._terrain.values()),
+            "superseded": self._outbox.superseded,
+            "failed": failed,
+            "longest_put_ms": f"{1000.0 * self._outbox.longest:.1f}",
+            "scanning": "" if self._scans is None else str(self._scans.is_busy).lower(),
+        }
+        words = f"{failed} messages failed, last: {self._outbox.last_error}" if failed else "publishing"
+        own = StatusItem(
+            name=STATUS_NAME,
+            level=Health.WARN if failed else Health.OK,
+            message=words,
+            hardware_id=self.robot,
+            values=values,
+        )
+        try:
+            further = [] if self._collect is None else list(self._collect())
+        except Exception as error:
+            further = [StatusItem(name="status", level=Health.ERROR, message=f"not collected: {error}")]
+        return [own, *further]
+
+    def close(self) -> None:
+        """Send what waits, withdraw the token and all keys; safe to call twice."""
+        self._session.disown(self)
+        self._outbox.close()
+        parts: list[Any] = [self._status, self._token, self._scans, self._queries, self._mirror]
+        parts += [*self._terrain.values(), self._occupancy, self._grid_map]
+        for part in parts:
+            if part is not None:
+                part.close()

@@ -1,0 +1,63 @@
+"""Stance pauses between the gait controller, which announces them, and whoever follows them."""
+
+from collections.abc import Callable
+
+from transport.keys import DEFAULT_ROBOT, stance_key
+from transport.outbox import Outbox
+from transport.publisher import Publisher
+from transport.receiver import NewestReceiver
+from transport.session import Session
+from transport.stance_pause import StancePause, decode_stance_pause, encode_stance_pause
+
+
+class StancePublisher:
+    """The gait controller's side: announces begin and end of each pause, without ever waiting for a receiver."""
+
+    def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT) -> None:
+        """Declare the key; who starts within a pause still gets its begin."""
+        self._publisher = Publisher(session, stance_key(robot), latched=True)
+        self._outbox = Outbox()
+        self._session = session
+        self._count = 0
+        session.own(self)
+
+    def publish(self, pause: StancePause) -> None:
+        """Announce one end of a pause; returns at once. Begin and end are both sent, in order.
+
+        Raises:
+            SessionClosed: The session is closed.
+        """
+        self._count += 1
+        self._outbox.post(f"{self._publisher.key} {self._count}", lambda: self._send(pause))
+
+    def _send(self, pause: StancePause) -> None:
+        self._publisher.put(encode_stance_pause(pause))
+
+    def flush(self, timeout: float) -> None:
+        """Wait until all is sent; ReceiveTimeout when that takes longer than `timeout` [s]."""
+        self._outbox.flush(timeout)
+
+    def close(self) -> None:
+        """Send what waits and stop; safe to call twice."""
+        self._session.disown(self)
+        self._outbox.close()
+        self._publisher.close()
+
+
+class StanceReceiver(NewestReceiver[StancePause]):
+    """Follows the stance pauses of one robot; the newest announcement counts.
+
+    When a begin and an end come quickly after one another only the end may be seen: the pause is over.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        *,
+        robot: str = DEFAULT_ROBOT,
+        on_pause: Callable[[StancePause], None] | None = None,
+    ) -> None:
+        """Subscribe; `on_pause` is called with each newest announcement on a thread of its own."""
+        super().__init__(session, stance_key(robot), decode_stance_pause)
+        if on_pause is not None:
+            self.on_newest(lambda received: on_pause(received.message))

@@ -1,0 +1,67 @@
+"""Publishes the status of a node once a second and whenever it changes."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from transport.exceptions import TransportError
+from transport.keys import DEFAULT_ROBOT, status_key
+from transport.publisher import Publisher
+from transport.session import Session
+from transport.status_message import Status, StatusItem, encode_status
+
+_LOG = logging.getLogger(__name__)
+PERIOD: Final = 1.0
+"""[s] Between two messages without change."""
+_CLOSE_TIMEOUT: Final = 2.0
+
+
+class StatusReporter:
+    """Sends what `collect` returns, on a thread of its own."""
+
+    def __init__(
+        self,
+        session: Session,
+        collect: Callable[[], Sequence[StatusItem]],
+        *,
+        robot: str = DEFAULT_ROBOT,
+        period: float = PERIOD,
+    ) -> None:
+        """Start reporting; `collect` runs on the reporter's thread and must be quick."""
+        self._collect = collect
+        self._period = period
+        self._publisher = Publisher(session, status_key(robot), latched=False)
+        self._session = session
+        self._wake = threading.Event()
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, name="transport-status", daemon=True)
+        self._thread.start()
+        session.own(self)
+
+    def changed(self) -> None:
+        """Report now; returns at once."""
+        self._wake.set()
+
+    def _run(self) -> None:
+        while not self._closed:
+            self._wake.clear()
+            try:
+                status = Status(stamp=time.time_ns(), items=tuple(self._collect()))
+                self._publisher.put(encode_status(status))
+            except TransportError as error:
+                if not self._closed:
+                    _LOG.error("status was not sent: %s", error)
+            except Exception:
+                _LOG.exception("collecting the status failed")
+            self._wake.wait(self._period)
+
+    def close(self) -> None:
+        """End the thread; safe to call twice."""
+        self._closed = True
+        self._wake.set()
+        self._session.disown(self)
+        if self._thread is not threading.current_thread():
+            self._thread.join(_CLOSE_TIMEOUT)
+        self._publisher.close()
