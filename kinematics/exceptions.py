@@ -20,7 +20,7 @@ class RobotFileError(KinematicsError, ValueError):
 
 
 class UnknownName(KinematicsError, KeyError):
-    """A name of a frame, joint, leg or posture that the robot does not have; the message lists those it has."""
+    """A frame, joint, leg or posture that the robot does not have; the message lists those it has."""
 
 
 class JointPositionError(KinematicsError, ValueError):
@@ -37,6 +37,10 @@ class ArgumentError(KinematicsError, ValueError):
 
 class CameraMoved(KinematicsError, RuntimeError):
     """The camera moved between the begin and the end of a scan by more than robot.toml allows."""
+
+
+class OdometryLost(KinematicsError, RuntimeError):
+    """Too few feet stayed between two pauses to tell how the body moved."""
 
 
 class JointLimitWarning(UserWarning):

@@ -79,6 +79,5 @@ def compose_covariance(
     by_outer[:3, 3:] = -skew(rotation @ transform_source_to_middle[:3, 3])
     by_inner[:3, :3] = by_inner[3:, 3:] = rotation
     return np.asarray(
-        by_outer @ covariance_middle_to_destination @ by_outer.T
-        + by_inner @ covariance_source_to_middle @ by_inner.T
+        by_outer @ covariance_middle_to_destination @ by_outer.T + by_inner @ covariance_source_to_middle @ by_inner.T
     )

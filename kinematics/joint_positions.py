@@ -33,9 +33,7 @@ def checked_positions(
                 raise unknown_name("joint", name, names)
         missing = [name for name in names if name not in joint_positions]
         if missing:
-            raise JointPositionError(
-                f"no position for {', '.join(missing)}; all {len(names)} joints are needed"
-            )
+            raise JointPositionError(f"no position for {', '.join(missing)}; all {len(names)} joints are needed")
         values: npt.ArrayLike = [joint_positions[name] for name in names]
     else:
         values = joint_positions
@@ -45,8 +43,7 @@ def checked_positions(
         raise JointPositionError(f"joint positions are not numbers: {values!r}") from None
     if positions.shape != (len(names),):
         raise JointPositionError(
-            f"joint positions have shape {positions.shape}; ({len(names)},) is needed, in the order "
-            f"{', '.join(names)}"
+            f"joint positions have shape {positions.shape}; ({len(names)},) is needed, in the order {', '.join(names)}"
         )
     for name, value in zip(names, positions, strict=True):
         if not np.isfinite(value):
@@ -62,9 +59,7 @@ def beyond_limits(tree: KinematicTree, positions: npt.NDArray[np.float64]) -> di
     """
     beyond: dict[str, float] = {}
     lower, upper = tree.lower_limits, tree.upper_limits
-    for index in np.flatnonzero(
-        (positions < lower - _LIMIT_TOLERANCE) | (positions > upper + _LIMIT_TOLERANCE)
-    ):
+    for index in np.flatnonzero((positions < lower - _LIMIT_TOLERANCE) | (positions > upper + _LIMIT_TOLERANCE)):
         name, value = tree.joint_names[index], positions[index]
         beyond[name] = float(max(lower[index] - value, value - upper[index]))
         warnings.warn(

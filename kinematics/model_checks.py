@@ -110,13 +110,11 @@ def _check_mirrors(tree: KinematicTree) -> None:
     for name, leg in tree.legs.items():
         image = hips[name] * (1.0, -1.0, 1.0)
         twins = [
-            other
-            for other, hip in hips.items()
-            if other != name and np.allclose(hip, image, atol=_MIRROR_TOLERANCE)
+            other for other, hip in hips.items() if other != name and np.allclose(hip, image, atol=_MIRROR_TOLERANCE)
         ]
         if len(twins) != 1:
             raise RobotFileError(
-                f"[legs.{name}]: its hip is at {_text(hips[name])}, and no leg has its hip at the mirror image "
+                f"[legs.{name}]: its hip is at {_text(hips[name])}; no leg has its hip at the mirror image "
                 f"{_text(image)}"
             )
         _check_twins(tree, leg, tree.legs[twins[0]])
@@ -152,17 +150,13 @@ def _check_twins(tree: KinematicTree, leg: LegConfig, twin: LegConfig) -> None:
         if (first.mass or 0.0) != (second.mass or 0.0) or not np.allclose(
             mirror @ first.inertia @ mirror, second.inertia, rtol=1e-6, atol=0.0
         ):
-            raise RobotFileError(
-                f"links {first.name!r} and {second.name!r} are no mirror images: mass or inertia"
-            )
+            raise RobotFileError(f"links {first.name!r} and {second.name!r} are no mirror images: mass or inertia")
         if [shape.size for shape in first.shapes] != [shape.size for shape in second.shapes]:
-            raise RobotFileError(
-                f"links {first.name!r} and {second.name!r} are no mirror images: collision shapes"
-            )
+            raise RobotFileError(f"links {first.name!r} and {second.name!r} are no mirror images: collision shapes")
 
 
 def _check_limits(a: Joint, b: Joint, mirror: Array, pair: str) -> None:
-    # A mirror keeps the sense of a turn about an axis across it and reverses other turns; a slide just mirrors.
+    # A mirror keeps the sense of turns about an axis across it and reverses others; a slide just mirrors.
     image = mirror @ a.axis if a.kind == "prismatic" else -mirror @ a.axis
     sense = float(image @ b.axis)
     limits = (a.lower, a.upper) if sense > 0.0 else (-a.upper, -a.lower)
@@ -181,21 +175,15 @@ def _check_posture(tree: KinematicTree, config: PostureConfig, posture: Posture)
             tree.upper_limits[index],
         )
         if not lower <= value <= upper:
-            raise RobotFileError(
-                f"joint {joint!r} is at {value:g}, outside its limits {lower:g} ... {upper:g}"
-            )
+            raise RobotFileError(f"joint {joint!r} is at {value:g}, outside its limits {lower:g} ... {upper:g}")
     state = RobotState(tree, posture.joint_positions)
     soles = state.soles_in_base()
     floor = float(soles[:, 2].mean())
     for leg, sole in zip(tree.legs, soles, strict=True):
         if abs(sole[2] - floor) > _HEIGHT_TOLERANCE:
-            raise RobotFileError(
-                f"the sole of {leg!r} is {1e3 * (sole[2] - floor):+.1f} mm off the plane of all soles"
-            )
+            raise RobotFileError(f"the sole of {leg!r} is {1e3 * (sole[2] - floor):+.1f} mm off the plane of all soles")
     for name, leg_config in tree.legs.items():
-        _compare(
-            f"hip_height of {name!r}", state.position_in_base(leg_config.hip)[2] - floor, config.hip_height
-        )
+        _compare(f"hip_height of {name!r}", state.position_in_base(leg_config.hip)[2] - floor, config.hip_height)
     camera = state.position_in_base(tree.config.camera_frame)[2] - floor
     _compare("camera_height", camera, config.camera_height)
     if posture.root is not None:

@@ -82,9 +82,7 @@ def read_robot_toml(path: Path) -> RobotToml:
         root=root,
     )
     if len(config.legs) < 3:
-        raise RobotFileError(
-            f"{path}: {len(config.legs)} tables [legs.<name>]; a support plane needs three legs"
-        )
+        raise RobotFileError(f"{path}: {len(config.legs)} tables [legs.<name>]; a support plane needs three legs")
     if config.scan_posture not in [posture.name for posture in config.postures]:
         raise root.refuse("scan_posture", "the name of a table [postures.<name>]")
     _check_joints_once(config)
@@ -99,9 +97,7 @@ def _leg(name: str, table: Table) -> LegConfig:
 
 
 def _posture(name: str, table: Table) -> PostureConfig:
-    return PostureConfig(
-        name, table.number("hip_height", above=0.0), table.number("camera_height", above=0.0)
-    )
+    return PostureConfig(name, table.number("hip_height", above=0.0), table.number("camera_height", above=0.0))
 
 
 def _check_joints_once(config: RobotToml) -> None:

@@ -81,9 +81,7 @@ def _posture(state: Element, urdf: Urdf) -> Posture:
             root = values
             continue
         if joint not in moving:
-            raise RobotFileError(
-                f"{place}: unknown joint {joint!r}; {urdf.path.name} has: {', '.join(moving)}"
-            )
+            raise RobotFileError(f"{place}: unknown joint {joint!r}; {urdf.path.name} has: {', '.join(moving)}")
         if joint in positions or len(values) != 1:
             raise RobotFileError(f"{place}: joint {joint!r} needs one value, once")
         positions[joint] = values[0]

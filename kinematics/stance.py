@@ -59,9 +59,7 @@ class Stance:
                 raise StanceError(f"{field}.{key} is missing; a stance has the fields {', '.join(_FIELDS)}")
         for key in mapping:
             if key not in _FIELDS:
-                raise StanceError(
-                    f"{field}.{key}: unknown field; a stance has the fields {', '.join(_FIELDS)}"
-                )
+                raise StanceError(f"{field}.{key}: unknown field; a stance has the fields {', '.join(_FIELDS)}")
         try:
             return cls(
                 mapping["joint_positions"],  # type: ignore[arg-type]
@@ -95,9 +93,7 @@ def _checked_joints(joints: object) -> Mapping[str, float]:
     for name in joints:
         if not isinstance(name, str):
             raise StanceError(f"joint_positions: {name!r} is not a joint name")
-    return MappingProxyType(
-        {name: _number(value, f"joint_positions.{name}") for name, value in joints.items()}
-    )
+    return MappingProxyType({name: _number(value, f"joint_positions.{name}") for name, value in joints.items()})
 
 
 def _checked_feet(feet: object) -> tuple[str, ...]:
@@ -108,9 +104,7 @@ def _checked_feet(feet: object) -> tuple[str, ...]:
         if not isinstance(name, str):
             raise StanceError(f"support_feet: {name!r} is not a leg name")
         if names.count(name) > 1:
-            raise StanceError(
-                f"support_feet: {name!r} is named {names.count(name)} times; name each foot once"
-            )
+            raise StanceError(f"support_feet: {name!r} is named {names.count(name)} times; name each foot once")
     return names
 
 

@@ -188,9 +188,7 @@ def stance_pose(
     else:
         camera = checked_transform(transform_camera_to_base, "transform_camera_to_base")
     mount = (
-        np.zeros((6, 6))
-        if camera_covariance is None
-        else checked_covariance(camera_covariance, "camera_covariance")
+        np.zeros((6, 6)) if camera_covariance is None else checked_covariance(camera_covariance, "camera_covariance")
     )
     return StancePose(
         transform_base_to_footprint=read_only(transform),
@@ -221,13 +219,9 @@ def _vertical(
 ) -> tuple[str, Array | None, float]:
     """Source, unit vertical (None: take the support plane's normal) and its sigma [rad]."""
     if attitude is None:
-        attitude = (
-            "imu" if gravity_in_base is not None else "odometry" if odometry is not None else "support_plane"
-        )
+        attitude = "imu" if gravity_in_base is not None else "odometry" if odometry is not None else "support_plane"
     if attitude not in ATTITUDE_SOURCES:
-        raise ArgumentError(
-            f"attitude is {attitude!r}; allowed: {', '.join(ATTITUDE_SOURCES)}, or None for the best"
-        )
+        raise ArgumentError(f"attitude is {attitude!r}; allowed: {', '.join(ATTITUDE_SOURCES)}, or None for the best")
     if attitude == "imu":
         if gravity_in_base is None:
             raise StanceError("attitude 'imu' was asked for, but the stance has no gravity_in_base")

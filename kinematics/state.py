@@ -11,7 +11,7 @@ from kinematics.tree import Array, KinematicTree, read_only
 
 
 class RobotState:
-    """Where every link of the robot is, for one set of joint positions; immutable, made by `RobotModel.state`.
+    """Where every link of the robot is, for one set of joint positions; immutable.
 
     Args:
         tree: the robot's kinematic tree.
@@ -35,9 +35,7 @@ class RobotState:
         self.positions = read_only(checked_positions(tree, joint_positions))
         self.beyond_limits: Mapping[str, float] = MappingProxyType(beyond_limits(tree, self.positions))
         self._data = tree.pinocchio_model.createData()
-        pinocchio.framesForwardKinematics(
-            tree.pinocchio_model, self._data, tree.configuration(self.positions)
-        )
+        pinocchio.framesForwardKinematics(tree.pinocchio_model, self._data, tree.configuration(self.positions))
         pinocchio.computeJointJacobians(tree.pinocchio_model, self._data)
 
     @property
@@ -90,6 +88,4 @@ class RobotState:
 
         # On data of its own: that of this state stays as forward kinematics left it.
         model = self.tree.pinocchio_model
-        return read_only(
-            pinocchio.centerOfMass(model, model.createData(), self.tree.configuration(self.positions))
-        )
+        return read_only(pinocchio.centerOfMass(model, model.createData(), self.tree.configuration(self.positions)))

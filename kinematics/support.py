@@ -8,7 +8,7 @@ from kinematics.exceptions import StanceError
 from kinematics.tree import Array, read_only
 
 _LEAST_WIDTH = 0.010
-"""Soles that spread less than this across their line [m, rms] span no plane: 1 mm would tilt it by 6 degrees."""
+"""Soles spread less than this across their line [m, rms] span no plane: 1 mm would tilt it 6 degrees."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -33,9 +33,7 @@ class Table:
 
     def refuse(self, key: str, needed: str) -> RobotFileError:
         """The error that says what was given for a key and what is needed."""
-        return RobotFileError(
-            f"{self.path}: {self._place(key)} is {self.values.get(key)!r}; {needed} is needed"
-        )
+        return RobotFileError(f"{self.path}: {self._place(key)} is {self.values.get(key)!r}; {needed} is needed")
 
     def number(self, key: str, *, above: float = -math.inf) -> float:
         """A finite number greater than `above`."""
@@ -73,9 +71,7 @@ class Table:
         if not isinstance(value, list) or len(value) != 2:
             raise self.refuse(key, "a list of two numbers")
         if not all(_is_number(item) and item > above for item in value):
-            raise self.refuse(
-                key, "a list of two numbers" + (f" above {above:g}" if above > -math.inf else "")
-            )
+            raise self.refuse(key, "a list of two numbers" + (f" above {above:g}" if above > -math.inf else ""))
         return (float(value[0]), float(value[1]))
 
     def table(self, key: str) -> "Table":

@@ -60,14 +60,10 @@ class KinematicTree:
         self.lower_limits = read_only([moving[name].lower for name in self.joint_names])
         self.upper_limits = read_only([moving[name].upper for name in self.joint_names])
         try:
-            self.pinocchio_model: Any = pinocchio.buildModelFromXML(
-                urdf.text, pinocchio.JointModelFreeFlyer()
-            )
+            self.pinocchio_model: Any = pinocchio.buildModelFromXML(urdf.text, pinocchio.JointModelFreeFlyer())
         except (ValueError, RuntimeError) as error:
             raise RobotFileError(f"{urdf.path}: Pinocchio refuses it: {error}") from error
-        joints = [
-            self.pinocchio_model.joints[self.pinocchio_model.getJointId(name)] for name in self.joint_names
-        ]
+        joints = [self.pinocchio_model.joints[self.pinocchio_model.getJointId(name)] for name in self.joint_names]
         self._position_indices = np.array([joint.idx_q for joint in joints])
         self.velocity_indices = np.array([joint.idx_v for joint in joints])
         self._neutral = pinocchio.neutral(self.pinocchio_model)

@@ -84,9 +84,7 @@ def _hangs(feet: FourFeet, row: int, sigmas: float) -> bool:
         np.vstack([others[:, :2].T, np.ones(3)]), np.append((feet.soles[row] - gap * normal)[:2], 1.0)
     )
     variance = normal @ feet.covariances[row] @ normal
-    variance += sum(
-        w * w * (normal @ c @ normal) for w, c in zip(weights, _others(feet.covariances, row), strict=True)
-    )
+    variance += sum(w * w * (normal @ c @ normal) for w, c in zip(weights, _others(feet.covariances, row), strict=True))
     return bool(gap > sigmas * np.sqrt(variance))
 
 

@@ -124,15 +124,12 @@ def _check_words(element: Element, place: str) -> None:
     for attribute in element.attrib:
         if allowed is not None and attribute not in allowed:
             raise RobotFileError(
-                f"{place}: attribute {attribute!r} of <{element.tag}> is unknown; "
-                f"allowed: {', '.join(sorted(allowed))}"
+                f"{place}: attribute {attribute!r} of <{element.tag}> is unknown; allowed: {', '.join(sorted(allowed))}"
             )
     for child in element:
         if child.tag not in _CHILDREN.get(element.tag, set()):
             names = ", ".join(sorted(_CHILDREN.get(element.tag, set()))) or "none"
-            raise RobotFileError(
-                f"{place}: element <{child.tag}> is not allowed in <{element.tag}>; allowed: {names}"
-            )
+            raise RobotFileError(f"{place}: element <{child.tag}> is not allowed in <{element.tag}>; allowed: {names}")
         if child.tag not in _UNREAD:
             named = child.tag in ("link", "joint")
             _check_words(child, f"{child.tag} {child.get('name')!r}" if named else place)
@@ -180,9 +177,7 @@ def _origin(element: Element, place: str) -> npt.NDArray[np.float64]:
     transform = np.eye(4)
     if origin is not None:
         transform[:3, 3] = _numbers(origin.get("xyz", "0 0 0"), 3, "xyz of <origin>", place)
-        transform[:3, :3] = rotation_from_rpy(
-            *_numbers(origin.get("rpy", "0 0 0"), 3, "rpy of <origin>", place)
-        )
+        transform[:3, :3] = rotation_from_rpy(*_numbers(origin.get("rpy", "0 0 0"), 3, "rpy of <origin>", place))
     transform.setflags(write=False)
     return transform
 
@@ -210,9 +205,7 @@ def _link(element: Element) -> Link:
         mass = _number(_needed(inertial, "mass", place), "value", place)
         transform = _origin(inertial, place)
         moments = _needed(inertial, "inertia", place)
-        xx, xy, xz, yy, yz, zz = (
-            _number(moments, key, place) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        )
+        xx, xy, xz, yy, yz, zz = (_number(moments, key, place) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         centre, inertia = transform[:3, 3].copy(), transform[:3, :3] @ tensor @ transform[:3, :3].T
     shapes = tuple(_shape(collision, place) for collision in element.findall("collision"))
@@ -222,9 +215,7 @@ def _link(element: Element) -> Link:
 def _shape(collision: Element, place: str) -> Shape:
     geometry = _needed(collision, "geometry", place)
     if len(geometry) != 1:
-        raise RobotFileError(
-            f"{place}: <geometry> of <collision> holds {len(geometry)} shapes; exactly one is needed"
-        )
+        raise RobotFileError(f"{place}: <geometry> of <collision> holds {len(geometry)} shapes; exactly one is needed")
     shape = geometry[0]
     if shape.tag == "box":
         size = _numbers(_attribute(shape, "size", place), 3, "size of <box>", place)

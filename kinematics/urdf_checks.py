@@ -57,9 +57,7 @@ def _check_tree(urdf: Urdf, root: str) -> None:
     for joint in urdf.joints:
         for role, name in (("parent", joint.parent), ("child", joint.child)):
             if name not in links:
-                raise RobotFileError(
-                    f"joint {joint.name!r}: {role} link {name!r} is not defined in this file"
-                )
+                raise RobotFileError(f"joint {joint.name!r}: {role} link {name!r} is not defined in this file")
     children = {joint.child for joint in urdf.joints}
     roots = [link.name for link in urdf.links if link.name not in children]
     if len(roots) > 1:
@@ -89,9 +87,7 @@ def _check_inertia(link: Link, *, moves: bool) -> None:
         raise RobotFileError(f"{place}: mass is {link.mass:g} kg; it must be positive")
     moments = np.linalg.eigvalsh(link.inertia)
     if not moments[0] > 0.0:
-        raise RobotFileError(
-            f"{place}: principal moments of inertia are {_listed(moments)}; all must be positive"
-        )
+        raise RobotFileError(f"{place}: principal moments of inertia are {_listed(moments)}; all must be positive")
     if moments[0] + moments[1] < moments[2] * (1.0 - _TRIANGLE_TOLERANCE):
         raise RobotFileError(
             f"{place}: principal moments of inertia {_listed(moments)} kg m^2 belong to no body: "
@@ -113,6 +109,4 @@ def _check_joint(joint: Joint) -> None:
             f"{place}: the axis {_listed(joint.axis)} has length {length:.4g}; it must be a unit vector"
         )
     if not joint.lower < joint.upper:
-        raise RobotFileError(
-            f"{place}: the lower limit {joint.lower:g} is not below the upper limit {joint.upper:g}"
-        )
+        raise RobotFileError(f"{place}: the lower limit {joint.lower:g} is not below the upper limit {joint.upper:g}")

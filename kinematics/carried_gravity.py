@@ -1,0 +1,73 @@
+"""Carries the direction of gravity from pause to pause where no IMU gives it.
+
+The soles that stayed tell how the body turned since the pause before (three or more: a full rotation), so the
+vertical of that pause can be carried over. Its error grows with every step, and the support plane holds it: on
+ground that looks flat (the plane's normal agrees with the carried vertical within noise) the plane is taken as
+level; elsewhere it counts only as far as the terrain's slope is likely to let it.
+"""
+
+import numpy as np
+
+from kinematics.stance_pose import GravityEstimate, StanceNoise
+from kinematics.support import fit_support_plane
+from kinematics.tree import Array
+
+_FLAT_SIGMAS = 2.5
+"""A support plane that agrees so well with the carried vertical is taken as level: 96 % of flat ground in two axes."""
+
+
+def carry_gravity(
+    before: GravityEstimate,
+    soles_now: Array,
+    soles_before: Array,
+    support_now: Array,
+    covariances_now: Array,
+    noise: StanceNoise,
+) -> GravityEstimate:
+    """Gravity at this pause, as (0, 0, -1) would be on a level body.
+
+    Args:
+        before: gravity at the pause before, in its `base_link`.
+        soles_now: (n, 3) soles that stayed, in `base_link` of this pause [m], n >= 3.
+        soles_before: (n, 3) the same in `base_link` of the pause before [m].
+        support_now: (m, 3) all supporting soles in `base_link` of this pause [m], m >= 3.
+        covariances_now: (m, 3, 3) of the supporting soles [m^2].
+        noise: standard deviations.
+    """
+    rotation = turn_between(soles_now, soles_before)
+    up = -rotation.T @ np.asarray(before.gravity_in_base) / np.linalg.norm(before.gravity_in_base)
+    plane = fit_support_plane(support_now)
+    tilt_variance = plane_tilt_variance(plane.gain, covariances_now)
+    variance = before.sigma**2 + 2.0 * tilt_variance
+    missed = plane.normal - up
+    missed = missed - up * (up @ missed)
+    if missed @ missed < _FLAT_SIGMAS**2 * 2.0 * (variance + tilt_variance):
+        plane_variance = tilt_variance
+    else:
+        # Each foot stays for so many pauses, so nearly the same plane is seen again as often.
+        plane_variance = (noise.terrain_slope_sigma**2 + tilt_variance) * len(support_now)
+    gain = variance / (variance + plane_variance)
+    up = up + gain * missed
+    up /= np.linalg.norm(up)
+    return GravityEstimate((-up[0], -up[1], -up[2]), float(np.sqrt(variance * (1.0 - gain))))
+
+
+def plane_tilt_variance(gain: Array, covariances: Array) -> float:
+    """Variance of a support plane's tilt [rad^2], mean of both axes, from the heights of its soles."""
+    return float(np.mean(gain[:2] ** 2 @ covariances[:, 2, 2]))
+
+
+def turn_between(points_now: Array, points_before: Array) -> Array:
+    """Rotation (3, 3) that takes directions of now to before: least squares over point sets (n, 3), n >= 3 (Kabsch)."""
+    covariance = (points_now - points_now.mean(axis=0)).T @ (points_before - points_before.mean(axis=0))
+    left, _, right = np.linalg.svd(covariance)
+    sign = np.sign(np.linalg.det(right.T @ left.T))
+    return np.asarray(right.T @ np.diag([1.0, 1.0, sign]) @ left.T)
+
+
+def first_gravity(up_in_base: Array, covariance: Array, noise: StanceNoise) -> GravityEstimate:
+    """Gravity at a first pause without IMU: against the support plane's normal, as sure as terrain is level."""
+    tilt_variance = float(np.mean(np.diag(covariance)[3:5]))
+    return GravityEstimate(
+        (-up_in_base[0], -up_in_base[1], -up_in_base[2]), float(np.sqrt(tilt_variance + noise.terrain_slope_sigma**2))
+    )

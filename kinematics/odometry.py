@@ -1,0 +1,231 @@
+"""Leg odometry: where the body's footprint is in `odom`, from pause to pause, by the feet that stayed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from kinematics.carried_gravity import carry_gravity, first_gravity
+from kinematics.exceptions import OdometryLost
+from kinematics.footprint import skew
+from kinematics.model import RobotModel
+from kinematics.odometry_noise import OdometryNoise
+from kinematics.registration import register_soles
+from kinematics.stance import Stance
+from kinematics.stance_pose import GravityEstimate, StancePose, sole_covariances
+from kinematics.state import RobotState
+from kinematics.stayed_feet import find_stayed_feet
+from kinematics.toml_table import Table
+from kinematics.transforms import transform_points
+from kinematics.tree import Array, read_only
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryLimits:
+    """What counts as a foot that stayed (robot.toml, table [odometry]).
+
+    Attributes:
+        slip_sigmas: a distance between two feet that changes by more standard deviations has changed.
+        turn_limit: largest turn of the body between two pauses [rad].
+        swing_least: a foot that moved less slipped, one that moved more swung [m].
+    """
+
+    slip_sigmas: float
+    turn_limit: float
+    swing_least: float
+
+    @classmethod
+    def from_table(cls, table: Table) -> "OdometryLimits":
+        """Read the table; every value must be positive."""
+        return cls(**{field: table.number(field, above=0.0) for field in cls.__dataclass_fields__})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OdometryPose:
+    """The footprint of one pause in `odom`; arrays are read-only.
+
+    Attributes:
+        step: number of the pause since the start, from 0.
+        pose: the stance pose that it is built on (attitude source `odometry` where no IMU gives gravity).
+        transform_footprint_to_odom: (4, 4), a turn about z and a shift.
+        covariance: (6, 6) of it, REP-103 order, relative to the first pause; roll and pitch are exact by definition
+            (both frames are gravity-aligned; how well is in `pose.covariance`).
+        stayed_feet: feet that carried the body at both pauses and stayed.
+        swung_feet: feet that carried the body at both pauses and were set down elsewhere.
+        slipped_feet: the same, but moved by less than a swing.
+        residual: rms horizontal misfit of the feet that stayed [m].
+        gravity: gravity as carried to the next pause.
+    """
+
+    step: int
+    pose: StancePose
+    transform_footprint_to_odom: Array
+    covariance: Array
+    stayed_feet: tuple[str, ...]
+    swung_feet: tuple[str, ...]
+    slipped_feet: tuple[str, ...]
+    residual: float
+    gravity: GravityEstimate
+
+    @property
+    def transform_base_to_odom(self) -> Array:
+        """(4, 4) of the body."""
+        return read_only(self.transform_footprint_to_odom @ self.pose.transform_base_to_footprint)
+
+
+class LegOdometry:
+    """Follows a walk from pause to pause; `odom` is the footprint of the first pause.
+
+    Args:
+        robot: the model.
+        transform_camera_to_base: (4, 4) calibrated camera placement, handed on to the stance poses.
+        camera_covariance: (6, 6) of it.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        *,
+        transform_camera_to_base: npt.ArrayLike | None = None,
+        camera_covariance: npt.ArrayLike | None = None,
+    ) -> None:
+        """Start before the first pause."""
+        self._robot = robot
+        self._camera = transform_camera_to_base
+        self._camera_covariance = camera_covariance
+        self._limits = OdometryLimits.from_table(robot.config.root.table("odometry"))
+        self._last: OdometryPose | None = None
+        self._noise = OdometryNoise(np.zeros((6, 6)), {}, {})
+        self._first_tilt = np.zeros((6, 6))
+
+    @property
+    def last(self) -> OdometryPose | None:
+        """The newest pose; None before the first pause."""
+        return self._last
+
+    def reset(self) -> None:
+        """Forget the walk: the next pause is a first one, and `odom` starts anew there."""
+        self._last = None
+
+    def update(self, stance: Stance) -> OdometryPose:
+        """The footprint of a new pause.
+
+        Raises:
+            OdometryLost: fewer than two feet stayed since the last pause; nothing has changed, `reset` starts anew.
+            KinematicsError: as `RobotModel.stance_pose`.
+        """
+        last = self._last
+        new = self._first(stance) if last is None else self._next(stance, last)
+        self._last = new
+        return new
+
+    def _pose(self, stance: Stance, gravity: GravityEstimate | None) -> StancePose:
+        return self._robot.stance_pose(
+            stance,
+            odometry=gravity,
+            transform_camera_to_base=self._camera,
+            camera_covariance=self._camera_covariance,
+        )
+
+    def _first(self, stance: Stance) -> OdometryPose:
+        pose = self._pose(stance, None)
+        self._first_tilt = _shift_by_tilt(pose)
+        self._noise = OdometryNoise(np.zeros((6, 6)), self._sole_covariances(pose), {})
+        return OdometryPose(
+            step=0,
+            pose=pose,
+            transform_footprint_to_odom=read_only(np.eye(4)),
+            covariance=read_only(np.zeros((6, 6))),
+            stayed_feet=(),
+            swung_feet=(),
+            slipped_feet=(),
+            residual=0.0,
+            gravity=self._gravity_of(pose),
+        )
+
+    def _next(self, stance: Stance, last: OdometryPose) -> OdometryPose:
+        state = self._robot.state(stance.joint_positions)
+        common = [leg for leg in last.pose.support_feet_used if leg in stance.support_feet]
+        stayed = self._stayed(state, last.pose.state, common)
+        gravity = None
+        if stance.gravity_in_base is None and len(stayed) >= 3:
+            gravity = carry_gravity(
+                last.gravity,
+                state.soles_in_base(stayed),
+                last.pose.state.soles_in_base(stayed),
+                state.soles_in_base(stance.support_feet),
+                sole_covariances(state, stance.support_feet, self._robot.noise),
+                self._robot.noise,
+            )
+        pose = self._pose(stance, gravity)
+        stayed = [leg for leg in stayed if leg in pose.support_feet_used]
+        if len(stayed) < 2:
+            raise OdometryLost(
+                f"{len(stayed)} feet stayed between two pauses ({', '.join(common) or 'none'} carried the body at "
+                "both); two are needed: scan more often than the feet move, or reset the odometry"
+            )
+        covariances = self._sole_covariances(pose)
+        registration = register_soles(
+            transform_points(pose.transform_base_to_footprint, state.soles_in_base(stayed)),
+            np.array([covariances[leg] for leg in stayed]),
+            transform_points(last.pose.transform_base_to_footprint, last.pose.state.soles_in_base(stayed)),
+            np.array([self._noise.sole_covariances[leg] for leg in stayed]),
+        )
+        transform = last.transform_footprint_to_odom @ registration.transform_now_to_before
+        self._noise = self._noise.after_step(last.transform_footprint_to_odom, registration, stayed, covariances)
+        # The tilt of a pause shifts its own footprint only, so it is reported with the pause and not carried on.
+        rotation = transform[:3, :3]
+        covariance = self._noise.covariance + self._first_tilt
+        covariance[:3, :3] += rotation @ _shift_by_tilt(pose)[:3, :3] @ rotation.T
+        moved = self._moved(pose, last, transform, [leg for leg in common if leg not in stayed])
+        return OdometryPose(
+            step=last.step + 1,
+            pose=pose,
+            transform_footprint_to_odom=read_only(transform),
+            covariance=read_only(covariance),
+            stayed_feet=tuple(stayed),
+            swung_feet=tuple(leg for leg, way in moved.items() if way >= self._limits.swing_least),
+            slipped_feet=tuple(leg for leg, way in moved.items() if way < self._limits.swing_least),
+            residual=registration.residual,
+            gravity=gravity or self._gravity_of(pose),
+        )
+
+    def _gravity_of(self, pose: StancePose) -> GravityEstimate:
+        """Gravity to carry on from a pose that did not get it from odometry."""
+        if pose.attitude_source == "imu":
+            down = -pose.up_in_base
+            return GravityEstimate((down[0], down[1], down[2]), self._robot.noise.imu_sigma)
+        return first_gravity(pose.up_in_base, pose.covariance, self._robot.noise)
+
+    def _stayed(self, now: RobotState, before: RobotState, common: list[str]) -> list[str]:
+        # In base_link: distances do not depend on which way is up.
+        rows = find_stayed_feet(
+            now.soles_in_base(common),
+            sole_covariances(now, common, self._robot.noise),
+            before.soles_in_base(common),
+            sole_covariances(before, common, self._robot.noise),
+            slip_sigmas=self._limits.slip_sigmas,
+            turn_limit=self._limits.turn_limit,
+        )
+        return [common[row] for row in rows]
+
+    def _sole_covariances(self, pose: StancePose) -> dict[str, Array]:
+        """Covariance (3, 3) of each supporting sole in the footprint [m^2], without the tilt that all share."""
+        legs, rotation = pose.support_feet_used, pose.transform_base_to_footprint[:3, :3]
+        covariances = rotation @ sole_covariances(pose.state, legs, self._robot.noise) @ rotation.T
+        return dict(zip(legs, covariances, strict=True))
+
+    def _moved(self, pose: StancePose, last: OdometryPose, transform: Array, legs: list[str]) -> dict[str, float]:
+        """How far each of the legs' soles moved in `odom` [m]."""
+        here = transform @ pose.transform_base_to_footprint
+        now = transform_points(here, pose.state.soles_in_base(legs))
+        before = transform_points(last.transform_base_to_odom, last.pose.state.soles_in_base(legs))
+        return dict(zip(legs, np.linalg.norm(now - before, axis=1).tolist(), strict=True))
+
+
+def _shift_by_tilt(pose: StancePose) -> Array:
+    """Covariance (6, 6) of the footprint's place over the feet: a wrong vertical drops it beside where it belongs."""
+    lever = -skew(np.array([0.0, 0.0, -pose.height]))[:2]
+    covariance = np.zeros((6, 6))
+    covariance[:2, :2] = lever @ pose.covariance[3:, 3:] @ lever.T
+    return covariance

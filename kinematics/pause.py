@@ -1,0 +1,196 @@
+"""Tells when the robot stands still enough to scan, and whether it stood still while it did."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from kinematics.carried_gravity import turn_between
+from kinematics.exceptions import ArgumentError, CameraMoved, JointPositionError, StanceError, unknown_name
+from kinematics.model import RobotModel
+from kinematics.stance import Stance
+from kinematics.toml_table import Table
+from kinematics.transforms import checked_transform
+from kinematics.tree import read_only
+
+
+@dataclass(frozen=True, slots=True)
+class PauseLimits:
+    """What counts as a pause (robot.toml, table [pause]).
+
+    Attributes:
+        joint_speed_limit: every joint is slower [rad/s].
+        hold_time: for so long [s].
+        minimum_feet: so many feet carry the body.
+        camera_translation_limit: the camera may move by so much during a scan [m].
+        camera_rotation_limit: and turn by so much [rad].
+    """
+
+    joint_speed_limit: float
+    hold_time: float
+    minimum_feet: int
+    camera_translation_limit: float
+    camera_rotation_limit: float
+
+    @classmethod
+    def from_table(cls, table: Table) -> "PauseLimits":
+        """Read the table; every value must be positive."""
+        return cls(
+            joint_speed_limit=table.number("joint_speed_limit", above=0.0),
+            hold_time=table.number("hold_time", above=0.0),
+            minimum_feet=table.integer("minimum_feet", least=1),
+            camera_translation_limit=table.number("camera_translation_limit", above=0.0),
+            camera_rotation_limit=table.number("camera_rotation_limit", above=0.0),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PauseReport:
+    """Whether the robot is in a stance pause, and if not, why.
+
+    Attributes:
+        is_pause: the robot stands still.
+        reason: "" in a pause, else what is missing, with value and limit.
+        still_for: how long all joints have been slow with the same feet down [s].
+    """
+
+    is_pause: bool
+    reason: str
+    still_for: float
+
+
+class PauseDetector:
+    """Watches joint speeds and contacts: a pause is when all joints have been slow for long enough on the same feet."""
+
+    def __init__(self, robot: RobotModel) -> None:
+        """Start with no reading: no pause."""
+        self._robot = robot
+        self._limits = PauseLimits.from_table(robot.config.root.table("pause"))
+        self._time: float | None = None
+        self._still_since: float | None = None
+        self._feet: frozenset[str] | None = None
+
+    def update(self, time: float, joint_velocities: Mapping[str, float], support_feet: Sequence[str]) -> PauseReport:
+        """Take one reading.
+
+        Args:
+            time: of the reading [s], any origin, growing.
+            joint_velocities: joint name -> velocity [rad/s], every joint.
+            support_feet: legs whose soles carry the body.
+
+        Raises:
+            ArgumentError: the time does not grow.
+            UnknownName: a joint or leg that the robot does not have.
+            JointPositionError: a velocity is missing or not finite.
+        """
+        if not np.isfinite(time) or (self._time is not None and time <= self._time):
+            raise ArgumentError(f"time is {time}; it must be finite and later than the last reading ({self._time})")
+        speeds = self._speeds(joint_velocities)
+        feet = frozenset(self._robot.tree.leg(foot).name for foot in support_feet)
+        self._time = time
+        fastest = max(speeds, key=lambda joint: speeds[joint])
+        if feet != self._feet or speeds[fastest] >= self._limits.joint_speed_limit:
+            self._still_since = None
+        self._feet = feet
+        limits = self._limits
+        if speeds[fastest] >= limits.joint_speed_limit:
+            reason = f"joint {fastest} moves at {speeds[fastest]:.3f} rad/s, limit {limits.joint_speed_limit:g}"
+            return PauseReport(False, reason, 0.0)
+        if self._still_since is None:
+            self._still_since = time
+        still_for = time - self._still_since
+        if len(feet) < limits.minimum_feet:
+            return PauseReport(False, f"{len(feet)} feet carry the body, {limits.minimum_feet} are needed", still_for)
+        if still_for < limits.hold_time:
+            return PauseReport(False, f"still for {still_for:.3f} s, {limits.hold_time:g} s are needed", still_for)
+        return PauseReport(True, "", still_for)
+
+    def _speeds(self, joint_velocities: Mapping[str, float]) -> dict[str, float]:
+        names = self._robot.joint_names
+        for joint in joint_velocities:
+            if joint not in names:
+                raise unknown_name("joint", joint, names)
+        missing = [joint for joint in names if joint not in joint_velocities]
+        if missing:
+            raise JointPositionError(f"no velocity for {', '.join(missing)}; all {len(names)} joints are needed")
+        speeds = {joint: abs(float(joint_velocities[joint])) for joint in names}
+        for joint, speed in speeds.items():
+            if not np.isfinite(speed):
+                raise JointPositionError(f"joint {joint}: velocity {joint_velocities[joint]} is not finite")
+        return speeds
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMotion:
+    """How the camera moved between two readings of the joints.
+
+    Attributes:
+        translation: way of the optical centre [m].
+        rotation: angle of its turn [rad].
+        is_still: both within the limits of robot.toml.
+    """
+
+    translation: float
+    rotation: float
+    is_still: bool
+
+
+def camera_motion(
+    robot: RobotModel, begin: Stance, end: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
+) -> CameraMotion:
+    """How the camera moved over the feet that carried the body throughout.
+
+    The feet stand on the ground; what they seem to move in `base_link` is the body's own motion, the other way round.
+
+    Args:
+        robot: the model.
+        begin: the stance read before the scan.
+        end: the stance read after it.
+        transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
+
+    Raises:
+        StanceError: fewer than three feet carried the body at both readings.
+    """
+    feet = [foot for foot in begin.support_feet if foot in end.support_feet]
+    if len(feet) < 3:
+        raise StanceError(
+            f"support_feet: {len(feet)} feet carried the body before and after ({', '.join(feet) or 'none'}); "
+            "three are needed to tell whether the camera moved"
+        )
+    before = robot.state(begin.joint_positions).soles_in_base(feet)
+    after = robot.state(end.joint_positions).soles_in_base(feet)
+    camera = robot.transform_camera_to_base
+    if transform_camera_to_base is not None:
+        camera = read_only(checked_transform(transform_camera_to_base, "transform_camera_to_base"))
+    rotation = turn_between(after, before)
+    moved = rotation @ (camera[:3, 3] - after.mean(axis=0)) + before.mean(axis=0) - camera[:3, 3]
+    # From the skew part: the arc cosine of the trace loses half its digits at small angles.
+    sine = np.linalg.norm(
+        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
+    )
+    angle = float(np.arctan2(sine, np.trace(rotation) - 1.0))
+    translation = float(np.linalg.norm(moved))
+    limits = PauseLimits.from_table(robot.config.root.table("pause"))
+    still = translation <= limits.camera_translation_limit and angle <= limits.camera_rotation_limit
+    return CameraMotion(translation, angle, still)
+
+
+def check_camera_still(
+    robot: RobotModel, begin: Stance, end: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
+) -> CameraMotion:
+    """As `camera_motion`, for a scan that must not be used when the camera moved.
+
+    Raises:
+        CameraMoved: with both ways and their limits.
+        StanceError: as `camera_motion`.
+    """
+    motion = camera_motion(robot, begin, end, transform_camera_to_base=transform_camera_to_base)
+    if not motion.is_still:
+        limits = PauseLimits.from_table(robot.config.root.table("pause"))
+        raise CameraMoved(
+            f"the camera moved by {1e3 * motion.translation:.2f} mm and {np.degrees(motion.rotation):.3f} degrees "
+            f"during the scan; {1e3 * limits.camera_translation_limit:g} mm and "
+            f"{np.degrees(limits.camera_rotation_limit):.3g} degrees are allowed: scan again"
+        )
+    return motion

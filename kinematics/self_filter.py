@@ -1,0 +1,152 @@
+"""Finds the points that lie on the robot itself, and those that it hides from the camera or the laser.
+
+The robot is the collision shapes of its URDF, each grown by a margin, where forward kinematics puts them. What lies
+on them is not terrain; what lies in their shadow was not seen because of the robot, not because of the ground.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from kinematics.exceptions import ArgumentError, UnknownName
+from kinematics.shapes import Mask, place_shape
+from kinematics.state import RobotState
+from kinematics.tree import Array
+
+_ROUNDING = 1e-12
+"""Added to squared lengths of the coarse tests [m^2]: they are differences of larger squares."""
+
+
+class SelfFilter:
+    """The robot's shapes for one state; made once per pause and asked for many points.
+
+    Args:
+        state: the robot's state.
+        margin: added to every shape on all sides [m]; default robot.toml's `[self_filter] margin`.
+        ignore: links to leave out; default robot.toml's `[self_filter] ignore`.
+
+    Raises:
+        UnknownName: an ignored link that the robot does not have.
+        ArgumentError: a negative margin.
+    """
+
+    def __init__(
+        self, state: RobotState, *, margin: float | None = None, ignore: tuple[str, ...] | None = None
+    ) -> None:
+        """Place every shape by the state's forward kinematics."""
+        table = state.tree.config.root.table("self_filter")
+        self.margin = table.number("margin", above=-1e-12) if margin is None else float(margin)
+        if not np.isfinite(self.margin) or self.margin < 0.0:
+            raise ArgumentError(f"margin is {margin}; a length of 0 m or more is needed")
+        ignored = table.texts("ignore") if ignore is None else tuple(ignore)
+        for link in ignored:
+            if link not in state.tree.links:
+                raise UnknownName(
+                    f"self-filter: ignored link {link!r} is unknown; this robot has: {', '.join(state.tree.links)}"
+                )
+        self.shapes = tuple(
+            place_shape(shape, name, state.transform_to_base(name), self.margin)
+            for name, link in state.tree.links.items()
+            if name not in ignored
+            for shape in link.shapes
+        )
+        self._lowest = np.min([shape.centre - shape.reach for shape in self.shapes], axis=0, initial=np.inf)
+        self._highest = np.max([shape.centre + shape.reach for shape in self.shapes], axis=0, initial=-np.inf)
+
+    def contains(self, points_in_base: npt.ArrayLike) -> Mask:
+        """Which points lie on the robot.
+
+        Args:
+            points_in_base: (n, 3) in `base_link` [m]; a row with NaN lies nowhere.
+
+        Returns:
+            (n,) true where a point lies inside a grown shape.
+
+        Raises:
+            ArgumentError: wrong shape.
+        """
+        points = _checked_points(points_in_base, "points_in_base")
+        inside = np.zeros(len(points), dtype=np.bool_)
+        # Most points of a scan lie ahead of the robot: its bounding box leaves few for the shapes.
+        rows = np.flatnonzero(np.all((points >= self._lowest) & (points <= self._highest), axis=1))
+        close = points[rows]
+        square = np.einsum("ni,ni->n", close, close)
+        for shape in self.shapes:
+            near = np.flatnonzero(
+                square - close @ (2.0 * shape.centre) <= shape.reach**2 - shape.centre @ shape.centre + _ROUNDING
+            )
+            inside[rows[near]] |= shape.contains(close[near])
+        return inside
+
+    def blocks(self, origins_in_base: npt.ArrayLike, points_in_base: npt.ArrayLike) -> Mask:
+        """Which segments from camera or laser to points meet the robot on their way.
+
+        Args:
+            origins_in_base: (3,) one origin for all, or (n, 3) one for each point, in `base_link` [m].
+            points_in_base: (n, 3) in `base_link` [m]; a row with NaN is not blocked.
+
+        Returns:
+            (n,) true where a grown shape lies on the segment, its end included.
+
+        Raises:
+            ArgumentError: wrong shape, or one origin for all that lies inside a shape (its link belongs into `ignore`).
+        """
+        points = _checked_points(points_in_base, "points_in_base")
+        origins = np.asarray(origins_in_base, dtype=np.float64)
+        if origins.shape not in ((3,), (len(points), 3)):
+            raise ArgumentError(
+                f"origins_in_base has shape {origins.shape}; (3,) or ({len(points)}, 3), one for each point, is needed"
+            )
+        origins = np.atleast_2d(origins)
+        self._check_outside(origins)
+        ways = points - origins
+        segments = _Segments(
+            origins,
+            ways,
+            np.sqrt(np.einsum("ni,ni->n", ways, ways)),
+            (ways @ origins[0]) if len(origins) == 1 else np.einsum("ni,ni->n", ways, origins),
+            np.einsum("ni,ni->n", origins, origins),
+        )
+        blocked = np.zeros(len(points), dtype=np.bool_)
+        for shape in self.shapes:
+            near = np.flatnonzero(segments.pass_by(shape.centre, shape.reach) & ~blocked)
+            if len(near):
+                blocked[near] = shape.blocks(origins if len(origins) == 1 else origins[near], ways[near])
+        return blocked
+
+    def _check_outside(self, origins: Array) -> None:
+        inside = origins[self.contains(origins)]
+        for shape in self.shapes:
+            if np.any(shape.contains(inside)):
+                raise ArgumentError(
+                    f"an origin lies inside the shape of link {shape.link!r} (margin {self.margin:g} m); "
+                    "if that link carries the camera or laser, name it in robot.toml, [self_filter] ignore"
+                )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Segments:
+    """Segments with what every coarse test needs: origins o (1 or n, 3), ways w (n, 3), |w|, w . o and |o|^2."""
+
+    origins: Array
+    ways: Array
+    lengths: Array
+    ways_by_origins: Array
+    origin_squares: Array
+
+    def pass_by(self, centre: Array, reach: float) -> Mask:
+        """Which segments come within reach of a centre: coarse, but never wrong where a shape is met."""
+        along = self.ways @ centre - self.ways_by_origins
+        distance = self.origin_squares - self.origins @ (2.0 * centre) + (centre @ centre - reach**2 - _ROUNDING)
+        # Distance of the centre from the line: |c|^2 - (w . c)^2 / |w|^2, without dividing.
+        beside = distance * self.lengths**2 <= along**2
+        behind, beyond = along < -reach * self.lengths, along > (self.lengths + reach) * self.lengths
+        return np.asarray(beside & ~behind & ~beyond)
+
+
+def _checked_points(points: npt.ArrayLike, name: str) -> Array:
+    array = np.asarray(points, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ArgumentError(f"{name} has shape {array.shape}; (n, 3) is needed")
+    return array
