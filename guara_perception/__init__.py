@@ -9,6 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from guara_perception.app.client import TerrainClient
     from guara_perception.app.open_scan import open_scan
     from guara_perception.calibration.calibration import Calibration, StripePlane
     from guara_perception.calibration.camera import CameraModel
@@ -32,6 +33,14 @@ if TYPE_CHECKING:
     from guara_perception.terrain.file import load_terrain
     from guara_perception.terrain.grid import TerrainGrid
     from guara_perception.terrain.hazard import Hazard
+    from transport.exceptions import (
+        ScanBusy,
+        ScanFailed,
+        ScannerGone,
+        ScannerUnavailable,
+        ScanTimeout,
+        StaleTerrain,
+    )
 
 _HOME = {
     "Calibration": "calibration.calibration",
@@ -49,6 +58,7 @@ _HOME = {
     "StripePlane": "calibration.calibration",
     "StripeProfile": "stripes.profile",
     "StripeStatus": "stripes.profile",
+    "TerrainClient": "app.client",
     "TerrainGrid": "terrain.grid",
     "TraversabilityLimits": "settings",
     "UnsafeGrid": "exceptions",
@@ -61,18 +71,29 @@ _HOME = {
     "save_calibration": "calibration.file",
 }
 
-__all__ = sorted(_HOME)  # noqa: PLE0605
+_TRANSPORT_ERRORS = (
+    "ScanBusy",
+    "ScanFailed",
+    "ScanTimeout",
+    "ScannerGone",
+    "ScannerUnavailable",
+    "StaleTerrain",
+)
+_MODULES = {name: f"guara_perception.{home}" for name, home in _HOME.items()}
+_MODULES.update(dict.fromkeys(_TRANSPORT_ERRORS, "transport.exceptions"))
+
+__all__ = sorted(_MODULES)  # noqa: PLE0605
 
 
 def __getattr__(name: str) -> Any:
     """Load a public name from its module."""
-    if name not in _HOME:
-        raise AttributeError(f"guara_perception has no name {name!r}; it has {', '.join(sorted(_HOME))}")
-    value = getattr(importlib.import_module(f"guara_perception.{_HOME[name]}"), name)
+    if name not in _MODULES:
+        raise AttributeError(f"guara_perception has no name {name!r}; it has {', '.join(sorted(_MODULES))}")
+    value = getattr(importlib.import_module(_MODULES[name]), name)
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
     """Public names for completion."""
-    return sorted([*globals(), *_HOME])
+    return sorted([*globals(), *_MODULES])

@@ -27,3 +27,7 @@ class CalibrationRefused(PerceptionError, RuntimeError):
 
 class UnsafeGrid(PerceptionError, RuntimeError):
     """A grid that breaks the safety invariant; it must not leave the process."""
+
+
+class PlannerFailed(PerceptionError, RuntimeError):
+    """The planner process of the demo died or does not answer."""

@@ -12,7 +12,6 @@ from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.ranging.range_images import range_images
 from guara_perception.scan import Scan
 from guara_perception.scan_processor import ScanProcessor
-from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 
 if TYPE_CHECKING:
@@ -55,12 +54,15 @@ def process_scan(
     """
     processor = run_scan(scan, calibration, robot, method, resolution, strict=strict, progress=progress)
     terrain = processor.finish()
-    if not pictures:
-        return terrain
-    settings = Settings.of(robot)
+    return with_pictures(terrain, processor) if pictures else terrain
+
+
+def with_pictures(terrain: TerrainGrid, processor: ScanProcessor) -> TerrainGrid:
+    """The same grid with the range images of the scan it was made from."""
+    settings = processor.settings
     images = range_images(
         processor.points,
-        settings.pattern(scan.mode).step,
+        settings.pattern(processor.mode).step,
         processor.camera_position,
         settings.footprint_x,
         settings.footprint_y,

@@ -113,6 +113,16 @@ class ScanProcessor:
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
 
     @property
+    def settings(self) -> Settings:
+        """Perception settings of the robot."""
+        return self._settings
+
+    @property
+    def mode(self) -> str:
+        """Mode of the scan."""
+        return self._mode
+
+    @property
     def grid(self) -> GridGeometry:
         """Geometry of the grid that `finish` returns."""
         return self._grid

@@ -1,0 +1,63 @@
+# `make demo` shows it work, `make test` proves it; both need only Python 3.11 or newer with venv, and make.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+EXTRAS_STAMP := $(VENV)/.installed-extras
+
+.PHONY: help install install-extras demo test test-all lint types bench bench-quick lock clean
+
+help:
+	@echo "make demo            install into .venv and run the main job without hardware"
+	@echo "make test            install into .venv and run the tests"
+	@echo "make install         only install; then .venv/bin/guara is there"
+	@echo "make install-extras  also MuJoCo and the browser view; make test-all then runs their tests too"
+	@echo "make lint types      ruff and mypy"
+	@echo "make bench           every figure of speed and accuracy (minutes); make bench-quick: under a minute"
+
+install: $(STAMP)
+
+$(BIN)/python:
+	$(PYTHON) -c 'import sys; sys.exit(0 if (3, 11) <= sys.version_info[:2] < (3, 15) else "Python 3.11 to 3.14 is needed, this is " + sys.version.split()[0] + ": make PYTHON=python3.12 ...")'
+	$(PYTHON) -m venv $(VENV)
+
+$(STAMP): requirements.lock pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+$(EXTRAS_STAMP): requirements-extras.lock $(STAMP)
+	$(BIN)/python -m pip install --quiet --require-hashes -r requirements-extras.lock
+	@touch $@
+
+install-extras: $(EXTRAS_STAMP)
+
+demo: install
+	$(BIN)/guara demo --out out/demo
+
+test: install
+	$(BIN)/python -m pytest
+
+test-all: install-extras
+	$(BIN)/python -m pytest
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: install
+	$(BIN)/mypy
+
+bench: install
+	$(BIN)/python -m benchmarks
+
+bench-quick: install
+	$(BIN)/python -m benchmarks --quick
+
+# Needs uv; writes one resolution for every Python that pyproject.toml allows.
+lock:
+	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev --extra sim --extra view -o requirements-extras.lock
+	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev -c requirements-extras.lock -o requirements.lock
+
+clean:
+	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache

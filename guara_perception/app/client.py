@@ -1,0 +1,172 @@
+"""`TerrainClient`: what a planner uses to get grids and to ask for scans."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from guara_perception.app.messages import message_to_terrain
+from guara_perception.exceptions import PerceptionError
+from guara_perception.terrain.grid import TerrainGrid
+from transport import DEFAULT_ENDPOINT, DEFAULT_ROBOT, ScanReply, Status, TerrainMessage, open_client
+from transport.client import PerceptionClient
+
+logger = logging.getLogger(__name__)
+
+
+class TerrainClient:
+    """Receives the newest terrain of one robot; use it in a `with` block.
+
+    Example:
+        with TerrainClient("tcp/127.0.0.1:7447", robot="guara") as client:
+            terrain = client.latest(max_age=60.0)
+    """
+
+    def __init__(
+        self,
+        endpoint: str = DEFAULT_ENDPOINT,
+        *,
+        robot: str = DEFAULT_ROBOT,
+        security: str | Path | None = None,
+        timeout: float = 5.0,
+    ) -> None:
+        """Connect.
+
+        Args:
+            endpoint: where the node (or the router) listens.
+            robot: instance name of the robot.
+            security: folder of a role made by `guara security init`, for a node with security.
+            timeout: seconds to wait for the connection.
+
+        Raises:
+            transport.ConnectionFailed: nobody answers; the message lists what to check.
+        """
+        if security is None:
+            session = open_client(endpoint, timeout=timeout)
+        else:
+            from transport.security import open_secure_client
+
+            session = open_secure_client(security, endpoint=endpoint, timeout=timeout)
+        self._client = PerceptionClient(session, robot=robot)
+        for extent in ("footprint", "map"):
+            self._client.receiver(extent)
+
+    def __enter__(self) -> Self:
+        """The client itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the node shows its sign of life."""
+        return self._client.is_alive
+
+    def status(self) -> Status | None:
+        """The node's newest status, or None when none came yet."""
+        return self._client.status()
+
+    def counts(self, extent: str = "footprint") -> dict[str, int]:
+        """Grids received, superseded before anybody asked, missed on the way and refused as damaged."""
+        receiver = self._client.receiver(extent)
+        return {name: getattr(receiver, name) for name in ("received", "superseded", "missed", "rejected")}
+
+    def latest(self, max_age: float | None = None, extent: str = "footprint") -> TerrainGrid:
+        """The newest grid, if it may still be used.
+
+        Args:
+            max_age: seconds since the end of its scan; None = the grid's own validity, in time and pauses.
+            extent: "footprint" (last scan) or "map" (fused).
+
+        Raises:
+            StaleTerrain: the newest grid is too old, or there is none yet.
+            ScannerUnavailable: no grid and no node.
+            UnsafeGrid: the grid breaks the safety invariant and must not be used.
+        """
+        return message_to_terrain(self._client.latest(extent=extent, max_age=max_age))
+
+    def stream(self, extent: str = "footprint", timeout: float | None = None) -> Iterator[TerrainGrid]:
+        """Yield the newest grid, then each newer one as it comes; older ones are skipped.
+
+        Args:
+            extent: "footprint" or "map".
+            timeout: seconds to wait for each grid; None waits without end (Ctrl-C works).
+
+        Raises:
+            transport.ReceiveTimeout: no grid in time.
+        """
+        receiver = self._client.receiver(extent)
+        number = 0
+        while True:
+            received = receiver.wait_until(lambda _: True, timeout, after=number)
+            number = received.number
+            yield message_to_terrain(received.message)
+
+    def on_terrain(self, callback: Callable[[TerrainGrid], None], extent: str = "footprint") -> None:
+        """Call `callback` with the newest grid whenever one comes, on the client's own thread; older ones are skipped.
+
+        A grid that breaks the safety invariant is logged and not handed over.
+        """
+
+        def hand_over(message: TerrainMessage) -> None:
+            try:
+                terrain = message_to_terrain(message)
+            except PerceptionError as error:
+                logger.error("%s", error)
+                return
+            callback(terrain)
+
+        self._client.on_terrain(hand_over, extent=extent)
+
+    def wait_for_step(self, step: int, timeout: float = 30.0, extent: str = "footprint") -> TerrainGrid:
+        """Wait for the grid of stance pause `step`, or of a later one.
+
+        Raises:
+            transport.ReceiveTimeout: none came in time although the node lives.
+            ScannerGone, ScannerUnavailable: none came, and the node went away or was never there.
+        """
+        return message_to_terrain(self._client.wait_for_step(step, timeout=timeout, extent=extent))
+
+    def request_scan(
+        self,
+        mode: str = "standard",
+        timeout: float = 30.0,
+        *,
+        on_progress: Callable[[ScanReply], None] | None = None,
+    ) -> TerrainGrid:
+        """Ask for a scan now and return its grid.
+
+        Args:
+            mode: "coarse" or "standard".
+            timeout: seconds until the grid must be there.
+            on_progress: called with every reply on the way.
+
+        Raises:
+            ScanBusy: a scan is under way.
+            ScanFailed: the node refused or could not finish.
+            ScanTimeout: it was not finished in time.
+            ScannerGone: the node went away meanwhile.
+            ScannerUnavailable: no node, or this side may not ask.
+        """
+        return message_to_terrain(self._client.request_scan(mode=mode, timeout=timeout, on_progress=on_progress))
+
+    def query(
+        self, region: tuple[float, float, float, float] | None = None, extent: str = "footprint", timeout: float = 5.0
+    ) -> TerrainGrid:
+        """The node's newest grid, or a region (x_min, x_max, y_min, y_max) [m] of it, asked for once.
+
+        Raises:
+            ScannerUnavailable: nobody answers.
+        """
+        return message_to_terrain(self._client.query(extent=extent, region=region, timeout=timeout))
+
+    def close(self) -> None:
+        """Disconnect; safe to call twice."""
+        self._client.close()

@@ -1,0 +1,73 @@
+"""`guara process`: a recorded scan into a grid file and pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from guara_perception.app.progress import progress
+from guara_perception.exceptions import InvalidInput
+
+
+@click.command(name="process")
+@click.argument("scan", type=click.Path(path_type=Path))
+@click.option("-c", "--calibration", required=True, type=click.Path(path_type=Path), help="calibration.json")
+@click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="grid file to write, .npz")
+@click.option("--method", default="precise", show_default=True, help="precise, paper or both: precise,paper")
+@click.option("--resolution", type=float, help="cell edge in metres, must divide the area; default: the robot's")
+@click.option("--figures", type=click.Path(path_type=Path), help="folder for pictures of every stage")
+@click.option("--robot", help="name or folder of the robot; default: the scan's")
+@click.option("--keep-going", is_flag=True, help="leave a frame that cannot be used unknown instead of refusing")
+def command(
+    scan: Path,
+    calibration: Path,
+    out: Path,
+    method: str,
+    resolution: float | None,
+    figures: Path | None,
+    robot: str | None,
+    keep_going: bool,
+) -> None:
+    r"""Turn a recorded SCAN (folder or .mcap) into terrain.
+
+    With two methods the first goes into OUT, the second beside it as OUT-METHOD.npz.
+
+    \b
+    Example:
+      guara process scans/paper -c calibration.json -o paper.npz --figures pictures
+    """
+    from guara_perception.app.open_scan import open_scan
+    from guara_perception.app.summary import summary
+    from guara_perception.calibration.file import load_calibration
+    from guara_perception.process import run_scan, with_pictures
+    from guara_perception.terrain.file import save_terrain
+    from kinematics import load_robot
+
+    if out.suffix != ".npz":
+        raise InvalidInput(f"--out is {out}, it must end in .npz")
+    methods = list(dict.fromkeys(name.strip() for name in method.split(",")))
+    recorded = open_scan(scan)
+    calibrated = load_calibration(calibration)
+    model = load_robot(robot if robot is not None else recorded.robot)
+    for place, name in enumerate(methods):
+        with progress(f"Processing ({name})", len(recorded.stripes)) as advance:
+            processor = run_scan(
+                recorded,
+                calibrated,
+                model,
+                name,
+                resolution,
+                strict=not keep_going,
+                progress=lambda done, total: advance(1),
+            )
+        terrain = with_pictures(processor.finish(), processor)
+        target = out if place == 0 else out.with_name(f"{out.stem}-{name}{out.suffix}")
+        save_terrain(terrain, target)
+        click.echo(f"{target}: {summary(terrain)}")
+        if figures is not None:
+            from guara_perception.app.figures import draw_figures
+
+            folder = figures if len(methods) == 1 else figures / name
+            pictures = draw_figures(folder, recorded, calibrated, processor, terrain)
+            click.echo(f"{folder}: {len(pictures)} pictures")

@@ -1,0 +1,43 @@
+"""The demo's planner: its own process, with nothing but the public client; told on stdin which foot moves next.
+
+Each line of standard input is a JSON object {step, leg, x, y, radius, extent}; each answer is a JSON line with the
+foothold that was chosen on the grid of that step, or with the reason why there is none.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Any
+
+from guara_perception.app.client import TerrainClient
+
+GRID_TIMEOUT_S = 20.0
+
+
+def main() -> int:
+    """Answer requests until standard input ends. Arguments: endpoint and instance name of the robot."""
+    endpoint, robot = sys.argv[1], sys.argv[2]
+    with TerrainClient(endpoint, robot=robot) as client:
+        print(json.dumps({"ready": True}), flush=True)
+        for line in sys.stdin:
+            print(json.dumps(answer(client, json.loads(line))), flush=True)
+    return 0
+
+
+def answer(client: TerrainClient, request: dict[str, Any]) -> dict[str, Any]:
+    """Wait for the grid of the step and choose a foothold on it."""
+    extent = request["extent"]
+    terrain = client.wait_for_step(request["step"], timeout=GRID_TIMEOUT_S, extent=extent)
+    found = terrain.best_foothold(request["x"], request["y"], request["radius"], leg=request.get("leg"))
+    reply: dict[str, Any] = {"step": terrain.step, "leg": request.get("leg"), "counts": client.counts(extent)}
+    if found is None:
+        verdict = terrain.check_foothold(request["x"], request["y"], leg=request.get("leg"))
+        reply.update(foothold=None, reasons=list(map(str, verdict.reasons)))
+    else:
+        reply.update(foothold=[found.x, found.y, found.z], score=found.score)
+    return reply
+
+
+if __name__ == "__main__":
+    sys.exit(main())

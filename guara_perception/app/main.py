@@ -1,0 +1,101 @@
+"""The `guara` command: its subcommands, loaded when called, and how errors become exit codes."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import sys
+from collections.abc import Sequence
+
+import click
+
+# Name of each command and its module under guara_perception.app.commands.
+COMMANDS = {
+    "demo": "demo",
+    "listen": "listen",
+    "process": "process",
+}
+EXIT_BAD_INPUT = 2
+EXIT_FAILED = 1
+EXIT_INTERRUPTED = 130
+
+
+class LazyGroup(click.Group):
+    """A command group that imports a command only when it is called or its help is asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names, sorted."""
+        return sorted(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import one command."""
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(f"guara_perception.app.commands.{COMMANDS[cmd_name]}")
+        command: click.Command = module.command
+        return command
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="guara-perception", prog_name="guara")
+@click.option("-v", "--verbose", is_flag=True, help="Log what is going on, to standard error.")
+def guara(verbose: bool) -> None:
+    r"""Terrain perception for walking robots: one camera, a swept laser stripe, grids that planners receive.
+
+    \b
+    Example:
+      guara process SCAN -c calibration.json -o terrain.npz --figures pictures
+    """
+    logging.basicConfig(
+        level=logging.INFO if verbose else logging.WARNING,
+        format="%(levelname)s %(name)s: %(message)s",
+        stream=sys.stderr,
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and exit: 0 done, 2 bad input, 1 failed, 130 interrupted; never a traceback for a user."""
+    sys.exit(run(arguments))
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; return its exit code."""
+    try:
+        guara.main(args=None if arguments is None else list(arguments), prog_name="guara", standalone_mode=False)
+    except click.exceptions.Exit as done:
+        return done.exit_code
+    except click.exceptions.Abort:
+        return _say("stopped", EXIT_INTERRUPTED)
+    except KeyboardInterrupt:
+        return _say("stopped", EXIT_INTERRUPTED)
+    except click.ClickException as error:
+        return _say(error.format_message(), EXIT_BAD_INPUT)
+    except BrokenPipeError:
+        sys.stderr.close()
+        return EXIT_FAILED
+    except Exception as error:
+        if not is_expected(error):
+            raise
+        return _say(str(error), EXIT_BAD_INPUT if is_bad_input(error) else EXIT_FAILED)
+    return 0
+
+
+def is_expected(error: Exception) -> bool:
+    """Whether an error is one of those that the packages raise on purpose, or the file system's."""
+    roots = ("PerceptionError", "KinematicsError", "TransportError", "DriverError")
+    return isinstance(error, OSError) or any(kind.__name__ in roots for kind in type(error).__mro__)
+
+
+def is_bad_input(error: Exception) -> bool:
+    """Whether the user can mend it: a wrong value or a file that is not there, not a failure at run time."""
+    kinds = (ValueError, LookupError, FileNotFoundError, IsADirectoryError, NotADirectoryError, PermissionError)
+    return isinstance(error, kinds)
+
+
+def _say(text: str, code: int) -> int:
+    click.echo(f"guara: {' '.join(text.split())}", err=True)
+    return code
+
+
+if __name__ == "__main__":
+    main()

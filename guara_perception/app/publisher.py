@@ -1,0 +1,39 @@
+"""Publishes grids of one robot: Terrain, OccupancyGrid and GridMap, without ever making the scan wait."""
+
+from __future__ import annotations
+
+from guara_perception.app.messages import terrain_to_message
+from guara_perception.terrain.grid import TerrainGrid
+from transport import TerrainMessage
+from transport.server import PerceptionServer
+
+
+def publish_terrain(
+    server: PerceptionServer,
+    terrain: TerrainGrid,
+    *,
+    scan_start: int | None = None,
+    scan_end: int | None = None,
+) -> TerrainMessage:
+    """Hand one grid over for sending; returns at once.
+
+    Args:
+        server: the node's side of the transport.
+        terrain: grid of either extent; of a footprint the occupancy and the grid map go out too.
+        scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
+
+    Returns:
+        The message that is sent.
+
+    Raises:
+        UnsafeGrid: the grid breaks the safety invariant; nothing is sent.
+    """
+    message = terrain_to_message(
+        terrain,
+        robot=server.robot,
+        sequence=server.next_sequence(terrain.extent),
+        scan_start=scan_start,
+        scan_end=scan_end,
+    )
+    server.publish(message, occupancy=terrain.to_occupancy() if terrain.extent == "footprint" else None)
+    return message
