@@ -1,0 +1,169 @@
+"""One style for every picture: colour-blind-safe colours, sizes, orientation (x up, y left), writing to a file.
+
+Figures are made without pyplot: no global state, no display, any thread.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.terrain.geometry import GridGeometry
+from guara_perception.terrain.hazard import Hazard
+from guara_perception.whole_file import whole_file
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
+
+# Perceptually even, readable in grey and by colour-blind eyes.
+HEIGHT_COLOURS = "cividis"
+TRAVERSABILITY_COLOURS = "viridis"
+# Diverging with zero in the middle, orange against purple: safe for red-green blindness.
+ERROR_COLOURS = "PuOr"
+UNKNOWN_COLOUR = "#E4E4E4"
+
+# Lines and points, in the order in which to use them (Okabe and Ito's palette without its yellow: too pale for lines).
+LINE_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+
+FREE_COLOUR = "#BEEEC7"
+HAZARD_COLOURS: dict[Hazard, str] = {
+    Hazard.DROPOUT: "#000000",
+    Hazard.OUT_OF_RANGE: "#0C4381",
+    Hazard.AMBIGUOUS: "#E983B0",
+    Hazard.OCCLUDED: "#6B6B6B",
+    Hazard.SELF: "#8F6A3F",
+    Hazard.UNSCANNED: "#DADADA",
+    Hazard.DROP: "#7A1F1F",
+    Hazard.STEP: "#D55E00",
+    Hazard.STEEP: "#E69F00",
+    Hazard.ROUGH: "#2F93D6",
+    Hazard.CONFLICT: "#68199D",
+    Hazard.UNCERTAIN: "#9EC9F3",
+    Hazard.STALE: "#A898CC",
+    Hazard.EDGE: "#F6E27A",
+}
+"""One colour per hazard. The order is that of precedence: a cell with several flags shows the first of them."""
+
+DOTS_PER_INCH = 150
+_RC: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.0,
+    "axes.titlesize": 9.0,
+    "axes.labelsize": 8.0,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.labelsize": 7.0,
+    "ytick.labelsize": 7.0,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "legend.fontsize": 7.0,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+    "image.interpolation": "nearest",
+    "savefig.dpi": DOTS_PER_INCH,
+}
+
+
+def new_figure(
+    rows: int = 1, columns: int = 1, size: tuple[float, float] = (5.0, 4.0), **options: Any
+) -> tuple[Figure, npt.NDArray[Any]]:
+    """A figure with rows x columns axes, (rows, columns) object array.
+
+    Args:
+        rows: of axes.
+        columns: of axes.
+        size: width and height [inch], DOTS_PER_INCH pixels each.
+        options: passed to matplotlib's `Figure.subplots` (`sharex`, `gridspec_kw`, ...).
+    """
+    import matplotlib
+    from cycler import cycler
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context({**_RC, "axes.prop_cycle": cycler(color=LINE_COLOURS)}):
+        figure = Figure(figsize=size, layout="constrained", dpi=DOTS_PER_INCH)
+        FigureCanvasAgg(figure)
+        axes = figure.subplots(rows, columns, squeeze=False, **options)
+    return figure, axes
+
+
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """Write a figure to a .png, .svg or .pdf file, whole or not at all.
+
+    Raises:
+        MissingFile: the folder does not exist.
+    """
+    import matplotlib
+
+    with matplotlib.rc_context(_RC), whole_file(path) as temporary:
+        figure.savefig(temporary, facecolor="white")
+
+
+def draw_layer(axes: Axes, geometry: GridGeometry, values: npt.NDArray[Any], **options: Any) -> AxesImage:
+    """Draw a layer a[iy, ix] of a grid as people see it: x up, y to the left, axes in metres; NaN in pale grey.
+
+    Args:
+        axes: to draw on.
+        geometry: of the grid.
+        values: (ny, nx) numbers, or (ny, nx, 3) colours 0 ... 1.
+        options: passed to `imshow` (`cmap`, `vmin`, `vmax`, ...); the colours are those of heights by default.
+    """
+    ny, nx = geometry.shape
+    (x0, y0), cell = geometry.origin, geometry.resolution
+    picture = np.swapaxes(np.asarray(values), 0, 1)
+    extent = (y0, y0 + ny * cell, x0, x0 + nx * cell)
+    options = {"cmap": HEIGHT_COLOURS, **options}
+    axes.set_facecolor(UNKNOWN_COLOUR)
+    image = axes.imshow(picture, origin="lower", extent=extent, interpolation="nearest", aspect="equal", **options)
+    axes.set_xlim(extent[1], extent[0])
+    axes.set_ylim(extent[2], extent[3])
+    axes.set_xlabel("y [m]")
+    axes.set_ylabel("x [m]")
+    return image
+
+
+def hazard_picture(hazard: npt.NDArray[np.uint16]) -> tuple[npt.NDArray[np.float32], list[tuple[str, str]]]:
+    """Colours of a hazard layer and the legend that goes with it.
+
+    Args:
+        hazard: (ny, nx) uint16 flags.
+
+    Returns:
+        (ny, nx, 3) float32 colours 0 ... 1, and (name, colour) of everything that the picture shows, free cells first.
+    """
+    picture = np.full((*hazard.shape, 3), np.nan, dtype=np.float32)
+    left = np.ones(hazard.shape, dtype=bool)
+    shown: list[tuple[str, str]] = []
+    for flag, colour in HAZARD_COLOURS.items():
+        here = left & ((hazard & np.uint16(flag)) != 0)
+        left &= ~here
+        if here.any():
+            picture[here] = rgb(colour)
+            shown.append((str(flag.name).lower().replace("_", " "), colour))
+    picture[left] = rgb(FREE_COLOUR)
+    if left.any():
+        shown.insert(0, ("free", FREE_COLOUR))
+    return picture, shown
+
+
+def draw_hazards(axes: Axes, geometry: GridGeometry, hazard: npt.NDArray[np.uint16], legend: bool = True) -> None:
+    """Draw a hazard layer, each cell in the colour of its foremost flag, with a legend of what is there."""
+    from matplotlib.patches import Patch
+
+    picture, shown = hazard_picture(hazard)
+    draw_layer(axes, geometry, picture)
+    if legend:
+        handles = [Patch(facecolor=colour, edgecolor="#555555", linewidth=0.4, label=name) for name, colour in shown]
+        axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=7.0)
+
+
+def rgb(colour: str) -> tuple[float, float, float]:
+    """Red, green, blue 0 ... 1 of "#RRGGBB"."""
+    red, green, blue = (int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    return red, green, blue
