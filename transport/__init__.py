@@ -1,5 +1,6 @@
 """Terrain grids, scan requests and stance pauses over Zenoh and in recordings; usable alone."""
 
+from transport.client import PerceptionClient
 from transport.codec import decode, encode
 from transport.configuration import DEFAULT_ENDPOINT
 from transport.exceptions import (
@@ -26,11 +27,20 @@ from transport.liveliness import AliveToken, AliveWatcher
 from transport.outbox import Outbox
 from transport.parts import GroundPatch, ObstacleMessage, StanceMessage, TransformMessage
 from transport.publisher import Publisher
+from transport.query import QueryServer, query_terrain
 from transport.receiver import NewestReceiver, Received
+from transport.ros2 import Ros2Mirror
+from transport.scan_client import request_scan
 from transport.scan_messages import QueryRequest, Refusal, ScanReply, ScanRequest, ScanState
+from transport.scan_server import ScanJob, ScanServer
+from transport.security import init_security
+from transport.security_check import Permission, check_security, format_matrix
+from transport.server import PerceptionServer
 from transport.session import Session, open_client, open_node
+from transport.stance_link import StancePublisher, StanceReceiver
 from transport.stance_pause import PausePhase, StancePause, decode_stance_pause, encode_stance_pause
 from transport.status_message import Status, StatusItem, decode_status, encode_status
+from transport.status_reporter import StatusReporter
 from transport.terrain_codec import decode_terrain, encode_terrain
 from transport.terrain_message import LAYERS, Health, TerrainMessage
 
@@ -50,16 +60,23 @@ __all__ = [
     "ObstacleMessage",
     "Outbox",
     "PausePhase",
+    "PerceptionClient",
+    "PerceptionServer",
+    "Permission",
     "Publisher",
     "QueryRequest",
+    "QueryServer",
     "ReceiveTimeout",
     "Received",
     "RecordingError",
     "Refusal",
+    "Ros2Mirror",
     "ScanBusy",
     "ScanFailed",
+    "ScanJob",
     "ScanReply",
     "ScanRequest",
+    "ScanServer",
     "ScanState",
     "ScanTimeout",
     "ScannerGone",
@@ -70,12 +87,16 @@ __all__ = [
     "StaleTerrain",
     "StanceMessage",
     "StancePause",
+    "StancePublisher",
+    "StanceReceiver",
     "Status",
     "StatusItem",
+    "StatusReporter",
     "TerrainMessage",
     "TransformMessage",
     "TransportError",
     "VersionError",
+    "check_security",
     "decode",
     "decode_stance_pause",
     "decode_status",
@@ -84,8 +105,12 @@ __all__ = [
     "encode_stance_pause",
     "encode_status",
     "encode_terrain",
+    "format_matrix",
     "grid_map_message",
+    "init_security",
     "occupancy_message",
     "open_client",
     "open_node",
+    "query_terrain",
+    "request_scan",
 ]

@@ -1,0 +1,190 @@
+"""Reads a recording: its scans, their frames, the grids and the calibration."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self
+
+from transport.codec import decode, read_time
+from transport.exceptions import RecordingError
+from transport.part_codec import read_stance
+from transport.recording.records import Frame, FrameReference, ScanRecord, StripeRecord, read_frame
+from transport.recording.topics import CALIBRATION_NAME, TYPES, part_of
+from transport.stance_pause import StancePause, decode_stance_pause
+from transport.terrain_codec import decode_terrain
+from transport.terrain_message import EXTENTS, TerrainMessage
+
+_SCAN_PARTS = ("scan/start", "scan/stripe", "scan/end")
+
+
+class Recording:
+    """An open MCAP recording; use it in a `with` block. Frames are read one by one, when asked for.
+
+    Attributes:
+        path: File.
+        scans: Scans in the order in which they were recorded; the last of a recovered file may not be whole.
+        calibration: Text of the attached `calibration.json`, None when there is none.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        """Open the file and read all but the frames and grids; see `open_recording`."""
+        from mcap.reader import make_reader
+
+        self.path = Path(path)
+        try:
+            self._file: IO[bytes] = self.path.open("rb")
+        except OSError as error:
+            raise RecordingError(f"cannot read {self.path}: {error.strerror}") from error
+        try:
+            self._reader = make_reader(self._file, validate_crcs=True)
+            self._summary = self._reader.get_summary()
+            if self._summary is None or not self._summary.statistics:
+                raise RecordingError(f"{self.path} has no index; `guara recover` makes one")
+            self.calibration = self._read_calibration()
+            self.scans = tuple(self._read_scans())
+        except RecordingError:
+            self._file.close()
+            raise
+        except Exception as error:  # cut bytes provoke errors of the container, the decompressor and of Python
+            self._file.close()
+            raise RecordingError(
+                f"{self.path} is no whole recording ({type(error).__name__}: {error}); if it was cut, "
+                f"`guara recover` restores what is in it"
+            ) from error
+
+    def __enter__(self) -> Self:
+        """The recording itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def frame(self, reference: FrameReference) -> Frame:
+        """Read one frame.
+
+        Raises:
+            RecordingError: It is not in the file.
+            MessageError: It is damaged.
+        """
+        part, stamp = part_of(reference.topic), reference.stamp
+        if "camera" in part and part in TYPES:
+            for _, payload in self._iterate([reference.topic], (stamp, stamp + 1)):
+                return read_frame(decode(payload, TYPES[part]), stamp)
+        raise RecordingError(f"{self.path} holds no frame of {reference.topic} at {stamp} ns")
+
+    def terrains(self, extent: str = "footprint") -> Iterator[TerrainMessage]:
+        """The grids of one extent, in order; MessageError for a damaged one."""
+        if extent not in EXTENTS:
+            raise RecordingError(f"extent is {extent!r}; allowed are {', '.join(map(repr, EXTENTS))}")
+        for payload in self._payloads("terrain" if extent == "footprint" else "map"):
+            yield decode_terrain(payload)
+
+    def stance_pauses(self) -> Iterator[StancePause]:
+        """The announcements of stance pauses, in order; MessageError for a damaged one."""
+        for payload in self._payloads("stance"):
+            yield decode_stance_pause(payload)
+
+    def messages(self, part: str) -> Iterator[Any]:
+        """Message objects of one topic, by the part of its name after the robot's, in order.
+
+        Raises:
+            RecordingError: Unknown topic.
+            MessageError: A message is damaged.
+        """
+        if part not in TYPES:
+            raise RecordingError(f"topic {part!r} is unknown; topics are {', '.join(TYPES)}")
+        for payload in self._payloads(part):
+            yield decode(payload, TYPES[part])
+
+    def close(self) -> None:
+        """Close the file; safe to call twice."""
+        self._file.close()
+
+    def _topics(self, *parts: str) -> list[str]:
+        channels = self._summary.channels.values() if self._summary else ()
+        return [channel.topic for channel in channels if part_of(channel.topic) in parts]
+
+    def _payloads(self, part: str) -> Iterator[bytes]:
+        for _, payload in self._iterate(self._topics(part)):
+            yield payload
+
+    def _iterate(
+        self, topics: list[str], span: tuple[int | None, int | None] = (None, None)
+    ) -> Iterator[tuple[str, bytes]]:
+        """Topic and payload in the order of writing: stamps may come from different clocks."""
+        if not topics:
+            return
+        messages = self._reader.iter_messages(topics, *span, log_time_order=False)
+        while True:
+            try:
+                _, channel, message = next(messages)
+            except StopIteration:
+                return
+            except Exception as error:  # the container, the decompressor and Python each have their own
+                raise RecordingError(
+                    f"{self.path} is damaged ({type(error).__name__}: {error}); `guara recover` restores the rest"
+                ) from error
+            yield channel.topic, message.data
+
+    def _read_calibration(self) -> bytes | None:
+        found = None
+        for attachment in self._reader.iter_attachments():
+            if attachment.name == CALIBRATION_NAME:
+                found = attachment.data
+        return found
+
+    def _read_scans(self) -> Iterator[ScanRecord]:
+        start: Any = None
+        stripes: list[StripeRecord] = []
+        for topic, payload in self._iterate(self._topics(*_SCAN_PARTS)):
+            part = part_of(topic)
+            body = decode(payload, TYPES[part])
+            if part == "scan/start":
+                if start is not None:
+                    yield _make_scan(start, stripes, None)
+                start, stripes = body, []
+            elif start is not None and part == "scan/stripe":
+                stripes.append(_make_stripe(body))
+            elif start is not None:
+                yield _make_scan(start, stripes, body)
+                start = None
+        if start is not None:
+            yield _make_scan(start, stripes, None)
+
+
+def _make_stripe(body: Any) -> StripeRecord:
+    on = FrameReference(body.on_topic, read_time(body.on_stamp))
+    off = FrameReference(body.off_topic, read_time(body.off_stamp))
+    return StripeRecord(
+        index=body.index,
+        mirror_angle=body.mirror_angle,
+        on=on if on.topic else None,
+        off=off if off.topic else None,
+        stamp=read_time(body.header.stamp),
+    )
+
+
+def _make_scan(start: Any, stripes: list[StripeRecord], end: Any) -> ScanRecord:
+    return ScanRecord(
+        robot=start.robot,
+        mode=start.mode,
+        stamp=read_time(start.header.stamp),
+        step=start.step,
+        stance=read_stance(start.stance),
+        calibration_hash=start.calibration_hash,
+        stance_end=read_stance(end.stance_end) if end is not None and end.has_stance_end else None,
+        stripes=tuple(stripes),
+        is_whole=end is not None and end.stripes == len(stripes),
+    )
+
+
+def open_recording(path: str | Path) -> Recording:
+    """Open an MCAP recording.
+
+    Raises:
+        RecordingError: The file cannot be read, is no MCAP file, or was cut.
+    """
+    return Recording(path)

@@ -1,0 +1,135 @@
+"""Makes a cut or damaged recording readable again: copies every whole piece into a new file with an index."""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from transport.exceptions import RecordingError
+from transport.recording.writer import CHUNK_SIZE
+
+_RECORD_LIMIT: Final = 512 * 1024 * 1024
+"""[byte] Longer records are taken as damage; a chunk has 1 MiB, or one frame of a few MiB."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recovery:
+    """What came out of a damaged recording.
+
+    Attributes:
+        messages: Messages that were saved.
+        attachments: Attachments that were saved.
+        damaged_chunks: Pieces that were whole in length but not in content, and were left out.
+        bytes_lost: [byte] at the end of the file that belong to no whole piece.
+        was_whole: The file had its index and nothing was lost.
+    """
+
+    messages: int
+    attachments: int
+    damaged_chunks: int
+    bytes_lost: int
+    was_whole: bool
+
+
+class _Counts:
+    """Running figures of a recovery."""
+
+    def __init__(self) -> None:
+        self.messages = self.attachments = self.damaged = 0
+        self.position = 0
+        self.ended = False
+
+
+def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
+    """Copy all that is whole in `source` into the new file `destination`.
+
+    Raises:
+        RecordingError: `source` cannot be read or is no MCAP file, or `destination` exists or cannot be written.
+    """
+    from mcap.writer import CompressionType, Writer
+
+    old, new = Path(source), Path(destination)
+    if new.exists():
+        raise RecordingError(f"{new} exists; give another name, or remove it first")
+    part = new.with_name(f".{new.name}.part")
+    counts = _Counts()
+    try:
+        size = old.stat().st_size
+        with old.open("rb") as stream, part.open("wb") as output:
+            writer = Writer(output, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
+            writer.start(profile="ros2", library="guara-perception")
+            _copy(_records(stream, counts, old), writer, counts)
+            writer.finish()
+            output.flush()
+            os.fsync(output.fileno())
+        part.replace(new)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise RecordingError(f"cannot recover {old} into {new}: {error.strerror or error}") from error
+    except RecordingError:
+        part.unlink(missing_ok=True)
+        raise
+    lost = 0 if counts.ended else size - counts.position
+    whole = counts.ended and not counts.damaged
+    return Recovery(counts.messages, counts.attachments, counts.damaged, lost, whole)
+
+
+def _records(stream: Any, counts: _Counts, path: Path) -> Iterator[Any]:
+    """Records in the order of the file, those of a chunk one by one; ends silently where the file is cut."""
+    from mcap.records import Chunk, DataEnd
+    from mcap.stream_reader import StreamReader, breakup_chunk
+
+    reader = StreamReader(stream, emit_chunks=True, record_size_limit=_RECORD_LIMIT)
+    records = iter(reader.records)
+    while True:
+        try:
+            record = next(records)
+        except StopIteration:
+            return
+        except Exception as error:  # EndOfFile, struct.error and whatever else cut bytes provoke
+            if counts.position == 0:
+                raise RecordingError(f"{path} is no MCAP file ({error})") from error
+            return
+        counts.position = stream.tell()
+        if isinstance(record, DataEnd):
+            counts.ended = True
+            return
+        if not isinstance(record, Chunk):
+            yield record
+            continue
+        try:
+            inner = breakup_chunk(record, validate_crc=True)
+        except Exception:  # the decompressor has errors of its own kind
+            counts.damaged += 1
+            continue
+        yield from inner
+
+
+def _copy(records: Iterator[Any], writer: Any, counts: _Counts) -> None:
+    from mcap.records import Attachment, Channel, Message, Schema
+
+    schemas: dict[int, int] = {}
+    channels: dict[int, int] = {}
+    for record in records:
+        if isinstance(record, Schema):
+            if record.id not in schemas:
+                schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+        elif isinstance(record, Channel):
+            if record.id not in channels and record.schema_id in schemas:
+                channels[record.id] = writer.register_channel(
+                    record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
+                )
+        elif isinstance(record, Message):
+            if record.channel_id in channels:
+                writer.add_message(
+                    channels[record.channel_id],
+                    record.log_time,
+                    record.data,
+                    record.publish_time,
+                    record.sequence,
+                )
+                counts.messages += 1
+        elif isinstance(record, Attachment):
+            writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
+            counts.attachments += 1

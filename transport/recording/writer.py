@@ -1,0 +1,282 @@
+"""Writes a recording while the robot works; what was acknowledged survives a killed process."""
+
+import os
+import threading
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+from transport.codec import encode, make_header, make_time, read_time
+from transport.exceptions import RecordingError
+from transport.keys import DEFAULT_ROBOT
+from transport.part_codec import make_stance
+from transport.parts import StanceMessage
+from transport.recording.records import CAMERA_FRAME, Frame, FrameReference, ScanRecord, make_frame
+from transport.recording.topics import CALIBRATION_NAME, SCAN_END, SCAN_START, STRIPE, TYPES, Topics
+from transport.stance_pause import StancePause, encode_stance_pause
+from transport.terrain_codec import encode_terrain
+from transport.terrain_message import TerrainMessage
+from transport.typestore import message_class, message_definition
+
+CHUNK_SIZE: Final = 1024 * 1024
+"""[byte] Larger chunks compress no better, and a killed process loses the last one."""
+
+_NO_STANCE: Final = StanceMessage(joint_positions={}, support_feet=())
+
+
+class RecordingWriter:
+    """An MCAP file of ROS 2 messages in the making; use it in a `with` block, from any thread.
+
+    A scan is acknowledged when `end_scan` returns, a grid when `add_terrain` returns: from then on it survives
+    the end of the process, whatever ends it.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        robot: str = DEFAULT_ROBOT,
+        calibration: bytes | None = None,
+        atomic: bool = False,
+        sync: bool = False,
+    ) -> None:
+        """Create the file.
+
+        Args:
+            path: New file, usually `*.mcap`.
+            robot: Instance name, part of the topics.
+            calibration: Text of `calibration.json`, attached.
+            atomic: Write beside, and give the file its name when it is whole.
+            sync: Also wait for the disk at each acknowledgement, against loss of power.
+
+        Raises:
+            RecordingError: The file exists or cannot be written.
+        """
+        from mcap.writer import CompressionType, Writer
+
+        self.path = Path(path)
+        self._topics = Topics(robot)
+        self._atomic = atomic
+        self._sync = sync
+        self._place = self.path.with_name(f".{self.path.name}.part") if atomic else self.path
+        self._lock = threading.RLock()
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._stamps: dict[str, int] = {}
+        self._scan: ScanRecord | None = None
+        self._stripes = 0
+        self._closed = False
+        if self.path.exists():
+            raise RecordingError(f"{self.path} exists; give another name, or remove it first")
+        try:
+            self._file = self._place.open("wb")
+        except OSError as error:
+            raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
+        self._writer = Writer(self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
+        self._writer.start(profile="ros2", library="guara-perception")
+        if calibration is not None:
+            self.add_calibration(calibration)
+
+    def __enter__(self) -> Self:
+        """The writer itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Finish the file; an atomic one is dropped when the block was left by an error."""
+        if error is not None and self._atomic:
+            self._discard()
+        else:
+            self.close()
+
+    def add_calibration(self, text: bytes) -> None:
+        """Attach the text of a `calibration.json`; the last one counts."""
+        with self._lock:
+            self._check_open()
+            self._writer.add_attachment(0, 0, CALIBRATION_NAME, "application/json", text)
+            self.flush()
+
+    def begin_scan(self, scan: ScanRecord) -> None:
+        """Start a scan; its stripes are added one by one, whatever `scan.stripes` holds.
+
+        Raises:
+            RecordingError: Another scan is open.
+        """
+        with self._lock:
+            if self._scan is not None:
+                raise RecordingError(f"scan of step {self._scan.step} is still open; end it first")
+            message = message_class(SCAN_START)(
+                header=make_header(scan.stamp, "base_link"),
+                robot=scan.robot,
+                mode=scan.mode,
+                step=scan.step,
+                calibration_hash=scan.calibration_hash,
+                stance=make_stance(scan.stance),
+            )
+            self._add("scan/start", message, scan.stamp)
+            self._scan, self._stripes = scan, 0
+
+    def add_frame(self, frame: Frame, *, laser_on: bool) -> FrameReference:
+        """Add a picture, and return the reference to pass to `add_stripe`.
+
+        A frame without a stamp gets that of the open scan; stamps are moved by nanoseconds to be unique.
+        """
+        kind = "on" if laser_on else "off"
+        part = f"camera/{kind}" if frame.pixels is not None else f"camera/{kind}/compressed"
+        with self._lock:
+            given = frame.stamp or (self._scan.stamp if self._scan else 0)
+            stamp = max(given, self._stamps.get(part, -1) + 1)
+            self._stamps[part] = stamp
+            self._add(part, make_frame(frame, stamp), stamp)
+            return FrameReference(self._topics.name(part), stamp)
+
+    def add_stripe(
+        self,
+        index: int,
+        mirror_angle: float,
+        on: Frame | FrameReference | None,
+        off: Frame | FrameReference | None = None,
+        *,
+        stamp: int | None = None,
+    ) -> None:
+        """Add a stripe of the open scan.
+
+        Args:
+            index: Index in the standard pattern.
+            mirror_angle: [rad] as commanded.
+            on: Picture with the laser on, None when it was lost.
+            off: Picture with the laser off; a reference to share one between stripes.
+            stamp: [ns]; None takes that of the picture, or of the scan.
+
+        Raises:
+            RecordingError: No scan is open.
+        """
+        with self._lock:
+            if self._scan is None:
+                raise RecordingError("no scan is open; call begin_scan first")
+            on_at = self.add_frame(on, laser_on=True) if isinstance(on, Frame) else on
+            off_at = self.add_frame(off, laser_on=False) if isinstance(off, Frame) else off
+            when = stamp if stamp is not None else (on_at.stamp if on_at else self._scan.stamp)
+            message = message_class(STRIPE)(
+                header=make_header(when, CAMERA_FRAME),
+                step=self._scan.step,
+                index=index,
+                mirror_angle=float(mirror_angle),
+                on_topic=on_at.topic if on_at else "",
+                on_stamp=make_time(on_at.stamp if on_at else 0),
+                off_topic=off_at.topic if off_at else "",
+                off_stamp=make_time(off_at.stamp if off_at else 0),
+            )
+            self._add("scan/stripe", message, when)
+            self._stripes += 1
+
+    def end_scan(self, *, stance_end: StanceMessage | None = None, stamp: int | None = None) -> None:
+        """End the open scan; when this returns the scan is safe.
+
+        Raises:
+            RecordingError: No scan is open, or the disk is full.
+        """
+        with self._lock:
+            if self._scan is None:
+                raise RecordingError("no scan is open; call begin_scan first")
+            when = stamp if stamp is not None else self._scan.stamp
+            message = message_class(SCAN_END)(
+                header=make_header(when, "base_link"),
+                step=self._scan.step,
+                stripes=self._stripes,
+                has_stance_end=stance_end is not None,
+                stance_end=make_stance(stance_end or _NO_STANCE),
+            )
+            self._add("scan/end", message, when)
+            self._scan = None
+            self.flush()
+
+    def add_terrain(self, terrain: TerrainMessage) -> None:
+        """Add a grid of either extent; when this returns it is safe."""
+        part = "terrain" if terrain.extent == "footprint" else "map"
+        self._put(part, encode_terrain(terrain), terrain.stamp)
+
+    def add_stance_pause(self, pause: StancePause) -> None:
+        """Add the begin or end of a stance pause; when this returns it is safe."""
+        self._put("stance", encode_stance_pause(pause), pause.stamp)
+
+    def add_message(self, part: str, message: Any) -> None:
+        """Add a message object of one of the other topics: "occupancy", "grid_map" or "status".
+
+        Raises:
+            RecordingError: Unknown topic, or a message of another type.
+        """
+        if TYPES.get(part) != message.__msgtype__:
+            raise RecordingError(f"topic {part!r} does not take {message.__msgtype__}; topics are {', '.join(TYPES)}")
+        self._put(part, encode(message), read_time(message.header.stamp))
+
+    def flush(self) -> None:
+        """Hand all that was added to the operating system, and to the disk with `sync`.
+
+        Raises:
+            RecordingError: The disk is full or gone.
+        """
+        with self._lock:
+            self._check_open()
+            try:
+                self._writer.flush()
+                if self._sync:
+                    os.fsync(self._file.fileno())
+            except OSError as error:
+                raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
+
+    def close(self) -> None:
+        """Write the index, and give an atomic file its name; safe to call twice.
+
+        Raises:
+            RecordingError: The disk is full or gone.
+        """
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            try:
+                self._writer.finish()
+                self._file.flush()
+                os.fsync(self._file.fileno())
+                self._file.close()
+                if self._atomic:
+                    self._place.replace(self.path)
+            except OSError as error:
+                raise RecordingError(f"cannot finish {self.path}: {error.strerror}") from error
+
+    def _discard(self) -> None:
+        with self._lock:
+            self._closed = True
+            self._file.close()
+            self._place.unlink(missing_ok=True)
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise RecordingError(f"the recording {self.path} is closed")
+
+    def _put(self, part: str, payload: bytes, stamp: int) -> None:
+        with self._lock:
+            self._add_payload(part, payload, stamp)
+            self.flush()
+
+    def _add(self, part: str, message: Any, stamp: int) -> None:
+        self._add_payload(part, encode(message), stamp)
+
+    def _add_payload(self, part: str, payload: bytes, stamp: int) -> None:
+        self._check_open()
+        try:
+            self._writer.add_message(self._channel(part), stamp, payload, stamp)
+        except OSError as error:
+            raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
+
+    def _channel(self, part: str) -> int:
+        if part not in self._channels:
+            name = TYPES[part]
+            if name not in self._schemas:
+                text = message_definition(name).encode()
+                self._schemas[name] = self._writer.register_schema(name, "ros2msg", text)
+            topic = self._topics.name(part)
+            self._channels[part] = self._writer.register_channel(topic, "cdr", self._schemas[name])
+        return self._channels[part]
