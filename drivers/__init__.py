@@ -1,1 +1,61 @@
-"""drivers."""
+"""Devices of the rangefinder: the USB laser board, cameras, and scans taken with both in step.
+
+Usable alone. Real devices, an emulated board at the USB level (`drivers.emulator`) and replayed frames have the
+same interface. pyusb and OpenCV are imported when a device is opened.
+"""
+
+from drivers.acquisition import StripeStream, acquire, prepare
+from drivers.board import LaserBoard
+from drivers.board_config import BoardConfig
+from drivers.camera import Camera, CameraSettings
+from drivers.camera_lag import LagMeasurement, measure_lag
+from drivers.capture import ScanReport, StripeCapture, StripeEvidence, StripeVerdict
+from drivers.errors import AcquisitionError, BoardError, CameraError, DriverError
+from drivers.frame import Frame, Image
+from drivers.metering import MeteringResult, meter_exposure
+from drivers.opencv_camera import OpenCvCamera
+from drivers.options import AcquireOptions, OffFrames
+from drivers.pattern import coarse, coarse_first
+from drivers.proof import ProofLimits
+from drivers.protocol import BoardFault, BoardFlag
+from drivers.records import BoardIdentity, BoardStatus
+from drivers.replay_camera import ReplayCamera
+from drivers.udev import UDEV_RULE_FILE, udev_instructions, udev_rule
+
+__all__ = [
+    "UDEV_RULE_FILE",
+    "AcquireOptions",
+    "AcquisitionError",
+    "BoardConfig",
+    "BoardError",
+    "BoardFault",
+    "BoardFlag",
+    "BoardIdentity",
+    "BoardStatus",
+    "Camera",
+    "CameraError",
+    "CameraSettings",
+    "DriverError",
+    "Frame",
+    "Image",
+    "LagMeasurement",
+    "LaserBoard",
+    "MeteringResult",
+    "OffFrames",
+    "OpenCvCamera",
+    "ProofLimits",
+    "ReplayCamera",
+    "ScanReport",
+    "StripeCapture",
+    "StripeEvidence",
+    "StripeStream",
+    "StripeVerdict",
+    "acquire",
+    "coarse",
+    "coarse_first",
+    "measure_lag",
+    "meter_exposure",
+    "prepare",
+    "udev_instructions",
+    "udev_rule",
+]

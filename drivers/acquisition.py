@@ -1,0 +1,201 @@
+"""Takes a scan: stripes arrive one by one, proved to be in step, while the mirror already turns to the next."""
+
+from __future__ import annotations
+
+import logging
+import math
+import queue
+from collections.abc import Callable, Iterable, Iterator
+from types import TracebackType
+
+import numpy as np
+
+from drivers.board import LaserBoard
+from drivers.camera import Camera
+from drivers.capture import ScanReport, StripeCapture, StripeEvidence, StripeVerdict
+from drivers.errors import AcquisitionNotEntered, DriverError
+from drivers.frame import Frame, Image
+from drivers.options import AcquireOptions
+from drivers.pattern import BandOf, PatternStripe, check_pattern
+from drivers.proof import StepProof
+from drivers.scan_report import write_report
+from drivers.scan_worker import RawStripe, ScanWorker
+
+_log = logging.getLogger(__name__)
+_POLL = 0.2  # s between two looks at whether the scan's thread still lives
+_JOIN = 2.0  # s; more than a camera may take to return from a grab slice
+
+
+def acquire(
+    board: LaserBoard,
+    camera: Camera,
+    pattern: Iterable[tuple[int, float]],
+    options: AcquireOptions | None = None,
+    *,
+    band: BandOf | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> StripeStream:
+    """Return a scan to be taken in a `with` block, whose stripes are iterated.
+
+    ```python
+    with acquire(board, camera, pattern, should_stop=pause_is_over) as stripes:
+        for stripe in stripes:
+            processor.add(stripe.index, stripe.on, stripe.off)
+    report = stripes.report
+    ```
+
+    The laser is off when the block is left, whatever happened in it.
+
+    Args:
+        board: an open board.
+        camera: an open camera.
+        pattern: pairs (index, mirror angle [rad]) in the order to be taken.
+        options: None for the defaults (one off frame).
+        band: gives the rows (first, end) in which the stripe of an index can be; None: anywhere.
+        should_stop: asked often, from the scan's own thread; True ends the scan early.
+
+    Raises:
+        BadPattern: the pattern is empty, repeats an index, or holds an angle that is not finite.
+    """
+    return StripeStream(board, camera, check_pattern(pattern), options or AcquireOptions(), band, should_stop)
+
+
+def prepare(board: LaserBoard, pattern: Iterable[tuple[int, float]]) -> int:
+    """Between scans: count the steps lost since the last time, and turn the mirror to the first stripe.
+
+    Returns:
+        Steps that the mirror had lost when it came home; other than 0, the scans since then are doubtful.
+
+    Raises:
+        BoardError: the board cannot be reached, or found no home.
+    """
+    first = check_pattern(pattern)[0]
+    board.ensure_ready()
+    lost = board.home()
+    board.clear_faults()
+    board.go_to_angle(first.mirror_angle)
+    return lost
+
+
+class StripeStream:
+    """One scan under way; made by `acquire`."""
+
+    def __init__(
+        self,
+        board: LaserBoard,
+        camera: Camera,
+        pattern: tuple[PatternStripe, ...],
+        options: AcquireOptions,
+        band: BandOf | None,
+        should_stop: Callable[[], bool] | None,
+    ) -> None:
+        """Prepare; see `acquire`."""
+        self._board, self._band = board, band
+        self._pattern = pattern
+        self._worker = ScanWorker(board, camera, self._pattern, options, should_stop)
+        self._proof = StepProof(options.limits)
+        self._verdicts: list[tuple[int, StripeVerdict]] = []
+        self._on_before: Image | None = None
+        self._entered = self._ended = False
+
+    def __enter__(self) -> StripeStream:
+        """Make the board ready (home, clear faults) and begin.
+
+        Raises:
+            MirrorOutOfRange: an angle of the pattern is outside the board's travel.
+            BoardError: the board cannot work.
+        """
+        for stripe in self._pattern:
+            self._board.step_at(stripe.mirror_angle)
+        self._board.ensure_ready()
+        self._entered = True
+        self._worker.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Put the laser out and end the scan."""
+        try:
+            self._worker.cancel()
+        except DriverError as failure:
+            if error is None:
+                raise
+            _log.error("while ending the scan after %r: %s", error, failure)
+        finally:
+            self._worker.join(_JOIN)
+            if self._worker.is_alive():
+                _log.error("the camera does not return from a grab; the laser is off")
+
+    def __iter__(self) -> Iterator[StripeCapture]:
+        """Iterate over the stripes, each as it arrives.
+
+        Raises:
+            AcquisitionNotEntered: outside the `with` block.
+            DriverError: what ended the scan; `report` tells how far it came.
+        """
+        if not self._entered:
+            raise AcquisitionNotEntered("a scan is taken in a with block: `with acquire(...) as stripes:`")
+        while not self._ended:
+            item = self._next_item()
+            if item is None:
+                self._ended = True
+                if self._worker.failure is not None:
+                    raise self._worker.failure
+                return
+            yield self._judged(item)
+
+    @property
+    def report(self) -> ScanReport:
+        """What the scan amounted to, so far or at its end."""
+        return write_report(self._pattern, self._worker, tuple(self._verdicts))
+
+    def _next_item(self) -> RawStripe | None:
+        while True:
+            try:
+                return self._worker.items.get(timeout=_POLL)
+            except queue.Empty:
+                if not self._worker.is_alive() and self._worker.items.empty():
+                    return None
+
+    def _judged(self, raw: RawStripe) -> StripeCapture:
+        verdict, evidence = self._verdict(raw)
+        self._verdicts.append((raw.stripe.index, verdict))
+        on = None if verdict is StripeVerdict.RESIZED else raw.on
+        if on is not None:
+            self._on_before = on.image
+        return StripeCapture(
+            index=raw.stripe.index,
+            mirror_angle=raw.stripe.mirror_angle,
+            mirror_angle_reached=raw.reached,
+            on=None if on is None else on.image,
+            off=None if raw.off is None else raw.off.image,
+            on_stamp=_stamp(on),
+            off_stamp=_stamp(raw.off),
+            verdict=verdict,
+            evidence=evidence,
+        )
+
+    def _verdict(self, raw: RawStripe) -> tuple[StripeVerdict, StripeEvidence | None]:
+        if raw.on is None:
+            return StripeVerdict.LOST, None
+        image = raw.on.image
+        reference = self._on_before if raw.off is None else raw.off.image
+        if reference is None:
+            return StripeVerdict.UNPROVED, None
+        before = self._on_before if self._on_before is not None else reference
+        if any(image.shape != other.shape or image.dtype != other.dtype for other in (reference, before)):
+            return StripeVerdict.RESIZED, None
+        band = None if self._band is None else self._band(raw.stripe.index)
+        verdict, evidence = self._proof.judge(
+            raw.stripe.mirror_angle, image, reference, reference_is_off=raw.off is not None, band=band
+        )
+        if verdict in (StripeVerdict.DARK, StripeVerdict.NOT_MOVED) and (
+            np.array_equal(image, reference) or (before is not reference and np.array_equal(image, before))
+        ):
+            verdict = StripeVerdict.REPEATED
+        return verdict, evidence
+
+
+def _stamp(frame: Frame | None) -> float:
+    return math.nan if frame is None else frame.stamp

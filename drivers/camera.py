@@ -1,0 +1,100 @@
+"""What a camera must offer to be used in a scan: open, lock its settings, grab a frame, flush, close."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields
+from types import TracebackType
+from typing import Self
+
+from drivers.frame import Frame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraSettings:
+    """Settings that must not change during a scan; None leaves one as it is.
+
+    Attributes:
+        exposure: time the shutter is open [s], automatic exposure off.
+        gain: in the camera's own unit, automatic gain off.
+        white_balance: colour temperature [K], automatic white balance off.
+        gamma: in the camera's own unit; choose the linear value, since a stripe's centre moves with gamma.
+
+    Raises:
+        ValueError: a value that is not finite, or an exposure, temperature or gamma not above 0.
+    """
+
+    exposure: float | None = None
+    gain: float | None = None
+    white_balance: float | None = None
+    gamma: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is None:
+                continue
+            if not math.isfinite(value) or (field.name != "gain" and value <= 0):
+                raise ValueError(f"camera setting {field.name} is {value}, it must be finite and above 0")
+
+
+class Camera(ABC):
+    """Base class of all cameras, a context manager. To wire another camera, write these five methods.
+
+    Attributes:
+        name: what the camera is called in messages.
+        lag: a frame stamped t shows nothing older than t - lag [s]: exposure, read-out and transfer together.
+            None when unknown: acquisition then throws frames away after every change instead. `measure_lag`
+            finds it out.
+    """
+
+    name: str = "camera"
+    lag: float | None = None
+
+    def __enter__(self) -> Self:
+        """Open the camera."""
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the camera."""
+        self.close()
+
+    @abstractmethod
+    def open(self) -> None:
+        """Open the camera; harmless when open.
+
+        Raises:
+            CameraNotFound: it cannot be opened.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the camera; harmless when closed."""
+
+    @abstractmethod
+    def lock(self, settings: CameraSettings) -> CameraSettings:
+        """Fix the settings, read them back and return what the camera really holds.
+
+        Raises:
+            CameraSettingRefused: the camera did not take one.
+            CameraNotOpen: open it first.
+        """
+
+    @abstractmethod
+    def grab(self, timeout: float) -> Frame:
+        """Return the oldest frame not yet returned, waiting for it at most `timeout` [s].
+
+        Raises:
+            CameraTimeout: none came.
+            CameraEnded: none will come any more.
+            CameraNotOpen: open it first.
+        """
+
+    @abstractmethod
+    def flush(self) -> None:
+        """Forget frames that have already arrived, so that the next one grabbed arrives after this call."""

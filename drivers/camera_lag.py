@@ -1,0 +1,128 @@
+"""Measures a camera's lag: how old the oldest light in a frame is when the frame arrives."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.board import LaserBoard
+from drivers.camera import Camera
+from drivers.errors import CameraTimeout, LaserNotSeen
+from drivers.frame import Frame, Image
+
+_FULL, _NONE = 0.9, 0.1  # share of the laser's light at which a frame counts as wholly lit, or wholly dark
+_GOLDEN = 0.618034
+_SETTLE_FRAMES = 6  # frames after which any pipeline shows the new state
+_MOST_FRAMES = 20  # frames to wait for a change before the camera counts as not looking
+
+
+@dataclass(frozen=True, slots=True)
+class LagMeasurement:
+    """The lag of a camera.
+
+    Attributes:
+        lag: a frame stamped t shows nothing older than t - lag [s]; the safe end of what was measured.
+        uncertainty: by how much the true lag may be shorter [s].
+        period: time between frames [s].
+        toggles: how often the laser was switched.
+    """
+
+    lag: float
+    uncertainty: float
+    period: float
+    toggles: int
+
+
+def measure_lag(board: LaserBoard, camera: Camera, *, toggles: int = 24, timeout: float = 1.0) -> LagMeasurement:
+    """Switch the laser at all phases of the frame and see which frames show it; set `camera.lag` to the result yourself.
+
+    The stripe must not be clipped: meter the exposure first. The laser is off afterwards, whatever happens.
+
+    Args:
+        board: an open board, mirror at rest where the camera sees the stripe.
+        camera: an open camera.
+        toggles: how often to switch, at least 4; the uncertainty falls with it.
+        timeout: for a frame [s].
+
+    Raises:
+        ValueError: too few toggles.
+        LaserNotSeen: the pictures do not depend on the laser.
+        CameraTimeout: no frame came.
+    """
+    if toggles < 4:
+        raise ValueError(f"toggles is {toggles}, at least 4 are needed")
+    shortest, longest = 0.0, math.inf
+    try:
+        board.laser_off()
+        dark, _ = _settled(board, camera, timeout)
+        board.laser_on()
+        lit, period = _settled(board, camera, timeout)
+        share = _ShareOfLight(dark.image, lit.image)
+        on = True
+        for turn in range(toggles):
+            on = not on
+            # Steps of the golden section spread the moments evenly over the period.
+            time.sleep(turn * _GOLDEN % 1.0 * period)
+            board.status()
+            before = time.monotonic()
+            board.laser_on() if on else board.laser_off()
+            after = time.monotonic()
+            for _ in range(_MOST_FRAMES):
+                frame = camera.grab(timeout)
+                board.status()
+                value = share.of(frame.image) if on else 1.0 - share.of(frame.image)
+                if frame.stamp <= before:
+                    continue
+                if value >= _FULL:
+                    longest = min(longest, max(0.0, frame.stamp - before))
+                    break
+                shortest = max(shortest, frame.stamp - after)
+            else:
+                raise LaserNotSeen(
+                    f"{_MOST_FRAMES} frames after the laser was switched {'on' if on else 'off'}, "
+                    f"{camera.name} does not show it: does anything else light the scene?"
+                )
+    finally:
+        board.laser_off()
+    return LagMeasurement(longest, max(0.0, longest - shortest), period, toggles)
+
+
+class _ShareOfLight:
+    """Says how much of the laser's light a frame holds, 0 ... 1, from a dark and a lit one."""
+
+    def __init__(self, dark: Image, lit: Image) -> None:
+        self._dark = dark
+        difference = _flat(lit) - _flat(dark)
+        threshold = max(0.05 * float(np.iinfo(lit.dtype).max), 0.3 * float(difference.max(initial=0.0)))
+        self._where = np.nonzero(difference > threshold)
+        self._whole = float(difference[self._where].sum())
+        if len(self._where[0]) < difference.shape[1] // 50 + 1:
+            raise LaserNotSeen(
+                "the pictures with the laser on and off do not differ: is it covered, does the camera see it?"
+            )
+
+    def of(self, image: Image) -> float:
+        """Return the share of light in `image`."""
+        return float((_flat(image) - _flat(self._dark))[self._where].sum()) / self._whole
+
+
+def _flat(image: Image) -> npt.NDArray[np.float32]:
+    values = image.astype(np.float32)
+    return values.sum(axis=2) if values.ndim == 3 else values
+
+
+def _settled(board: LaserBoard, camera: Camera, timeout: float) -> tuple[Frame, float]:
+    camera.flush()
+    frames = []
+    for _ in range(_SETTLE_FRAMES):
+        frames.append(camera.grab(timeout))
+        board.status()
+    span = frames[-1].stamp - frames[0].stamp
+    count = frames[-1].counter - frames[0].counter
+    if span <= 0 or count <= 0:
+        raise CameraTimeout(f"{camera.name} delivers frames without rhythm: a replay has no lag to measure")
+    return frames[-1], span / count

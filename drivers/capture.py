@@ -1,0 +1,134 @@
+"""What a scan brings: each stripe with its frames, and the report at the end."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from drivers.frame import Image
+
+
+class StripeVerdict(enum.Enum):
+    """Whether laser, mirror and frame of a stripe were in step."""
+
+    OK = "ok"
+    UNPROVED = "unproved"
+    """Nothing to compare with: the first stripe of a scan without off frames."""
+    AMBIENT_CHANGED = "ambient changed"
+    """In step, but the light or the exposure changed between the on and the off frame."""
+    DARK = "dark"
+    """The laser was on, yet hardly a column shows it: a ground that swallows it, or a laser that failed."""
+    LEAK = "leak"
+    """The off frame shows a stripe: the laser was not off, or the frame is older than the command."""
+    NOT_MOVED = "not moved"
+    """The stripe is where the one before was: the mirror did not turn, or the frame is older than the command."""
+    OUT_OF_BAND = "out of band"
+    """The stripe lies outside the rows where it can be."""
+    REPEATED = "repeated"
+    """The frame is the one before again, pixel by pixel, although laser or mirror changed."""
+    RESIZED = "resized"
+    """The frame has another size or type than those before."""
+    LOST = "lost"
+    """No frame came."""
+
+    @property
+    def in_step(self) -> bool:
+        """Whether the frames show what was commanded; a dark stripe is no proof of the contrary."""
+        return self in _IN_STEP
+
+
+_IN_STEP = frozenset({StripeVerdict.OK, StripeVerdict.UNPROVED, StripeVerdict.AMBIENT_CHANGED, StripeVerdict.DARK})
+
+
+@dataclass(frozen=True, slots=True)
+class StripeEvidence:
+    """What was measured to reach the verdict.
+
+    Attributes:
+        lit_fraction: share of the sampled columns that show the laser, 0 ... 1.
+        leak_fraction: share of the sampled columns where the off frame is brighter, as if by a stripe.
+        contrast: median height of the stripe over the off frame, in counts of the image, channels summed; NaN when
+            none is lit.
+        offset: by how much the whole frame is brighter than the off frame, in the same counts.
+        noise: standard deviation of the difference, in the same counts.
+        row: median row of the stripe [px]; NaN when none is lit.
+        row_shift: median shift of the stripe against the one taken before [px]; NaN when unknown.
+    """
+
+    lit_fraction: float
+    leak_fraction: float
+    contrast: float
+    offset: float
+    noise: float
+    row: float
+    row_shift: float
+
+
+@dataclass(frozen=True, slots=True)
+class StripeCapture:
+    """One stripe as it arrives.
+
+    Attributes:
+        index: in the standard pattern.
+        mirror_angle: as commanded [rad].
+        mirror_angle_reached: of the motor step nearest to it [rad].
+        on: frame with the laser on, read-only; None when it was lost or of another size.
+        off: frame with the laser off; None when there is none.
+        on_stamp: of the on frame on the monotonic clock [s], NaN without.
+        off_stamp: of the off frame [s], NaN without.
+        verdict: whether laser, mirror and frame were in step.
+        evidence: what the verdict rests on; None without a frame.
+    """
+
+    index: int
+    mirror_angle: float
+    mirror_angle_reached: float
+    on: Image | None
+    off: Image | None
+    on_stamp: float
+    off_stamp: float
+    verdict: StripeVerdict
+    evidence: StripeEvidence | None
+
+
+@dataclass(frozen=True, slots=True)
+class ScanReport:
+    """What a scan amounted to, so far or at its end.
+
+    Attributes:
+        planned: indices of the pattern, in order.
+        fired: indices for which the laser was on, in order (their frames may have been lost).
+        verdicts: (index, verdict) of each stripe handed out, in order.
+        stopped_early: whether `should_stop` ended it.
+        failure: the error that ended it, in words, or None.
+        frames_used: frames handed out, shared off frames once.
+        frames_skipped: frames thrown away because they were exposed before a command had taken effect.
+        frames_dropped: frames the camera counted but never delivered.
+        frames_repeated: frames delivered twice.
+        duration: from the first command to the arrival of the last frame [s].
+        problems: what is wrong, in words; empty for a good scan.
+    """
+
+    planned: tuple[int, ...]
+    fired: tuple[int, ...]
+    verdicts: tuple[tuple[int, StripeVerdict], ...]
+    stopped_early: bool
+    failure: str | None
+    frames_used: int
+    frames_skipped: int
+    frames_dropped: int
+    frames_repeated: int
+    duration: float
+    problems: tuple[str, ...]
+
+    @property
+    def missing(self) -> tuple[int, ...]:
+        """Indices that were planned but not handed out, in order."""
+        done = {index for index, _ in self.verdicts}
+        return tuple(index for index in self.planned if index not in done)
+
+    @property
+    def in_step(self) -> bool:
+        """Whether laser, mirror and frames were proved to be in step: some stripe OK, none out of step."""
+        kinds = [verdict for _, verdict in self.verdicts]
+        return StripeVerdict.OK in kinds and all(kind.in_step for kind in kinds)

@@ -1,0 +1,47 @@
+"""Runs an emulated laser board as a process of its own: `python -m drivers.emulator`."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+
+from drivers.emulator.board import EmulatedBoard
+from drivers.emulator.config import EmulatorConfig
+from drivers.emulator.server import EmulatorServer
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Listen, print `ready ADDRESS`, serve until SIGINT or SIGTERM; return the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m drivers.emulator",
+        description="A laser board made of software, reached by drivers.emulator.remote_backend(ADDRESS).",
+        epilog="example: python -m drivers.emulator --listen 127.0.0.1:7500",
+    )
+    parser.add_argument(
+        "--listen",
+        default="127.0.0.1:0",
+        metavar="ADDRESS",
+        help="127.0.0.1:PORT (0: any free port, the default) or unix:PATH",
+    )
+    parser.add_argument("--serial", default="EMU0001", help="serial number of the board")
+    options = parser.parse_args(arguments)
+    try:
+        server = EmulatorServer(EmulatedBoard(EmulatorConfig(serial=options.serial)), options.listen)
+    except (OSError, ValueError) as error:
+        print(f"cannot listen: {error}", file=sys.stderr)
+        return 2
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    print(f"ready {server.address}", flush=True)
+    stop.wait()
+    server.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,144 @@
+"""A pyusb backend whose only device is an emulated board, so that driver and pyusb run unchanged.
+
+This module imports pyusb; the emulated board itself does not need it.
+"""
+
+from __future__ import annotations
+
+import errno
+from array import array
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+from typing import TypeVar
+
+import usb.backend
+import usb.core
+
+from drivers.emulator import descriptors
+from drivers.emulator.board import EmulatedBoard
+from drivers.emulator.bus import Bus, BusError, LocalBus
+from drivers.protocol import REPORT_ENDPOINT
+
+_T = TypeVar("_T")
+
+# libusb's own codes, so that an error looks the same as from the real backend.
+_LIBUSB_CODES = {
+    errno.EIO: -1,
+    errno.EACCES: -3,
+    errno.ENODEV: -4,
+    errno.EBUSY: -6,
+    errno.ETIMEDOUT: -7,
+    errno.EPIPE: -9,
+}
+
+
+class EmulatedBackend(usb.backend.IBackend):
+    """A pyusb backend over one or more emulated buses, each with one board."""
+
+    def __init__(self, *buses: Bus) -> None:
+        """Offer the boards of these buses."""
+        self._buses = buses
+
+    def enumerate_devices(self) -> Iterator[int]:
+        """Yield the numbers of the buses whose board is plugged in."""
+        return (number for number, bus in enumerate(self._buses) if bus.present())
+
+    def get_parent(self, dev: int) -> None:
+        """Return None: no hub is emulated."""
+        return None
+
+    def get_device_descriptor(self, dev: int) -> SimpleNamespace:
+        """Return the device descriptor."""
+        return descriptors.device_descriptor(dev + 1)
+
+    def get_configuration_descriptor(self, dev: int, config: int) -> SimpleNamespace:
+        """Return the only configuration; IndexError for another."""
+        _only_zero(config)
+        return descriptors.configuration_descriptor()
+
+    def get_interface_descriptor(self, dev: int, intf: int, alt: int, config: int) -> SimpleNamespace:
+        """Return the only interface; IndexError for another."""
+        _only_zero(intf, alt, config)
+        return descriptors.interface_descriptor()
+
+    def get_endpoint_descriptor(self, dev: int, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
+        """Return the only endpoint; IndexError for another."""
+        _only_zero(ep, intf, alt, config)
+        return descriptors.endpoint_descriptor()
+
+    def open_device(self, dev: int) -> Bus:
+        """Open the board; the bus serves as handle."""
+        bus = self._buses[dev]
+        _translated(bus.open)
+        return bus
+
+    def close_device(self, dev_handle: Bus) -> None:
+        """Close the board; the interface is given back as the kernel would."""
+        dev_handle.release()
+
+    def set_configuration(self, dev_handle: Bus, config_value: int) -> None:
+        """Accept the only configuration."""
+        if config_value != 1:
+            raise usb.core.USBError("Entity not found", -5, errno.ENOENT)
+
+    def get_configuration(self, dev_handle: Bus) -> int:
+        """Return the only configuration: the kernel has set it."""
+        return 1
+
+    def claim_interface(self, dev_handle: Bus, intf: int) -> None:
+        """Claim the interface."""
+        _translated(dev_handle.claim)
+
+    def release_interface(self, dev_handle: Bus, intf: int) -> None:
+        """Give the interface back."""
+        dev_handle.release()
+
+    def clear_halt(self, dev_handle: Bus, ep: int) -> None:
+        """Clear a stall; an emulated stall lasts for one transfer only, so nothing is left to clear."""
+        _only_zero(ep - REPORT_ENDPOINT)
+
+    def ctrl_transfer(
+        self,
+        dev_handle: Bus,
+        bmRequestType: int,
+        bRequest: int,
+        wValue: int,
+        wIndex: int,
+        data: array[int],
+        timeout: int,
+    ) -> int:
+        """Make a control transfer to the host; one from the host stalls, the board knows none."""
+        if not bmRequestType & 0x80:
+            raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
+        answer = _translated(
+            lambda: dev_handle.control(bmRequestType, bRequest, wValue, wIndex, len(data), timeout / 1e3)
+        )
+        return _fill(data, answer)
+
+    def intr_read(self, dev_handle: Bus, ep: int, intf: int, buff: array[int], timeout: int) -> int:
+        """Read the interrupt endpoint."""
+        return _fill(buff, _translated(lambda: dev_handle.interrupt(len(buff), timeout / 1e3)))
+
+
+def emulated_backend(*boards: EmulatedBoard) -> EmulatedBackend:
+    """Return a pyusb backend with these emulated boards, in this process, plugged in."""
+    return EmulatedBackend(*(LocalBus(board) for board in boards))
+
+
+def _fill(buffer: array[int], answer: bytes) -> int:
+    buffer[: len(answer)] = array("B", answer)
+    return len(answer)
+
+
+def _only_zero(*numbers: int) -> None:
+    if any(numbers):
+        raise IndexError(f"the emulated board has one of each, number 0; asked for {numbers}")
+
+
+def _translated(transfer: Callable[[], _T]) -> _T:
+    try:
+        return transfer()
+    except BusError as error:
+        code = _LIBUSB_CODES.get(error.errno or errno.EIO, -99)
+        kind = usb.core.USBTimeoutError if error.errno == errno.ETIMEDOUT else usb.core.USBError
+        raise kind(error.strerror, code, error.errno) from error

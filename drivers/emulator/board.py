@@ -1,0 +1,210 @@
+"""The emulated board's firmware: answers the commands of `PROTOCOL.md` and tells what a camera would see."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+from drivers.emulator.config import EmulatorConfig
+from drivers.emulator.faults import Fault, FaultKind, FaultPlan
+from drivers.emulator.laser import Switching
+from drivers.emulator.light import LightUnit
+from drivers.emulator.mirror import MirrorUnit
+from drivers.emulator.views import BoardView, ExposureView
+from drivers.protocol import PROTOCOL_MAJOR, BoardFault, BoardFlag, Request, Result
+from drivers.records import BoardStatus
+
+
+class EmulatedBoard:
+    """A laser board made of software; thread-safe.
+
+    Nothing runs in the background: timers take effect at the moment they were due, whenever one asks next.
+    """
+
+    def __init__(self, config: EmulatorConfig | None = None, clock: Callable[[], float] = time.monotonic) -> None:
+        """Power up, with the mirror in the middle of its travel and its home unknown.
+
+        Args:
+            config: what kind of board; None for the defaults.
+            clock: where the time [s] comes from.
+        """
+        self.config = config or EmulatorConfig()
+        self.clock = clock
+        self.plan = FaultPlan()
+        self._lock = threading.RLock()
+        now = clock()
+        self._mirror = MirrorUnit(self.config, self.plan, now)
+        self._light = LightUnit(self.config.identity, self.plan, self.config.temperature, now)
+        self._power_on(now)
+
+    def inject(self, fault: Fault) -> None:
+        """Let a fault wait for its turn, or hold from now on; see `FaultKind`."""
+        self.plan.add(fault)
+
+    def mend(self) -> None:
+        """Forget every injected fault; fault bits already set stay until the host clears them."""
+        self.plan.clear()
+
+    @property
+    def plugged(self) -> bool:
+        """Whether the board is on the bus."""
+        return self._plugged
+
+    def unplug(self) -> None:
+        """Pull the plug: no power, no light, the mirror stops."""
+        with self._lock:
+            now = self._advance()
+            self._plugged = False
+            self._light.power_off(now)
+            self._mirror.halt(now)
+
+    def replug(self) -> None:
+        """Plug in again: power-up, home unknown; nothing happens when it is plugged in."""
+        with self._lock:
+            if not self._plugged:
+                self._power_on(self._advance())
+
+    def serve(self, request: int, argument: int) -> bytes | None:
+        """Carry out a command and return its data stage; None for one that the firmware does not know."""
+        with self._lock:
+            now = self._advance()
+            if request not in Request.__members__.values():
+                return None
+            known = Request(request)
+            if known is Request.IDENTIFY:
+                return self._identity()
+            if self._session:
+                self._light.feed(now)
+            self._sequence += 1
+            result = self._do(known, argument, now)
+            return self._status(result, known).pack()
+
+    def report(self) -> bytes:
+        """Return the record that the interrupt endpoint carries."""
+        with self._lock:
+            return self._status(Result.OK, 0).pack()
+
+    def report_subject(self) -> tuple[int, BoardFault]:
+        """Return what a report now would tell: the number of the last motion that has ended, and the faults."""
+        with self._lock:
+            now = self._advance()
+            ended = self._mirror.motions - (1 if self._mirror.moving(now) else 0)
+            return ended, self._faults()
+
+    def still_at(self) -> float:
+        """Return when the present motion ends and has settled [s]."""
+        with self._lock:
+            return self._mirror.still_at
+
+    def view(self, at: float | None = None) -> BoardView:
+        """Return what the board was like at a time [s] of its clock; None for now."""
+        with self._lock:
+            now = self._advance()
+            moment = now if at is None else at
+            return BoardView(
+                time=moment,
+                plugged=self._plugged,
+                laser_on=self._light.laser.at(moment),
+                laser_since=self._light.laser.since,
+                mirror_angle=self._mirror.true_angle(moment),
+                mirror_angle_commanded=self._mirror.believed_angle(moment),
+                moving=self._mirror.moving(moment),
+                faults=int(self._faults()),
+            )
+
+    def exposure(self, start: float, end: float) -> ExposureView:
+        """Return what a camera that exposed from `start` to `end` [s], both past, saw of the board."""
+        with self._lock:
+            self._advance()
+            angle = self._mirror.true_angle
+            return ExposureView(
+                start=start,
+                end=end,
+                laser_fraction=self._light.laser.fraction(start, end),
+                mirror_angle=angle(0.5 * (start + end)),
+                mirror_travel=abs(angle(end) - angle(start)),
+            )
+
+    def switchings(self) -> tuple[Switching, ...]:
+        """Return when the laser really went on and off, oldest first (the last few thousand)."""
+        with self._lock:
+            self._advance()
+            return self._light.laser.switchings()
+
+    def _power_on(self, now: float) -> None:
+        self._plugged = True
+        self._power_up = now
+        self._session = False
+        self._sequence = 0
+        self._mirror.power_on(now)
+        self._light.power_on(now)
+
+    def _advance(self) -> float:
+        now = self.clock()
+        self._light.advance(now)
+        self._mirror.advance(now)
+        return now
+
+    def _faults(self) -> BoardFault:
+        return self._mirror.faults | self._light.faults
+
+    def _identity(self) -> bytes:
+        wrong = self.plan.holds(FaultKind.WRONG_VERSION)
+        if wrong is None:
+            return self.config.identity.pack()
+        return replace(self.config.identity, protocol=(wrong.amount >> 8, wrong.amount & 0xFF)).pack()
+
+    def _do(self, request: Request, argument: int, now: float) -> Result:
+        match request:
+            case Request.STATUS:
+                return Result.OK
+            case Request.HELLO:
+                if argument >> 8 != PROTOCOL_MAJOR:
+                    return Result.VERSION
+                self._session = True
+                self._light.begin(now)
+                self._mirror.halt(now)
+                return Result.OK
+            case Request.GOODBYE:
+                self._session = False
+                self._light.command(False, now)
+                self._mirror.halt(now)
+                return Result.OK
+            case Request.LASER if not argument:
+                self._light.command(False, now)
+                return Result.OK
+        if not self._session:
+            return Result.NO_SESSION
+        match request:
+            case Request.LASER:
+                return Result.OK if self._light.command(True, now) else Result.LASER_REFUSED
+            case Request.HOME:
+                return self._mirror.home(now)
+            case Request.GO_TO:
+                return self._mirror.go_to(argument, now)
+            case Request.HALT:
+                self._mirror.halt(now)
+            case Request.CLEAR_FAULTS:
+                faults = BoardFault(argument & 0x7F)
+                self._mirror.faults &= ~faults
+                self._light.clear(faults, now)
+        return Result.OK
+
+    def _status(self, result: Result, request: int) -> BoardStatus:
+        now = self._advance()
+        session = BoardFlag.SESSION if self._session else BoardFlag(0)
+        return BoardStatus(
+            result=result,
+            request=request,
+            sequence=self._sequence,
+            flags=session | self._light.flags() | self._mirror.flags(now),
+            faults=self._faults(),
+            step=self._mirror.step(now),
+            motion=self._mirror.motions & 0xFFFF,
+            temperature=self._light.temperature(),
+            home_error=self._mirror.home_error,
+            laser_time=self._light.time_on(now),
+            device_time=now - self._power_up,
+        )

@@ -1,0 +1,146 @@
+"""The emulated USB bus: single transfers to an emulated board, and the faults that strike on the way."""
+
+from __future__ import annotations
+
+import errno
+import random
+import threading
+import time
+from typing import Protocol
+
+from drivers.emulator.board import EmulatedBoard
+from drivers.emulator.descriptors import string_descriptor
+from drivers.emulator.faults import Fault, FaultKind
+from drivers.protocol import REQUEST_IN, Request, join_argument
+
+_GET_DESCRIPTOR_IN, _GET_DESCRIPTOR, _STRING = 0x80, 6, 3
+_REPORT_SLICE = 0.002  # s between two looks at a board that has nothing to report yet
+_BEFORE = (FaultKind.UNPLUG, FaultKind.STALL, FaultKind.TIMEOUT)
+_AFTER = (FaultKind.UNPLUG_AFTER, FaultKind.TIMEOUT_AFTER, FaultKind.SHORT_READ, FaultKind.GARBAGE)
+
+
+class BusError(OSError):
+    """A transfer failed; `errno` says how, as libusb would."""
+
+
+class Bus(Protocol):
+    """What the pyusb backend needs of a bus with one board on it, near or far."""
+
+    def present(self) -> bool:
+        """Return whether the board is plugged in."""
+
+    def open(self) -> None:
+        """Open the device, or raise BusError."""
+
+    def claim(self) -> None:
+        """Claim its interface, or raise BusError."""
+
+    def release(self) -> None:
+        """Give the interface back."""
+
+    def control(self, request_type: int, request: int, value: int, index: int, length: int, timeout: float) -> bytes:
+        """Make a control transfer to the host, or raise BusError; `timeout` in seconds."""
+
+    def interrupt(self, length: int, timeout: float) -> bytes:
+        """Read the interrupt endpoint, or raise BusError; `timeout` in seconds."""
+
+
+class LocalBus:
+    """A bus in this process; thread-safe."""
+
+    def __init__(self, board: EmulatedBoard) -> None:
+        """Plug `board` in."""
+        self._board = board
+        self._claimed = False
+        self._claim_lock = threading.Lock()
+        self._reported = board.report_subject()
+        self._noise = random.Random(1)
+
+    def present(self) -> bool:
+        """Return whether the board is plugged in."""
+        return self._board.plugged
+
+    def open(self) -> None:
+        """Open the device."""
+        self._check_plugged()
+        if self._board.plan.strike("open", (FaultKind.NO_PERMISSION,)):
+            raise BusError(errno.EACCES, "Access denied (insufficient permissions)")
+
+    def claim(self) -> None:
+        """Claim the interface; refused while another holds it."""
+        self._check_plugged()
+        with self._claim_lock:
+            if self._claimed or self._board.plan.strike("claim", (FaultKind.BUSY,)):
+                raise BusError(errno.EBUSY, "Resource busy")
+            self._claimed = True
+
+    def release(self) -> None:
+        """Give the interface back."""
+        with self._claim_lock:
+            self._claimed = False
+
+    def control(self, request_type: int, request: int, value: int, index: int, length: int, timeout: float) -> bytes:
+        """Make a control transfer: a standard string request, or a command of the board."""
+        self._check_plugged()
+        if (request_type, request, value >> 8) == (_GET_DESCRIPTOR_IN, _GET_DESCRIPTOR, _STRING):
+            text = string_descriptor(value & 0xFF, self._board.config.serial)
+            if text is None:
+                raise BusError(errno.EPIPE, "Pipe error")
+            return text[:length]
+        if request_type != REQUEST_IN or request not in Request.__members__.values():
+            raise BusError(errno.EPIPE, "Pipe error")
+        command = Request(request)
+        self._strike_before(self._board.plan.strike(command, _BEFORE), timeout)
+        time.sleep(self._board.config.bus_delay)
+        answer = self._board.serve(request, join_argument(value, index))
+        if answer is None:
+            raise BusError(errno.EPIPE, "Pipe error")
+        return self._strike_after(self._board.plan.strike(command, _AFTER), answer, timeout)[:length]
+
+    def interrupt(self, length: int, timeout: float) -> bytes:
+        """Wait for something to report."""
+        plan = self._board.plan
+        self._strike_before(plan.strike("report", _BEFORE), timeout)
+        deadline = time.monotonic() + timeout
+        while True:
+            self._check_plugged()
+            subject = self._board.report_subject()
+            if subject != self._reported:
+                self._reported = subject
+                answer = self._board.report()
+                return self._strike_after(plan.strike("report", _AFTER), answer, timeout)[:length]
+            now = time.monotonic()
+            if now >= deadline:
+                raise BusError(errno.ETIMEDOUT, "Operation timed out")
+            motion_left = self._board.still_at() - self._board.clock()
+            pause = min(motion_left, _REPORT_SLICE) if motion_left > 0 else _REPORT_SLICE
+            time.sleep(min(pause, deadline - now))
+
+    def _check_plugged(self) -> None:
+        if not self._board.plugged:
+            raise BusError(errno.ENODEV, "No such device (it may have been disconnected)")
+
+    def _strike_before(self, fault: Fault | None, timeout: float) -> None:
+        if fault is None:
+            return
+        if fault.kind is FaultKind.UNPLUG:
+            self._board.unplug()
+            self._check_plugged()
+        if fault.kind is FaultKind.STALL:
+            raise BusError(errno.EPIPE, "Pipe error")
+        time.sleep(timeout)
+        raise BusError(errno.ETIMEDOUT, "Operation timed out")
+
+    def _strike_after(self, fault: Fault | None, answer: bytes, timeout: float) -> bytes:
+        if fault is None:
+            return answer
+        match fault.kind:
+            case FaultKind.UNPLUG_AFTER:
+                self._board.unplug()
+                self._check_plugged()
+            case FaultKind.TIMEOUT_AFTER:
+                time.sleep(timeout)
+                raise BusError(errno.ETIMEDOUT, "Operation timed out")
+            case FaultKind.SHORT_READ:
+                return answer[: len(answer) // 2]
+        return self._noise.randbytes(len(answer))

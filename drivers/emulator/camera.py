@@ -1,0 +1,177 @@
+"""A free-running camera that looks at an emulated board: it asks what each exposure saw and has that rendered."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from drivers.camera import Camera, CameraSettings
+from drivers.emulator.views import ExposureView
+from drivers.errors import CameraNotOpen, CameraTimeout
+from drivers.frame import Frame, Image, read_only
+
+
+class Exposes(Protocol):
+    """A board that can say what an exposure saw: `EmulatedBoard` or `RemoteBoard`."""
+
+    def exposure(self, start: float, end: float) -> ExposureView:
+        """Return what a camera that exposed from `start` to `end` [s] saw."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFault:
+    """Something wrong with the frames `first` ... `first + count - 1` of an `EmulatedCamera`.
+
+    Attributes:
+        kind: "drop" (the frame never arrives), "repeat" (the frame before comes again, with its number), "freeze" (the
+            picture before comes again, with a new number), "silence" (no frame while it lasts), "resize" (half the
+            size), "brighten" (twice the exposure).
+        first: number of the first frame concerned.
+        count: how many frames.
+
+    Raises:
+        ValueError: unknown kind.
+    """
+
+    kind: str
+    first: int
+    count: int = 1
+
+    def __post_init__(self) -> None:
+        """Check the kind."""
+        if self.kind not in _KINDS:
+            raise ValueError(f"unknown camera fault {self.kind!r}, known are {', '.join(_KINDS)}")
+
+    def holds(self, number: int) -> bool:
+        """Return whether frame `number` is concerned."""
+        return self.first <= number < self.first + self.count
+
+
+_KINDS = ("drop", "repeat", "freeze", "silence", "resize", "brighten")
+
+
+class EmulatedCamera(Camera):
+    """Exposes at a fixed rate, whether anybody looks or not; a slow reader finds the newest frame only.
+
+    Frame n is exposed from `start + n / fps` for `exposure` and arrives `latency` later.
+    """
+
+    def __init__(
+        self,
+        board: Exposes,
+        render: Callable[[ExposureView, CameraSettings], Image],
+        *,
+        fps: float = 30.0,
+        exposure: float = 0.008,
+        latency: float = 0.008,
+        name: str = "emulated camera",
+    ) -> None:
+        """Prepare the camera.
+
+        Args:
+            board: whose laser and mirror it sees.
+            render: makes the image of an exposure, from what the board did meanwhile and the camera's settings.
+            fps: frames per second.
+            exposure: time the shutter is open [s]; `lock` changes it.
+            latency: from the end of the exposure to the arrival [s].
+            name: for messages.
+
+        Raises:
+            ValueError: fps or exposure not above 0, or an exposure longer than a frame.
+        """
+        if not (fps > 0 and 0 < exposure <= 1 / fps and latency >= 0):
+            raise ValueError(
+                f"fps {fps}, exposure {exposure} s, latency {latency} s: fps must be above 0, exposure above 0 and at "
+                "most 1 / fps, latency at least 0"
+            )
+        self.name = name
+        self._board, self._render = board, render
+        self._period, self._latency = 1.0 / fps, latency
+        self._settings = CameraSettings(exposure=exposure, gain=1.0, white_balance=5000.0, gamma=1.0)
+        self.lag = exposure + latency
+        self.faults: list[CameraFault] = []
+        self._start: float | None = None
+        self._next = 0
+        self._last: Frame | None = None
+
+    def open(self) -> None:
+        """Begin to expose; harmless when open."""
+        if self._start is None:
+            self._start, self._next = time.monotonic(), 0
+
+    def close(self) -> None:
+        """Stop."""
+        self._start = None
+
+    def lock(self, settings: CameraSettings) -> CameraSettings:
+        """Take every setting; an exposure longer than a frame is cut to the frame, as real cameras do."""
+        self._started()
+        given = {name: getattr(settings, name) for name in ("exposure", "gain", "white_balance", "gamma")}
+        given = {name: value for name, value in given.items() if value is not None}
+        if "exposure" in given:
+            given["exposure"] = min(given["exposure"], self._period)
+        self._settings = replace(self._settings, **given)
+        self.lag = self._delay
+        return self._settings
+
+    def grab(self, timeout: float) -> Frame:
+        """Return the next frame, or the newest if several have arrived since the last grab.
+
+        Raises:
+            CameraTimeout: none arrives in time.
+            CameraNotOpen: open it first.
+        """
+        start = self._started()
+        deadline = time.monotonic() + timeout
+        self._next = max(self._next, self._arrived(time.monotonic()))
+        while any(fault.kind in ("drop", "silence") and fault.holds(self._next) for fault in self.faults):
+            self._next += 1
+        arrival = start + self._next * self._period + self._delay
+        if arrival > deadline:
+            time.sleep(max(0.0, deadline - time.monotonic()))
+            raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
+        time.sleep(max(0.0, arrival - time.monotonic()))
+        frame = self._expose(self._next, start)
+        self._next += 1
+        self._last = frame
+        return frame
+
+    def flush(self) -> None:
+        """Forget what has arrived."""
+        self._started()
+        self._next = max(self._next, self._arrived(time.monotonic()) + 1)
+
+    @property
+    def _delay(self) -> float:
+        return self._exposure + self._latency
+
+    @property
+    def _exposure(self) -> float:
+        exposure = self._settings.exposure
+        return self._period if exposure is None else exposure
+
+    def _started(self) -> float:
+        if self._start is None:
+            raise CameraNotOpen(f"{self.name} is not open: use `with camera:`")
+        return self._start
+
+    def _arrived(self, now: float) -> int:
+        return max(0, int((now - self._started() - self._delay) / self._period))
+
+    def _expose(self, number: int, start: float) -> Frame:
+        begin = start + number * self._period
+        stamp = begin + self._delay
+        kinds = {fault.kind for fault in self.faults if fault.holds(number)}
+        if self._last is not None and "repeat" in kinds:
+            return self._last
+        if self._last is not None and "freeze" in kinds:
+            return Frame(self._last.image, number, stamp)
+        settings = self._settings
+        if "brighten" in kinds:
+            settings = replace(settings, exposure=2 * self._exposure)
+        image = self._render(self._board.exposure(begin, begin + self._exposure), settings)
+        if "resize" in kinds:
+            image = image[::2, ::2]
+        return Frame(read_only(image), number, stamp)

@@ -1,0 +1,54 @@
+"""What kind of board is emulated: geometry and speed of the mirror, limits of the laser, delay of the bus."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from drivers.protocol import PROTOCOL_MAJOR, PROTOCOL_MINOR
+from drivers.records import BoardIdentity
+
+# A 1.8 degree stepper with 256 microsteps that turns the mirror directly: 0.00703 degrees a step. The travel,
+# 40 degrees of mirror with zero 15 degrees above its low end, covers the scan of the Guara (-8 ... 19 degrees).
+_STEP_NANORAD = 122718
+_STEP = _STEP_NANORAD * 1e-9
+
+
+def _default_identity() -> BoardIdentity:
+    min_step = 64
+    return BoardIdentity(
+        protocol=(PROTOCOL_MAJOR, PROTOCOL_MINOR),
+        firmware=(1, 0),
+        step_angle=_STEP,
+        min_step=min_step,
+        max_step=min_step + round(math.radians(40.0) / _STEP),
+        zero_step=min_step + round(math.radians(15.0) / _STEP),
+        watchdog=0.5,
+        laser_limit=10.0,
+        laser_rest=0.05,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EmulatorConfig:
+    """Configuration of an `EmulatedBoard`.
+
+    Attributes:
+        identity: what the board says of itself, and obeys.
+        serial: serial number.
+        mirror_speed: [rad/s]; 7 rad/s is a stepper at a leisurely 220 full steps a second.
+        settle: rest after a motion before the mirror is still [s].
+        overshoot: steps a move down goes too far, to take up backlash.
+        periodic_error: amplitude of the stepper's periodic error [rad], period 8 full steps.
+        temperature: of the board [degrees Celsius].
+        bus_delay: time each transfer takes [s]; a full-speed control transfer takes about 0.001.
+    """
+
+    identity: BoardIdentity = field(default_factory=_default_identity)
+    serial: str = "EMU0001"
+    mirror_speed: float = 7.0
+    settle: float = 0.003
+    overshoot: int = 32
+    periodic_error: float = 0.0
+    temperature: float = 30.0
+    bus_delay: float = 0.0

@@ -1,0 +1,64 @@
+"""The emulated laser: on or off by command, watchdog, time limit and heat, with its past to be asked for."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Switching:
+    """The laser changed at `time` [s] to `on`."""
+
+    time: float
+    on: bool
+
+
+class Laser:
+    """What shines. The caller says when it is switched; the past is kept for cameras that ask for it."""
+
+    def __init__(self, now: float) -> None:
+        """Begin dark."""
+        self._log: deque[Switching] = deque([Switching(now, False)], maxlen=8192)
+
+    @property
+    def on(self) -> bool:
+        """Whether it shines now."""
+        return self._log[-1].on
+
+    @property
+    def since(self) -> float:
+        """When it last changed [s]."""
+        return self._log[-1].time
+
+    def switch(self, on: bool, now: float) -> None:
+        """Change at `now`; nothing happens when it is so already."""
+        if on != self.on:
+            self._log.append(Switching(now, on))
+
+    def switchings(self) -> tuple[Switching, ...]:
+        """Return the changes still remembered, oldest first."""
+        return tuple(self._log)
+
+    def at(self, time: float) -> bool:
+        """Return whether it shone at `time`."""
+        for event in reversed(self._log):
+            if event.time <= time:
+                return event.on
+        return False
+
+    def fraction(self, start: float, end: float) -> float:
+        """Return the share of the interval `start` ... `end` during which it shone (0 ... 1)."""
+        if end <= start:
+            return 1.0 if self.at(start) else 0.0
+        lit, cursor, on = 0.0, start, self.at(start)
+        for event in self._log:
+            if event.time <= start:
+                continue
+            stop = min(event.time, end)
+            lit += (stop - cursor) if on else 0.0
+            cursor, on = stop, event.on
+            if event.time >= end:
+                break
+        lit += (end - cursor) if on and cursor < end else 0.0
+        return lit / (end - start)

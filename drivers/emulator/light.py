@@ -1,0 +1,123 @@
+"""The laser's half of the emulated firmware: switch, photodiode, watchdog, time limit, heat, supply relay."""
+
+from __future__ import annotations
+
+import math
+
+from drivers.emulator.faults import FaultKind, FaultPlan
+from drivers.emulator.laser import Laser
+from drivers.protocol import BoardFault, BoardFlag
+from drivers.records import BoardIdentity
+
+_BLOCKING = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERATURE | BoardFault.LASER_STUCK_ON
+_TOO_HOT, _COOL_ENOUGH = 60.0, 55.0  # degrees Celsius
+_SENSE_DELAY = 0.005  # s the firmware waits for the photodiode before it opens the supply
+
+
+class LightUnit:
+    """Laser, its transistor (which may stick), its supply relay, and the timers that guard it."""
+
+    def __init__(self, identity: BoardIdentity, plan: FaultPlan, temperature: float, now: float) -> None:
+        """Begin dark; `temperature` is that of a healthy board [degrees Celsius]."""
+        self.laser = Laser(now)
+        self._identity, self._plan, self._temperature = identity, plan, temperature
+        self.power_on(now)
+
+    def power_on(self, now: float) -> None:
+        """Start as after a reset."""
+        self.faults = BoardFault(0)
+        self._commanded = self._latched = False
+        self._supply = True
+        self._fed = now
+        self._run_start = self._run_end = -math.inf
+        self._update(now)
+
+    def power_off(self, now: float) -> None:
+        """Lose USB power."""
+        self._supply = self._commanded = False
+        self._update(now)
+
+    def feed(self, now: float) -> None:
+        """Restart the watchdog."""
+        self._fed = now
+
+    def begin(self, now: float) -> None:
+        """Start a session: dark, watchdog fault cleared."""
+        self.command(False, now)
+        self.clear(BoardFault.WATCHDOG, now)
+
+    def command(self, on: bool, now: float) -> bool:
+        """Switch the laser; return whether the firmware was willing."""
+        if on and self.faults & _BLOCKING:
+            return False
+        if on and not self._commanded:
+            if now - self._run_end >= self._identity.laser_rest:
+                self._run_start = now
+            self._commanded, self._fed = True, now
+        if not on:
+            self._commanded = False
+        self._update(now)
+        if on and not self._sensed():
+            self.faults |= BoardFault.LASER_DEAD
+            self._commanded = False
+        if not on and self._sensed():
+            self._cut(BoardFault.LASER_STUCK_ON, now + _SENSE_DELAY)
+        return True
+
+    def clear(self, faults: BoardFault, now: float) -> None:
+        """Clear those of `faults` whose cause is gone, and close the supply again when none is left."""
+        if self.temperature() > _COOL_ENOUGH:
+            faults &= ~BoardFault.OVER_TEMPERATURE
+        if now - self._run_end < self._identity.laser_rest:
+            faults &= ~BoardFault.LASER_TIME
+        if self._latched and self._plan.holds(FaultKind.LASER_STUCK_ON):
+            faults &= ~BoardFault.LASER_STUCK_ON
+        else:
+            self._latched = False
+        self.faults &= ~faults
+        self._supply = not self.faults & _BLOCKING
+        self._update(now)
+
+    def advance(self, now: float) -> None:
+        """Let the hardware timers act at the moments they are due."""
+        if self.temperature() >= _TOO_HOT and BoardFault.OVER_TEMPERATURE not in self.faults:
+            self._cut(BoardFault.OVER_TEMPERATURE, now)
+        if not self.laser.on:
+            return
+        watchdog = self._fed + self._identity.watchdog
+        limit = self._run_start + self._identity.laser_limit
+        if min(watchdog, limit) <= now:
+            self._cut(BoardFault.WATCHDOG if watchdog <= limit else BoardFault.LASER_TIME, min(watchdog, limit))
+
+    def flags(self) -> BoardFlag:
+        """Return the flags that tell of the laser."""
+        flags = BoardFlag.HAS_SENSOR
+        flags |= BoardFlag.LASER_COMMANDED if self._commanded else BoardFlag(0)
+        flags |= BoardFlag.LASER_SENSED if self._sensed() else BoardFlag(0)
+        return flags
+
+    def temperature(self) -> float:
+        """Return the board's temperature [degrees Celsius]."""
+        hot = self._plan.holds(FaultKind.HOT)
+        return self._temperature if hot is None else float(hot.amount)
+
+    def time_on(self, now: float) -> float:
+        """Return for how long the laser has been on in one go [s]."""
+        return now - self._run_start if self.laser.on else 0.0
+
+    def _sensed(self) -> bool:
+        return self._commanded if self._plan.holds(FaultKind.BLIND_SENSOR) else self.laser.on
+
+    def _cut(self, fault: BoardFault, now: float) -> None:
+        self.faults |= fault
+        self._supply = self._commanded = False
+        self._update(now)
+
+    def _update(self, now: float) -> None:
+        driven = self._commanded and not self._plan.holds(FaultKind.LASER_STUCK_OFF)
+        if driven and self._supply and self._plan.holds(FaultKind.LASER_STUCK_ON):
+            self._latched = True
+        shines = self._supply and (driven or self._latched)
+        if self.laser.on and not shines:
+            self._run_end = now
+        self.laser.switch(shines, now)

@@ -1,0 +1,115 @@
+"""The mirror's half of the emulated firmware: homing, going to a step, range, lost steps."""
+
+from __future__ import annotations
+
+import math
+
+from drivers.emulator.config import EmulatorConfig
+from drivers.emulator.faults import FaultKind, FaultPlan
+from drivers.emulator.motion import Motor
+from drivers.protocol import BoardFault, BoardFlag, Request, Result
+
+_PERIODIC_STEPS = 8 * 256  # period of a stepper's error: 8 full steps of 256 microsteps
+
+
+class MirrorUnit:
+    """Motor, home switch, and what the firmware believes of both."""
+
+    def __init__(self, config: EmulatorConfig, plan: FaultPlan, now: float) -> None:
+        """Stand somewhere in the travel, home unknown."""
+        self._config, self._identity, self._plan = config, config.identity, plan
+        middle = (self._identity.min_step + self._identity.max_step) // 2
+        speed = config.mirror_speed / self._identity.step_angle
+        self._motor = Motor(speed, config.settle, config.overshoot, middle, now)
+        self.power_on(now)
+
+    def power_on(self, now: float) -> None:
+        """Start as after a reset."""
+        self._motor.halt(now)
+        self.faults = BoardFault(0)
+        self.motions = 0
+        self.home_error = 0
+        self._homed = self._homing = False
+        self._target: int | None = None
+
+    def advance(self, now: float) -> None:
+        """Let a homing that is over take effect."""
+        if not self._homing or now < self._motor.still_at:
+            return
+        self._homing = False
+        if self._plan.holds(FaultKind.NO_HOME_SWITCH):
+            self.faults |= BoardFault.HOME_NOT_FOUND
+            return
+        self._homed = True
+        if abs(self.home_error) > 1:
+            self.faults |= BoardFault.LOST_STEPS
+
+    def home(self, now: float) -> Result:
+        """Begin to look for the home switch."""
+        if self._homing:
+            return Result.BUSY
+        self.home_error = round(-self._motor.lost) if self._homed else 0
+        self._motor.lost = 0.0
+        self._homed, self._homing = False, True
+        self._begin(self._identity.min_step)
+        self._motor.move(0.0, now)
+        self._motor.move_on(self._identity.min_step)
+        return Result.OK
+
+    def go_to(self, step: int, now: float) -> Result:
+        """Begin to move to `step`."""
+        if self._homing:
+            return Result.BUSY
+        if not self._homed:
+            return Result.NOT_HOMED
+        if not self._identity.min_step <= step <= self._identity.max_step:
+            return Result.OUT_OF_RANGE
+        if step == self._target:
+            return Result.OK
+        loss = self._plan.strike(Request.GO_TO, (FaultKind.LOST_STEP,))
+        if loss is not None:
+            self._motor.lose(loss.amount)
+        self._begin(step)
+        self._motor.move(step, now)
+        return Result.OK
+
+    def halt(self, now: float) -> None:
+        """Stop where the mirror is."""
+        if self.moving(now):
+            self._motor.halt(now)
+            self._target = None
+        self._homing = False
+
+    def moving(self, moment: float) -> bool:
+        """Return whether the mirror moved or settled at a moment [s]."""
+        jammed = self.motions > 0 and self._plan.holds(FaultKind.JAMMED) is not None
+        return jammed or moment < self._motor.still_at
+
+    @property
+    def still_at(self) -> float:
+        """When the present motion ends and has settled [s]."""
+        return self._motor.still_at
+
+    def step(self, moment: float) -> int:
+        """Return the step the firmware believes in."""
+        return round(self._motor.believed_position(moment))
+
+    def flags(self, moment: float) -> BoardFlag:
+        """Return the flags that tell of the mirror."""
+        flags = BoardFlag.MOVING if self.moving(moment) else BoardFlag(0)
+        return flags | (BoardFlag.HOMED if self._homed else BoardFlag(0))
+
+    def true_angle(self, moment: float) -> float:
+        """Return where the mirror really was [rad]."""
+        position = self._motor.true_position(moment)
+        wobble = self._config.periodic_error * math.sin(2 * math.pi * position / _PERIODIC_STEPS)
+        return self._identity.angle_of(0) + position * self._identity.step_angle + wobble
+
+    def believed_angle(self, moment: float) -> float:
+        """Return where the firmware believed the mirror to be [rad]."""
+        position = self._motor.believed_position(moment)
+        return self._identity.angle_of(0) + position * self._identity.step_angle
+
+    def _begin(self, target: int) -> None:
+        self.motions += 1
+        self._target = target

@@ -1,0 +1,90 @@
+"""The emulated mirror: where the motor really is at any time, with backlash overshoot, settling and lost steps."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """One straight part of a motion: from `start` [s] at step `origin` to `end` [s] at step `target`."""
+
+    start: float
+    end: float
+    origin: float
+    target: float
+
+    def at(self, time: float) -> float:
+        """Return the position [steps] at `time`."""
+        if time >= self.end:
+            return self.target
+        if time <= self.start:
+            return self.origin
+        return self.origin + (self.target - self.origin) * (time - self.start) / (self.end - self.start)
+
+
+class Motor:
+    """A stepper that moves at constant speed, in legs; keeps the last few thousand to answer for the past."""
+
+    def __init__(self, speed: float, settle: float, overshoot: int, position: float, now: float) -> None:
+        """Stand still.
+
+        Args:
+            speed: [steps/s].
+            settle: time after a motion before the mirror is still [s].
+            overshoot: steps by which a move down goes too far, to come back upwards.
+            position: true position [steps from the home switch].
+            now: [s].
+        """
+        self._speed, self._settle, self._overshoot = speed, settle, overshoot
+        self._legs: deque[Leg] = deque([Leg(now, now, position, position)], maxlen=4096)
+        self.still_at = now
+        self.lost = 0.0
+        """True position minus what the firmware believes [steps]."""
+
+    def move(self, target: float, now: float) -> None:
+        """Begin a motion to the believed position `target`, from wherever the motor is now."""
+        start, origin = now, self.true_position(now)
+        goal = target + self.lost
+        if goal < origin:
+            start = self._add(start, origin, goal - self._overshoot)
+            origin = goal - self._overshoot
+        self.still_at = self._add(start, origin, goal) + self._settle
+
+    def move_on(self, target: float) -> None:
+        """Add a further leg to the believed position `target` after the motion under way."""
+        last = self._legs[-1]
+        self.still_at = self._add(last.end, last.target, target + self.lost) + self._settle
+
+    def lose(self, steps: float) -> None:
+        """Let the motions to come fall short by `steps`, unknown to the firmware."""
+        self.lost -= steps
+
+    def halt(self, now: float) -> None:
+        """Stop where the motor is."""
+        position = self.true_position(now)
+        self._cut(now)
+        self._legs.append(Leg(now, now, position, position))
+        self.still_at = now + self._settle
+
+    def true_position(self, time: float) -> float:
+        """Return where the mirror really is at `time` [steps from the home switch]."""
+        for leg in reversed(self._legs):
+            if leg.start <= time:
+                return leg.at(time)
+        return self._legs[0].origin
+
+    def believed_position(self, time: float) -> float:
+        """Return where the firmware believes the mirror to be [steps]."""
+        return self.true_position(time) - self.lost
+
+    def _add(self, start: float, origin: float, target: float) -> float:
+        self._cut(start)
+        end = start + abs(target - origin) / self._speed
+        self._legs.append(Leg(start, end, origin, target))
+        return end
+
+    def _cut(self, now: float) -> None:
+        while len(self._legs) > 1 and self._legs[-1].start >= now:
+            self._legs.pop()

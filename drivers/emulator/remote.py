@@ -1,0 +1,137 @@
+"""A board emulated in another process, as seen from this one: a bus for the backend, and the views of its state."""
+
+from __future__ import annotations
+
+import errno
+import threading
+from typing import Any
+
+from drivers.emulator.backend import EmulatedBackend
+from drivers.emulator.bus import BusError
+from drivers.emulator.faults import Fault
+from drivers.emulator.laser import Switching
+from drivers.emulator.server import encode_fault
+from drivers.emulator.views import BoardView, ExposureView
+from drivers.emulator.wire import Channel
+
+
+class _Line:
+    """A channel on which one question at a time is asked."""
+
+    def __init__(self, address: str) -> None:
+        self._channel = Channel.connect(address)
+        self._lock = threading.Lock()
+
+    def ask(self, **question: Any) -> dict[str, Any]:
+        """Return the answer; raise BusError when the far bus did, or when the emulator is gone."""
+        with self._lock:
+            try:
+                self._channel.send(question)
+                answer = self._channel.receive()
+            except OSError as error:
+                raise BusError(errno.ENODEV, "the emulator process is gone") from error
+        if answer is None:
+            raise BusError(errno.ENODEV, "the emulator process is gone")
+        if "errno" in answer:
+            raise BusError(answer["errno"], answer["text"])
+        return answer
+
+    def close(self) -> None:
+        """Hang up."""
+        self._channel.close()
+
+
+class RemoteBus:
+    """The bus of an emulator process. Control and interrupt transfers have a line each, as they have a pipe each."""
+
+    def __init__(self, address: str) -> None:
+        """Connect; OSError when nobody listens at `address`."""
+        self._control, self._interrupt = _Line(address), _Line(address)
+
+    def present(self) -> bool:
+        """Return whether the board is plugged in."""
+        try:
+            return bool(self._control.ask(op="present")["value"])
+        except BusError:
+            return False
+
+    def open(self) -> None:
+        """Open the device."""
+        self._control.ask(op="open")
+
+    def claim(self) -> None:
+        """Claim the interface."""
+        self._control.ask(op="claim")
+
+    def release(self) -> None:
+        """Give the interface back; a vanished emulator has nothing to give back to."""
+        try:
+            self._control.ask(op="release")
+        except BusError:
+            return
+
+    def control(self, request_type: int, request: int, value: int, index: int, length: int, timeout: float) -> bytes:
+        """Make a control transfer to the host."""
+        setup = [request_type, request, value, index, length]
+        return bytes.fromhex(self._control.ask(op="control", setup=setup, timeout=timeout)["data"])
+
+    def interrupt(self, length: int, timeout: float) -> bytes:
+        """Read the interrupt endpoint."""
+        return bytes.fromhex(self._interrupt.ask(op="interrupt", length=length, timeout=timeout)["data"])
+
+    def close(self) -> None:
+        """Hang up; the board notices nothing."""
+        self._control.close()
+        self._interrupt.close()
+
+
+class RemoteBoard:
+    """The state of a board emulated in another process, with the methods of `EmulatedBoard` that look at it.
+
+    Times are those of the monotonic clock, which all processes of a machine share.
+    """
+
+    def __init__(self, address: str) -> None:
+        """Connect; OSError when nobody listens at `address`."""
+        self._line = _Line(address)
+
+    def view(self, at: float | None = None) -> BoardView:
+        """Return what the board was like at a time [s]; None for now."""
+        return BoardView(**self._line.ask(op="view", at=at))
+
+    def exposure(self, start: float, end: float) -> ExposureView:
+        """Return what a camera that exposed from `start` to `end` [s] saw."""
+        return ExposureView(**self._line.ask(op="exposure", start=start, end=end))
+
+    def switchings(self) -> tuple[Switching, ...]:
+        """Return when the laser really went on and off, oldest first."""
+        return tuple(Switching(time, on) for time, on in self._line.ask(op="switchings")["value"])
+
+    def inject(self, fault: Fault) -> None:
+        """Inject a fault."""
+        self._line.ask(op="inject", fault=encode_fault(fault))
+
+    def mend(self) -> None:
+        """Forget every injected fault."""
+        self._line.ask(op="mend")
+
+    def unplug(self) -> None:
+        """Pull the plug."""
+        self._line.ask(op="unplug")
+
+    def replug(self) -> None:
+        """Plug in again."""
+        self._line.ask(op="replug")
+
+    def close(self) -> None:
+        """Hang up."""
+        self._line.close()
+
+
+def remote_backend(address: str) -> EmulatedBackend:
+    """Return a pyusb backend whose device is the board of the emulator process at `address`.
+
+    Raises:
+        OSError: nobody listens there.
+    """
+    return EmulatedBackend(RemoteBus(address))

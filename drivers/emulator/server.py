@@ -1,0 +1,124 @@
+"""Serves an emulated board to other processes: USB transfers, views of its state, and fault injection."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from dataclasses import asdict
+from typing import Any
+
+from drivers.emulator.board import EmulatedBoard
+from drivers.emulator.bus import BusError, LocalBus
+from drivers.emulator.faults import Fault, FaultKind
+from drivers.emulator.wire import Channel, listen
+from drivers.protocol import Request
+
+
+class EmulatorServer:
+    """Listens on a local socket, one thread a client. A client that vanishes changes nothing on the board.
+
+    That is the point: real hardware does not learn that its host process has died, it only hears nothing more.
+    The claim on the interface is given back, as the kernel does when a process ends.
+    """
+
+    def __init__(self, board: EmulatedBoard, address: str = "127.0.0.1:0") -> None:
+        """Begin to listen; `address` as in `wire.parse_address`, port 0 for any free one."""
+        self._board = board
+        self._bus = LocalBus(board)
+        self._listener, self.address = listen(address)
+
+    def serve_forever(self) -> None:
+        """Accept clients until `close`."""
+        while True:
+            try:
+                connection, _ = self._listener.accept()
+            except OSError:
+                return
+            threading.Thread(target=self._serve, args=(connection,), daemon=True).start()
+
+    def close(self) -> None:
+        """Stop listening."""
+        # accept() in another thread wakes up only when the socket is shut down, not when it is closed.
+        self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
+
+    def _serve(self, connection: socket.socket) -> None:
+        if connection.family == socket.AF_INET:
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        channel = Channel(connection)
+        holds_claim = False
+        try:
+            while (message := channel.receive()) is not None:
+                try:
+                    answer = self._answer(message)
+                    if message["op"] in ("claim", "release"):
+                        holds_claim = message["op"] == "claim"
+                except BusError as error:
+                    answer = {"errno": error.errno, "text": error.strerror}
+                channel.send(answer)
+        except OSError:
+            return
+        finally:
+            if holds_claim:
+                self._bus.release()
+            channel.close()
+
+    def _control(self, message: dict[str, Any]) -> bytes:
+        request_type, request, value, index, length = message["setup"]
+        return self._bus.control(request_type, request, value, index, length, message["timeout"])
+
+    def _answer(self, message: dict[str, Any]) -> dict[str, Any]:
+        match message["op"]:
+            case "present":
+                return {"value": self._bus.present()}
+            case "open":
+                self._bus.open()
+            case "claim":
+                self._bus.claim()
+            case "release":
+                self._bus.release()
+            case "control":
+                return {"data": self._control(message).hex()}
+            case "interrupt":
+                return {"data": self._bus.interrupt(message["length"], message["timeout"]).hex()}
+            case "view":
+                return asdict(self._board.view(message["at"]))
+            case "exposure":
+                return asdict(self._board.exposure(message["start"], message["end"]))
+            case "switchings":
+                return {"value": [[event.time, event.on] for event in self._board.switchings()]}
+            case "inject":
+                self._board.inject(decode_fault(message["fault"]))
+            case "mend":
+                self._board.mend()
+            case "unplug":
+                self._board.unplug()
+            case "replug":
+                self._board.replug()
+            case unknown:
+                raise BusError(0, f"the emulator does not know the operation {unknown!r}")
+        return {}
+
+
+def encode_fault(fault: Fault) -> dict[str, Any]:
+    """Return a fault as JSON."""
+    request = fault.request.name if isinstance(fault.request, Request) else fault.request
+    return {
+        "kind": fault.kind.value,
+        "request": request,
+        "skip": fault.skip,
+        "count": fault.count,
+        "amount": fault.amount,
+    }
+
+
+def decode_fault(fields: dict[str, Any]) -> Fault:
+    """Return the fault that `encode_fault` wrote."""
+    request = fields["request"]
+    return Fault(
+        FaultKind(fields["kind"]),
+        Request[request] if request in Request.__members__ else request,
+        fields["skip"],
+        fields["count"],
+        fields["amount"],
+    )

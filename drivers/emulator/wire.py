@@ -1,0 +1,84 @@
+"""How the emulator process and its clients talk: one JSON object a line over a local socket."""
+
+from __future__ import annotations
+
+import json
+import socket
+from pathlib import Path
+from typing import Any
+
+LOOPBACK = "127.0.0.1"
+
+
+def parse_address(address: str) -> tuple[str, int] | str:
+    """Return (host, port), or the path of a unix socket.
+
+    Args:
+        address: "127.0.0.1:PORT", or "unix:PATH".
+
+    Raises:
+        ValueError: neither of them; the emulator never listens to another machine.
+    """
+    if address.startswith("unix:"):
+        return address.removeprefix("unix:")
+    host, _, port = address.rpartition(":")
+    if host != LOOPBACK or not port.isdigit():
+        raise ValueError(f"emulator address {address!r}, allowed are '{LOOPBACK}:PORT' and 'unix:PATH'")
+    return host, int(port)
+
+
+def listen(address: str) -> tuple[socket.socket, str]:
+    """Return a listening socket and the address clients use (port 0 is replaced by the one chosen)."""
+    place = parse_address(address)
+    if isinstance(place, str):
+        Path(place).unlink(missing_ok=True)
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        listener.bind(place)
+        listener.listen()
+        return listener, address
+    listener = socket.create_server(place)
+    return listener, f"{LOOPBACK}:{listener.getsockname()[1]}"
+
+
+class Channel:
+    """One connection, carrying JSON objects in both directions."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        """Wrap a connected socket."""
+        self._socket = connection
+        self._file = connection.makefile("rb")
+
+    @classmethod
+    def connect(cls, address: str, timeout: float = 5.0) -> Channel:
+        """Connect to an emulator process.
+
+        Raises:
+            OSError: nobody listens there.
+        """
+        place = parse_address(address)
+        if isinstance(place, str):
+            connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            connection.settimeout(timeout)
+            connection.connect(place)
+        else:
+            connection = socket.create_connection(place, timeout)
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.settimeout(None)
+        return cls(connection)
+
+    def send(self, message: dict[str, Any]) -> None:
+        """Send one object."""
+        self._socket.sendall(json.dumps(message).encode() + b"\n")
+
+    def receive(self) -> dict[str, Any] | None:
+        """Return the next object, None when the other side has closed."""
+        line = self._file.readline()
+        if not line:
+            return None
+        message: dict[str, Any] = json.loads(line)
+        return message
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._file.close()
+        self._socket.close()

@@ -1,0 +1,130 @@
+"""Everything that can go wrong with a device, as one family of exceptions under `DriverError`.
+
+Each error also derives from the builtin that fits (`TimeoutError`, `PermissionError`, ...), so that a
+caller who knows nothing of this package still catches it. Every message says what was given or found,
+what is allowed, and what to do.
+"""
+
+
+class DriverError(Exception):
+    """Root of every error raised by the package `drivers`."""
+
+
+class BoardError(DriverError):
+    """Something went wrong between the host and the laser board."""
+
+
+class NoUsbBackend(BoardError, ImportError):
+    """No libusb could be loaded, so no USB device can be reached at all."""
+
+
+class BoardNotFound(BoardError, ConnectionError):
+    """No board with the wanted vendor id, product id and serial number is plugged in."""
+
+
+class BoardPermissionDenied(BoardError, PermissionError):
+    """The board is plugged in, but this user may not open it; the message holds the udev rule to install."""
+
+
+class BoardInUse(BoardError, ConnectionError):
+    """Another process has claimed the board."""
+
+
+class BoardNotOpen(BoardError, RuntimeError):
+    """A command was given to a board that is closed, or whose connection was lost."""
+
+
+class BoardUnplugged(BoardError, ConnectionError):
+    """The board left the bus in the middle of the work."""
+
+
+class BoardTimeout(BoardError, TimeoutError):
+    """The board did not answer a transfer in time, not even when asked again."""
+
+
+class BoardStalled(BoardError, ConnectionError):
+    """The board stalled a transfer, again when asked again: it does not know the request."""
+
+
+class BoardTransferFailed(BoardError, ConnectionError):
+    """A transfer failed for another reason on the bus."""
+
+
+class BadReply(BoardError, ValueError):
+    """The board's answer was too short, damaged or belongs to another request."""
+
+
+class ProtocolMismatch(BoardError, RuntimeError):
+    """Board and driver speak different versions of the protocol."""
+
+
+class LaserRefused(BoardError, RuntimeError):
+    """The board refuses to switch the laser on; the message names the fault."""
+
+
+class LaserStuckOn(BoardError, RuntimeError):
+    """The laser still shines after it was switched off: cut its power by hand."""
+
+
+class LaserDead(BoardError, RuntimeError):
+    """The laser does not shine although it was switched on."""
+
+
+class MirrorNotHomed(BoardError, RuntimeError):
+    """The mirror was told to go somewhere before its home was found."""
+
+
+class MirrorOutOfRange(BoardError, ValueError):
+    """The wanted mirror angle is outside the board's travel."""
+
+
+class MirrorTimeout(BoardError, TimeoutError):
+    """The mirror did not come to rest in time."""
+
+
+class HomeNotFound(BoardError, RuntimeError):
+    """The board moved through its whole travel and never met the home switch."""
+
+
+class CameraError(DriverError):
+    """Something went wrong with a camera."""
+
+
+class CameraNotFound(CameraError, FileNotFoundError):
+    """The camera, video file or image sequence could not be opened."""
+
+
+class CameraBackendMissing(CameraError, ValueError):
+    """The installed OpenCV has no backend of the wanted kind (FireWire, GStreamer)."""
+
+
+class CameraNotOpen(CameraError, RuntimeError):
+    """A frame was asked of a camera that is closed."""
+
+
+class CameraTimeout(CameraError, TimeoutError):
+    """No frame came in time."""
+
+
+class CameraEnded(CameraError, EOFError):
+    """The video file, image sequence or replay has no further frame."""
+
+
+class CameraSettingRefused(CameraError, ValueError):
+    """The camera did not take a setting: what was read back differs from what was asked."""
+
+
+class AcquisitionError(DriverError):
+    """A scan could not be taken, or could not be taken in step."""
+
+
+class BadPattern(AcquisitionError, ValueError):
+    """The list of stripes is empty, repeats an index or holds an angle that is not finite."""
+
+
+class AcquisitionNotEntered(AcquisitionError, RuntimeError):
+    """A scan was iterated outside its `with` block."""
+
+
+class LaserNotSeen(AcquisitionError, RuntimeError):
+    """The camera sees no difference between laser on and laser off."""

@@ -1,0 +1,32 @@
+"""One picture of a camera, with its number and its time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One picture; compare images with numpy.
+
+    Attributes:
+        image: (height, width) or (height, width, 3) BGR, uint8 or uint16; read-only.
+        counter: number of the frame in the camera's own counting, growing by 1; a gap is a dropped frame.
+        stamp: when the host had the frame, on the monotonic clock [s].
+    """
+
+    image: Image
+    counter: int
+    stamp: float
+
+
+def read_only(image: Image) -> Image:
+    """Return a view of `image` that cannot be written to."""
+    view = image.view()
+    view.setflags(write=False)
+    return view

@@ -1,0 +1,70 @@
+"""Sees to it that open boards put their laser out when the program ends, however it ends.
+
+Exceptions unwind through `with` blocks by themselves. SIGTERM and SIGHUP would not, so while a board is open
+they are turned into `SystemExit`; what leaves no `with` block behind is caught at interpreter exit. SIGKILL
+cannot be caught by anyone: for that, the board has its watchdog.
+"""
+
+from __future__ import annotations
+
+import atexit
+import logging
+import signal
+import threading
+from types import FrameType
+from typing import Protocol
+
+_log = logging.getLogger(__name__)
+_SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+class Closable(Protocol):
+    """Anything that `close` makes safe."""
+
+    def close(self) -> None:
+        """Make safe; harmless when already closed."""
+
+
+_open: list[Closable] = []
+_taken: list[int] = []
+_lock = threading.RLock()
+
+
+def watch(device: Closable, handle_signals: bool = True) -> None:
+    """Close `device` at the end of the program if nobody has done so before."""
+    with _lock:
+        if not _open:
+            atexit.register(_close_all)
+        _open.append(device)
+        if handle_signals and threading.current_thread() is threading.main_thread():
+            for number in _SIGNALS:
+                if signal.getsignal(number) is signal.SIG_DFL:
+                    signal.signal(number, _leave)
+                    _taken.append(number)
+
+
+def release(device: Closable) -> None:
+    """Forget `device`; with the last one, signals are as they were before."""
+    with _lock:
+        if device in _open:
+            _open.remove(device)
+        if _open:
+            return
+        atexit.unregister(_close_all)
+        if threading.current_thread() is threading.main_thread():
+            while _taken:
+                number = _taken.pop()
+                if signal.getsignal(number) is _leave:
+                    signal.signal(number, signal.SIG_DFL)
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    raise SystemExit(128 + number)
+
+
+def _close_all() -> None:
+    for device in list(_open):
+        try:
+            device.close()
+        except Exception:
+            _log.exception("a laser board could not be closed at exit; its watchdog puts the laser out")

@@ -1,0 +1,70 @@
+"""Locks the settings of a camera opened by OpenCV, in V4L2's units, and reads each of them back."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from drivers.camera import CameraSettings
+from drivers.errors import CameraSettingRefused
+
+_V4L2_EXPOSURE_UNIT = 1e-4  # s; V4L2 counts exposure_time_absolute in 100 microseconds
+_V4L2_MANUAL_EXPOSURE = 1.0
+_TOLERANCE = 0.02  # relative; drivers round to their own steps
+_EXPOSURE_TOLERANCE = 0.05
+
+
+class Capture(Protocol):
+    """The part of `cv2.VideoCapture` that settings need."""
+
+    def set(self, propId: int, value: float) -> bool:
+        """Set a property; False when the device has none such."""
+
+    def get(self, propId: int) -> float:
+        """Return a property."""
+
+
+def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> CameraSettings:
+    """Switch the automatics off, set what was asked for, read it back and return what the camera holds.
+
+    Args:
+        capture: an open capture.
+        settings: what to set; None entries are left alone.
+        name: of the camera, for messages.
+
+    Raises:
+        CameraSettingRefused: the camera has no such setting, or holds another value than was asked for.
+    """
+    import cv2
+
+    held = {}
+    if settings.exposure is not None:
+        _set(capture, cv2.CAP_PROP_AUTO_EXPOSURE, _V4L2_MANUAL_EXPOSURE, "manual exposure", name)
+        wanted = settings.exposure / _V4L2_EXPOSURE_UNIT
+        got = _set(capture, cv2.CAP_PROP_EXPOSURE, wanted, "exposure [100 us]", name, _EXPOSURE_TOLERANCE)
+        held["exposure"] = got * _V4L2_EXPOSURE_UNIT
+    if settings.gain is not None:
+        held["gain"] = _set(capture, cv2.CAP_PROP_GAIN, settings.gain, "gain", name)
+    if settings.white_balance is not None:
+        _set(capture, cv2.CAP_PROP_AUTO_WB, 0.0, "manual white balance", name)
+        held["white_balance"] = _set(
+            capture, cv2.CAP_PROP_WB_TEMPERATURE, settings.white_balance, "white balance [K]", name
+        )
+    if settings.gamma is not None:
+        held["gamma"] = _set(capture, cv2.CAP_PROP_GAMMA, settings.gamma, "gamma", name)
+    return CameraSettings(**held)
+
+
+def _set(capture: Capture, prop: int, value: float, what: str, name: str, tolerance: float = _TOLERANCE) -> float:
+    taken = capture.set(prop, value)
+    got = capture.get(prop)
+    if not taken:
+        raise CameraSettingRefused(
+            f"{name} has no setting {what} (asked for {value:g}): set it with the maker's tool (`v4l2-ctl -L`), "
+            "or leave it out"
+        )
+    # One unit of rounding is always allowed: most V4L2 controls are whole numbers.
+    if abs(got - value) > max(tolerance * abs(value), 0.5):
+        raise CameraSettingRefused(
+            f"{name} was asked for {what} {value:g} and holds {got:g}: ask for a value it can take (`v4l2-ctl -L`)"
+        )
+    return got

@@ -1,0 +1,51 @@
+"""How a scan is taken: which off frames, how long to wait, how much to buffer."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, field
+
+from drivers.proof import ProofLimits
+
+
+class OffFrames(enum.Enum):
+    """Frames with the laser off, against which the others are compared."""
+
+    PER_STRIPE = "per stripe"
+    """One after each on frame, while the mirror turns: safe in changing light, twice the frames."""
+    ONE = "one"
+    """One before the first stripe, shared by all: for light that does not change during a scan."""
+    NONE = "none"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AcquireOptions:
+    """Options of `acquire`; checks itself.
+
+    Attributes:
+        off: which off frames are taken.
+        frame_timeout: how long to wait for a frame of a stripe before it counts as lost [s].
+        max_lost: so many lost frames in a row end the scan.
+        flush_frames: frames thrown away after every change of laser or mirror when the camera's `lag` is unknown.
+        queue_size: stripes that may wait for the caller; when it is full, the scan pauses with the laser off.
+        limits: when a difference between frames counts.
+
+    Raises:
+        ValueError: a value outside what is allowed.
+    """
+
+    off: OffFrames = OffFrames.ONE
+    frame_timeout: float = 1.0
+    max_lost: int = 2
+    flush_frames: int = 2
+    queue_size: int = 4
+    limits: ProofLimits = field(default_factory=ProofLimits)
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        if not (math.isfinite(self.frame_timeout) and self.frame_timeout > 0):
+            raise ValueError(f"frame_timeout is {self.frame_timeout} s, it must be finite and above 0")
+        for name, lowest in (("max_lost", 1), ("flush_frames", 0), ("queue_size", 1)):
+            if getattr(self, name) < lowest:
+                raise ValueError(f"{name} is {getattr(self, name)}, it must be {lowest} or more")

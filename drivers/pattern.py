@@ -1,0 +1,62 @@
+"""The list of stripes of a scan: which index at which mirror angle, and in which order."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from drivers.errors import BadPattern
+
+
+@dataclass(frozen=True, slots=True)
+class PatternStripe:
+    """One stripe to be taken: its index in the standard pattern and the mirror angle [rad]."""
+
+    index: int
+    mirror_angle: float
+
+
+Band = tuple[int, int]
+"""Image rows (first, end) between which a stripe must appear."""
+BandOf = Callable[[int], Band]
+"""Says the band of a stripe index; whoever has a calibration can tell."""
+
+
+def check_pattern(pattern: Iterable[tuple[int, float]]) -> tuple[PatternStripe, ...]:
+    """Return the pattern as a tuple.
+
+    Args:
+        pattern: pairs (index, mirror angle [rad]) in the order in which they are to be taken.
+
+    Raises:
+        BadPattern: empty, an index twice or negative, an angle not finite.
+    """
+    stripes = tuple(PatternStripe(int(index), float(angle)) for index, angle in pattern)
+    if not stripes:
+        raise BadPattern("the pattern holds no stripe, at least one is needed")
+    seen: set[int] = set()
+    for stripe in stripes:
+        if stripe.index < 0 or stripe.index in seen:
+            raise BadPattern(f"stripe index {stripe.index} in the pattern: each must be 0 or more, and come once")
+        if not math.isfinite(stripe.mirror_angle):
+            raise BadPattern(f"stripe {stripe.index} has mirror angle {stripe.mirror_angle}, it must be finite")
+        seen.add(stripe.index)
+    return stripes
+
+
+def coarse(pattern: Iterable[tuple[int, float]]) -> tuple[tuple[int, float], ...]:
+    """Return every second stripe: those with an even index."""
+    return tuple(pair for pair in _pairs(pattern) if pair[0] % 2 == 0)
+
+
+def coarse_first(pattern: Iterable[tuple[int, float]]) -> tuple[tuple[int, float], ...]:
+    """Return the even stripes, then those between, both swept the same way.
+
+    A scan that is cut short then covers the whole area coarsely rather than a part of it finely.
+    """
+    return tuple(sorted(_pairs(pattern), key=lambda pair: pair[0] % 2))
+
+
+def _pairs(pattern: Iterable[tuple[int, float]]) -> list[tuple[int, float]]:
+    return [(stripe.index, stripe.mirror_angle) for stripe in check_pattern(pattern)]

@@ -1,0 +1,108 @@
+"""The numbers of the protocol between host and board, as `PROTOCOL.md` lays them down."""
+
+from __future__ import annotations
+
+import binascii
+import enum
+
+# 0x1209:0x0001 is a product id that pid.codes keeps free for private testing. A board made in numbers
+# needs an id of its own; `BoardConfig` takes it.
+VENDOR_ID = 0x1209
+PRODUCT_ID = 0x0001
+MANUFACTURER = "Guara"
+PRODUCT = "Guara laser board"
+
+PROTOCOL_MAJOR = 1
+PROTOCOL_MINOR = 0
+
+INTERFACE = 0
+REPORT_ENDPOINT = 0x81
+REQUEST_IN = 0xC0
+"""bmRequestType of every command: device to host, vendor, device. The answer is the data stage."""
+
+IDENTITY_MAGIC = b"GUAR"
+IDENTITY_SIZE = 32
+STATUS_SIZE = 26
+
+
+class Request(enum.IntEnum):
+    """bRequest of each command."""
+
+    IDENTIFY = 0x01
+    HELLO = 0x02
+    GOODBYE = 0x03
+    LASER = 0x10
+    HOME = 0x20
+    GO_TO = 0x21
+    HALT = 0x22
+    STATUS = 0x30
+    CLEAR_FAULTS = 0x31
+
+
+class Result(enum.IntEnum):
+    """What the board did with a command."""
+
+    OK = 0
+    NO_SESSION = 1
+    NOT_HOMED = 2
+    OUT_OF_RANGE = 3
+    LASER_REFUSED = 4
+    BUSY = 5
+    VERSION = 6
+
+
+class BoardFlag(enum.IntFlag):
+    """What the board is doing now."""
+
+    SESSION = 1
+    LASER_COMMANDED = 2
+    LASER_SENSED = 4
+    MOVING = 8
+    HOMED = 16
+    HAS_SENSOR = 32
+
+
+class BoardFault(enum.IntFlag):
+    """What is wrong with the board; a fault stays until it is cleared and its cause is gone."""
+
+    WATCHDOG = 1
+    LASER_TIME = 2
+    OVER_TEMPERATURE = 4
+    LASER_STUCK_ON = 8
+    LASER_DEAD = 16
+    LOST_STEPS = 32
+    HOME_NOT_FOUND = 64
+
+
+FAULT_MEANINGS = {
+    BoardFault.WATCHDOG: "the host was silent and the watchdog put the laser out",
+    BoardFault.LASER_TIME: "the laser reached its longest time on",
+    BoardFault.OVER_TEMPERATURE: "the board is too hot",
+    BoardFault.LASER_STUCK_ON: "the laser shines without command",
+    BoardFault.LASER_DEAD: "the laser stays dark although commanded",
+    BoardFault.LOST_STEPS: "the mirror had lost steps when it came home",
+    BoardFault.HOME_NOT_FOUND: "the home switch was not met",
+}
+
+
+def describe_faults(faults: BoardFault) -> str:
+    """Return the faults in words, or "no fault"."""
+    words = [meaning for fault, meaning in FAULT_MEANINGS.items() if fault in faults]
+    return "; ".join(words) if words else "no fault"
+
+
+def checksum(data: bytes) -> int:
+    """Return the CRC-16 of the protocol: CCITT polynomial 0x1021, start value 0xFFFF."""
+    return binascii.crc_hqx(data, 0xFFFF)
+
+
+def split_argument(argument: int) -> tuple[int, int]:
+    """Return (wValue, wIndex): the low and high half of a signed 32-bit argument."""
+    unsigned = argument & 0xFFFFFFFF
+    return unsigned & 0xFFFF, unsigned >> 16
+
+
+def join_argument(value: int, index: int) -> int:
+    """Return the signed 32-bit argument that `split_argument` split."""
+    unsigned = (index & 0xFFFF) << 16 | (value & 0xFFFF)
+    return unsigned - (1 << 32) if unsigned & 0x80000000 else unsigned

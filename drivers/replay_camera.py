@@ -1,0 +1,90 @@
+"""A camera that hands out the frames of any iterable, one after the other: recordings, arrays, generators."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+
+from drivers.camera import Camera, CameraSettings
+from drivers.errors import CameraEnded, CameraNotOpen, CameraSettingRefused, CameraTimeout
+from drivers.frame import Frame, Image, read_only
+
+
+class ReplayCamera(Camera):
+    """Plays frames in their order; each grab takes the next, so nothing is ever dropped.
+
+    Whoever opens recordings (folders, MCAP) hands them over as an iterable. Frames must come in the order in which
+    `acquire` asks for them. An iterable that can be iterated anew (a list) starts over when the camera is reopened.
+    """
+
+    lag = 0.0
+
+    def __init__(self, frames: Iterable[Image | Frame], *, fps: float | None = None, name: str = "replay") -> None:
+        """Prepare the camera.
+
+        Args:
+            frames: images, numbered from 0; or frames, which keep their numbers. All are stamped when they are grabbed.
+            fps: frames per second at which images become available; None for at once.
+            name: for messages.
+
+        Raises:
+            ValueError: fps not above 0.
+        """
+        if fps is not None and not fps > 0:
+            raise ValueError(f"fps is {fps}, it must be above 0 (None: without waiting)")
+        self.name = name
+        self._frames = frames
+        self._period = 0.0 if fps is None else 1.0 / fps
+        self._iterator: Iterator[Image | Frame] | None = None
+        self._counter = 0
+        self._due = 0.0
+
+    def open(self) -> None:
+        """Start at the first frame; harmless when open."""
+        if self._iterator is None:
+            self._iterator = iter(self._frames)
+            self._counter = 0
+            self._due = time.monotonic() + self._period
+
+    def close(self) -> None:
+        """Stop."""
+        self._iterator = None
+
+    def lock(self, settings: CameraSettings) -> CameraSettings:
+        """Refuse every setting, since the frames are already taken; asking for none is fine.
+
+        Raises:
+            CameraSettingRefused: something was asked for.
+        """
+        if settings != CameraSettings():
+            raise CameraSettingRefused(f"{self.name} replays frames already taken: {settings} cannot be set")
+        return settings
+
+    def grab(self, timeout: float) -> Frame:
+        """Return the next frame.
+
+        Raises:
+            CameraTimeout: at this frame rate it comes later than `timeout` [s].
+            CameraEnded: it was the last.
+            CameraNotOpen: open it first.
+        """
+        if self._iterator is None:
+            raise CameraNotOpen(f"{self.name} is not open: use `with camera:`")
+        wait = self._due - time.monotonic()
+        if wait > timeout:
+            time.sleep(timeout)
+            raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
+        if wait > 0:
+            time.sleep(wait)
+        try:
+            item = next(self._iterator)
+        except StopIteration:
+            raise CameraEnded(f"{self.name} has no frame after the {self._counter} it played") from None
+        self._due = max(self._due + self._period, time.monotonic() - self._period)
+        counter, self._counter = self._counter, self._counter + 1
+        if isinstance(item, Frame):
+            return Frame(item.image, item.counter, time.monotonic())
+        return Frame(read_only(item), counter, time.monotonic())
+
+    def flush(self) -> None:
+        """Do nothing: a frame arrives only when it is grabbed."""

@@ -1,0 +1,165 @@
+"""The thread of a scan: turns the mirror, switches the laser, takes the frames, hands the stripes over."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.board import LaserBoard
+from drivers.camera import Camera
+from drivers.errors import CameraTimeout
+from drivers.frame import Frame
+from drivers.frame_grabber import FrameGrabber
+from drivers.laser_switch import LaserSwitch, ScanStopped
+from drivers.options import AcquireOptions, OffFrames
+from drivers.pattern import PatternStripe
+
+_log = logging.getLogger(__name__)
+_QUEUE_SLICE = 0.05  # s between two looks at whether to stop, while the caller is slow
+
+
+@dataclass(frozen=True, slots=True)
+class RawStripe:
+    """A stripe as the thread hands it over: not yet judged."""
+
+    stripe: PatternStripe
+    reached: float
+    on: Frame | None
+    off: Frame | None
+
+
+class ScanWorker(threading.Thread):
+    """Takes one scan. `items` carries a `RawStripe` each and at the end None.
+
+    Attributes:
+        items: the bounded queue to the caller.
+        grabber: for its counts.
+        fired: indices for which the laser was on.
+        failure: the error that ended the scan, or None.
+        stopped_early: whether `should_stop` ended it.
+    """
+
+    def __init__(
+        self,
+        board: LaserBoard,
+        camera: Camera,
+        pattern: tuple[PatternStripe, ...],
+        options: AcquireOptions,
+        should_stop: Callable[[], bool] | None,
+    ) -> None:
+        """Prepare; `start` begins."""
+        super().__init__(name="scan", daemon=True)
+        self._board, self._camera, self._pattern, self._options = board, camera, pattern, options
+        self._should_stop = should_stop
+        self._cancelled = threading.Event()
+        self._lost_in_row = 0
+        self.switch = LaserSwitch(board)
+        self.grabber = FrameGrabber(camera, board, options, self._check)
+        self.items: queue.Queue[RawStripe | None] = queue.Queue(maxsize=options.queue_size)
+        self.fired: list[int] = []
+        self.failure: Exception | None = None
+        self.stopped_early = False
+        self.begun = time.monotonic()
+
+    def cancel(self) -> None:
+        """Put the laser out now and end the thread soon; what has not been handed over is forgotten."""
+        self._cancelled.set()
+        self.switch.close()
+
+    def run(self) -> None:
+        """Take the scan; the laser is out when this ends, however it ends."""
+        self.begun = time.monotonic()
+        try:
+            self.grabber.restart()
+            if self._options.off is OffFrames.PER_STRIPE:
+                self._take_pairs()
+            else:
+                self._take_sweep()
+        except ScanStopped:
+            _log.info("scan stopped after %d of %d stripes", len(self.fired), len(self._pattern))
+        except Exception as error:
+            self.failure = error
+        finally:
+            self._darken()
+            self._hand_over(None)
+
+    def _take_pairs(self) -> None:
+        reached = self._board.go_to_angle(self._pattern[0].mirror_angle, wait=False)
+        for place, stripe in enumerate(self._pattern):
+            self._board.wait_until_still()
+            self._check()
+            self.switch.on()
+            self.fired.append(stripe.index)
+            on = self._frame()
+            self.switch.off()
+            dark = time.monotonic()
+            here, reached = reached, self._move_on(place, reached)
+            # The off frame does not care where the mirror is, so the mirror turns meanwhile.
+            off = self.grabber.after(dark)
+            self._hand_over(RawStripe(stripe, here, on, off))
+
+    def _take_sweep(self) -> None:
+        self.switch.off()
+        reached = self._board.go_to_angle(self._pattern[0].mirror_angle, wait=False)
+        off = self._frame() if self._options.off is OffFrames.ONE else None
+        for place, stripe in enumerate(self._pattern):
+            status = self._board.wait_until_still()
+            self._check()
+            self.switch.keep_on(status.laser_commanded)
+            self.fired.append(stripe.index)
+            on = self._frame()
+            here, reached = reached, self._move_on(place, reached)
+            if place + 1 == len(self._pattern):
+                self.switch.off()
+            self._hand_over(RawStripe(stripe, here, on, off))
+
+    def _move_on(self, place: int, reached: float) -> float:
+        if place + 1 < len(self._pattern):
+            return self._board.go_to_angle(self._pattern[place + 1].mirror_angle, wait=False)
+        return reached
+
+    def _frame(self) -> Frame | None:
+        frame = self.grabber.after(time.monotonic())
+        self._lost_in_row = 0 if frame is not None else self._lost_in_row + 1
+        if self._lost_in_row >= self._options.max_lost:
+            raise CameraTimeout(
+                f"{self._camera.name} brought no frame for {self._lost_in_row} stripes in a row "
+                f"({self._options.frame_timeout:g} s each): check its cable and whether its exposure fits"
+            )
+        return frame
+
+    def _check(self) -> None:
+        if self._cancelled.is_set():
+            raise ScanStopped
+        if self._should_stop is not None and self._should_stop():
+            self.stopped_early = True
+            raise ScanStopped
+
+    def _hand_over(self, item: RawStripe | None) -> None:
+        try:
+            self.items.put_nowait(item)
+            return
+        except queue.Full:
+            if item is not None:
+                self.switch.off()
+        while not self._cancelled.is_set():
+            try:
+                self.items.put(item, timeout=_QUEUE_SLICE)
+            except queue.Full:
+                continue
+            if item is not None:
+                self.grabber.restart()
+            return
+
+    def _darken(self) -> None:
+        try:
+            self.switch.off()
+        except Exception as error:
+            if self.failure is None:
+                self.failure = error
+            else:
+                _log.error("while ending after %r: %s", self.failure, error)

@@ -1,0 +1,202 @@
+"""A session with the laser board: open, handshake, commands with bounded retries, reconnect, close."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from types import TracebackType
+from typing import Any, Self
+
+from drivers import guard
+from drivers.board_config import BoardConfig
+from drivers.errors import (
+    BadReply,
+    BoardError,
+    BoardNotFound,
+    BoardNotOpen,
+    BoardStalled,
+    BoardTimeout,
+    BoardTransferFailed,
+    BoardUnplugged,
+    LaserStuckOn,
+)
+from drivers.protocol import IDENTITY_SIZE, PROTOCOL_MAJOR, PROTOCOL_MINOR, STATUS_SIZE, BoardFault, Request
+from drivers.records import BoardIdentity, BoardStatus
+from drivers.refusals import check_version, raise_refusal
+from drivers.usb_link import UsbLink
+
+_log = logging.getLogger(__name__)
+_WORTH_REPEATING = (BoardTimeout, BoardStalled, BoardTransferFailed, BadReply)
+_HOST_VERSION = PROTOCOL_MAJOR << 8 | PROTOCOL_MINOR
+_SEARCH_PERIOD = 0.1  # s between two looks at the bus while reconnecting
+
+
+class BoardSession:
+    """The connection half of the laser board's driver, a context manager; thread-safe."""
+
+    def __init__(self, config: BoardConfig | None = None, *, backend: Any = None) -> None:
+        """Prepare the board; nothing is opened yet.
+
+        Args:
+            config: ids and patience; None for the defaults.
+            backend: a pyusb backend, for example that of an emulated board; None for libusb.
+        """
+        self.config = config or BoardConfig()
+        self._link = UsbLink(
+            self.config.vendor_id, self.config.product_id, self.config.serial, self.config.timeout, backend
+        )
+        self._identity: BoardIdentity | None = None
+        self._lock = threading.RLock()
+
+    def __enter__(self) -> Self:
+        """Open the board."""
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Put the laser out and close; a failure to do so never hides an error that is under way."""
+        try:
+            self.close()
+        except BoardError as failure:
+            if error is None:
+                raise
+            _log.error("while closing after %r: %s", error, failure)
+
+    @property
+    def identity(self) -> BoardIdentity:
+        """What the board said of itself.
+
+        Raises:
+            BoardNotOpen: before `open`.
+        """
+        if self._identity is None:
+            raise BoardNotOpen("the laser board is not open: use `with LaserBoard() as board:`")
+        return self._identity
+
+    @property
+    def serial(self) -> str:
+        """Serial number of the open board, empty before."""
+        return self._link.serial
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the board is held."""
+        return self._link.is_open
+
+    def open(self) -> None:
+        """Find the board, agree on the protocol and begin a session with the laser off.
+
+        Raises:
+            BoardError: see `UsbLink.open`; ProtocolMismatch when the versions do not fit.
+        """
+        if self._link.is_open:
+            return
+        self._link.open()
+        guard.watch(self, self.config.handle_signals)
+        try:
+            identity = BoardIdentity.unpack(self._repeat(Request.IDENTIFY, 0, IDENTITY_SIZE))
+            check_version(identity)
+            self._identity = identity
+            self._command(Request.HELLO, _HOST_VERSION)
+        except BaseException:
+            guard.release(self)
+            self._link.close()
+            raise
+        _log.info("laser board %s speaks protocol %d.%d", self._link.serial, *identity.protocol)
+
+    def close(self) -> None:
+        """Put the laser out, end the session and give the device back; harmless when closed.
+
+        Raises:
+            LaserStuckOn: the laser still shines.
+            BoardError: the board could not be told; the device is given back nevertheless.
+        """
+        if not self._link.is_open:
+            return
+        try:
+            status = self._command(Request.GOODBYE)
+            raise_if_stuck_on(status)
+        except BoardUnplugged:
+            _log.warning("the laser board is gone; without USB power its laser is out")
+        finally:
+            guard.release(self)
+            self._link.close()
+
+    def reconnect(self, timeout: float = 5.0) -> None:
+        """Give the device back and look for it for `timeout` [s]; the mirror may then not be homed.
+
+        Raises:
+            BoardNotFound: it did not come back.
+            BoardError: it came back but cannot be used.
+        """
+        try:
+            self.close()
+        except BoardError as failure:
+            _log.warning("closing before reconnecting: %s", failure)
+        deadline = time.monotonic() + timeout
+        while True:
+            try:
+                self.open()
+                return
+            except (BoardNotFound, BoardUnplugged):
+                if time.monotonic() >= deadline:
+                    raise
+            time.sleep(_SEARCH_PERIOD)
+
+    def status(self) -> BoardStatus:
+        """Ask for the status; this also feeds the watchdog."""
+        return self._command(Request.STATUS)
+
+    def _begin_session(self) -> BoardStatus:
+        return self._command(Request.HELLO, _HOST_VERSION)
+
+    def _read_report(self, timeout: float) -> BoardStatus | None:
+        try:
+            data = self._link.read_report(timeout)
+            return None if data is None else BoardStatus.unpack(data)
+        except (BadReply, BoardStalled, BoardTransferFailed) as failure:
+            _log.warning("report unusable, the status is asked for instead: %s", failure)
+            return None
+
+    def _command(self, request: Request, argument: int = 0) -> BoardStatus:
+        with self._lock:
+            status = BoardStatus.unpack(self._repeat(request, argument, STATUS_SIZE))
+        raise_refusal(status, argument, self._identity)
+        return status
+
+    def _repeat(self, request: Request, argument: int, size: int) -> bytes:
+        attempt = 1
+        while True:
+            try:
+                data = self._link.request(request, argument, size)
+                _check_answer(request, data)
+                return data
+            except _WORTH_REPEATING as failure:
+                if attempt >= self.config.attempts:
+                    raise type(failure)(f"{failure} (asked {attempt} times)") from failure
+                _log.warning("attempt %d of %d: %s", attempt, self.config.attempts, failure)
+            attempt += 1
+
+
+def raise_if_stuck_on(status: BoardStatus) -> None:
+    """Raise when the laser did not obey "off".
+
+    Raises:
+        LaserStuckOn: it still shines, or the board had to open its supply to put it out.
+    """
+    if status.laser_sensed:
+        raise LaserStuckOn("the laser still shines after it was switched off: cut its power by hand")
+    if BoardFault.LASER_STUCK_ON in status.faults:
+        raise LaserStuckOn("the laser did not go out on command, the board opened its supply: mend its driver")
+
+
+def _check_answer(request: Request, data: bytes) -> None:
+    if request is Request.IDENTIFY:
+        BoardIdentity.unpack(data)
+        return
+    echo = BoardStatus.unpack(data).request
+    if echo != request:
+        raise BadReply(f"the answer to {request.name} is that of request 0x{echo:02x}: check the firmware")

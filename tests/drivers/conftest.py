@@ -1,0 +1,147 @@
+"""Fixtures of the drivers' tests: an emulated board, a driver on it, and a camera that looks at it."""
+
+import dataclasses
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers import BoardConfig, CameraSettings, LaserBoard
+from drivers.emulator import EmulatedBoard, EmulatedCamera, EmulatorConfig, ExposureView, emulated_backend
+
+HEIGHT, WIDTH = 256, 320
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def row_of(mirror_angle: float) -> float:
+    """Row where the test scene shows the stripe of a mirror angle [rad]."""
+    return 40.0 + (mirror_angle + 0.15) * 380.0
+
+
+class Scene:
+    """A flat grey scene with noise, in which the laser draws one red row."""
+
+    def __init__(self) -> None:
+        rng = np.random.default_rng(1)
+        self._noise = rng.integers(-3, 4, (8, HEIGHT, WIDTH, 3)).astype(np.int16)
+        self._count = 0
+        self.ambient = 40.0
+        self.brightness = 150.0
+        self.swallow = False
+
+    def __call__(self, view: ExposureView, settings: CameraSettings) -> np.ndarray:
+        gain = (settings.exposure or 0.002) / 0.002
+        self._count += 1
+        image = self._noise[self._count % 8] + np.int16(min(self.ambient * gain, 3000))
+        row = round(row_of(view.mirror_angle))
+        if view.laser_fraction > 0 and 2 <= row < HEIGHT - 2 and not self.swallow:
+            image[row - 1 : row + 2, :, 2] += np.int16(min(self.brightness * gain * view.laser_fraction, 3000))
+        return image.clip(0, 255).astype(np.uint8)
+
+
+@pytest.fixture
+def scene() -> Scene:
+    return Scene()
+
+
+def patient_config(**changes: object) -> EmulatorConfig:
+    """A board whose watchdog waits longer, so that a loaded machine does not trip it in tests of other things."""
+    config = EmulatorConfig()
+    identity = dataclasses.replace(config.identity, watchdog=20.0)
+    return dataclasses.replace(config, identity=identity, **changes)
+
+
+@pytest.fixture
+def emulated() -> EmulatedBoard:
+    return EmulatedBoard(patient_config())
+
+
+@pytest.fixture
+def board(emulated: EmulatedBoard) -> Iterator[LaserBoard]:
+    with LaserBoard(BoardConfig(timeout=0.05), backend=emulated_backend(emulated)) as device:
+        yield device
+
+
+@pytest.fixture
+def camera(emulated: EmulatedBoard, scene: Scene) -> Iterator[EmulatedCamera]:
+    with EmulatedCamera(emulated, scene, fps=200.0, exposure=0.002, latency=0.0005) as device:
+        yield device
+
+
+@pytest.fixture
+def pattern() -> list[tuple[int, float]]:
+    return [(index, -0.14 + 0.46 * index / 69) for index in range(70)]
+
+
+def wait_until(condition: Callable[[], bool], patience: float = 20.0) -> None:
+    """Wait until something is so; fail when it is not within `patience` [s]."""
+    deadline = time.monotonic() + patience
+    while not condition():
+        if time.monotonic() > deadline:
+            pytest.fail(f"not so within {patience} s")
+        time.sleep(0.005)
+
+
+@pytest.fixture
+def eventually() -> Callable[[Callable[[], bool]], None]:
+    return wait_until
+
+
+class EmulatorProcess:
+    """`python -m drivers.emulator`, running."""
+
+    def __init__(self, listen: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "drivers.emulator", "--listen", listen],
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
+        )
+        assert self.process.stdout is not None
+        words = self.process.stdout.readline().split()
+        assert words[0] == "ready"
+        self.address = words[1]
+
+    def stop(self) -> int:
+        self.process.terminate()
+        status = self.process.wait(20)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+        return status
+
+
+@pytest.fixture
+def emulator_process() -> Iterator[EmulatorProcess]:
+    process = EmulatorProcess("127.0.0.1:0")
+    yield process
+    process.stop()
+
+
+@pytest.fixture
+def host() -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Starts a Python program in a process of its own; whatever is left of it is ended after the test."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(program: str, *arguments: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [sys.executable, "-c", program, *arguments],
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
+            env=os.environ | {"PYTHONUNBUFFERED": "1"},
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.kill()
+        process.wait(20)
+        assert process.stdout is not None
+        process.stdout.close()
