@@ -4,12 +4,14 @@
 `StancePose` for a `Stance`. Pinocchio is imported when the first robot is loaded, not with this package.
 """
 
+from kinematics.clearance import FootholdClearance, foothold_clearance
 from kinematics.exceptions import (
     ArgumentError,
     CameraMoved,
     JointLimitWarning,
     JointPositionError,
     KinematicsError,
+    OdometryLost,
     RobotFileError,
     RobotNotFound,
     StanceError,
@@ -17,6 +19,11 @@ from kinematics.exceptions import (
 )
 from kinematics.frames import BASE_FOOTPRINT, ODOM
 from kinematics.model import RobotModel, load_robot
+from kinematics.odometry import LegOdometry, OdometryPose
+from kinematics.pause import CameraMotion, PauseDetector, PauseReport, camera_motion, check_camera_still
+from kinematics.reach import Reach, reach_from_pose, reach_in_base
+from kinematics.self_filter import SelfFilter
+from kinematics.stability import polygon_margin, stability_margin
 from kinematics.stance import Stance
 from kinematics.stance_pose import ATTITUDE_SOURCES, GravityEstimate, StanceNoise, StancePose, stance_pose
 from kinematics.state import RobotState
@@ -26,20 +33,36 @@ __all__ = [
     "BASE_FOOTPRINT",
     "ODOM",
     "ArgumentError",
+    "CameraMotion",
     "CameraMoved",
+    "FootholdClearance",
     "GravityEstimate",
     "JointLimitWarning",
     "JointPositionError",
     "KinematicsError",
+    "LegOdometry",
+    "OdometryLost",
+    "OdometryPose",
+    "PauseDetector",
+    "PauseReport",
+    "Reach",
     "RobotFileError",
     "RobotModel",
     "RobotNotFound",
     "RobotState",
+    "SelfFilter",
     "Stance",
     "StanceError",
     "StanceNoise",
     "StancePose",
     "UnknownName",
+    "camera_motion",
+    "check_camera_still",
+    "foothold_clearance",
     "load_robot",
+    "polygon_margin",
+    "reach_from_pose",
+    "reach_in_base",
+    "stability_margin",
     "stance_pose",
 ]

@@ -3,10 +3,12 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 import numpy.typing as npt
 
 from kinematics.exceptions import ArgumentError, RobotFileError, RobotNotFound, unknown_name
 from kinematics.model_checks import check_model
+from kinematics.reach import Reach, reach_in_base
 from kinematics.robot_toml import RobotToml, read_robot_toml
 from kinematics.srdf import Posture, read_srdf
 from kinematics.stance import Stance
@@ -123,6 +125,16 @@ class RobotModel:
             camera_covariance=camera_covariance,
             find_unloaded=find_unloaded,
         )
+
+    def reach(self, leg: str, soles_in_base: npt.ArrayLike, sole_pitch: npt.ArrayLike = 0.0) -> Reach:
+        """Joint positions that set a leg's sole on points (..., 3) in `base_link`; see `kinematics.reach_in_base`."""
+        return reach_in_base(self.tree, leg, soles_in_base, sole_pitch)
+
+    def reachable(
+        self, leg: str, soles_in_base: npt.ArrayLike, sole_pitch: npt.ArrayLike = 0.0
+    ) -> npt.NDArray[np.bool_]:
+        """Which points (..., 3) in `base_link` [m] a leg's sole reaches within its joint limits, (...)."""
+        return self.reach(leg, soles_in_base, sole_pitch).is_reachable
 
 
 def load_robot(name_or_path: str | Path) -> RobotModel:

@@ -1,0 +1,124 @@
+"""How far sole and leg stay clear of the ground when a leg is set on a foothold."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from kinematics.exceptions import ArgumentError, StanceError
+from kinematics.reach import reach_from_pose
+from kinematics.stance_pose import StancePose
+from kinematics.state import RobotState
+from kinematics.transforms import transform_points
+from kinematics.tree import Array, read_only
+from kinematics.urdf import Shape
+
+HeightFunction = Callable[[Array, Array], npt.ArrayLike]
+"""Heights (n,) [m] of the ground in `base_footprint` for x (n,) and y (n,) [m]; NaN where unknown."""
+
+_SPACING = 0.005
+"""Distance of samples on sole and leg [m]: a cell of the grid."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FootholdClearance:
+    """Clearances of one foothold [m]; negative means into the ground, NaN that ground below is unknown.
+
+    Attributes:
+        leg: least height of the leg over the ground straight below, beyond a sole's length from the sole's centre.
+        sole: least height of the sole over the ground: how deep its highest bump would press in.
+        sole_gap: largest height of the sole over the ground: what it hangs over.
+        joint_positions: (joints of the leg,) [rad] that set the sole there.
+    """
+
+    leg: float
+    sole: float
+    sole_gap: float
+    joint_positions: Array
+
+
+def foothold_clearance(
+    pose: StancePose, leg: str, sole_in_footprint: npt.ArrayLike, height_at: HeightFunction
+) -> FootholdClearance:
+    """Clearances of a leg whose level sole stands on a foothold, with the body where a stance pose has it.
+
+    Args:
+        pose: the stance pose.
+        leg: the leg's name.
+        sole_in_footprint: (3,) sole centre [m].
+        height_at: the ground.
+
+    Raises:
+        UnknownName: no such leg.
+        ArgumentError: wrong shape, or a height function that does not answer with one height per point.
+        StanceError: the foothold is out of the leg's reach.
+    """
+    sole = np.asarray(sole_in_footprint, dtype=np.float64)
+    if sole.shape != (3,) or not np.all(np.isfinite(sole)):
+        raise ArgumentError(f"sole_in_footprint has shape {sole.shape}; (3,) finite numbers are needed")
+    reach = reach_from_pose(pose, leg, sole)
+    if not reach.is_reachable:
+        raise StanceError(f"leg {leg!r} does not reach the foothold ({sole[0]:.3f}, {sole[1]:.3f}, {sole[2]:.3f})")
+    tree = pose.state.tree
+    config = tree.leg(leg)
+    positions = dict(pose.state.joint_positions)
+    positions.update(zip(config.joints, reach.joint_positions.tolist(), strict=True))
+    state = RobotState(tree, positions)
+    length, width = tree.config.sole
+    patch = _box_points(np.array([length, width, 0.0]) / 2.0)
+    on_sole = _above_ground(_placed(pose, state, config.sole, patch), height_at)
+    over_leg = _above_ground(_leg_points(pose, state, leg), height_at)
+    # A NaN anywhere makes the least NaN: ground that is not known is not clear.
+    return FootholdClearance(
+        float(np.min(over_leg, initial=np.inf)),
+        float(np.min(on_sole)),
+        float(np.max(on_sole)),
+        read_only(reach.joint_positions),
+    )
+
+
+def _leg_points(pose: StancePose, state: RobotState, leg: str) -> Array:
+    """Points (n, 3) on the leg's shapes in the footprint, but for those so near to the sole's centre that they are the foot."""
+    config = state.tree.leg(leg)
+    above = {joint.child: joint for joint in state.tree.urdf.joints}
+    centre = _placed(pose, state, config.sole, np.zeros((1, 3)))
+    points, link = [np.zeros((0, 3))], config.sole
+    while True:
+        points += [_placed(pose, state, link, _shape_points(shape)) for shape in state.tree.links[link].shapes]
+        if above[link].name == config.joints[0]:
+            break
+        link = above[link].parent
+    everywhere = np.concatenate(points)
+    return everywhere[np.linalg.norm(everywhere - centre, axis=1) > max(state.tree.config.sole)]
+
+
+def _placed(pose: StancePose, state: RobotState, frame: str, points: Array) -> Array:
+    return transform_points(pose.transform_base_to_footprint @ state.transform_to_base(frame), points)
+
+
+def _above_ground(points: Array, height_at: HeightFunction) -> Array:
+    heights = np.asarray(height_at(points[:, 0], points[:, 1]), dtype=np.float64)
+    if heights.shape != (len(points),):
+        raise ArgumentError(f"the height function answered with shape {heights.shape} to {len(points)} points")
+    return np.asarray(points[:, 2] - heights)
+
+
+def _shape_points(shape: Shape) -> Array:
+    """Points on a shape in its link's frame; a cylinder or sphere by the box around it, which is on the safe side."""
+    if shape.kind == "box":
+        half = np.asarray(shape.size) / 2.0
+    elif shape.kind == "cylinder":
+        half = np.array([shape.size[0], shape.size[0], shape.size[1] / 2.0])
+    else:
+        half = np.full(3, shape.size[0])
+    return transform_points(shape.transform_shape_to_link, _box_points(half))
+
+
+def _box_points(half: Array) -> Array:
+    """Points (n, 3) all over the surface of a box of half extents (3,), corners included."""
+    axes = [np.linspace(-h, h, max(2, int(np.ceil(2.0 * h / _SPACING)) + 1)) if h > 0.0 else np.zeros(1) for h in half]
+    points = np.array(list(product(*axes)))
+    on_surface = np.any(np.abs(points) >= half - 1e-12, axis=1)
+    return points[on_surface]

@@ -1,0 +1,104 @@
+"""Inverse kinematics of any leg by damped Gauss-Newton on Pinocchio's model of that leg alone.
+
+Used where the closed form does not fit. The sole centre is always sought; its pitch only by legs of four joints or
+more, since three joints can just place it. One sole at a time, started from the one before: a grid takes seconds,
+not milliseconds.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from kinematics.tree import Array, KinematicTree
+
+_ITERATIONS = 40
+_DAMPING = 1e-6  # of the normal equations [m^2 / rad^2]: a step of 1 mm stays finite at a stretched leg
+_LENGTH = 0.1  # weighs a radian of pitch as so many metres: half a foot's height
+_TOLERANCE = 1e-9  # of the weighted error [m]
+_LARGEST_STEP = 0.3  # rad: keeps a first step from jumping to the other bend of the knee
+
+
+class NumericLeg:
+    """One leg of any build; `solve` answers as `LegGeometry.solve` does.
+
+    Args:
+        tree: the robot's kinematic tree.
+        leg: its name.
+        start: (joints,) positions to start from [rad], on the side to which the knee should bend.
+    """
+
+    def __init__(self, tree: KinematicTree, leg: str, start: Array) -> None:
+        """Cut the leg out of Pinocchio's model."""
+        import pinocchio
+
+        config = tree.leg(leg)
+        model = tree.pinocchio_model
+        kept = {model.getJointId(joint) for joint in config.joints}
+        locked = [index for index in range(1, model.njoints) if index not in kept]
+        self._model: Any = pinocchio.buildReducedModel(model, locked, pinocchio.neutral(model))
+        self._data: Any = self._model.createData()
+        self._order = np.array([self._model.joints[self._model.getJointId(joint)].idx_q for joint in config.joints])
+        self._sole = int(self._model.getFrameId(config.sole, pinocchio.FrameType.BODY))
+        columns = [tree.joint_index(joint) for joint in config.joints]
+        self.lower, self.upper = tree.lower_limits[columns], tree.upper_limits[columns]
+        self._start = np.clip(start, self.lower, self.upper)
+        self.seeks_pitch = len(config.joints) >= 4
+        pinocchio.framesForwardKinematics(self._model, self._data, self._configuration(self._start))
+        self._hip = np.array(self._data.oMi[1].translation)
+        joints = [np.array(self._data.oMi[index].translation) for index in range(1, self._model.njoints)]
+        points = [*joints, np.array(self._data.oMf[self._sole].translation)]
+        self._longest = float(sum(np.linalg.norm(b - a) for a, b in zip(points, points[1:], strict=False)))
+
+    def _configuration(self, positions: Array) -> Array:
+        configuration = np.empty(len(positions))
+        configuration[self._order] = positions
+        return configuration
+
+    def solve(self, soles_in_base: Array, sole_pitch: Array) -> Array:
+        """Joint positions (n, joints) [rad] within limits for sole centres (n, 3) [m] and pitches (n,) [rad].
+
+        NaN where none was found. The pitch is ignored by legs of three joints or fewer.
+        """
+        solutions = np.full((len(soles_in_base), len(self._order)), np.nan)
+        last: Array | None = None
+        for row, (sole, pitch) in enumerate(zip(soles_in_base, sole_pitch, strict=True)):
+            if not np.all(np.isfinite(sole)) or np.linalg.norm(sole - self._hip) > self._longest:
+                continue
+            found = self._solve_one(sole, pitch, last) if last is not None else None
+            last = found if found is not None else self._solve_one(sole, pitch, self._start)
+            if last is not None:
+                solutions[row] = last
+        return solutions
+
+    def _solve_one(self, sole: Array, pitch: float, start: Array) -> Array | None:
+        positions = start
+        for _ in range(_ITERATIONS):
+            error, jacobian = self._error(positions, sole, pitch)
+            if np.linalg.norm(error) < _TOLERANCE:
+                return positions
+            normal = jacobian.T @ jacobian + _DAMPING * np.eye(len(positions))
+            step = np.linalg.solve(normal, jacobian.T @ error)
+            step *= min(1.0, _LARGEST_STEP / max(float(np.abs(step).max()), 1e-12))
+            positions = np.clip(positions + step, self.lower, self.upper)
+        return None
+
+    def _error(self, positions: Array, sole: Array, pitch: float) -> tuple[Array, Array]:
+        """Weighted error (3 or 4,) [m] and its Jacobian by the joints, with columns in the leg's order."""
+        import pinocchio
+
+        configuration = self._configuration(positions)
+        full = pinocchio.computeFrameJacobian(
+            self._model, self._data, configuration, self._sole, pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )[:, self._order]
+        placement = self._data.oMf[self._sole]
+        error, jacobian = sole - placement.translation, full[:3]
+        if not self.seeks_pitch:
+            return error, jacobian
+        # The pitch is read in the plane through the x axis, the hip and the wanted sole, as the closed form does.
+        reach = (sole - self._hip) * (0.0, 1.0, 1.0)
+        up = -reach / max(float(np.linalg.norm(reach)), 1e-12)
+        along = placement.rotation[:, 0]
+        forward, rise = along[0], along @ up
+        by_turn = np.cross(along, (rise * np.array([1.0, 0.0, 0.0]) - forward * up) / (forward**2 + rise**2))
+        missed = np.remainder(pitch - np.arctan2(-rise, forward) + np.pi, 2.0 * np.pi) - np.pi
+        return np.append(error, _LENGTH * missed), np.vstack([jacobian, _LENGTH * (by_turn @ full[3:])])

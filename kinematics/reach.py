@@ -1,0 +1,110 @@
+"""Which places a leg's sole can be set on, and the joint positions that set it there."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from kinematics.exceptions import ArgumentError
+from kinematics.leg import LegGeometry, find_leg_geometry
+from kinematics.numeric_ik import NumericLeg
+from kinematics.stance_pose import StancePose
+from kinematics.transforms import transform_points
+from kinematics.tree import Array, KinematicTree, read_only
+
+_LIMIT_TOLERANCE = 1e-9  # rad: a solution on the limit is within it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reach:
+    """The answer for soles of shape (..., 3); arrays are read-only.
+
+    Attributes:
+        joint_positions: (..., joints of the leg) [rad]; NaN where no solution exists at all.
+        is_reachable: (...) true where a solution within the joint limits exists.
+    """
+
+    joint_positions: Array
+    is_reachable: npt.NDArray[np.bool_]
+
+
+@lru_cache(maxsize=64)
+def leg_kinematics(tree: KinematicTree, leg: str) -> LegGeometry | NumericLeg:
+    """The closed form where it fits the leg's geometry, else the numeric solver; kept for the next call.
+
+    Raises:
+        UnknownName: no such leg.
+    """
+    geometry = find_leg_geometry(tree, leg)
+    if geometry is not None:
+        return geometry
+    columns = [tree.joint_index(joint) for joint in tree.leg(leg).joints]
+    return NumericLeg(tree, leg, (tree.lower_limits[columns] + tree.upper_limits[columns]) / 2.0)
+
+
+def reach_in_base(
+    tree: KinematicTree, leg: str, soles_in_base: npt.ArrayLike, sole_pitch: npt.ArrayLike = 0.0
+) -> Reach:
+    """Inverse kinematics of one leg.
+
+    Args:
+        tree: the robot's kinematic tree.
+        leg: its name.
+        soles_in_base: (..., 3) sole centres in `base_link` [m]; NaN is not reachable.
+        sole_pitch: pitch of the sole in the leg's plane [rad], one or (...); legs of three joints cannot choose it.
+
+    Raises:
+        UnknownName: no such leg.
+        ArgumentError: wrong shape.
+    """
+    soles = np.asarray(soles_in_base, dtype=np.float64)
+    if soles.ndim < 1 or soles.shape[-1] != 3:
+        raise ArgumentError(f"soles_in_base has shape {soles.shape}; (..., 3) is needed")
+    try:
+        pitch = np.broadcast_to(np.asarray(sole_pitch, dtype=np.float64), soles.shape[:-1])
+    except ValueError:
+        raise ArgumentError(
+            f"sole_pitch has shape {np.shape(sole_pitch)}; one number or {soles.shape[:-1]} is needed"
+        ) from None
+    solver = leg_kinematics(tree, leg)
+    positions = solver.solve(soles.reshape(-1, 3), pitch.reshape(-1))
+    # NaN compares false: what has no solution is not reachable.
+    within = np.all(
+        (positions >= solver.lower - _LIMIT_TOLERANCE) & (positions <= solver.upper + _LIMIT_TOLERANCE), axis=1
+    ).reshape(soles.shape[:-1])
+    within.setflags(write=False)
+    return Reach(read_only(positions.reshape(*soles.shape[:-1], -1)), within)
+
+
+def reach_from_pose(pose: StancePose, leg: str, soles_in_footprint: npt.ArrayLike) -> Reach:
+    """Inverse kinematics of one leg for level soles on the ground, with the body where a stance pose has it.
+
+    Args:
+        pose: the stance pose.
+        leg: the leg's name.
+        soles_in_footprint: (..., 3) sole centres in `base_footprint` [m]: x, y and the height of the ground there.
+
+    Raises:
+        UnknownName: no such leg.
+        ArgumentError: wrong shape.
+    """
+    soles = np.asarray(soles_in_footprint, dtype=np.float64)
+    if soles.ndim < 1 or soles.shape[-1] != 3:
+        raise ArgumentError(f"soles_in_footprint has shape {soles.shape}; (..., 3) is needed")
+    tree = pose.state.tree
+    in_base = transform_points(pose.transform_footprint_to_base, soles)
+    return reach_in_base(tree, leg, in_base, level_sole_pitch(pose, leg, in_base))
+
+
+def level_sole_pitch(pose: StancePose, leg: str, soles_in_base: Array) -> Array:
+    """Pitch (...) [rad] in the leg's plane that lays the soles' x axis horizontal, for soles (..., 3) in `base_link`.
+
+    In the leg's plane, rolled by the hip angle q, the sole's x axis is (cos p, sin q sin p, -cos q sin p); it is
+    level where it is at right angles to the vertical u: tan p = u_x / (u_z cos q - u_y sin q).
+    """
+    up = pose.up_in_base
+    hip = pose.state.position_in_base(pose.state.tree.leg(leg).hip)
+    reach = soles_in_base - hip
+    roll = np.arctan2(reach[..., 1], -reach[..., 2])
+    return np.asarray(np.arctan2(up[0], up[2] * np.cos(roll) - up[1] * np.sin(roll)))
