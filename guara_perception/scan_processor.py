@@ -160,12 +160,7 @@ class ScanProcessor:
             InvalidInput: the index is not in the pattern of this mode, or was added before.
             CalibrationMismatch: the index is not calibrated.
         """
-        if index not in self._pattern:
-            raise InvalidInput(
-                f"stripe index {index} is not in the {self._mode} pattern: {format_indices(tuple(self._pattern))}"
-            )
-        if index in self._profiles:
-            raise InvalidInput(f"stripe index {index} was added before; a scan takes each stripe once")
+        self._check_new(index)
         self._calibration.stripe(index)
         stripe = self._geometry.stripes[index]
         start = time.perf_counter()
@@ -189,6 +184,30 @@ class ScanProcessor:
         self._rasterise(index, points)
         self._seconds["raster"] += time.perf_counter() - triangulated
         return profile
+
+    def mark_bad(self, index: int, reason: str) -> None:
+        """Say that a stripe was fired but has no usable frame: lost on the way, or out of step with the mirror.
+
+        Args:
+            index: of the stripe in the standard pattern.
+            reason: in words, for the report.
+
+        Raises:
+            InvalidInput: the index is not in the pattern of this mode, or was added before.
+        """
+        self._check_new(index)
+        self._profiles[index] = bad_frame(self._calibration.camera.size[0], reason or "no frame")
+
+    def band(self, index: int) -> tuple[int, int]:
+        """First and end row between which a stripe can appear; (0, 0) when it is out of view at this stance.
+
+        Raises:
+            CalibrationMismatch: the index is not calibrated, or not in the pattern.
+        """
+        self._calibration.stripe(index)
+        if index not in self._geometry.stripes:
+            raise CalibrationMismatch(f"stripe index {index} is not in the {self._mode} pattern")
+        return self._geometry.stripes[index].band
 
     def finish(self) -> TerrainGrid:
         """The terrain of what was added so far; at any time, and again after more stripes.
@@ -235,6 +254,14 @@ class ScanProcessor:
             extent="footprint",
             metadata=report,
         )
+
+    def _check_new(self, index: int) -> None:
+        if index not in self._pattern:
+            raise InvalidInput(
+                f"stripe index {index} is not in the {self._mode} pattern: {format_indices(tuple(self._pattern))}"
+            )
+        if index in self._profiles:
+            raise InvalidInput(f"stripe index {index} was added before; a scan takes each stripe once")
 
     def _extract(self, band: tuple[int, int], on: Frame, off: Frame | None) -> StripeProfile:
         width, height = self._calibration.camera.size
