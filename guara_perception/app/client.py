@@ -11,7 +11,7 @@ from typing import Self
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.exceptions import PerceptionError
 from guara_perception.terrain.grid import TerrainGrid
-from transport import DEFAULT_ENDPOINT, DEFAULT_ROBOT, ScanReply, Status, TerrainMessage, open_client
+from transport import DEFAULT_ROBOT, ScanReply, Status, TerrainMessage, open_client
 from transport.client import PerceptionClient
 
 logger = logging.getLogger(__name__)
@@ -27,7 +27,7 @@ class TerrainClient:
 
     def __init__(
         self,
-        endpoint: str = DEFAULT_ENDPOINT,
+        endpoint: str | None = None,
         *,
         robot: str = DEFAULT_ROBOT,
         security: str | Path | None = None,
@@ -36,7 +36,8 @@ class TerrainClient:
         """Connect.
 
         Args:
-            endpoint: where the node (or the router) listens.
+            endpoint: where the node (or the router) listens; None = tcp/127.0.0.1:7447, or what the security folder
+                says.
             robot: instance name of the robot.
             security: folder of a role made by `guara security init`, for a node with security.
             timeout: seconds to wait for the connection.
@@ -44,12 +45,7 @@ class TerrainClient:
         Raises:
             transport.ConnectionFailed: nobody answers; the message lists what to check.
         """
-        if security is None:
-            session = open_client(endpoint, timeout=timeout)
-        else:
-            from transport.security import open_secure_client
-
-            session = open_secure_client(security, endpoint=endpoint, timeout=timeout)
+        session = open_client(endpoint, security=security, timeout=timeout)
         self._client = PerceptionClient(session, robot=robot)
         for extent in ("footprint", "map"):
             self._client.receiver(extent)

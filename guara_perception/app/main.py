@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import logging
+import os
 import sys
 from collections.abc import Sequence
 
@@ -11,9 +12,14 @@ import click
 
 # Name of each command and its module under guara_perception.app.commands.
 COMMANDS = {
-    "demo": "demo",
-    "listen": "listen",
-    "process": "process",
+    name: name
+    for name in (
+        "convert",
+        "listen",
+        "process",
+        "recover",
+        "security",
+    )
 }
 EXIT_BAD_INPUT = 2
 EXIT_FAILED = 1
@@ -60,24 +66,27 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return its exit code."""
+    given = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        guara.main(args=None if arguments is None else list(arguments), prog_name="guara", standalone_mode=False)
-    except click.exceptions.Exit as done:
-        return done.exit_code
-    except click.exceptions.Abort:
-        return _say("stopped", EXIT_INTERRUPTED)
-    except KeyboardInterrupt:
+        code = guara.main(args=given, prog_name="guara", standalone_mode=False)
+        sys.stdout.flush()
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.ctx.get_help() if error.ctx else error.format_message(), err=True)
+        return EXIT_BAD_INPUT
+    except (click.exceptions.Abort, KeyboardInterrupt):
         return _say("stopped", EXIT_INTERRUPTED)
     except click.ClickException as error:
         return _say(error.format_message(), EXIT_BAD_INPUT)
     except BrokenPipeError:
-        sys.stderr.close()
+        # Whoever read our output is gone (`guara listen | head -1`); Python would complain once more at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_FAILED
     except Exception as error:
         if not is_expected(error):
             raise
         return _say(str(error), EXIT_BAD_INPUT if is_bad_input(error) else EXIT_FAILED)
-    return 0
+    # What ctx.exit(code) gave; without it click hands on whatever the command returned, which is nothing.
+    return code if isinstance(code, int) else 0
 
 
 def is_expected(error: Exception) -> bool:

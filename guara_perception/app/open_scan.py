@@ -1,22 +1,42 @@
-"""`open_scan`: a recorded scan, whatever it is stored in."""
+"""`open_scan`: a recorded scan, whether it is a folder or part of an MCAP recording."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from guara_perception.app.scan_folder import open_scan_folder
-from guara_perception.exceptions import MissingFile
+from guara_perception.exceptions import InvalidInput, MissingFile
 from guara_perception.scan import Scan
 
 
-def open_scan(path: str | Path) -> Scan:
-    """Open a recorded scan folder.
+def open_scan(path: str | Path, step: int | None = None) -> Scan:
+    """Open one recorded scan: a folder, or an .mcap file.
+
+    Args:
+        path: scan folder or recording.
+        step: which pause of a recording that holds several.
 
     Raises:
         MissingFile: nothing there.
         FileFormatError: not a scan; the message names file and field.
+        InvalidInput: the recording holds several scans and `step` does not say which.
     """
+    scans = open_scans(path)
+    chosen = scans if step is None else [scan for scan in scans if scan.step == step]
+    if len(chosen) == 1:
+        return chosen[0]
+    held = ", ".join(str(scan.step) for scan in scans) or "none"
+    wanted = "which is not said" if step is None else f"{step} is wanted"
+    raise InvalidInput(f"{path}: it holds the scans of steps {held}, {wanted}: give the step of one of them")
+
+
+def open_scans(path: str | Path) -> list[Scan]:
+    """Open all scans of a folder (one) or of an .mcap recording, in recorded order; errors as of `open_scan`."""
     path = Path(path)
     if not path.exists():
         raise MissingFile(f"{path}: no such scan")
-    return open_scan_folder(path)
+    if path.is_dir():
+        return [open_scan_folder(path)]
+    from guara_perception.app.scan_recording import open_recorded_scans
+
+    return open_recorded_scans(path)

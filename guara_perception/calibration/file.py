@@ -49,8 +49,13 @@ def save_calibration(calibration: Calibration, path: str | Path) -> Calibration:
     dated = dataclasses.replace(calibration, created=created)
     final = dataclasses.replace(dated, hash=content_hash(dated))
     with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(to_dict(final), indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(to_json(final), encoding="utf-8")
     return final
+
+
+def to_json(calibration: Calibration) -> str:
+    """The text of the file."""
+    return json.dumps(to_dict(calibration), indent=1) + "\n"
 
 
 def to_dict(calibration: Calibration) -> dict[str, Any]:

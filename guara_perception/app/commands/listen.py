@@ -8,14 +8,14 @@ import click
 
 
 @click.command(name="listen")
-@click.option("--connect", "endpoint", default="tcp/127.0.0.1:7447", show_default=True, help="where the node listens")
+@click.option("--connect", "endpoint", help="where the node listens; default: tcp/127.0.0.1:7447")
 @click.option("--robot", default="guara", show_default=True, help="instance name of the robot")
 @click.option("--extent", type=click.Choice(["footprint", "map"]), default="footprint", show_default=True)
 @click.option("--security", type=click.Path(path_type=Path), help="folder of a role made by `guara security init`")
 @click.option("--count", type=click.IntRange(min=1), help="end after so many grids; default: until Ctrl-C")
 @click.option("--timeout", type=click.FloatRange(min=0.1), help="fail when no grid comes for so many seconds")
 def command(
-    endpoint: str, robot: str, extent: str, security: Path | None, count: int | None, timeout: float | None
+    endpoint: str | None, robot: str, extent: str, security: Path | None, count: int | None, timeout: float | None
 ) -> None:
     r"""Print one line per grid that the node publishes; the last one comes at once.
 

@@ -18,6 +18,7 @@ from guara_perception.exceptions import InvalidInput
 @click.option("--resolution", type=float, help="cell edge in metres, must divide the area; default: the robot's")
 @click.option("--figures", type=click.Path(path_type=Path), help="folder for pictures of every stage")
 @click.option("--robot", help="name or folder of the robot; default: the scan's")
+@click.option("--step", type=int, help="which scan of a recording that holds several")
 @click.option("--keep-going", is_flag=True, help="leave a frame that cannot be used unknown instead of refusing")
 def command(
     scan: Path,
@@ -27,6 +28,7 @@ def command(
     resolution: float | None,
     figures: Path | None,
     robot: str | None,
+    step: int | None,
     keep_going: bool,
 ) -> None:
     r"""Turn a recorded SCAN (folder or .mcap) into terrain.
@@ -47,7 +49,7 @@ def command(
     if out.suffix != ".npz":
         raise InvalidInput(f"--out is {out}, it must end in .npz")
     methods = list(dict.fromkeys(name.strip() for name in method.split(",")))
-    recorded = open_scan(scan)
+    recorded = open_scan(scan, step)
     calibrated = load_calibration(calibration)
     model = load_robot(robot if robot is not None else recorded.robot)
     for place, name in enumerate(methods):

@@ -1,0 +1,1 @@
+"""The node: from a stance pause to published terrain."""

@@ -1,0 +1,120 @@
+"""Writes live scans, their grids and the stance pauses into one MCAP file."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.file import to_json
+from kinematics import Stance
+from transport import StanceMessage, TerrainMessage, TransportError
+from transport.recording import Frame, FrameReference, RecordingWriter, ScanRecord
+
+if TYPE_CHECKING:
+    from drivers import StripeCapture
+
+
+def stance_message(stance: Stance) -> StanceMessage:
+    """A stance as it stands in messages."""
+    return StanceMessage(
+        joint_positions=stance.joint_positions,
+        support_feet=stance.support_feet,
+        gravity_in_base=stance.gravity_in_base,
+    )
+
+
+class ScanRecorder:
+    """An MCAP file that grows with every scan; what was acknowledged survives the end of the process."""
+
+    def __init__(self, path: str | Path, *, robot: str, calibration: Calibration) -> None:
+        """Create the file.
+
+        Raises:
+            transport.RecordingError: it exists, or cannot be written.
+        """
+        self._robot, self._hash = robot, calibration.hash
+        self._writer = RecordingWriter(path, robot=robot, calibration=to_json(calibration).encode())
+
+    def __enter__(self) -> Self:
+        """The recorder itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Write the index."""
+        self._writer.close()
+
+    def begin(self, step: int, mode: str, stance: Stance) -> ScanRecording:
+        """Start a scan."""
+        return ScanRecording(self._writer, self._robot, self._hash, step, mode, stance)
+
+
+class ScanRecording:
+    """One scan being recorded; an error of the disk is kept until `finish`, so that the scan itself goes on."""
+
+    def __init__(
+        self, writer: RecordingWriter, robot: str, calibration_hash: str, step: int, mode: str, stance: Stance
+    ) -> None:
+        """Begin; made by `ScanRecorder.begin`."""
+        self._writer = writer
+        self._error: Exception | None = None
+        self._last_off: tuple[int, FrameReference] | None = None
+        self._is_open = False
+        record = ScanRecord(
+            robot=robot,
+            mode=mode,
+            stamp=time.time_ns(),
+            step=step,
+            stance=stance_message(stance),
+            calibration_hash=calibration_hash,
+        )
+        try:
+            writer.begin_scan(record)
+            self._is_open = True
+        except (TransportError, OSError) as error:
+            self._error = error
+
+    def add(self, capture: StripeCapture) -> None:
+        """Record one stripe; an off frame that several stripes share is written once."""
+        if self._error is not None:
+            return
+        now = time.time_ns()
+        try:
+            off: FrameReference | None = None
+            if capture.off is not None:
+                if self._last_off is None or self._last_off[0] != id(capture.off):
+                    reference = self._writer.add_frame(Frame(pixels=capture.off, stamp=now), laser_on=False)
+                    self._last_off = (id(capture.off), reference)
+                off = self._last_off[1]
+            on = None if capture.on is None else Frame(pixels=capture.on, stamp=now)
+            self._writer.add_stripe(capture.index, capture.mirror_angle, on, off, stamp=now)
+        except (TransportError, OSError) as error:
+            self._error = error
+
+    def finish(self, terrains: tuple[TerrainMessage, ...], stance_end: Stance | None) -> None:
+        """End the scan and add its grids; when this returns they are safe.
+
+        Raises:
+            transport.RecordingError, OSError: what went wrong meanwhile, a full disk for instance.
+        """
+        if self._is_open:
+            self._is_open = False
+            end = None if stance_end is None else stance_message(stance_end)
+            self._writer.end_scan(stance_end=end, stamp=time.time_ns())
+        if self._error is not None:
+            raise self._error
+        for terrain in terrains:
+            self._writer.add_terrain(terrain)
+
+    def abandon(self) -> None:
+        """End a scan that came to nothing, so that the next can begin."""
+        if self._is_open:
+            self._is_open = False
+            try:
+                self._writer.end_scan(stamp=time.time_ns())
+            except (TransportError, OSError) as error:
+                self._error = error

@@ -1,0 +1,83 @@
+"""Opens the scans of an MCAP recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.scan import Scan, ScanStripe
+from kinematics import KinematicsError, Stance
+from transport import StanceMessage, TransportError
+from transport.recording import FrameReference, Recording, ScanRecord, open_recording
+
+
+def open_recorded_scans(path: str | Path) -> list[Scan]:
+    """All scans of a recording, in order; frames are read when they are asked for.
+
+    Raises:
+        MissingFile: no such file.
+        FileFormatError: not a recording, cut (then `guara recover` helps), or a scan in it is not valid.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise MissingFile(f"{path}: no such file")
+    try:
+        recording = open_recording(path)
+    except TransportError as error:
+        raise FileFormatError(str(error)) from None
+    return [_scan(recording, record, path) for record in recording.scans]
+
+
+def _scan(recording: Recording, record: ScanRecord, path: Path) -> Scan:
+    source = f"{path} step {record.step}"
+    names: dict[str, FrameReference] = {}
+
+    def name(reference: FrameReference | None) -> str | None:
+        if reference is None:
+            return None
+        text = f"{reference.topic}@{reference.stamp}"
+        names[text] = reference
+        return text
+
+    def read_frame(text: str) -> npt.NDArray[np.generic]:
+        try:
+            frame = recording.frame(names[text])
+        except TransportError as error:
+            raise FileFormatError(f"{source}: {error}") from None
+        if frame.pixels is not None:
+            return frame.pixels
+        content = np.frombuffer(frame.data or b"", dtype=np.uint8)
+        picture = cv2.imdecode(content, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR) if content.size else None
+        if picture is None:
+            raise FileFormatError(f"{source}: frame {text} cannot be decoded")
+        return np.asarray(picture)
+
+    # A stripe whose frame was lost has nothing to be read: it is left out, and so stays unknown.
+    stripes = tuple(
+        ScanStripe(stripe.index, stripe.mirror_angle, name(stripe.on) or "", name(stripe.off), stripe.stamp)
+        for stripe in record.stripes
+        if stripe.on is not None
+    )
+    try:
+        return Scan(
+            robot=record.robot,
+            mode=record.mode,
+            stamp=record.stamp,
+            step=record.step,
+            stripes=stripes,
+            stance=_stance(record.stance),
+            stance_end=None if record.stance_end is None else _stance(record.stance_end),
+            calibration_hash=record.calibration_hash or None,
+            source=source,
+            read_frame=read_frame,
+        )
+    except (InvalidInput, KinematicsError) as error:
+        raise FileFormatError(f"{source}: {error}") from None
+
+
+def _stance(message: StanceMessage) -> Stance:
+    return Stance(message.joint_positions, message.support_feet, message.gravity_in_base)
