@@ -19,18 +19,35 @@ def read_json(path: str | Path) -> Fields:
 
     Raises:
         MissingFile: there is no such file.
-        FileFormatError: it is not JSON, or not an object.
+        FileFormatError: it is not JSON, not an object, or holds NaN or infinity anywhere.
     """
     path = Path(path)
     if not path.is_file():
         raise MissingFile(f"{path}: no such file")
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError: no JSON, no UTF-8, a number of thousands of digits
         raise FileFormatError(f"{path}: not a JSON file ({error})") from None
     if not isinstance(data, dict):
         raise FileFormatError(f"{path}: the top level is {_kind(data)}, it must be a JSON object")
+    refuse_not_finite(data, str(path))
     return Fields(data, str(path))
+
+
+def refuse_not_finite(data: Any, source: str, path: str = "") -> None:
+    """Refuse NaN and infinity anywhere in parsed JSON, also in fields that nobody reads yet.
+
+    Raises:
+        FileFormatError: naming `source`, the place and the value.
+    """
+    if isinstance(data, dict):
+        for name, value in data.items():
+            refuse_not_finite(value, source, f"{path}.{name}" if path else name)
+    elif isinstance(data, list):
+        for place, value in enumerate(data):
+            refuse_not_finite(value, source, f"{path}[{place}]")
+    elif isinstance(data, float) and not math.isfinite(data):
+        raise FileFormatError(f"{source}: {path} is {data}, it must be finite")
 
 
 class Fields:
@@ -87,18 +104,24 @@ class Fields:
         value = self.raw(name)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise FileFormatError(f"{self.place(name)} is {_kind(value)}, it must be a number")
-        if not math.isfinite(value):
-            raise FileFormatError(f"{self.place(name)} is {value}, it must be finite")
-        self._check_bounds(name, value, minimum, maximum)
-        return float(value)
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            raise FileFormatError(f"{self.place(name)} is {number}, it must be finite")
+        self._check_bounds(name, number, minimum, maximum)
+        return number
 
     def array(self, name: str, shape: tuple[int | None, ...]) -> npt.NDArray[np.float64]:
         """A nested list of finite numbers of the given shape (None = any length)."""
         value = self.raw(name)
         wanted = "x".join("n" if n is None else str(n) for n in shape)
+        if not _holds_numbers_only(value):
+            raise FileFormatError(f"{self.place(name)} is not an array of {wanted} numbers")
         try:
             array = np.array(value, dtype=np.float64)
-        except (ValueError, TypeError):
+        except (ValueError, OverflowError):  # ragged, or a whole number beyond 1e308
             raise FileFormatError(f"{self.place(name)} is not an array of {wanted} numbers") from None
         fits = array.ndim == len(shape) and all(w is None or w == n for w, n in zip(shape, array.shape, strict=False))
         if not fits:
@@ -135,6 +158,13 @@ class Fields:
             low = "-inf" if minimum is None else minimum
             high = "inf" if maximum is None else maximum
             raise FileFormatError(f"{self.place(name)} is {value}, allowed: {low} ... {high}")
+
+
+def _holds_numbers_only(value: Any) -> bool:
+    """Whether a nested list holds numbers and nothing else: NumPy would take "1" and true for numbers."""
+    if isinstance(value, list):
+        return all(map(_holds_numbers_only, value))
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _kind(value: Any) -> str:

@@ -9,9 +9,23 @@ import numpy.typing as npt
 
 
 def readonly(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return a read-only array that nobody can write through another name: a view of a copy where needed."""
-    if not array.flags.writeable:
+    """The same values in an array that nobody can write, not even through another name of its memory.
+
+    An array whose memory is read-only already is returned as it is; of any other a copy is frozen, so the caller's
+    own array stays writable.
+    """
+    if _is_frozen(array):
         return array
-    copy = array if array.flags.owndata else np.array(array)
+    copy = np.array(array)
     copy.setflags(write=False)
     return copy
+
+
+def _is_frozen(array: npt.NDArray[Any]) -> bool:
+    """Whether the array and everything that it is a view of are read-only."""
+    memory: Any = array
+    while isinstance(memory, np.ndarray):
+        if memory.flags.writeable:
+            return False
+        memory = memory.base
+    return memory is None or isinstance(memory, bytes)

@@ -3,12 +3,27 @@
 from __future__ import annotations
 
 import os
-import tempfile
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from guara_perception.exceptions import MissingFile
+from guara_perception.exceptions import InvalidInput, MissingFile
+
+
+def check_target(path: str | Path) -> Path:
+    """Refuse an output path that cannot be written, before work is spent on what goes there.
+
+    Raises:
+        MissingFile: the folder of `path` does not exist.
+        InvalidInput: `path` is itself a folder.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise InvalidInput(f"{path} is a folder, give the name of a file")
+    if not path.parent.is_dir():
+        raise MissingFile(f"{path}: the folder {path.parent} does not exist, create it first")
+    return path
 
 
 @contextmanager
@@ -19,22 +34,24 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 
     Raises:
         MissingFile: the folder of `path` does not exist.
+        InvalidInput: `path` is itself a folder.
     """
-    path = Path(path)
-    if not path.parent.is_dir():
-        raise MissingFile(f"{path}: the folder {path.parent} does not exist, create it first")
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
-    os.close(handle)
-    temporary = Path(name)
+    path = check_target(path)
+    temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
+    # Created here, so that it is ours alone, with the permissions that any new file of this user gets.
+    os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
     try:
         yield temporary
-        os.chmod(temporary, 0o666 & ~_umask())
+        _to_disk(temporary)
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def _to_disk(path: Path) -> None:
+    """Without this a power cut soon after the rename can leave an empty file under the new name."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

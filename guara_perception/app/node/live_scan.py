@@ -1,0 +1,84 @@
+"""One live scan: sweeps the laser over the pattern and feeds every stripe to a ScanProcessor as it arrives."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from guara_perception.app.node.rangefinder import Pattern, Rangefinder
+from guara_perception.scan_processor import ScanProcessor
+
+if TYPE_CHECKING:
+    from drivers import StripeCapture
+
+
+@dataclass(frozen=True, slots=True)
+class LiveScan:
+    """What became of a live scan.
+
+    Attributes:
+        start: before the first frame [ns since the epoch].
+        end: when the last frame had arrived [ns since the epoch].
+        last_frame: the same on the monotonic clock [s], for latencies.
+        problems: what went wrong, in words; empty for a good scan.
+        stopped_early: whether the pause ended before the scan.
+        failed: whether a device failed; what had been scanned by then is in the processor.
+    """
+
+    start: int
+    end: int
+    last_frame: float
+    problems: tuple[str, ...]
+    stopped_early: bool
+    failed: bool
+
+
+def live_scan(
+    rangefinder: Rangefinder,
+    processor: ScanProcessor,
+    pattern: Pattern,
+    *,
+    should_stop: Callable[[], bool],
+    on_stripe: Callable[[StripeCapture], None] | None = None,
+) -> LiveScan:
+    """Take a scan; a device that fails ends it early, with everything up to then kept.
+
+    A stripe whose laser was fired but whose frame was lost or is out of step with the mirror is marked as bad: it was
+    looked at and nothing was seen. A stripe that was never fired is not looked at.
+
+    Args:
+        rangefinder: open devices.
+        processor: takes the stripes; made for the stance of this pause.
+        pattern: (index, mirror angle [rad]) in firing order.
+        should_stop: True ends the scan, for instance when the pause ends.
+        on_stripe: called after each stripe, for recording and progress.
+    """
+    from drivers import DriverError
+
+    start = time.time_ns()
+    problems: list[str] = []
+    failed = False
+    done: set[int] = set()
+    stripes = rangefinder.sweep(pattern, processor.band, should_stop)
+    try:
+        with stripes:
+            for capture in stripes:
+                done.add(capture.index)
+                if capture.on is None or not capture.verdict.in_step:
+                    processor.mark_bad(capture.index, f"frame {capture.verdict.value}")
+                else:
+                    processor.add(capture.index, capture.on, capture.off)
+                if on_stripe is not None:
+                    on_stripe(capture)
+    except DriverError as error:
+        failed = True
+        problems.append(str(error))
+    end, last_frame = time.time_ns(), time.monotonic()
+    report = stripes.report
+    for index in report.fired:
+        if index not in done:
+            processor.mark_bad(index, "fired, but no frame came")
+    problems.extend(problem for problem in report.problems if problem not in problems)
+    return LiveScan(start, end, last_frame, tuple(problems), report.stopped_early, failed)

@@ -1,0 +1,104 @@
+"""What the node says of itself: last scan, calibration, and the newest problem of each part."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from transport import Health, StatusItem
+
+if TYPE_CHECKING:
+    from guara_perception.app.node.live_scan import LiveScan
+    from guara_perception.calibration.calibration import Calibration
+    from guara_perception.terrain.grid import TerrainGrid
+
+LEVELS = {"ok": Health.OK, "degraded": Health.WARN, "failed": Health.ERROR}
+VERDICTS = {"good": Health.OK, "usable": Health.OK, "unknown": Health.WARN, "refused": Health.ERROR}
+
+
+class NodeStatus:
+    """Collected by the scan thread, read by the status thread."""
+
+    def __init__(self, calibration: Calibration | None = None) -> None:
+        """Start with nothing scanned.
+
+        Args:
+            calibration: in use; its verdict is part of every status.
+        """
+        self._lock = threading.Lock()
+        self._items: dict[str, StatusItem] = {}
+        self._problems: dict[str, tuple[float, str]] = {}
+        self._scans = 0
+        self._failures = 0
+        self.on_change: Callable[[], None] = lambda: None
+        if calibration is not None:
+            verdict = str(calibration.quality.get("verdict"))
+            reasons = "; ".join(map(str, calibration.quality.get("reasons", ())))
+            self._items["calibration"] = StatusItem(
+                name="calibration",
+                level=VERDICTS.get(verdict, Health.WARN),
+                message=f"{verdict}: {reasons}" if reasons else verdict,
+                values={"hash": calibration.hash, "created": calibration.created},
+            )
+
+    def scanned(self, terrain: TerrainGrid, scan: LiveScan, latency: float) -> None:
+        """Take note of a finished scan.
+
+        Args:
+            terrain: what came out.
+            scan: how it went.
+            latency: from the last frame to the grid being handed over for sending [s].
+        """
+        health = terrain.metadata["health"]
+        with self._lock:
+            self._scans += 1
+            self._problems.pop("scan", None)
+            self._items["scanner"] = StatusItem(
+                name="scanner",
+                level=LEVELS.get(health["level"], Health.WARN),
+                message="; ".join(health["reasons"]) or "last scan is good",
+                values={
+                    "step": str(terrain.step),
+                    "mode": str(terrain.metadata["mode"]),
+                    "coverage": f"{terrain.metadata['coverage']:.3f}",
+                    "duration_s": f"{(scan.end - scan.start) * 1e-9:.3f}",
+                    "latency_ms": f"{latency * 1e3:.1f}",
+                    "scans": str(self._scans),
+                    "failures": str(self._failures),
+                },
+            )
+        self.on_change()
+
+    def problem(self, part: str, message: str) -> None:
+        """Take note of what went wrong in a part; it stands until the part works again or is told anew."""
+        with self._lock:
+            if part == "scan":
+                self._failures += 1
+            self._problems[part] = (time.time(), message)
+        self.on_change()
+
+    def solved(self, part: str) -> None:
+        """A part works again."""
+        with self._lock:
+            self._problems.pop(part, None)
+
+    def set(self, item: StatusItem) -> None:
+        """Add or replace an item."""
+        with self._lock:
+            self._items[item.name] = item
+
+    def items(self) -> list[StatusItem]:
+        """All items, problems as errors of their part."""
+        with self._lock:
+            problems = [
+                StatusItem(
+                    name=part,
+                    level=Health.ERROR,
+                    message=message,
+                    values={"seconds_ago": f"{time.time() - when:.1f}"},
+                )
+                for part, (when, message) in self._problems.items()
+            ]
+            return [*self._items.values(), *problems]

@@ -1,0 +1,61 @@
+"""The rangefinder as the node uses it: a laser board and a camera that sweep together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivers import AcquireOptions, Camera, LaserBoard, StripeStream
+
+Pattern = Sequence[tuple[int, float]]
+
+
+@dataclass
+class Rangefinder:
+    """Board and camera, open while the `with` block lasts; the laser is off when it is left.
+
+    Attributes:
+        board: the laser board.
+        camera: the camera.
+        options: how scans are taken; None = one off frame per scan.
+    """
+
+    board: LaserBoard
+    camera: Camera
+    options: AcquireOptions | None = None
+    _entered: list[LaserBoard | Camera] = field(default_factory=list, repr=False)
+
+    def __enter__(self) -> Self:
+        """Open both devices."""
+        try:
+            for device in (self.board, self.camera):
+                device.__enter__()
+                self._entered.append(device)
+        except BaseException:
+            self._close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close both, the laser off first."""
+        self._close()
+
+    def sweep(
+        self, pattern: Pattern, band: Callable[[int], tuple[int, int]], should_stop: Callable[[], bool]
+    ) -> StripeStream:
+        """One scan, to be taken in a `with` block; see `drivers.acquire`."""
+        from drivers import acquire
+
+        return acquire(self.board, self.camera, pattern, self.options, band=band, should_stop=should_stop)
+
+    def _close(self) -> None:
+        """Close in the order of opening: the board, and with it the laser, first."""
+        while self._entered:
+            self._entered.pop(0).__exit__(None, None, None)
