@@ -68,7 +68,9 @@ def foothold_clearance(
     state = RobotState(tree, positions)
     length, width = tree.config.sole
     patch = _box_points(np.array([length, width, 0.0]) / 2.0)
-    on_sole = _above_ground(_placed(pose, state, config.sole, patch), height_at)
+    # A leg of three joints cannot hold its sole level: its foot is round, and the patch lies as the ground does.
+    round_foot = len(config.joints) < 4
+    on_sole = _above_ground(sole + patch if round_foot else _placed(pose, state, config.sole, patch), height_at)
     over_leg = _above_ground(_leg_points(pose, state, leg), height_at)
     # A NaN anywhere makes the least NaN: ground that is not known is not clear.
     return FootholdClearance(
@@ -80,7 +82,7 @@ def foothold_clearance(
 
 
 def _leg_points(pose: StancePose, state: RobotState, leg: str) -> Array:
-    """Points (n, 3) on the leg's shapes in the footprint, but for those so near to the sole's centre that they are the foot."""
+    """Points (n, 3) on the leg's shapes in the footprint, without those so near to the sole that they are foot."""
     config = state.tree.leg(leg)
     above = {joint.child: joint for joint in state.tree.urdf.joints}
     centre = _placed(pose, state, config.sole, np.zeros((1, 3)))
@@ -106,19 +108,32 @@ def _above_ground(points: Array, height_at: HeightFunction) -> Array:
 
 
 def _shape_points(shape: Shape) -> Array:
-    """Points on a shape in its link's frame; a cylinder or sphere by the box around it, which is on the safe side."""
+    """Points on the surface of a shape in its link's frame: its rims and sides, where the lowest points are."""
     if shape.kind == "box":
-        half = np.asarray(shape.size) / 2.0
+        points = _box_points(np.asarray(shape.size) / 2.0)
     elif shape.kind == "cylinder":
-        half = np.array([shape.size[0], shape.size[0], shape.size[1] / 2.0])
+        radius, length = shape.size
+        points = np.concatenate([_circle(radius, height) for height in _steps(length / 2.0)])
     else:
-        half = np.full(3, shape.size[0])
-    return transform_points(shape.transform_shape_to_link, _box_points(half))
+        (radius,) = shape.size
+        latitudes = _steps(np.pi / 2.0, _SPACING / radius)
+        points = np.concatenate([_circle(radius * np.cos(a), radius * np.sin(a)) for a in latitudes])
+    return transform_points(shape.transform_shape_to_link, points)
+
+
+def _steps(half: float, spacing: float = _SPACING) -> Array:
+    """Evenly spaced numbers from -half to half, both included, no further apart than the spacing."""
+    return np.linspace(-half, half, max(2, int(np.ceil(2.0 * half / spacing)) + 1))
+
+
+def _circle(radius: float, height: float) -> Array:
+    angles = _steps(np.pi, _SPACING / max(radius, _SPACING))
+    return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(len(angles), height)])
 
 
 def _box_points(half: Array) -> Array:
     """Points (n, 3) all over the surface of a box of half extents (3,), corners included."""
-    axes = [np.linspace(-h, h, max(2, int(np.ceil(2.0 * h / _SPACING)) + 1)) if h > 0.0 else np.zeros(1) for h in half]
+    axes = [_steps(h) if h > 0.0 else np.zeros(1) for h in half]
     points = np.array(list(product(*axes)))
     on_surface = np.any(np.abs(points) >= half - 1e-12, axis=1)
     return points[on_surface]

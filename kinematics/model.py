@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from kinematics.exceptions import ArgumentError, RobotFileError, RobotNotFound, unknown_name
+from kinematics.limits import OdometryLimits, PauseLimits, SelfFilterSettings
 from kinematics.model_checks import check_model
 from kinematics.reach import Reach, reach_in_base
 from kinematics.robot_toml import RobotToml, read_robot_toml
@@ -33,6 +34,9 @@ class RobotModel:
         joint_names: names of all joints: leg by leg from hip to sole, then any others.
         sole: length (x) and width (y) of the sole [m].
         noise: how well a stance is known (table [stance]).
+        odometry_limits: what counts as a foot that stayed (table [odometry]).
+        pause_limits: what counts as a pause (table [pause]).
+        self_filter_settings: how the robot's own shapes are taken (table [self_filter]).
         transform_camera_to_base: (4, 4), nominal, from the URDF.
         transform_laser_to_base: (4, 4), nominal; its origin lies on the mirror axis, which is parallel to y.
     """
@@ -51,6 +55,9 @@ class RobotModel:
         self.joint_names = tree.joint_names
         self.sole = tree.config.sole
         self.noise = StanceNoise.from_table(self.config.root.table("stance"))
+        self.odometry_limits = OdometryLimits.from_table(self.config.root.table("odometry"))
+        self.pause_limits = PauseLimits.from_table(self.config.root.table("pause"))
+        self.self_filter_settings = SelfFilterSettings.from_table(self.config.root.table("self_filter"), tree.links)
         self._postures = dict(postures)
         nominal = RobotState(tree, self.posture(self.config.scan_posture))
         self.transform_camera_to_base: Array = nominal.transform_to_base(self.config.camera_frame)

@@ -36,17 +36,17 @@ class NumericLeg:
         kept = {model.getJointId(joint) for joint in config.joints}
         locked = [index for index in range(1, model.njoints) if index not in kept]
         self._model: Any = pinocchio.buildReducedModel(model, locked, pinocchio.neutral(model))
-        self._data: Any = self._model.createData()
         self._order = np.array([self._model.joints[self._model.getJointId(joint)].idx_q for joint in config.joints])
         self._sole = int(self._model.getFrameId(config.sole, pinocchio.FrameType.BODY))
         columns = [tree.joint_index(joint) for joint in config.joints]
         self.lower, self.upper = tree.lower_limits[columns], tree.upper_limits[columns]
         self._start = np.clip(start, self.lower, self.upper)
         self.seeks_pitch = len(config.joints) >= 4
-        pinocchio.framesForwardKinematics(self._model, self._data, self._configuration(self._start))
-        self._hip = np.array(self._data.oMi[1].translation)
-        joints = [np.array(self._data.oMi[index].translation) for index in range(1, self._model.njoints)]
-        points = [*joints, np.array(self._data.oMf[self._sole].translation)]
+        data = self._model.createData()
+        pinocchio.framesForwardKinematics(self._model, data, self._configuration(self._start))
+        self._hip = np.array(data.oMi[1].translation)
+        joints = [np.array(data.oMi[index].translation) for index in range(1, self._model.njoints)]
+        points = [*joints, np.array(data.oMf[self._sole].translation)]
         self._longest = float(sum(np.linalg.norm(b - a) for a, b in zip(points, points[1:], strict=False)))
 
     def _configuration(self, positions: Array) -> Array:
@@ -59,21 +59,23 @@ class NumericLeg:
 
         NaN where none was found. The pitch is ignored by legs of three joints or fewer.
         """
+        # Pinocchio's work space, one for each call: solvers are shared between threads.
+        data = self._model.createData()
         solutions = np.full((len(soles_in_base), len(self._order)), np.nan)
         last: Array | None = None
         for row, (sole, pitch) in enumerate(zip(soles_in_base, sole_pitch, strict=True)):
             if not np.all(np.isfinite(sole)) or np.linalg.norm(sole - self._hip) > self._longest:
                 continue
-            found = self._solve_one(sole, pitch, last) if last is not None else None
-            last = found if found is not None else self._solve_one(sole, pitch, self._start)
+            found = self._solve_one(data, sole, pitch, last) if last is not None else None
+            last = found if found is not None else self._solve_one(data, sole, pitch, self._start)
             if last is not None:
                 solutions[row] = last
         return solutions
 
-    def _solve_one(self, sole: Array, pitch: float, start: Array) -> Array | None:
+    def _solve_one(self, data: Any, sole: Array, pitch: float, start: Array) -> Array | None:
         positions = start
         for _ in range(_ITERATIONS):
-            error, jacobian = self._error(positions, sole, pitch)
+            error, jacobian = self._error(data, positions, sole, pitch)
             if np.linalg.norm(error) < _TOLERANCE:
                 return positions
             normal = jacobian.T @ jacobian + _DAMPING * np.eye(len(positions))
@@ -82,15 +84,15 @@ class NumericLeg:
             positions = np.clip(positions + step, self.lower, self.upper)
         return None
 
-    def _error(self, positions: Array, sole: Array, pitch: float) -> tuple[Array, Array]:
+    def _error(self, data: Any, positions: Array, sole: Array, pitch: float) -> tuple[Array, Array]:
         """Weighted error (3 or 4,) [m] and its Jacobian by the joints, with columns in the leg's order."""
         import pinocchio
 
         configuration = self._configuration(positions)
         full = pinocchio.computeFrameJacobian(
-            self._model, self._data, configuration, self._sole, pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+            self._model, data, configuration, self._sole, pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )[:, self._order]
-        placement = self._data.oMf[self._sole]
+        placement = data.oMf[self._sole]
         error, jacobian = sole - placement.translation, full[:3]
         if not self.seeks_pitch:
             return error, jacobian

@@ -15,29 +15,8 @@ from kinematics.stance import Stance
 from kinematics.stance_pose import GravityEstimate, StancePose, sole_covariances
 from kinematics.state import RobotState
 from kinematics.stayed_feet import find_stayed_feet
-from kinematics.toml_table import Table
 from kinematics.transforms import transform_points
 from kinematics.tree import Array, read_only
-
-
-@dataclass(frozen=True, slots=True)
-class OdometryLimits:
-    """What counts as a foot that stayed (robot.toml, table [odometry]).
-
-    Attributes:
-        slip_sigmas: a distance between two feet that changes by more standard deviations has changed.
-        turn_limit: largest turn of the body between two pauses [rad].
-        swing_least: a foot that moved less slipped, one that moved more swung [m].
-    """
-
-    slip_sigmas: float
-    turn_limit: float
-    swing_least: float
-
-    @classmethod
-    def from_table(cls, table: Table) -> "OdometryLimits":
-        """Read the table; every value must be positive."""
-        return cls(**{field: table.number(field, above=0.0) for field in cls.__dataclass_fields__})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +72,7 @@ class LegOdometry:
         self._robot = robot
         self._camera = transform_camera_to_base
         self._camera_covariance = camera_covariance
-        self._limits = OdometryLimits.from_table(robot.config.root.table("odometry"))
+        self._limits = robot.odometry_limits
         self._last: OdometryPose | None = None
         self._noise = OdometryNoise(np.zeros((6, 6)), {}, {})
         self._first_tilt = np.zeros((6, 6))

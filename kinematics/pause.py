@@ -10,39 +10,8 @@ from kinematics.carried_gravity import turn_between
 from kinematics.exceptions import ArgumentError, CameraMoved, JointPositionError, StanceError, unknown_name
 from kinematics.model import RobotModel
 from kinematics.stance import Stance
-from kinematics.toml_table import Table
 from kinematics.transforms import checked_transform
 from kinematics.tree import read_only
-
-
-@dataclass(frozen=True, slots=True)
-class PauseLimits:
-    """What counts as a pause (robot.toml, table [pause]).
-
-    Attributes:
-        joint_speed_limit: every joint is slower [rad/s].
-        hold_time: for so long [s].
-        minimum_feet: so many feet carry the body.
-        camera_translation_limit: the camera may move by so much during a scan [m].
-        camera_rotation_limit: and turn by so much [rad].
-    """
-
-    joint_speed_limit: float
-    hold_time: float
-    minimum_feet: int
-    camera_translation_limit: float
-    camera_rotation_limit: float
-
-    @classmethod
-    def from_table(cls, table: Table) -> "PauseLimits":
-        """Read the table; every value must be positive."""
-        return cls(
-            joint_speed_limit=table.number("joint_speed_limit", above=0.0),
-            hold_time=table.number("hold_time", above=0.0),
-            minimum_feet=table.integer("minimum_feet", least=1),
-            camera_translation_limit=table.number("camera_translation_limit", above=0.0),
-            camera_rotation_limit=table.number("camera_rotation_limit", above=0.0),
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +35,7 @@ class PauseDetector:
     def __init__(self, robot: RobotModel) -> None:
         """Start with no reading: no pause."""
         self._robot = robot
-        self._limits = PauseLimits.from_table(robot.config.root.table("pause"))
+        self._limits = robot.pause_limits
         self._time: float | None = None
         self._still_since: float | None = None
         self._feet: frozenset[str] | None = None
@@ -171,7 +140,7 @@ def camera_motion(
     )
     angle = float(np.arctan2(sine, np.trace(rotation) - 1.0))
     translation = float(np.linalg.norm(moved))
-    limits = PauseLimits.from_table(robot.config.root.table("pause"))
+    limits = robot.pause_limits
     still = translation <= limits.camera_translation_limit and angle <= limits.camera_rotation_limit
     return CameraMotion(translation, angle, still)
 
@@ -187,7 +156,7 @@ def check_camera_still(
     """
     motion = camera_motion(robot, begin, end, transform_camera_to_base=transform_camera_to_base)
     if not motion.is_still:
-        limits = PauseLimits.from_table(robot.config.root.table("pause"))
+        limits = robot.pause_limits
         raise CameraMoved(
             f"the camera moved by {1e3 * motion.translation:.2f} mm and {np.degrees(motion.rotation):.3f} degrees "
             f"during the scan; {1e3 * limits.camera_translation_limit:g} mm and "

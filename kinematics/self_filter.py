@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from kinematics.exceptions import ArgumentError, UnknownName
+from kinematics.exceptions import ArgumentError, unknown_name
+from kinematics.limits import SelfFilterSettings
 from kinematics.shapes import Mask, place_shape
 from kinematics.state import RobotState
 from kinematics.tree import Array
@@ -35,19 +36,18 @@ class SelfFilter:
         self, state: RobotState, *, margin: float | None = None, ignore: tuple[str, ...] | None = None
     ) -> None:
         """Place every shape by the state's forward kinematics."""
-        table = state.tree.config.root.table("self_filter")
-        self.margin = table.number("margin", above=-1e-12) if margin is None else float(margin)
+        links = state.tree.links
+        settings = SelfFilterSettings.from_table(state.tree.config.root.table("self_filter"), links)
+        self.margin = settings.margin if margin is None else float(margin)
         if not np.isfinite(self.margin) or self.margin < 0.0:
             raise ArgumentError(f"margin is {margin}; a length of 0 m or more is needed")
-        ignored = table.texts("ignore") if ignore is None else tuple(ignore)
+        ignored = settings.ignore if ignore is None else tuple(ignore)
         for link in ignored:
-            if link not in state.tree.links:
-                raise UnknownName(
-                    f"self-filter: ignored link {link!r} is unknown; this robot has: {', '.join(state.tree.links)}"
-                )
+            if link not in links:
+                raise unknown_name("link to ignore", link, links)
         self.shapes = tuple(
             place_shape(shape, name, state.transform_to_base(name), self.margin)
-            for name, link in state.tree.links.items()
+            for name, link in links.items()
             if name not in ignored
             for shape in link.shapes
         )

@@ -35,11 +35,12 @@ class Table:
         """The error that says what was given for a key and what is needed."""
         return RobotFileError(f"{self.path}: {self._place(key)} is {self.values.get(key)!r}; {needed} is needed")
 
-    def number(self, key: str, *, above: float = -math.inf) -> float:
-        """A finite number greater than `above`."""
+    def number(self, key: str, *, above: float = -math.inf, least: float = -math.inf) -> float:
+        """A finite number greater than `above` and not below `least`."""
         value = self._get(key)
-        if not _is_number(value) or not value > above:  # type: ignore[operator]
-            raise self.refuse(key, "a number" + (f" above {above:g}" if above > -math.inf else ""))
+        if not _is_number(value) or not value > above or value < least:  # type: ignore[operator]
+            bound = f" above {above:g}" if above > -math.inf else f" of {least:g} or more" if least > -math.inf else ""
+            raise self.refuse(key, f"a number{bound}")
         return float(value)  # type: ignore[arg-type]
 
     def integer(self, key: str, *, least: int) -> int:

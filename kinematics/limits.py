@@ -1,0 +1,78 @@
+"""The settings of odometry, pause detector and self-filter, read from robot.toml when the robot is loaded."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from kinematics.toml_table import Table
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryLimits:
+    """What counts as a foot that stayed (robot.toml, table [odometry]).
+
+    Attributes:
+        slip_sigmas: a distance between two feet that changes by more standard deviations has changed.
+        turn_limit: largest turn of the body between two pauses [rad].
+        swing_least: a foot that moved less slipped, one that moved more swung [m].
+    """
+
+    slip_sigmas: float
+    turn_limit: float
+    swing_least: float
+
+    @classmethod
+    def from_table(cls, table: Table) -> "OdometryLimits":
+        """Read the table; every value must be positive."""
+        return cls(**{field: table.number(field, above=0.0) for field in cls.__dataclass_fields__})
+
+
+@dataclass(frozen=True, slots=True)
+class PauseLimits:
+    """What counts as a pause (robot.toml, table [pause]).
+
+    Attributes:
+        joint_speed_limit: every joint is slower [rad/s].
+        hold_time: for so long [s].
+        minimum_feet: so many feet carry the body.
+        camera_translation_limit: the camera may move by so much during a scan [m].
+        camera_rotation_limit: and turn by so much [rad].
+    """
+
+    joint_speed_limit: float
+    hold_time: float
+    minimum_feet: int
+    camera_translation_limit: float
+    camera_rotation_limit: float
+
+    @classmethod
+    def from_table(cls, table: Table) -> "PauseLimits":
+        """Read the table; every value must be positive."""
+        return cls(
+            joint_speed_limit=table.number("joint_speed_limit", above=0.0),
+            hold_time=table.number("hold_time", above=0.0),
+            minimum_feet=table.integer("minimum_feet", least=1),
+            camera_translation_limit=table.number("camera_translation_limit", above=0.0),
+            camera_rotation_limit=table.number("camera_rotation_limit", above=0.0),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SelfFilterSettings:
+    """How the robot's own shapes are taken (robot.toml, table [self_filter]).
+
+    Attributes:
+        margin: added to every collision shape on all sides [m].
+        ignore: links whose shapes are left out: those that enclose the camera or the laser.
+    """
+
+    margin: float
+    ignore: tuple[str, ...]
+
+    @classmethod
+    def from_table(cls, table: Table, links: Collection[str]) -> "SelfFilterSettings":
+        """Read the table; the margin must not be negative and the ignored links must be among `links`."""
+        settings = cls(table.number("margin", least=0.0), table.texts("ignore"))
+        for link in settings.ignore:
+            if link not in links:
+                raise table.refuse("ignore", f"a list of links ({link!r} is none; there are: {', '.join(links)})")
+        return settings

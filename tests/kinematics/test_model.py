@@ -1,0 +1,172 @@
+"""What holds for every robot folder, and what holds for the Guará alone."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kinematics import (
+    ArgumentError,
+    JointLimitWarning,
+    JointPositionError,
+    RobotModel,
+    RobotNotFound,
+    Stance,
+    StanceError,
+    UnknownName,
+    load_robot,
+)
+from kinematics.model import ROBOTS_FOLDER
+
+
+def test_names_follow_robot_toml(robot: RobotModel) -> None:
+    """Joint names run leg by leg from hip to sole in robot.toml's order, whatever Pinocchio's order is."""
+    expected = [joint for leg in robot.config.legs for joint in leg.joints]
+    assert list(robot.joint_names) == expected
+    assert robot.legs == tuple(leg.name for leg in robot.config.legs)
+
+
+def test_every_shipped_robot_is_found_by_name() -> None:
+    """Every folder of `robots` loads by its name, and by its path, as the same robot."""
+    names = [path.parent.name for path in ROBOTS_FOLDER.glob("*/robot.toml")]
+    assert "guara" in names
+    for name in names:
+        assert load_robot(name).name == name == load_robot(ROBOTS_FOLDER / name).name
+
+
+def test_unknown_robot_lists_the_names() -> None:
+    """A robot that is not there is refused with the names that are."""
+    with pytest.raises(RobotNotFound, match="no robot 'lobo'.*names guara") as caught:
+        load_robot("lobo")
+    assert isinstance(caught.value, FileNotFoundError)
+    with pytest.raises(ArgumentError, match="robot is ''"):
+        load_robot("")
+    with pytest.raises(RobotNotFound):
+        load_robot(Path("/nowhere"))
+
+
+def test_soles_stand_on_one_plane_in_every_posture(robot: RobotModel) -> None:
+    """In each posture all soles are at one height, and hips and camera over them as robot.toml says."""
+    for posture in robot.config.postures:
+        state = robot.state(robot.posture(posture.name))
+        soles = state.soles_in_base()
+        np.testing.assert_allclose(soles[:, 2], soles[0, 2], atol=1e-9)
+        camera = state.position_in_base(robot.config.camera_frame)
+        assert camera[2] - soles[0, 2] == pytest.approx(posture.camera_height, abs=5e-4)
+        for leg in robot.config.legs:
+            assert state.position_in_base(leg.hip)[2] - soles[0, 2] == pytest.approx(posture.hip_height, abs=5e-4)
+
+
+def test_scan_posture_sees_the_area(robot: RobotModel) -> None:
+    """From the scan posture every corner of the scanned area is before the camera and within a 75 degree picture."""
+    pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs))
+    area = robot.section("grid")["footprint"]
+    for x in area["x"]:  # type: ignore[index]
+        for y in area["y"]:  # type: ignore[index]
+            in_camera = np.linalg.solve(pose.transform_camera_to_footprint, [x, y, 0.0, 1.0])[:3]
+            assert in_camera[2] > 0.3
+            assert max(abs(in_camera[:2] / in_camera[2])) < math.tan(math.radians(37.5))
+
+
+def test_scan_pattern_covers_the_area(robot: RobotModel) -> None:
+    """The first and the last nominal sheet fall on the floor just outside the scanned area."""
+    state = robot.state(robot.posture(robot.config.scan_posture))
+    mirror = state.position_in_base(robot.config.laser_frame)
+    height = mirror[2] - state.soles_in_base()[:, 2].mean()
+    near, far = robot.section("grid")["footprint"]["x"]  # type: ignore[index]
+    scan = robot.section("scan")
+    # The sheet turns by twice the mirror; zero falls along -z, positive goes forward.
+    first = mirror[0] + height * math.tan(2.0 * scan["mirror_angle_first"])  # type: ignore[operator]
+    last = mirror[0] + height * math.tan(2.0 * scan["mirror_angle_last"])  # type: ignore[operator]
+    assert near - 0.02 < first < near
+    assert far < last < far + 0.02
+
+
+def test_guara_camera_is_eq_5(guara: RobotModel) -> None:
+    """The nominal mount is the paper's eq. 5 at 31 degrees, with eq. 6's origin behind it at camera height."""
+    alpha = math.radians(31.0)
+    eq_5 = np.array(
+        [
+            [0.0, math.cos(alpha), math.sin(alpha)],
+            [1.0, 0.0, 0.0],
+            [0.0, math.sin(alpha), -math.cos(alpha)],
+        ]
+    )
+    np.testing.assert_allclose(guara.transform_camera_to_base[:3, :3], eq_5, atol=1e-15)
+    np.testing.assert_allclose(guara.transform_camera_to_base[:3, 3], [0.400, 0.0, 0.140], atol=1e-12)
+    rangefinder = guara.state(guara.posture("scan")).transform_to_base("rangefinder_frame")
+    in_rangefinder = np.linalg.solve(rangefinder, guara.transform_camera_to_base[:, 3])
+    np.testing.assert_allclose(in_rangefinder[1:3], 0.0, atol=1e-15)
+
+
+def test_guara_postures_are_the_published_ones(guara: RobotModel) -> None:
+    """Standing is HFE -22.5, KFE 45, AFE -22.5 degrees; scanning has the camera at 0.500 m."""
+    standing = guara.posture("standing")
+    for leg in guara.legs:
+        angles = [math.degrees(standing[joint]) for joint in guara.tree.leg(leg).joints]
+        assert angles == pytest.approx([0.0, -22.5, 45.0, -22.5], abs=1e-9)
+    pose = guara.stance_pose(Stance(guara.posture("scan"), guara.legs))
+    assert pose.height == pytest.approx(0.360, abs=1e-9)
+    assert pose.transform_camera_to_footprint[2, 3] == pytest.approx(0.500, abs=1e-9)
+    np.testing.assert_allclose(guara.transform_laser_to_base[:3, 3], [0.600, 0.0, 0.110], atol=1e-12)
+
+
+def test_unknown_names_are_refused_with_those_there_are(robot: RobotModel) -> None:
+    """Typos in frames, legs, postures and joints are refused, each with the list of valid names."""
+    state = robot.state(robot.posture(robot.config.scan_posture))
+    with pytest.raises(UnknownName, match="unknown frame 'cammera'.*" + robot.config.camera_frame):
+        state.transform_to_base("cammera")
+    with pytest.raises(UnknownName, match="unknown leg 'xx'; this robot has: " + robot.legs[0]):
+        state.soles_in_base(["xx"])
+    with pytest.raises(UnknownName, match="unknown posture 'sit'.*scan"):
+        robot.posture("sit")
+    with pytest.raises(UnknownName, match="unknown joint 'knee'.*" + robot.joint_names[0]) as caught:
+        robot.state({**robot.posture("scan"), "knee": 0.0})
+    assert isinstance(caught.value, KeyError) and not str(caught.value).startswith('"')
+    with pytest.raises(UnknownName, match="unknown joint 'knee'"):
+        state.joint_position("knee")
+    with pytest.raises(UnknownName, match="unknown leg 'xx'"):
+        robot.stance_pose(Stance(robot.posture("scan"), ("xx", *robot.legs)))
+
+
+def test_bad_joint_positions_are_refused(robot: RobotModel) -> None:
+    """Missing joints, NaN, wrong length and things that are no numbers are refused by name."""
+    good = robot.posture("scan")
+    first = robot.joint_names[0]
+    with pytest.raises(JointPositionError, match=f"no position for {first}; all {len(good)} joints"):
+        robot.state({name: value for name, value in good.items() if name != first})
+    with pytest.raises(JointPositionError, match=f"joint {first}: position nan is not finite"):
+        robot.state({**good, first: math.nan})
+    with pytest.raises(JointPositionError, match=rf"shape \(3,\); \({len(good)},\) is needed, in the order {first}"):
+        robot.state([0.0, 0.0, 0.0])
+    with pytest.raises(JointPositionError, match=r"shape \(1, "):
+        robot.state(np.zeros((1, len(good))))
+    with pytest.raises(JointPositionError, match="are not numbers"):
+        robot.state({**good, first: "straight"})  # type: ignore[dict-item]
+
+
+def test_joints_beyond_their_limits_are_warned_of(robot: RobotModel) -> None:
+    """A joint beyond its limit is kept, reported with the amount, and warned of by name."""
+    joint = robot.joint_names[0]
+    limit = robot.tree.upper_limits[0]
+    with pytest.warns(JointLimitWarning, match=f"joint {joint} is at .* rad, 0.1000 rad beyond its limits"):
+        state = robot.state({**robot.posture("scan"), joint: limit + 0.1})
+    assert dict(state.beyond_limits) == pytest.approx({joint: 0.1})
+    assert state.joint_position(joint) == pytest.approx(limit + 0.1)
+
+
+def test_an_array_in_joint_order_is_the_same_as_a_mapping(robot: RobotModel) -> None:
+    """Positions by name and positions in the order of joint_names give the same state."""
+    rng = np.random.default_rng(3)
+    positions = rng.uniform(robot.tree.lower_limits, robot.tree.upper_limits)
+    by_name = dict(zip(robot.joint_names, positions, strict=True))
+    shuffled = dict(sorted(by_name.items(), key=lambda item: hash(item[0])))
+    np.testing.assert_array_equal(robot.state(positions).soles_in_base(), robot.state(shuffled).soles_in_base())
+
+
+def test_a_scan_needs_feet(robot: RobotModel) -> None:
+    """Two feet or fewer without gravity are refused, and say what would help."""
+    for count in (0, 1, 2):
+        with pytest.raises(StanceError, match=rf"support_feet: {count} given .* needs 3 or more, or gravity_in_base"):
+            robot.stance_pose(Stance(robot.posture("scan"), robot.legs[:count]))
