@@ -43,7 +43,7 @@ def refuse_not_finite(data: Any, source: str, path: str = "") -> None:
     if isinstance(data, dict):
         for name, value in data.items():
             refuse_not_finite(value, source, f"{path}.{name}" if path else name)
-    elif isinstance(data, list):
+    elif isinstance(data, list | tuple):
         for place, value in enumerate(data):
             refuse_not_finite(value, source, f"{path}[{place}]")
     elif isinstance(data, float) and not math.isfinite(data):

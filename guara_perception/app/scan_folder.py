@@ -15,6 +15,9 @@ from guara_perception.settings import MODES
 
 FORMAT = "guara-scan/1"
 SCAN_FILE = "scan.json"
+# What the grid file and the messages can hold.
+MAXIMUM_STAMP = 2**63 - 1
+MAXIMUM_STEP = 2**31 - 1
 
 
 def open_scan_folder(folder: str | Path) -> Scan:
@@ -49,8 +52,8 @@ def open_scan_folder(folder: str | Path) -> Scan:
         return Scan(
             robot=fields.text("robot"),
             mode=fields.text("mode", MODES),
-            stamp=fields.integer("stamp", minimum=0),
-            step=fields.integer("step", minimum=0),
+            stamp=fields.integer("stamp", minimum=0, maximum=MAXIMUM_STAMP),
+            step=fields.integer("step", minimum=0, maximum=MAXIMUM_STEP),
             stripes=stripes,
             stance=stance,
             stance_end=stance_end,
@@ -86,5 +89,5 @@ def _stripe(item: Fields) -> ScanStripe:
         mirror_angle=item.number("mirror_angle", -3.15, 3.15),
         on=item.text("on"),
         off=item.text("off") if item.has("off") else None,
-        stamp=item.integer("stamp", minimum=0) if item.has("stamp") else None,
+        stamp=item.integer("stamp", minimum=0, maximum=MAXIMUM_STAMP) if item.has("stamp") else None,
     )

@@ -35,12 +35,14 @@ class CameraModel:
         """Check and freeze."""
         matrix = readonly(np.array(self.matrix, dtype=np.float64))
         distortion = readonly(np.array(self.distortion, dtype=np.float64).ravel())
-        if len(self.size) != 2 or min(self.size) < 16:
-            raise InvalidInput(f"camera size is {self.size}, it must be (width, height), each 16 px or more")
+        if len(self.size) != 2 or min(self.size) < 16 or any(n != int(n) for n in self.size):
+            raise InvalidInput(f"camera size is {self.size}, it must be (width, height), whole and each 16 px or more")
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
             raise InvalidInput(f"camera matrix has shape {matrix.shape}, it must be 3x3 and finite")
         if matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or not np.allclose(matrix[2], (0, 0, 1)):
             raise InvalidInput("camera matrix must have positive focal lengths and a last row of 0 0 1")
+        if matrix[0, 1] != 0 or matrix[1, 0] != 0:
+            raise InvalidInput("camera matrix has a skew, the camera model knows none: elements 01 and 10 must be 0")
         if distortion.shape != (5,) or not np.isfinite(distortion).all():
             raise InvalidInput(
                 f"camera distortion has {distortion.size} values, it must be 5 finite ones (k1, k2, p1, p2, k3)"
@@ -56,6 +58,8 @@ class CameraModel:
             points_px: (n, 2) pixel positions (u, v) as delivered by the camera, distorted.
         """
         points = np.ascontiguousarray(points_px, dtype=np.float64).reshape(-1, 1, 2)
+        if not len(points):
+            return np.empty((0, 3))
         flat = cv2.undistortPoints(points, self.matrix, self.distortion, criteria=UNDISTORT_STEPS)[:, 0]
         return np.column_stack((flat, np.ones(len(flat))))
 

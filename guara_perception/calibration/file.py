@@ -13,7 +13,7 @@ from typing import Any
 from guara_perception.calibration.calibration import VERDICTS, Calibration, StripePlane
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.exceptions import FileFormatError, InvalidInput
-from guara_perception.fields import Fields, read_json
+from guara_perception.fields import Fields, read_json, refuse_not_finite
 from guara_perception.whole_file import whole_file
 
 FORMAT = "guara-calibration/1"
@@ -37,14 +37,19 @@ def load_calibration(path: str | Path) -> Calibration:
     except InvalidInput as error:
         raise FileFormatError(f"{path}: {error}") from None
     content = dataclasses.replace(calibration, hash=content_hash(calibration))
-    stored = fields.data.get("hash")
+    stored = fields.text("hash") if fields.has("hash") else ""
     if stored and stored != content.hash:
         logger.warning("%s: stored hash %s, content hash %s: edited after it was made", path, stored, content.hash)
     return content
 
 
 def save_calibration(calibration: Calibration, path: str | Path) -> Calibration:
-    """Write a calibration file, whole or not at all; return it as written, with `created` and `hash` filled in."""
+    """Write a calibration file, whole or not at all; return it as written, with `created` and `hash` filled in.
+
+    Raises:
+        MissingFile: the folder does not exist.
+        FileFormatError: a value is NaN or infinite.
+    """
     created = calibration.created or datetime.now(UTC).isoformat(timespec="seconds")
     dated = dataclasses.replace(calibration, created=created)
     final = dataclasses.replace(dated, hash=content_hash(dated))
@@ -54,8 +59,14 @@ def save_calibration(calibration: Calibration, path: str | Path) -> Calibration:
 
 
 def to_json(calibration: Calibration) -> str:
-    """The text of the file."""
-    return json.dumps(to_dict(calibration), indent=1) + "\n"
+    """The text of the file.
+
+    Raises:
+        FileFormatError: a value is NaN or infinite; such a file could not be loaded again.
+    """
+    content = to_dict(calibration)
+    refuse_not_finite(content, "calibration")
+    return json.dumps(content, indent=1) + "\n"
 
 
 def to_dict(calibration: Calibration) -> dict[str, Any]:
@@ -92,7 +103,7 @@ def content_hash(calibration: Calibration) -> str:
 
 def _parse(fields: Fields) -> Calibration:
     camera = fields.sub("camera")
-    width, height = (int(n) for n in camera.array("size", (2,)))
+    size = camera.array("size", (2,))
     stripes = tuple(
         StripePlane(
             index=item.integer("index", minimum=0),
@@ -109,7 +120,7 @@ def _parse(fields: Fields) -> Calibration:
     return Calibration(
         robot=fields.text("robot"),
         camera=CameraModel(
-            size=(width, height),
+            size=(size[0], size[1]),
             matrix=camera.array("matrix", (3, 3)),
             distortion=camera.array("distortion", (5,)),
         ),

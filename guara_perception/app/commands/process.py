@@ -43,15 +43,24 @@ def command(
     from guara_perception.app.summary import summary
     from guara_perception.calibration.file import load_calibration
     from guara_perception.process import run_scan, with_pictures
+    from guara_perception.stripes.extract import METHODS
     from guara_perception.terrain.file import save_terrain
-    from kinematics import load_robot
+    from guara_perception.whole_file import check_target
+    from kinematics import RobotNotFound, load_robot
 
     if out.suffix != ".npz":
         raise InvalidInput(f"--out is {out}, it must end in .npz")
+    check_target(out)
     methods = list(dict.fromkeys(name.strip() for name in method.split(",")))
+    for name in methods:
+        if name not in METHODS:
+            raise InvalidInput(f"--method holds {name!r}, allowed: {', '.join(METHODS)}, several with commas between")
     recorded = open_scan(scan, step)
     calibrated = load_calibration(calibration)
-    model = load_robot(robot if robot is not None else recorded.robot)
+    try:
+        model = load_robot(robot if robot is not None else recorded.robot)
+    except RobotNotFound as error:
+        raise InvalidInput(str(error) if robot is not None else f"{recorded.source}: robot: {error}") from None
     for place, name in enumerate(methods):
         with progress(f"Processing ({name})", len(recorded.stripes)) as advance:
             processor = run_scan(
