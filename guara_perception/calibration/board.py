@@ -1,0 +1,157 @@
+"""Finds a checkerboard in one picture, or says why it cannot be used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.readonly import readonly
+
+Float = npt.NDArray[np.float64]
+Picture = npt.NDArray[Any]
+
+# Grey levels between darkest and brightest thing below which a picture shows nothing.
+BLANK_CONTRAST = 12
+# Width of a black-white edge, 10 to 90 %: a sharp lens gives 2 to 3 px, from 5 px on corners lose their place.
+MAX_EDGE_WIDTH_PX = 5.0
+# The sector-based detector loses boards that touch the picture's edge; a border brings them back.
+BORDER_PX = 40
+# A light blur before the sub-pixel step halves the error of sharp, aliased edges (measured, 0.07 to 0.04 px).
+BLUR_SIGMA_PX = 0.8
+# Half the window of the sub-pixel step as a share of the smallest square: as much edge as can be had of one corner.
+WINDOW_OF_SQUARE = 0.35
+# Sizes this much away from the given one are tried to say what the board really has.
+SIZE_SEARCH = 2
+SEARCH_WIDTH_PX = 800
+
+
+@dataclass(frozen=True, slots=True)
+class BoardSpec:
+    """The checkerboard.
+
+    Attributes:
+        columns, rows: inner corners along its two sides.
+        square: edge of a square [m].
+    """
+
+    columns: int
+    rows: int
+    square: float
+
+    @property
+    def points(self) -> Float:
+        """Corners (n, 3) in the board's own frame [m], row by row, z = 0."""
+        grid = np.mgrid[0 : self.columns, 0 : self.rows].T.reshape(-1, 2) * self.square
+        return np.column_stack((grid, np.zeros(len(grid))))
+
+
+@dataclass(frozen=True, slots=True)
+class BoardView:
+    """The board in one picture.
+
+    Attributes:
+        name: of the picture.
+        corners_px: (n, 2) float64 in the order of `BoardSpec.points`; empty where the view cannot be used.
+        edge_width_px: width of the black-white edges, NaN where no board was found.
+        reason: why the view cannot be used, empty when it can.
+    """
+
+    name: str
+    corners_px: Float
+    edge_width_px: float
+    reason: str = ""
+
+    def __post_init__(self) -> None:
+        """Freeze."""
+        object.__setattr__(self, "corners_px", readonly(np.asarray(self.corners_px, dtype=np.float64)))
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether its corners may be used."""
+        return not self.reason
+
+
+def find_board(picture: Picture, board: BoardSpec, name: str = "") -> BoardView:
+    """Find the inner corners of the board to a few hundredths of a pixel.
+
+    The classic detector comes first (fast, strict about the number of corners), the sector-based one second (finds
+    what the first loses in uneven light); neither may guess the size.
+
+    Args:
+        picture: (h, w) or (h, w, 3), uint8 or uint16.
+        board: its inner corners and squares.
+        name: for messages.
+    """
+    grey = to_grey(picture)
+    nothing = np.empty((0, 2))
+    contrast = float(np.percentile(grey[::4, ::4], 99.5)) - float(np.percentile(grey[::4, ::4], 0.5))
+    if contrast < BLANK_CONTRAST:
+        reason = f"the picture is blank ({contrast:.0f} grey levels between dark and bright)"
+        return BoardView(name, nothing, np.nan, reason)
+    size = (board.columns, board.rows)
+    corners = _detect(grey, size)
+    if corners is None:
+        reason = f"no board of {board.columns}x{board.rows} inner corners was found (hidden, blurred, cut or another?)"
+        return BoardView(name, nothing, np.nan, reason)
+    width = edge_width(grey, corners, size)
+    if width > MAX_EDGE_WIDTH_PX:
+        reason = f"blurred: black-white edges are {width:.1f} px wide, {MAX_EDGE_WIDTH_PX:.0f} px are allowed"
+        return BoardView(name, nothing, width, reason)
+    refined = refine_corners(grey, corners, size)
+    return BoardView(name, refined, width)
+
+
+def refine_corners(grey: Picture, corners: Float, size: tuple[int, int]) -> Float:
+    """Corners (n, 2) to sub-pixel accuracy, with a window that grows with the squares."""
+    grid = corners.reshape(size[1], size[0], 2)
+    smallest = min(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1))
+    half = int(np.clip(WINDOW_OF_SQUARE * smallest, 3, 40))
+    smooth = cv2.GaussianBlur(grey, (0, 0), BLUR_SIGMA_PX)
+    start = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-4)
+    found = cv2.cornerSubPix(smooth, start, (half, half), (-1, -1), criteria)
+    return np.asarray(found, dtype=np.float64).reshape(-1, 2)
+
+
+def edge_width(grey: Picture, corners: Float, size: tuple[int, int]) -> float:
+    """Mean width of the black-white edges [px]."""
+    points = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
+    return float(np.ravel(cv2.estimateChessboardSharpness(grey, size, points)[0])[0])
+
+
+def other_size(picture: Picture, board: BoardSpec) -> tuple[int, int] | None:
+    """Which other number of inner corners the board in this picture has, if one close to the given one fits."""
+    grey = to_grey(picture)
+    scale = min(SEARCH_WIDTH_PX / grey.shape[1], 1.0)
+    small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    steps = range(-SIZE_SEARCH, SIZE_SEARCH + 1)
+    sizes = [(board.columns + dc, board.rows + dr) for dc in steps for dr in steps if (dc, dr) != (0, 0)]
+    for size in sorted(sizes, key=lambda s: abs(s[0] - board.columns) + abs(s[1] - board.rows)):
+        if min(size) >= 3 and cv2.findChessboardCornersSB(small, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)[0]:
+            return size
+    return None
+
+
+def to_grey(picture: Picture) -> npt.NDArray[np.uint8]:
+    """An 8-bit grey picture of whatever a camera delivers."""
+    if picture.dtype == np.uint16:
+        picture = (picture >> 8).astype(np.uint8)
+    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 and picture.shape[2] == 3 else picture
+    return np.ascontiguousarray(grey.reshape(grey.shape[:2]), dtype=np.uint8)
+
+
+def _detect(grey: npt.NDArray[np.uint8], size: tuple[int, int]) -> Float | None:
+    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, corners = cv2.findChessboardCorners(grey, size, flags=flags)
+    if not found:
+        framed = np.pad(grey, BORDER_PX, mode="edge")
+        found, corners = cv2.findChessboardCornersSB(framed, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+        if found:
+            corners = corners - BORDER_PX
+    if not found or corners is None or len(corners) != size[0] * size[1]:
+        return None
+    return np.asarray(corners, dtype=np.float64).reshape(-1, 2)

@@ -1,0 +1,260 @@
+"""One joint fit of lens, board poses, ground board and camera mount to all corners and crosses, with covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.board import BoardSpec
+from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.intrinsics import Intrinsics
+from guara_perception.calibration.mount import FloorPose
+from guara_perception.readonly import readonly
+
+Float = npt.NDArray[np.float64]
+
+# Scale of the robust loss, in standard deviations: a corner further off counts less and less.
+ROBUST_SIGMAS = 3.0
+# Place of each lens parameter in the columns that cv2.projectPoints differentiates by, after pose.
+LENS_COLUMNS = {"fx": 6, "fy": 7, "cx": 8, "cy": 9, "k1": 10, "k2": 11, "p1": 12, "p2": 13, "k3": 14}
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFit:
+    """Camera and mount with their joint uncertainty.
+
+    Attributes:
+        camera: intrinsic model.
+        free: names of the estimated lens parameters.
+        transform_camera_to_footprint: (4, 4).
+        covariance: (n + 6, n + 6) of the lens parameters in the order of `free` ([px] and [-]), then of the pose:
+            footprint to camera, rotation vector [rad] and translation [m].
+        pose: (6,) footprint to camera, rotation vector and translation: the values that `covariance` belongs to.
+        corner_sigma_px: standard deviation of one corner coordinate.
+        residuals_px: per used view (n, 2) corner residuals, in the order of the views.
+        mark_residuals_px: (m, 2) of the fiducials.
+        board_poses: (v, 6) board to camera of each used view.
+    """
+
+    camera: CameraModel
+    free: tuple[str, ...]
+    transform_camera_to_footprint: Float
+    covariance: Float
+    pose: Float
+    corner_sigma_px: float
+    residuals_px: tuple[Float, ...]
+    mark_residuals_px: Float
+    board_poses: Float
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("transform_camera_to_footprint", "covariance", "pose", "mark_residuals_px", "board_poses"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @property
+    def lens(self) -> Float:
+        """The estimated lens parameters in the order of `free`."""
+        return _lens_of(self.camera)[[LENS_COLUMNS[name] - 6 for name in self.free]]
+
+    def with_parameters(self, change: Float) -> tuple[CameraModel, Float]:
+        """Camera and (4, 4) transform_camera_to_footprint with all parameters moved by `change`."""
+        n = len(self.free)
+        lens = _lens_of(self.camera)
+        lens[[LENS_COLUMNS[name] - 6 for name in self.free]] += change[:n]
+        return _camera_of(self.camera.size, lens), _inverse_of(self.pose + change[n:])
+
+
+def fit_camera(intrinsics: Intrinsics, board: BoardSpec, ground: str, floor: FloorPose, points: Float) -> CameraFit:
+    """Fit everything that the still pictures say, at once.
+
+    The ground board lies in z = 0 and so ties lens and mount together; its place and heading on the floor are free.
+
+    Args:
+        intrinsics: first estimate, with the views.
+        board: the board.
+        ground: name of the view that shows the board on the floor; may be missing among the views.
+        floor: first estimate of the mount and the marks.
+        points: (m, 2) floor points of the marks.
+    """
+    problem = _Problem(intrinsics, board, ground, floor, points)
+    x = problem.start()
+    sigma = max(intrinsics.rms_px / np.sqrt(2), 0.01)
+    for _ in range(3):
+        x = problem.solve(x, sigma)
+        corner_residuals = np.concatenate([r.ravel() for r in problem.view_residuals(x)])
+        sigma = max(1.4826 * float(np.median(np.abs(corner_residuals))), 0.01)
+    jacobian = problem.jacobian(x) * problem.weights(x, sigma)[:, None]
+    covariance = np.linalg.inv(jacobian.T @ jacobian)
+    kept = np.r_[0 : problem.n_lens, problem.pose_columns]
+    lens = problem.lens(x)
+    return CameraFit(
+        camera=_camera_of(intrinsics.camera.size, lens),
+        free=intrinsics.free,
+        transform_camera_to_footprint=_inverse_of(x[problem.pose_columns]),
+        covariance=covariance[np.ix_(kept, kept)],
+        pose=x[problem.pose_columns].copy(),
+        corner_sigma_px=sigma,
+        residuals_px=tuple(problem.view_residuals(x)),
+        mark_residuals_px=problem.mark_residuals(x),
+        board_poses=problem.poses(x),
+    )
+
+
+class _Problem:
+    """Parameters x: lens, camera pose (footprint to camera), ground board (x, y, heading), other boards (6 each)."""
+
+    def __init__(self, intrinsics: Intrinsics, board: BoardSpec, ground: str, floor: FloorPose, points: Float) -> None:
+        self.intrinsics = intrinsics
+        self.object = board.points
+        self.floor = floor
+        self.points = np.column_stack((points, np.zeros(len(points))))
+        self.pixels = np.array([mark.centre_px for mark in floor.marks])
+        self.mark_sigma = np.array([mark.sigma_px for mark in floor.marks])
+        names = [view.name for view in intrinsics.views]
+        self.ground = names.index(ground) if ground in names else None
+        self.n_lens = len(intrinsics.free)
+        self.lens_columns = np.array([LENS_COLUMNS[name] for name in intrinsics.free])
+        self.pose_columns = slice(self.n_lens, self.n_lens + 6)
+        self.ground_columns = slice(self.n_lens + 6, self.n_lens + 9)
+        self.free_views = [i for i in range(len(names)) if i != self.ground]
+        self.size = self.n_lens + 9 + 6 * len(self.free_views)
+
+    def start(self) -> Float:
+        x = np.zeros(self.size)
+        x[: self.n_lens] = _lens_of(self.intrinsics.camera)[self.lens_columns - 6]
+        to_camera = np.linalg.inv(self.floor.transform_camera_to_footprint)
+        x[self.pose_columns] = np.r_[np.ravel(cv2.Rodrigues(to_camera[:3, :3])[0]), to_camera[:3, 3]]
+        if self.ground is not None:
+            pose = self.intrinsics.poses[self.ground]
+            rotation = to_camera[:3, :3].T @ cv2.Rodrigues(pose[:3])[0]
+            place = to_camera[:3, :3].T @ (pose[3:] - to_camera[:3, 3])
+            x[self.ground_columns] = np.r_[place[:2], np.arctan2(rotation[1, 0], rotation[0, 0])]
+            self.flip = np.sign(rotation[2, 2])
+        for k, i in enumerate(self.free_views):
+            x[self.view_columns(k)] = self.intrinsics.poses[i]
+        return x
+
+    def view_columns(self, k: int) -> slice:
+        first = self.n_lens + 9 + 6 * k
+        return slice(first, first + 6)
+
+    def lens(self, x: Float) -> Float:
+        lens = _lens_of(self.intrinsics.camera)
+        lens[self.lens_columns - 6] = x[: self.n_lens]
+        return lens
+
+    def ground_points(self, x: Float) -> tuple[Float, Float]:
+        """Corners of the ground board in the footprint and their derivative by the heading."""
+        px, py, heading = x[self.ground_columns]
+        c, s = np.cos(heading), np.sin(heading)
+        a, b = self.object[:, 0], self.flip * self.object[:, 1]
+        zero = np.zeros(len(a))
+        return np.column_stack((px + c * a - s * b, py + s * a + c * b, zero)), np.column_stack(
+            (-s * a - c * b, c * a - s * b, zero)
+        )
+
+    def project(self, x: Float, points: Float, pose: Float) -> tuple[Float, Float]:
+        camera = _camera_of(self.intrinsics.camera.size, self.lens(x))
+        pixels, jacobian = cv2.projectPoints(points, pose[:3], pose[3:], camera.matrix, camera.distortion)
+        return np.asarray(pixels, np.float64).reshape(-1, 2), np.asarray(jacobian, np.float64)
+
+    def blocks(self, x: Float) -> list[tuple[Float, Float]]:
+        """Residual (n, 2) and Jacobian (2 n, size) of every view in order, then of the marks."""
+        result = []
+        views = self.intrinsics.views
+        for i, view in enumerate(views):
+            rows = np.zeros((2 * len(self.object), self.size))
+            if i == self.ground:
+                points, by_heading = self.ground_points(x)
+                columns, pose = self.pose_columns, x[self.pose_columns]
+            else:
+                points, columns = self.object, self.view_columns(self.free_views.index(i))
+                pose = x[columns]
+            pixels, jacobian = self.project(x, points, pose)
+            rows[:, : self.n_lens] = jacobian[:, self.lens_columns]
+            rows[:, columns] = jacobian[:, :6]
+            if i == self.ground:
+                by_point = jacobian[:, 3:6] @ cv2.Rodrigues(pose[:3])[0]
+                rows[:, self.ground_columns.start : self.ground_columns.start + 2] = by_point[:, :2]
+                rows[:, self.ground_columns.stop - 1] = (by_point * np.repeat(by_heading, 2, axis=0)).sum(axis=1)
+            result.append((pixels - view.corners_px, rows))
+        pixels, jacobian = self.project(x, self.points, x[self.pose_columns])
+        rows = np.zeros((2 * len(self.points), self.size))
+        rows[:, : self.n_lens] = jacobian[:, self.lens_columns]
+        rows[:, self.pose_columns] = jacobian[:, :6]
+        result.append((pixels - self.pixels, rows))
+        return result
+
+    def view_residuals(self, x: Float) -> list[Float]:
+        return [residual for residual, _ in self.blocks(x)[:-1]]
+
+    def mark_residuals(self, x: Float) -> Float:
+        return self.blocks(x)[-1][0]
+
+    def jacobian(self, x: Float) -> Float:
+        rows = np.vstack([jacobian for _, jacobian in self.blocks(x)])
+        if self.ground is None:
+            # Nothing says where the ground board lies: its three columns are pinned.
+            pins = np.zeros((3, self.size))
+            pins[:, self.ground_columns] = np.eye(3)
+            rows = np.vstack((rows, pins))
+        return rows
+
+    def weights(self, x: Float, sigma: float) -> Float:
+        """One over sigma, less for residuals beyond ROBUST_SIGMAS (square root of the soft-L1 weight)."""
+        corners = np.concatenate([r.ravel() for r in self.view_residuals(x)]) / sigma
+        marks = self.mark_residuals(x).ravel() / np.repeat(self.mark_sigma, 2)
+        loss = [(1 + (r / ROBUST_SIGMAS) ** 2) ** -0.25 for r in (corners, marks)]
+        pins = [] if self.ground is not None else [np.ones(3)]
+        return np.concatenate([loss[0] / sigma, loss[1] / np.repeat(self.mark_sigma, 2), *pins])
+
+    def residual(self, x: Float) -> Float:
+        pins = [] if self.ground is not None else [x[self.ground_columns]]
+        return np.concatenate([r.ravel() for r, _ in self.blocks(x)] + pins)
+
+    def solve(self, x: Float, sigma: float) -> Float:
+        """A few Gauss-Newton steps; the start is within a fraction of a pixel, so they converge at once."""
+        for _ in range(6):
+            weight = self.weights(x, sigma)
+            rows = self.jacobian(x) * weight[:, None]
+            scale = np.linalg.norm(rows, axis=0)
+            step = np.linalg.lstsq(rows / scale, -self.residual(x) * weight, rcond=None)[0] / scale
+            x = x + step
+            if float(np.abs(step * scale).max()) < 1e-4:
+                break
+        return x
+
+    def poses(self, x: Float) -> Float:
+        poses = np.zeros((len(self.intrinsics.views), 6))
+        for k, i in enumerate(self.free_views):
+            poses[i] = x[self.view_columns(k)]
+        if self.ground is not None:
+            to_camera = np.linalg.inv(_inverse_of(x[self.pose_columns]))
+            px, py, heading = x[self.ground_columns]
+            c, s = np.cos(heading), np.sin(heading)
+            turn = np.array([[c, -s * self.flip, 0], [s, c * self.flip, 0], [0, 0, self.flip]])
+            poses[self.ground, :3] = np.ravel(cv2.Rodrigues(to_camera[:3, :3] @ turn)[0])
+            poses[self.ground, 3:] = to_camera[:3, :3] @ np.array([px, py, 0.0]) + to_camera[:3, 3]
+        return poses
+
+
+def _lens_of(camera: CameraModel) -> Float:
+    """fx, fy, cx, cy, k1, k2, p1, p2, k3."""
+    matrix = camera.matrix
+    return np.r_[matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], camera.distortion]
+
+
+def _camera_of(size: tuple[int, int], lens: Float) -> CameraModel:
+    return CameraModel(size, np.array([[lens[0], 0, lens[2]], [0, lens[1], lens[3]], [0, 0, 1.0]]), lens[4:].copy())
+
+
+def _inverse_of(pose: Float) -> Float:
+    """(4, 4) camera to footprint from a (6,) footprint to camera."""
+    transform = np.eye(4)
+    rotation = cv2.Rodrigues(np.asarray(pose[:3], dtype=np.float64))[0]
+    transform[:3, :3] = rotation.T
+    transform[:3, 3] = -rotation.T @ pose[3:]
+    return transform

@@ -1,0 +1,190 @@
+"""Finds fiducial crosses on the floor, near where a mount predicts them, to a few hundredths of a pixel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.floor import floor_pixels, to_floor
+from guara_perception.readonly import readonly
+
+Float = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+
+# The crosses of the contract: 24 mm from tip to tip; the width of the bars is found, this starts the search.
+ARM_M = 0.012
+BAR_M = 0.0015
+# How far from its predicted place a cross is looked for: a mount 3 degrees and 20 mm off at 0.6 m.
+SEARCH_M = 0.060
+RASTER_M = 0.0005
+# Normalised correlation: crosses reach 0.8 and more, floor texture 0.3.
+MIN_SCORE = 0.5
+ANGLES = np.deg2rad((0.0, 15.0, -15.0, 30.0, -30.0, 45.0))
+CANDIDATES = 3
+# Millimetres of misfit that one unit of missing correlation is worth when candidates compete.
+SCORE_WEIGHT_M = 0.02
+# Pixels of one mark share blur and floor texture, so the fit knows less than it thinks.
+SIGMA_FACTOR = 2.0
+SIGMA_FLOOR_PX = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """One fiducial in the picture.
+
+    Attributes:
+        centre_px: (2,) its centre (u, v).
+        sigma_px: standard deviation per axis, NaN when a person gave the pixel.
+        score: correlation with an ideal cross, 0 ... 1; NaN when a person gave the pixel.
+    """
+
+    centre_px: Float
+    sigma_px: float
+    score: float
+
+    def __post_init__(self) -> None:
+        """Freeze."""
+        object.__setattr__(self, "centre_px", readonly(np.asarray(self.centre_px, dtype=np.float64)))
+
+
+def find_crosses(
+    grey: Grey, camera: CameraModel, transform_camera_to_footprint: Float, points_in_footprint: Float
+) -> list[Mark | None]:
+    """Find the crosses at these floor points.
+
+    Args:
+        grey: (h, w) uint8 picture.
+        camera: intrinsic model.
+        transform_camera_to_footprint: (4, 4) where the camera is taken to be, within SEARCH_M on the floor.
+        points_in_footprint: (n, 2) where the crosses lie.
+
+    Returns:
+        One mark per point, None where there is none.
+    """
+    offsets, scores = [], []
+    for point in points_in_footprint:
+        found = _candidates(grey, camera, transform_camera_to_footprint, point)
+        offsets.append([offset for offset, _ in found])
+        scores.append([score for _, score in found])
+    seen = [i for i, found in enumerate(offsets) if found]
+    marks: list[Mark | None] = [None] * len(points_in_footprint)
+    if not seen:
+        return marks
+    chosen = _consistent([offsets[i] for i in seen], [scores[i] for i in seen], points_in_footprint[seen])
+    for i, choice in zip(seen, chosen, strict=True):
+        start = points_in_footprint[i] + offsets[i][choice]
+        refined = _refine(grey, camera, transform_camera_to_footprint, start)
+        if refined is not None:
+            marks[i] = Mark(refined[0], refined[1], scores[i][choice])
+    return marks
+
+
+def _candidates(grey: Grey, camera: CameraModel, transform: Float, point: Float) -> list[tuple[Float, float]]:
+    """Offsets [m] from `point` and scores of the most cross-like spots around it."""
+    half = SEARCH_M + 1.5 * ARM_M
+    line = np.arange(-half, half + RASTER_M / 2, RASTER_M)
+    x, y = np.meshgrid(point[0] + line, point[1] + line, indexing="ij")
+    pixels = floor_pixels(camera, transform, np.column_stack((x.ravel(), y.ravel())))
+    maps = np.nan_to_num(pixels, nan=-1e4).astype(np.float32).reshape(*x.shape, 2)
+    patch = cv2.remap(grey, maps[:, :, 0], maps[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    patch = cv2.GaussianBlur(patch.astype(np.float32), (0, 0), 1.0)
+    score = np.max([cv2.matchTemplate(patch, _template(a), cv2.TM_CCOEFF_NORMED) for a in ANGLES], axis=0)
+    margin = (len(line) - score.shape[0]) // 2
+    found: list[tuple[Float, float]] = []
+    while len(found) < CANDIDATES:
+        i, j = np.unravel_index(int(np.argmax(score)), score.shape)
+        best = float(score[i, j])
+        offset = np.array([line[i + margin], line[j + margin]])
+        if best < MIN_SCORE:
+            break
+        pixel = floor_pixels(camera, transform, (point + offset)[None])[0]
+        if 0 <= pixel[0] < camera.size[0] and 0 <= pixel[1] < camera.size[1]:
+            found.append((offset, best))
+        reach = int(ARM_M / RASTER_M)
+        score[max(i - reach, 0) : i + reach, max(j - reach, 0) : j + reach] = -1
+    return found
+
+
+def _template(angle: float) -> npt.NDArray[np.float32]:
+    half = 1.5 * ARM_M
+    line = np.arange(-half, half + RASTER_M / 2, RASTER_M)
+    x, y = np.meshgrid(line, line, indexing="ij")
+    along, across = x * np.cos(angle) + y * np.sin(angle), -x * np.sin(angle) + y * np.cos(angle)
+    one = (np.abs(across) <= BAR_M) & (np.abs(along) <= ARM_M)
+    other = (np.abs(along) <= BAR_M) & (np.abs(across) <= ARM_M)
+    return cv2.GaussianBlur(1.0 - (one | other).astype(np.float32), (0, 0), 1.5).astype(np.float32)
+
+
+def _consistent(offsets: list[list[Float]], scores: list[list[float]], points: Float) -> tuple[int, ...]:
+    """Which candidate of each mark, so that all moved alike: the smallest misfit to one rigid motion on the floor."""
+
+    def cost(choice: tuple[int, ...]) -> float:
+        moved = points + np.array([offsets[i][c] for i, c in enumerate(choice)])
+        a, b = points - points.mean(axis=0), moved - moved.mean(axis=0)
+        angle = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
+        rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        misfit = np.linalg.norm(b - a @ rotation.T, axis=1).mean()
+        return float(misfit) + SCORE_WEIGHT_M * sum(1 - scores[i][c] for i, c in enumerate(choice)) / len(choice)
+
+    # More than six marks with three candidates each would be many combinations: the best score then decides alone.
+    if np.prod([len(found) for found in offsets]) > 3**6:
+        return tuple(0 for _ in offsets)
+    return min(product(*[range(len(found)) for found in offsets]), key=cost)
+
+
+def _refine(grey: Grey, camera: CameraModel, transform: Float, start: Float) -> tuple[Float, float] | None:
+    """Fit a blurred cross to the pixels around `start`; its centre in pixels and sigma, or None where none fits."""
+    from scipy.optimize import least_squares
+
+    around = start + 1.4 * ARM_M * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
+    corners = floor_pixels(camera, transform, around)
+    low = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)
+    high = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 1, camera.size)
+    if not np.isfinite(corners).all() or min(high - low) < 5:
+        return None
+    u, v = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
+    floor = to_floor(camera, transform, np.column_stack((u.ravel(), v.ravel())).astype(float)) - start
+    near = np.hypot(floor[:, 0], floor[:, 1]) < 1.4 * ARM_M
+    place = floor[near] / ARM_M
+    grey_level = grey[low[1] : high[1], low[0] : high[0]].ravel()[near].astype(float)
+    spread = max(float(np.ptp(np.percentile(grey_level, (2, 90)))), 1.0)
+    first = np.array([0, 0, 0, 0, 1.0, BAR_M / ARM_M, 0.08, spread, np.percentile(grey_level, 80), 0, 0])
+    step = np.array([0.02, 0.02, 0.05, 0.05, 0.05, 0.02, 0.02, spread / 5, spread / 5, spread / 5, spread / 5])
+
+    def residual(q: Float) -> Float:
+        return _cross_model(first + q * step, place) - grey_level
+
+    fit = least_squares(residual, np.zeros(11), method="trf", loss="soft_l1", f_scale=max(0.05 * spread, 1.0))
+    p = first + fit.x * step
+    if np.hypot(p[0], p[1]) > 0.5 or not 0.6 < p[4] < 1.5 or p[7] <= 0.3 * spread:
+        return None
+    noise = float(np.std(residual(fit.x)))
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac)[:2, :2] * np.outer(step[:2], step[:2]) * noise**2 * ARM_M**2
+    centre = start + p[:2] * ARM_M
+    pixel = floor_pixels(camera, transform, centre[None])[0]
+    nudged = floor_pixels(camera, transform, centre + 1e-4 * np.eye(2))
+    jacobian = (nudged - pixel).T / 1e-4
+    sigma = float(np.sqrt(np.trace(jacobian @ covariance @ jacobian.T) / 2))
+    return pixel, float(np.hypot(SIGMA_FACTOR * sigma, SIGMA_FLOOR_PX))
+
+
+def _cross_model(p: Float, place: Float) -> Float:
+    """Grey level of a dark cross; lengths in arms: centre, two bar angles, half length, half width, blur, contrast."""
+    from scipy.special import ndtr
+
+    x, y = place[:, 0] - p[0], place[:, 1] - p[1]
+    blur = max(abs(p[6]), 1e-3)
+
+    def bar(angle: float) -> Float:
+        along, across = x * np.cos(angle) + y * np.sin(angle), -x * np.sin(angle) + y * np.cos(angle)
+        length = ndtr((along + p[4]) / blur) - ndtr((along - p[4]) / blur)
+        width = ndtr((across + p[5]) / blur) - ndtr((across - p[5]) / blur)
+        return np.asarray(length * width)
+
+    ink = 1 - (1 - bar(p[2])) * (1 - bar(p[3] + np.pi / 2))
+    return np.asarray(p[8] + p[9] * place[:, 0] + p[10] * place[:, 1] - p[7] * ink)

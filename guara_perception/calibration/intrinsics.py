@@ -1,0 +1,154 @@
+"""Intrinsic calibration from board views: lens, standard deviations, per-view errors, outlier views."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.board import BoardSpec, BoardView
+from guara_perception.calibration.camera import CameraModel
+from guara_perception.exceptions import CalibrationRefused
+from guara_perception.readonly import readonly
+
+Float = npt.NDArray[np.float64]
+
+MIN_VIEWS = 5
+# Largest angle between two boards below which focal length and distance cannot be told apart.
+MIN_TILT = float(np.deg2rad(12.0))
+# A view whose error is this many times the median, and visibly large, shows a bent board or a wrong corner.
+OUTLIER_OF_MEDIAN = 3.0
+OUTLIER_PX = 0.15
+DISTORTIONS = ("k1k2", "k1k2p1p2", "k1k2p1p2k3")
+
+
+@dataclass(frozen=True, slots=True)
+class Intrinsics:
+    """A camera and how well the boards fix it.
+
+    Attributes:
+        camera: the model.
+        free: names of the parameters that were estimated, in the order of `sigma`.
+        sigma: standard deviations of fx, fy, cx, cy [px], then of the distortion coefficients.
+        views: the views that were used.
+        poses: (n, 6) board to camera, rotation vector and translation, one row per used view.
+        errors_px: rms corner error of each used view.
+        outliers: names of the views that were left out, with the reason.
+    """
+
+    camera: CameraModel
+    free: tuple[str, ...]
+    sigma: Float
+    views: tuple[BoardView, ...]
+    poses: Float
+    errors_px: Float
+    outliers: tuple[tuple[str, str], ...]
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("sigma", "poses", "errors_px"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square of the corner errors."""
+        return float(np.sqrt(np.mean(self.errors_px**2)))
+
+    @property
+    def tilt(self) -> float:
+        """Largest angle between the normals of two boards [rad]."""
+        return largest_tilt(self.poses)
+
+
+def free_parameters(distortion: str) -> tuple[str, ...]:
+    """Names of the estimated parameters of a distortion model."""
+    return ("fx", "fy", "cx", "cy", *[distortion[i : i + 2] for i in range(0, len(distortion), 2)])
+
+
+def calibrate_intrinsics(
+    views: Sequence[BoardView],
+    board: BoardSpec,
+    size: tuple[int, int],
+    distortion: str = "k1k2",
+    keep: Sequence[str] = (),
+) -> Intrinsics:
+    """Estimate the lens; views that do not fit the others are left out and named.
+
+    Args:
+        views: usable views.
+        board: the board they show.
+        size: picture width and height.
+        distortion: coefficients to estimate, one of DISTORTIONS; the others stay zero.
+        keep: names of views that are never left out (the board on the floor).
+
+    Raises:
+        CalibrationRefused: fewer than MIN_VIEWS views, or all boards nearly parallel.
+    """
+    used = list(views)
+    outliers: list[tuple[str, str]] = []
+    while True:
+        if len(used) < MIN_VIEWS:
+            raise CalibrationRefused(
+                f"{len(used)} usable board views, {MIN_VIEWS} or more are needed: take the board at different places, "
+                f"distances and tilts{_named(outliers)}"
+            )
+        result = _calibrate(used, board, size, distortion, outliers)
+        if result.tilt < MIN_TILT:
+            raise CalibrationRefused(
+                f"all {len(used)} board views are nearly parallel (largest tilt between two of them "
+                f"{np.rad2deg(result.tilt):.1f} degrees, {np.rad2deg(MIN_TILT):.0f} needed): focal length and distance "
+                "cannot be told apart; tilt the board"
+            )
+        limit = max(OUTLIER_OF_MEDIAN * float(np.median(result.errors_px)), OUTLIER_PX)
+        errors = np.where([view.name in keep for view in used], 0.0, result.errors_px)
+        worst = int(np.argmax(errors))
+        if errors[worst] <= limit:
+            return result
+        outliers.append((used[worst].name, f"corner error {errors[worst]:.2f} px, {limit:.2f} px allowed"))
+        del used[worst]
+
+
+def largest_tilt(poses: Float) -> float:
+    """Largest angle between the normals of two boards [rad], from their poses (n, 6)."""
+    normals = np.array([cv2.Rodrigues(pose[:3])[0][:, 2] for pose in poses])
+    cosines = np.clip(np.abs(normals @ normals.T), 0, 1)
+    return float(np.arccos(cosines.min()))
+
+
+def _calibrate(
+    views: Sequence[BoardView],
+    board: BoardSpec,
+    size: tuple[int, int],
+    distortion: str,
+    outliers: Sequence[tuple[str, str]],
+) -> Intrinsics:
+    points = np.asarray(board.points, dtype=np.float32)
+    corners = [np.asarray(view.corners_px, dtype=np.float32).reshape(-1, 1, 2) for view in views]
+    free = free_parameters(distortion)
+    flags = 0
+    if "p1" not in free:
+        flags |= cv2.CALIB_ZERO_TANGENT_DIST
+    if "k3" not in free:
+        flags |= cv2.CALIB_FIX_K3
+    guess, none = np.eye(3), np.zeros(5)
+    _, matrix, lens, rotations, translations, sigma, _, errors = cv2.calibrateCameraExtended(
+        [points] * len(views), corners, size, guess, none, flags=flags
+    )
+    order = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+    spread = dict(zip(order, np.ravel(sigma)[: len(order)], strict=True))
+    return Intrinsics(
+        camera=CameraModel(size, np.asarray(matrix, np.float64), np.ravel(lens)[:5].astype(np.float64)),
+        free=free,
+        sigma=np.array([spread[name] for name in free]),
+        views=tuple(views),
+        poses=np.hstack([np.reshape(rotations, (-1, 3)), np.reshape(translations, (-1, 3))]).astype(np.float64),
+        errors_px=np.ravel(errors).astype(np.float64),
+        outliers=tuple(outliers),
+    )
+
+
+def _named(outliers: Sequence[tuple[str, str]]) -> str:
+    return "; left out: " + ", ".join(f"{name} ({reason})" for name, reason in outliers) if outliers else ""

@@ -1,0 +1,237 @@
+"""Where the camera sits: its pose over the floor from fiducials, and the faults that fiducials show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.board import BoardSpec
+from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.crosses import Grey, Mark, find_crosses
+from guara_perception.calibration.floor import floor_pixels, to_floor
+from guara_perception.calibration.session import Fiducials
+from guara_perception.exceptions import CalibrationRefused
+from guara_perception.readonly import readonly
+
+Float = npt.NDArray[np.float64]
+
+# Half a turn about the optical axis: from the mount of eq. 5 to a camera mounted upright, and back.
+HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
+MOUNTS = {"eq5": np.eye(4), "upright": HALF_TURN}
+# Crosses found by the program fit within 0.1 px; given by hand within one or two. Beyond, the marks are not where said.
+MAX_RESIDUAL_PX = {"found": 1.0, "given": 3.0}
+GIVEN_SIGMA_PX = 0.5
+# A mount further than this from the nominal one is another robot, another floor point or a swapped mark.
+MAX_SHIFT_M = 0.050
+MAX_TURN = float(np.deg2rad(8.0))
+# Narrowest spread of the marks over their widest: below, they lie on one line.
+MIN_SPREAD = 0.15
+# Squares of the ground board by the fiducials against those of the session.
+MAX_SQUARE_ERROR = 0.01
+MAX_BOARD_LIFT_M = 0.004
+
+
+@dataclass(frozen=True, slots=True)
+class FloorPose:
+    """Where the camera is over the floor, by the fiducials alone.
+
+    Attributes:
+        mount: "eq5" or "upright".
+        transform_camera_to_footprint: (4, 4).
+        marks: the fiducials in the picture, in the order of the session.
+        residual_px: (n, 2) found minus predicted.
+    """
+
+    mount: str
+    transform_camera_to_footprint: Float
+    marks: tuple[Mark, ...]
+    residual_px: Float
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("transform_camera_to_footprint", "residual_px"):
+            object.__setattr__(self, name, readonly(np.asarray(getattr(self, name), dtype=np.float64)))
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square distance of marks from prediction."""
+        return float(np.sqrt((self.residual_px**2).sum(axis=1).mean()))
+
+
+def locate_camera(
+    grey: Grey, camera: CameraModel, fiducials: Fiducials, nominal_camera_to_footprint: Float
+) -> FloorPose:
+    """Find the marks and the pose of the camera; try the mount of eq. 5 and the upright one.
+
+    Args:
+        grey: the picture of the fiducials.
+        camera: intrinsic model.
+        fiducials: where they lie.
+        nominal_camera_to_footprint: (4, 4) from the robot model and the session's stance.
+
+    Raises:
+        CalibrationRefused: marks on one line, not found, permuted, mirrored or not where the session says.
+    """
+    check_spread(fiducials.points_in_footprint)
+    if fiducials.points_px is not None:
+        return _from_given(camera, fiducials, nominal_camera_to_footprint)
+    best: FloorPose | None = None
+    most_found = 0
+    for mount, turn in MOUNTS.items():
+        nominal = nominal_camera_to_footprint @ turn
+        marks = find_crosses(grey, camera, nominal, fiducials.points_in_footprint)
+        found = [mark for mark in marks if mark is not None]
+        most_found = max(most_found, len(found))
+        if len(found) < len(marks):
+            continue
+        pose = _fit(camera, fiducials.points_in_footprint, found, nominal, mount)
+        if best is None or pose.rms_px < best.rms_px:
+            best = pose
+    count = len(fiducials.points_in_footprint)
+    if best is None:
+        raise CalibrationRefused(
+            f"fiducials: {most_found} of {count} crosses were found near where the nominal mount predicts them: check "
+            "that all are in view, dark on a bright floor and at the points_in_footprint given, or give points_px"
+        )
+    if best.rms_px > MAX_RESIDUAL_PX["found"]:
+        raise CalibrationRefused(
+            f"fiducials: the crosses found do not lie at points_in_footprint (misfit {best.rms_px:.1f} px, "
+            f"{MAX_RESIDUAL_PX['found']:.1f} allowed): measure the points again"
+        )
+    _check_nominal(best, nominal_camera_to_footprint)
+    return best
+
+
+def check_spread(points: Float) -> None:
+    """Refuse marks that lie on one line.
+
+    Raises:
+        CalibrationRefused: they do.
+    """
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if spread[1] < MIN_SPREAD * spread[0]:
+        raise CalibrationRefused(
+            f"fiducials: the points are collinear (spread {spread[1] * 1e3:.0f} mm across a line of "
+            f"{spread[0] * 1e3:.0f} mm): place them at the corners of the area"
+        )
+
+
+def measured_square(
+    camera: CameraModel, transform_camera_to_footprint: Float, corners_px: Float, board: BoardSpec
+) -> float:
+    """Edge of a square of the ground board as the fiducials see it [m]: its corners' rays cut with the floor."""
+    return _similarity(camera, transform_camera_to_footprint, corners_px, board)[0]
+
+
+def check_ground_board(
+    camera: CameraModel, transform_camera_to_footprint: Float, corners_px: Float, board: BoardSpec
+) -> None:
+    """Refuse a ground board that contradicts the fiducials.
+
+    Raises:
+        CalibrationRefused: squares of another size, or a board that does not lie on the floor.
+    """
+    square, misfit = _similarity(camera, transform_camera_to_footprint, corners_px, board)
+    if abs(square / board.square - 1) > MAX_SQUARE_ERROR:
+        raise CalibrationRefused(
+            f"wrong square size: by the fiducials the squares of the ground board measure {square * 1e3:.2f} mm, the "
+            f"session says {board.square * 1e3:.2f} mm: measure the board and the fiducials again"
+        )
+    if misfit > MAX_BOARD_LIFT_M:
+        raise CalibrationRefused(
+            f"the ground board does not lie flat on the floor of the fiducials: its corners are off by "
+            f"{misfit * 1e3:.1f} mm, {MAX_BOARD_LIFT_M * 1e3:.0f} mm are allowed"
+        )
+
+
+def _similarity(camera: CameraModel, transform: Float, corners_px: Float, board: BoardSpec) -> tuple[float, float]:
+    """Square size and rms misfit of the board's corners on the floor to a scaled grid."""
+    floor = to_floor(camera, transform, corners_px)
+    a, b = board.points[:, :2], floor
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    fits = []
+    for hand in (1.0, -1.0):
+        ca, cb = a[:, 0] + 1j * hand * a[:, 1], b[:, 0] + 1j * b[:, 1]
+        gain = np.vdot(ca, cb) / np.vdot(ca, ca)
+        fits.append((float(np.sqrt(np.mean(np.abs(cb - gain * ca) ** 2))), float(np.abs(gain))))
+    misfit, scale = min(fits)
+    return scale * board.square, misfit
+
+
+def _fit(camera: CameraModel, points: Float, marks: list[Mark], start: Float, mount: str) -> FloorPose:
+    """Pose from marks by reprojection, started at a nominal mount."""
+    from_footprint = np.linalg.inv(start)
+    first_turn, first_place = cv2.Rodrigues(from_footprint[:3, :3])[0], from_footprint[:3, 3:].copy()
+    floor = np.column_stack((points, np.zeros(len(points))))
+    pixels = np.array([mark.centre_px for mark in marks])
+    _, rotation, translation = cv2.solvePnP(
+        floor,
+        pixels,
+        camera.matrix,
+        camera.distortion,
+        first_turn,
+        first_place,
+        useExtrinsicGuess=True,
+        flags=cv2.SOLVEPNP_ITERATIVE,
+    )
+    to_camera = np.eye(4)
+    to_camera[:3, :3] = cv2.Rodrigues(np.asarray(rotation, np.float64))[0]
+    to_camera[:3, 3] = np.ravel(translation)
+    transform: Float = np.asarray(np.linalg.inv(to_camera), dtype=np.float64)
+    residual = pixels - floor_pixels(camera, transform, points)
+    return FloorPose(mount, transform, tuple(marks), np.nan_to_num(residual, nan=1e3))
+
+
+def _from_given(camera: CameraModel, fiducials: Fiducials, nominal: Float) -> FloorPose:
+    """Pose from pixels that a person gave, in the order given; other orders are tried only to name the fault."""
+    points = fiducials.points_in_footprint
+    given = [Mark(pixel, GIVEN_SIGMA_PX, np.nan) for pixel in np.asarray(fiducials.points_px, dtype=np.float64)]
+    best = _best_mount(camera, points, given, nominal)
+    if best is not None:
+        return best
+    if len(points) <= 6:
+        for order in permutations(range(len(points))):
+            shuffled = [given[i] for i in order]
+            if _best_mount(camera, points, shuffled, nominal) is not None:
+                wrong = ", ".join(str(place + 1) for place, i in enumerate(order) if place != i)
+                raise CalibrationRefused(
+                    f"fiducials: points_px are not in the order of points_in_footprint: numbers {wrong} are permuted "
+                    f"or mirrored; the order {', '.join(str(i + 1) for i in order)} fits"
+                )
+    raise CalibrationRefused(
+        "fiducials: points_px and points_in_footprint do not belong together in any order (permuted, mirrored or "
+        f"wrong points): no mount within {MAX_SHIFT_M * 1e3:.0f} mm and {np.rad2deg(MAX_TURN):.0f} degrees of the "
+        f"nominal one explains them within {MAX_RESIDUAL_PX['given']:.0f} px"
+    )
+
+
+def _best_mount(camera: CameraModel, points: Float, marks: list[Mark], nominal: Float) -> FloorPose | None:
+    poses = [_fit(camera, points, marks, nominal @ turn, mount) for mount, turn in MOUNTS.items()]
+    fitting = []
+    for pose in poses:
+        shift, turn = _distance(pose, nominal)
+        if pose.rms_px <= MAX_RESIDUAL_PX["given"] and shift <= MAX_SHIFT_M and turn <= MAX_TURN:
+            fitting.append(pose)
+    return min(fitting, key=lambda pose: pose.rms_px) if fitting else None
+
+
+def _distance(pose: FloorPose, nominal: Float) -> tuple[float, float]:
+    """Shift [m] and turn [rad] of a pose against the nominal mount of its kind."""
+    expected = nominal @ MOUNTS[pose.mount]
+    change = np.linalg.inv(expected) @ pose.transform_camera_to_footprint
+    turn = float(np.linalg.norm(cv2.Rodrigues(change[:3, :3])[0]))
+    return float(np.linalg.norm(change[:3, 3])), turn
+
+
+def _check_nominal(pose: FloorPose, nominal: Float) -> None:
+    shift, turn = _distance(pose, nominal)
+    if shift > MAX_SHIFT_M or turn > MAX_TURN:
+        raise CalibrationRefused(
+            f"the camera would sit {shift * 1e3:.0f} mm and {np.rad2deg(turn):.1f} degrees away from its nominal mount "
+            f"({MAX_SHIFT_M * 1e3:.0f} mm and {np.rad2deg(MAX_TURN):.0f} degrees are allowed): another robot, another "
+            "stance, or fiducials measured from another point"
+        )

@@ -1,0 +1,138 @@
+"""A calibration session: the pictures and what is known of them, before anything is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.board import BoardSpec, Picture
+from guara_perception.exceptions import InvalidInput
+from guara_perception.readonly import readonly
+from guara_perception.scan import Scan
+
+if TYPE_CHECKING:
+    from kinematics import Stance
+
+Float = npt.NDArray[np.float64]
+
+# A plate whose stance differs by more than this in any joint was scanned from elsewhere (contract, section 3).
+MAX_JOINT_DIFFERENCE = float(np.deg2rad(0.1))
+
+
+@dataclass(frozen=True, slots=True)
+class Fiducials:
+    """Crosses at known places on the floor.
+
+    Attributes:
+        image: name of the picture that shows them.
+        points_in_footprint: (n, 2) their centres [m], four or more.
+        points_px: (n, 2) their pixels in the same order, or None: they are found.
+    """
+
+    image: str
+    points_in_footprint: Float
+    points_px: Float | None = None
+
+    def __post_init__(self) -> None:
+        """Check number and shape, freeze."""
+        points = np.asarray(self.points_in_footprint, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 4:
+            raise InvalidInput(
+                f"fiducials.points_in_footprint: {len(points)} points given, 4 or more [x, y] are needed"
+            )
+        object.__setattr__(self, "points_in_footprint", readonly(points))
+        if self.points_px is not None:
+            pixels = np.asarray(self.points_px, dtype=np.float64)
+            if pixels.shape != points.shape:
+                raise InvalidInput(
+                    f"fiducials.points_px has shape {pixels.shape}, it must have one [u, v] for each of the "
+                    f"{len(points)} points_in_footprint"
+                )
+            object.__setattr__(self, "points_px", readonly(pixels))
+
+
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """A scan of a flat plate.
+
+    Attributes:
+        name: of its folder.
+        height: of its top above z = 0 [m].
+        scan: the recorded scan.
+    """
+
+    name: str
+    height: float
+    scan: Scan
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationSession:
+    """Everything that one calibration is made from (contract, section 3).
+
+    Attributes:
+        robot: name of the robot.
+        board: the checkerboard.
+        board_images: names of its pictures.
+        ground_board_image: name of the picture in which it lies on the floor.
+        fiducials: crosses on the floor.
+        plates: scans of a flat plate at known heights.
+        stance: of all pictures.
+        source: where it came from, for messages.
+        read_picture: gives the picture of a name, (h, w) or (h, w, 3).
+    """
+
+    robot: str
+    board: BoardSpec
+    board_images: tuple[str, ...]
+    ground_board_image: str
+    fiducials: Fiducials
+    plates: tuple[Plate, ...]
+    stance: Stance
+    source: str
+    read_picture: Callable[[str], Picture]
+
+    def __post_init__(self) -> None:
+        """Check what no field alone can show."""
+        if min(self.board.columns, self.board.rows) < 3 or not 0.001 <= self.board.square <= 1.0:
+            raise InvalidInput(
+                f"{self.source}: board has {self.board.columns}x{self.board.rows} inner corners of "
+                f"{self.board.square} m; 3 or more each way and squares of 0.001 ... 1 m are allowed"
+            )
+        for plate in self.plates:
+            if plate.scan.robot != self.robot:
+                raise InvalidInput(
+                    f"{self.source}: plate {plate.name} was scanned by robot {plate.scan.robot!r}, the session is of "
+                    f"{self.robot!r}: all must come from one robot"
+                )
+            _check_stance(plate, self.stance, self.source)
+        named = [plate.name for plate in self.plates]
+        if len(set(named)) != len(named):
+            raise InvalidInput(f"{self.source}: plates name the same scan twice: {', '.join(sorted(named))}")
+
+
+def _check_stance(plate: Plate, stance: Stance, source: str) -> None:
+    expected = stance.joint_positions
+    for given in (plate.scan.stance, plate.scan.stance_end):
+        if given is None:
+            continue
+        if set(given.joint_positions) != set(expected):
+            missing = sorted(set(expected) ^ set(given.joint_positions))
+            raise InvalidInput(
+                f"{source}: plate {plate.name} names other joints than the session: {', '.join(missing)}"
+            )
+        joint, angle = _largest_difference(given.joint_positions, expected)
+        if angle > MAX_JOINT_DIFFERENCE:
+            raise InvalidInput(
+                f"{source}: plate {plate.name} was scanned with {joint} {np.rad2deg(angle):.2f} degrees away from the "
+                f"session's stance, {np.rad2deg(MAX_JOINT_DIFFERENCE):.1f} are allowed: scan it again without moving"
+            )
+
+
+def _largest_difference(one: Mapping[str, float], other: Mapping[str, float]) -> tuple[str, float]:
+    joint = max(other, key=lambda name: abs(one[name] - other[name]))
+    return joint, abs(one[joint] - other[joint])
