@@ -12,12 +12,16 @@ from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.ranging.range_images import range_images
 from guara_perception.scan import Scan
 from guara_perception.scan_processor import ScanProcessor
+from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
 logger = logging.getLogger(__name__)
+
+# [rad] Commanded angles of one rangefinder repeat to 2e-5 rad; this much moves the sheet by 1 mrad, half a millimetre.
+MIRROR_TOLERANCE = 5e-4
 
 
 def process_scan(
@@ -48,9 +52,9 @@ def process_scan(
 
     Raises:
         CalibrationMismatch: robot, stripes or picture size of scan and calibration do not belong together.
-        InvalidInput: unknown method, bad resolution; with `strict` a frame that cannot be used.
+        InvalidInput: unknown method, bad resolution, a stance or a stripe index that does not fit the robot; with
+            `strict` a frame that cannot be used.
         MissingFile, FileFormatError: a frame cannot be read.
-        kinematics.KinematicsError: the stance does not fit the robot.
     """
     processor = run_scan(scan, calibration, robot, method, resolution, strict=strict, progress=progress)
     terrain = processor.finish()
@@ -62,7 +66,7 @@ def with_pictures(terrain: TerrainGrid, processor: ScanProcessor) -> TerrainGrid
     settings = processor.settings
     images = range_images(
         processor.points,
-        settings.pattern(processor.mode).step,
+        settings.pattern(processor.mode),
         processor.camera_position,
         settings.footprint_x,
         settings.footprint_y,
@@ -88,29 +92,22 @@ def run_scan(
     Raises:
         See `process_scan`.
     """
-    missing = tuple(sorted({stripe.index for stripe in scan.stripes} - set(calibration.indices)))
-    if missing:
-        raise CalibrationMismatch(
-            f"{scan.source}: stripe index {format_indices(missing)} is not in the calibration, "
-            f"which holds {format_indices(calibration.indices)}"
+    from kinematics import KinematicsError
+
+    _check_fit(scan, calibration, robot)
+    try:
+        processor = ScanProcessor(
+            calibration,
+            robot,
+            scan.stance,
+            scan.mode,
+            method=method,
+            resolution=resolution,
+            stamp=scan.stamp,
+            step=scan.step,
         )
-    if scan.calibration_hash and calibration.hash and scan.calibration_hash != calibration.hash:
-        logger.warning(
-            "%s was recorded with calibration %s, it is processed with %s",
-            scan.source,
-            scan.calibration_hash,
-            calibration.hash,
-        )
-    processor = ScanProcessor(
-        calibration,
-        robot,
-        scan.stance,
-        scan.mode,
-        method=method,
-        resolution=resolution,
-        stamp=scan.stamp,
-        step=scan.step,
-    )
+    except KinematicsError as error:
+        raise InvalidInput(f"{scan.source}: stance: {error}") from error
     width, height = calibration.camera.size
     fitting = 0
     for done, (stripe, on, off) in enumerate(scan.frames(), start=1):
@@ -125,3 +122,46 @@ def run_scan(
             f"{scan.source}: no frame is {width}x{height} px as the calibrated camera's: another camera's calibration?"
         )
     return processor
+
+
+def _check_fit(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
+    """Refuse a scan that does not belong to the robot or the calibration; warn where it only looks so."""
+    if scan.robot != robot.name:
+        raise CalibrationMismatch(
+            f"{scan.source}: robot is {scan.robot!r}, the model given is of {robot.name!r}: use the scan's own"
+        )
+    pattern = Settings.of(robot).pattern(scan.mode)
+    foreign = tuple(sorted(stripe.index for stripe in scan.stripes if stripe.index not in pattern))
+    if foreign:
+        raise InvalidInput(
+            f"{scan.source}: stripe index {format_indices(foreign)} is not in the {scan.mode} pattern of "
+            f"{robot.name}: {format_indices(tuple(pattern))}"
+        )
+    missing = tuple(sorted({stripe.index for stripe in scan.stripes} - set(calibration.indices)))
+    if missing:
+        raise CalibrationMismatch(
+            f"{scan.source}: stripe index {format_indices(missing)} is not in the calibration, "
+            f"which holds {format_indices(calibration.indices)}"
+        )
+    moved = tuple(
+        sorted(
+            stripe.index
+            for stripe in scan.stripes
+            if abs(stripe.mirror_angle - calibration.stripe(stripe.index).mirror_angle) > MIRROR_TOLERANCE
+        )
+    )
+    if moved:
+        logger.warning(
+            "%s: mirror_angle of stripe index %s differs from the calibration's by more than %g rad: heights are wrong "
+            "if the mirror really stood there",
+            scan.source,
+            format_indices(moved),
+            MIRROR_TOLERANCE,
+        )
+    if scan.calibration_hash and calibration.hash and scan.calibration_hash != calibration.hash:
+        logger.warning(
+            "%s was recorded with calibration %s, it is processed with %s",
+            scan.source,
+            scan.calibration_hash,
+            calibration.hash,
+        )

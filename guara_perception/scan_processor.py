@@ -13,6 +13,7 @@ from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.ranging.scan_geometry import scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints, stripe_points
+from guara_perception.ranging.surface_raster import SurfaceRaster
 from guara_perception.scan_report import scan_report
 from guara_perception.settings import Settings
 from guara_perception.stripes.extract import METHODS, unusable_frame
@@ -22,7 +23,7 @@ from guara_perception.terrain.causes import plan_looks, unknown_causes
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.hazard import Hazard
-from guara_perception.terrain.raster import CellSamples, join_stripes, merge, pool, rasterise
+from guara_perception.terrain.raster import pool
 
 if TYPE_CHECKING:
     from kinematics import RobotModel, Stance
@@ -91,7 +92,6 @@ class ScanProcessor:
         cell = self._settings.resolution if resolution is None else float(resolution)
         self._grid = GridGeometry.over(self._settings.footprint_x, self._settings.footprint_y, cell)
         self._pooling = max(int(np.ceil(cell / FINEST_CELL_M - 1e-9)), 1)
-        self._fine = self._grid.refined(self._pooling)
         self._geometry = scan_geometry(calibration, self._pose.transform_base_to_footprint, self._settings, mode)
         if not self._geometry.stripes:
             raise CalibrationMismatch(
@@ -107,9 +107,7 @@ class ScanProcessor:
         )
         self._order = list(self._geometry.stripes)
         self._profiles: dict[int, StripeProfile] = {}
-        self._points: dict[int, StripePoints] = {}
-        self._samples: dict[tuple[int, int], CellSamples] = {}
-        self._marks = np.zeros(self._fine.shape, dtype=np.uint16)
+        self._surface = SurfaceRaster(self._grid.refined(self._pooling), self._pattern, self._settings.join_height)
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
 
     @property
@@ -135,7 +133,7 @@ class ScanProcessor:
     @property
     def points(self) -> Mapping[int, StripePoints]:
         """Organised points of the stripes added so far, by index; bad frames are not among them."""
-        return dict(sorted(self._points.items()))
+        return self._surface.stripes
 
     @property
     def profiles(self) -> Mapping[int, StripeProfile]:
@@ -180,8 +178,7 @@ class ScanProcessor:
         )
         triangulated = time.perf_counter()
         self._seconds["triangulate"] += triangulated - extracted
-        self._points[index] = points
-        self._rasterise(index, points)
+        self._surface.add(index, points)
         self._seconds["raster"] += time.perf_counter() - triangulated
         return profile
 
@@ -216,12 +213,11 @@ class ScanProcessor:
             UnsafeGrid: the safety invariant is broken (a defect of this program, never of the data).
         """
         start = time.perf_counter()
-        fine = merge((self._samples[key] for key in sorted(self._samples)), self._fine)
-        raster = pool(fine, self._pooling)
+        raster = pool(self._surface.raster(), self._pooling)
         marks = self._pooled_marks()
         # A return outside the height gates is evidence of a drop or a wall: it outweighs heights in the same cell.
         elevation = np.where(marks & np.uint16(Hazard.OUT_OF_RANGE), np.nan, raster.elevation)
-        usable = np.array([index in self._points for index in self._order])
+        usable = np.array([index in self.points for index in self._order])
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
         causes = unknown_causes(elevation, self._plan, pair_usable, marks, self._geometry.eyes, self._grid)
         variance = raster.variance + np.where(np.isfinite(elevation), 0.0, np.nan)
@@ -241,7 +237,7 @@ class ScanProcessor:
             mode=self._mode,
             method=self._method,
             profiles=self._profiles,
-            points=self._points,
+            points=self.points,
             planned=self._order,
             layers=layers,
             seconds=seconds,
@@ -281,28 +277,7 @@ class ScanProcessor:
             return bad_frame(width, reason)
         return METHODS[self._method](on[first:end], None if off is None else off[first:end], first)
 
-    def _rasterise(self, index: int, points: StripePoints) -> None:
-        fine, join_height = self._fine, self._settings.join_height
-        self._samples[(index, index)] = rasterise(points.points, points.variance, fine)
-        self._mark(points.out_of_range, Hazard.OUT_OF_RANGE)
-        self._mark(points.doubtful, Hazard.AMBIGUOUS)
-        spacing = self._pattern.step
-        for first, second in ((index - spacing, index), (index, index + spacing)):
-            if first not in self._points or second not in self._points:
-                continue
-            a, b = self._points[first], self._points[second]
-            variances = (a.variance, b.variance)
-            joined = join_stripes((a.points, b.points), variances, join_height, fine.resolution)
-            self._samples[(first, second)] = rasterise(*joined, fine)
-            beyond = join_stripes((a.out_of_range, b.out_of_range), variances, np.inf, fine.resolution)
-            self._mark(beyond[0], Hazard.OUT_OF_RANGE)
-
-    def _mark(self, points: npt.NDArray[np.float64], flag: Hazard) -> None:
-        iy, ix = self._fine.indices(points[:, 0], points[:, 1])
-        inside = self._fine.contains(iy, ix)
-        self._marks[iy[inside], ix[inside]] |= np.uint16(flag)
-
     def _pooled_marks(self) -> npt.NDArray[np.uint16]:
         ny, nx = self._grid.shape
-        blocks = self._marks.reshape(ny, self._pooling, nx, self._pooling).swapaxes(1, 2).reshape(ny, nx, -1)
+        blocks = self._surface.marks().reshape(ny, self._pooling, nx, self._pooling).swapaxes(1, 2).reshape(ny, nx, -1)
         return np.asarray(np.bitwise_or.reduce(blocks, axis=-1), dtype=np.uint16)

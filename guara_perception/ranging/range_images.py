@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.ranging.scan_surface import scan_surface
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.readonly import readonly
 from guara_perception.terrain.geometry import GridGeometry
-from guara_perception.terrain.raster import join_stripes, merge, rasterise
+from guara_perception.terrain.raster import merge, rasterise
 
 Float = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
@@ -42,7 +43,7 @@ class RangeImages:
 
 def range_images(
     points: Mapping[int, StripePoints],
-    spacing: int,
+    pattern: range,
     camera_position: Float,
     x: tuple[float, float],
     y: tuple[float, float],
@@ -52,21 +53,14 @@ def range_images(
 
     Args:
         points: stripes by index.
-        spacing: index difference of neighbouring stripes (1 standard, 2 coarse).
+        pattern: indices of the stripes of the scan's mode.
         camera_position: (3,) optical centre in base_footprint.
         x, y: the area in base_footprint [m].
         join_height: largest height difference of one surface [m].
     """
     pixel = min((x[1] - x[0]) / ROWS, (y[1] - y[0]) / COLUMNS)
-    clouds = []
-    for index, stripe in points.items():
-        clouds.append(stripe.points)
-        following = points.get(index + spacing)
-        if following is not None:
-            pair = (stripe.points, following.points)
-            clouds.append(join_stripes(pair, (stripe.variance, following.variance), join_height, pixel)[0])
+    clouds = [surface.points for _, surface in scan_surface(points, pattern, join_height, pixel)]
     cloud = np.concatenate(clouds) if clouds else np.empty((0, 3))
-    cloud = cloud[np.isfinite(cloud[:, 2])]
     return RangeImages(_draw(cloud, x, y), _draw(to_floor(cloud, camera_position), x, y))
 
 

@@ -9,15 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.calibration.camera import CameraModel
+from guara_perception.ranging.run_ends import run_ends
 from guara_perception.ranging.triangulate import triangulate
 from guara_perception.readonly import readonly
 from guara_perception.stripes.profile import StripeProfile, StripeStatus
 
 Float = npt.NDArray[np.float64]
-
-# Beside a jump of this height the three-column mean mixes two surfaces.
-JUMP_M = 0.004
-MIXED_COLUMNS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +24,7 @@ class StripePoints:
     Attributes:
         points: (w, 3) in base_footprint [m], NaN where there is no trusted return within the height gates.
         variance: (w,) variance of the height from the stripe position [m^2], NaN likewise.
+        strength: (w,) height of the return above background [grey levels], NaN likewise.
         status: (w,) uint8 StripeStatus.
         out_of_range: (w, 3) points seen below or above the gates, NaN elsewhere.
         doubtful: (w, 3) points of returns that may not be used, NaN elsewhere.
@@ -34,6 +32,7 @@ class StripePoints:
 
     points: Float
     variance: Float
+    strength: Float
     status: npt.NDArray[np.uint8]
     out_of_range: Float
     doubtful: Float
@@ -66,7 +65,7 @@ def stripe_points(
     variance = (spread @ rotation[2]) ** 2
     status = profile.status.copy()
 
-    mixed = _beside_jumps(points[:, 2])
+    mixed = run_ends(points[:, 2], profile.peak.astype(np.float64))
     doubtful_in_camera, _ = triangulate(camera, plane_in_camera, profile.doubtful_px, np.zeros(len(points)))
     doubtful = doubtful_in_camera @ rotation.T + translation
     doubtful[mixed] = points[mixed]
@@ -81,18 +80,8 @@ def stripe_points(
     return StripePoints(
         points=np.where(kept[:, None], points, np.nan),
         variance=np.where(kept, variance, np.nan),
+        strength=np.where(kept, profile.peak, np.nan),
         status=status,
         out_of_range=out_of_range,
         doubtful=doubtful,
     )
-
-
-def _beside_jumps(height: Float) -> npt.NDArray[np.bool_]:
-    """Columns within MIXED_COLUMNS of a jump between neighbouring columns."""
-    with np.errstate(invalid="ignore"):
-        jump = np.flatnonzero(np.abs(np.diff(height)) > JUMP_M)
-    mixed = np.zeros(height.size, dtype=bool)
-    for shift in range(1 - MIXED_COLUMNS, MIXED_COLUMNS + 1):
-        column = jump + shift
-        mixed[column[(column >= 0) & (column < height.size)]] = True
-    return mixed & np.isfinite(height)

@@ -14,8 +14,6 @@ Float = npt.NDArray[np.float64]
 
 # Samples this far below the highest of a cell belong to another surface: the top one is what a foot meets.
 TOP_LAYER_M = 0.004
-# Samples along a joining line are at most a third of a cell apart, so no crossed cell is missed.
-SAMPLES_PER_CELL = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,38 +44,6 @@ class Raster:
     low: Float
     high: Float
     count: Float
-
-
-def join_stripes(
-    points: tuple[Float, Float], variances: tuple[Float, Float], join_height: float, resolution: float
-) -> tuple[Float, Float]:
-    """Sample the lines between the points of two neighbouring stripes in the same image columns.
-
-    Only columns in which both stripes have a point and their heights differ by less than `join_height` are joined;
-    nothing is ever bridged where one of the two is missing.
-
-    Args:
-        points: two (w, 3) arrays in base_footprint, NaN where there is no point.
-        variances: two (w,) arrays, variance of the heights [m^2].
-        join_height: largest height difference of one surface [m].
-        resolution: cell edge [m].
-
-    Returns:
-        Samples (n, 3) and their variances (n,); the end points themselves are not among them.
-    """
-    first, second = points
-    difference = second - first
-    columns = np.flatnonzero(np.abs(difference[:, 2]) < join_height)
-    if not columns.size:
-        return np.empty((0, 3)), np.empty(0)
-    step = difference[columns]
-    longest = float(np.sqrt((step[:, :2] ** 2).sum(axis=1).max()))
-    n = int(np.clip(np.ceil(SAMPLES_PER_CELL * longest / resolution), 2, 64))
-    share = (np.arange(n) + 0.5) / n
-    samples = first[columns] + share[:, None, None] * step
-    weight_first, weight_second = (1 - share[:, None]) ** 2, share[:, None] ** 2
-    variance = weight_first * variances[0][columns] + weight_second * variances[1][columns]
-    return samples.reshape(-1, 3), variance.ravel()
 
 
 def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSamples:

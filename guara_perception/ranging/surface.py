@@ -1,0 +1,121 @@
+"""Joins neighbouring stripes into surface: only what two stripes see together counts as seen.
+
+A return stands when a neighbouring stripe of the pattern confirms it in the same image column (heights differ by less
+than `join_height`). Another stripe can only support a return, never create one: losing stripes leaves less surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.ranging.stripe_points import StripePoints
+
+Float = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+# Samples along a joining line are at most a third of a cell apart, so no crossed cell is missed.
+SAMPLES_PER_CELL = 3
+# Returns less alike than this in strength may be cut by an edge or a shadow ...
+WEAK_RATIO = 0.4
+# ... and are joined only where their heights nearly agree.
+WEAK_JOIN_HEIGHT_M = 0.0015
+# Where a surface ends, the last stripe on it may hang over the edge by a part of its own width on the ground.
+OPEN_END_M = 0.0005
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """Samples of surface.
+
+    Attributes:
+        points: (n, 3) in the frame of the stripes [m].
+        variance: (n,) variances of the heights [m^2].
+    """
+
+    points: Float
+    variance: Float
+
+
+def linked_columns(first: StripePoints, second: StripePoints, join_height: float) -> Mask:
+    """Columns in which two neighbouring stripes lie on one surface.
+
+    A stripe that is cut off by an edge or a shadow is weak and lies in the wrong place: where one of the two returns
+    is much weaker than the other, they must agree in height.
+
+    Args:
+        first, second: neighbouring stripes.
+        join_height: largest height difference of one surface [m].
+
+    Returns:
+        (w,) bool, True where both have a point and the heights differ by less than the difference allowed.
+    """
+    with np.errstate(invalid="ignore"):
+        weaker, stronger = np.minimum(first.strength, second.strength), np.maximum(first.strength, second.strength)
+        allowed = np.where(weaker < WEAK_RATIO * stronger, min(WEAK_JOIN_HEIGHT_M, join_height), join_height)
+        return np.asarray(np.abs(second.points[:, 2] - first.points[:, 2]) < allowed)
+
+
+def confirmed_points(points: Float, variance: Float, before: Mask, after: Mask) -> Surface:
+    """Points of a stripe that lie within a surface: linked to the stripe before and to the stripe after.
+
+    Args:
+        points: (w, 3) of the stripe.
+        variance: (w,) variance of the heights.
+        before, after: (w,) links to the neighbouring stripes.
+    """
+    inside = before & after & np.isfinite(points[:, 2])
+    return Surface(points[inside], variance[inside])
+
+
+def joined_surface(
+    points: tuple[Float, Float],
+    variances: tuple[Float, Float],
+    links: tuple[Mask, Mask, Mask],
+    resolution: float,
+) -> Surface:
+    """Sample the lines between two neighbouring stripes in the columns in which they are linked.
+
+    Where the surface does not go on beyond one of the two, the line is cut short by OPEN_END_M at that end.
+
+    Args:
+        points: two (w, 3) arrays.
+        variances: two (w,) arrays, variance of the heights [m^2].
+        links: (w,) links of the first stripe to the one before it, of the two stripes, and of the second stripe to
+            the one after it.
+        resolution: edge of the cells that will be filled [m].
+    """
+    before, between, after = links
+    columns = np.flatnonzero(between)
+    if not columns.size:
+        return Surface(np.empty((0, 3)), np.empty(0))
+    first = points[0][columns]
+    step = points[1][columns] - first
+    length = np.hypot(step[:, 0], step[:, 1])
+    cut = np.minimum(OPEN_END_M / np.maximum(length, 1e-9), 0.5)
+    start = np.where(before[columns], 0.0, cut)
+    end = 1 - np.where(after[columns], 0.0, cut)
+    n = sample_count(step, resolution)
+    share = start + (end - start) * ((np.arange(n) + 0.5) / n)[:, None]
+    samples = first + share[:, :, None] * step
+    variance = (1 - share) ** 2 * variances[0][columns] + share**2 * variances[1][columns]
+    return Surface(samples.reshape(-1, 3), variance.ravel())
+
+
+def line_samples(points: tuple[Float, Float], resolution: float) -> Float:
+    """Points (n, 3) along the lines between two stripes, in all columns in which both have a point."""
+    columns = np.flatnonzero(np.isfinite(points[0][:, 2]) & np.isfinite(points[1][:, 2]))
+    if not columns.size:
+        return np.empty((0, 3))
+    first = points[0][columns]
+    step = points[1][columns] - first
+    share = (np.arange(n := sample_count(step, resolution)) + 0.5)[:, None, None] / n
+    return np.asarray((first + share * step).reshape(-1, 3))
+
+
+def sample_count(step: Float, resolution: float) -> int:
+    """Samples per line that leave no crossed cell out, for lines (n, 3) of this extent."""
+    longest = float(np.hypot(step[:, 0], step[:, 1]).max())
+    return int(np.clip(np.ceil(SAMPLES_PER_CELL * longest / resolution), 2, 64))

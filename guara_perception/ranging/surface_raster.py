@@ -1,0 +1,93 @@
+"""The surface of one scan on the cells of a grid, kept up to date stripe by stripe."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.ranging.scan_surface import pair_surface, stripe_surface
+from guara_perception.ranging.stripe_points import StripePoints
+from guara_perception.ranging.surface import line_samples
+from guara_perception.terrain.geometry import GridGeometry
+from guara_perception.terrain.hazard import Hazard
+from guara_perception.terrain.raster import CellSamples, Raster, merge, rasterise
+
+Flags = npt.NDArray[np.uint16]
+Key = tuple[int, int]
+
+
+class SurfaceRaster:
+    """Takes the stripes of a scan in any order and rasterises each part as soon as nothing can change it any more."""
+
+    def __init__(self, geometry: GridGeometry, pattern: range, join_height: float) -> None:
+        """Start empty.
+
+        Args:
+            geometry: the cells.
+            pattern: indices of the stripes of the scan's mode.
+            join_height: largest height difference of one surface [m].
+        """
+        self._geometry = geometry
+        self._pattern = pattern
+        self._join_height = join_height
+        self._stripes: dict[int, StripePoints] = {}
+        self._final: dict[Key, CellSamples] = {}
+        self._marks: Flags = np.zeros(geometry.shape, dtype=np.uint16)
+
+    @property
+    def stripes(self) -> dict[int, StripePoints]:
+        """Points of the stripes added so far, by ascending index."""
+        return dict(sorted(self._stripes.items()))
+
+    def add(self, index: int, stripe: StripePoints) -> None:
+        """Take one stripe."""
+        self._stripes[index] = stripe
+        spacing = self._pattern.step
+        self._mark(stripe.out_of_range, Hazard.OUT_OF_RANGE)
+        self._mark(stripe.doubtful, Hazard.AMBIGUOUS)
+        for first, second in ((index - spacing, index), (index, index + spacing)):
+            if first in self._stripes and second in self._stripes:
+                # Between two stripes that both saw something too low or too high the ground is no better.
+                ends = (self._stripes[first].out_of_range, self._stripes[second].out_of_range)
+                self._mark(line_samples(ends, self._geometry.resolution), Hazard.OUT_OF_RANGE)
+        for key in self._touched(index):
+            if self._is_settled(key):
+                self._final[key] = self._part(key)
+
+    def raster(self) -> Raster:
+        """Heights of all that was added so far."""
+        keys = {key for index in self._stripes for key in self._touched(index) if self._is_there(key)}
+        return merge((self._final.get(key) or self._part(key) for key in sorted(keys)), self._geometry)
+
+    def marks(self) -> Flags:
+        """Flags of returns that were seen in a cell and may not be used."""
+        return self._marks.copy()
+
+    def _touched(self, index: int) -> list[Key]:
+        """Stripes and pairs whose surface depends on a stripe."""
+        s = self._pattern.step
+        return [
+            *((k, k) for k in (index - s, index, index + s)),
+            *((k, k + s) for k in (index - 2 * s, index - s, index, index + s)),
+        ]
+
+    def _is_there(self, key: Key) -> bool:
+        return key[0] in self._stripes and key[1] in self._stripes
+
+    def _is_settled(self, key: Key) -> bool:
+        first, second = key
+        around = (first - self._pattern.step, second + self._pattern.step)
+        return self._is_there(key) and all(i in self._stripes or i not in self._pattern for i in around)
+
+    def _part(self, key: Key) -> CellSamples:
+        first, second = key
+        if first == second:
+            surface = stripe_surface(self._stripes, first, self._pattern, self._join_height)
+        else:
+            surface = pair_surface(self._stripes, first, self._pattern, self._join_height, self._geometry.resolution)
+        return rasterise(surface.points, surface.variance, self._geometry)
+
+    def _mark(self, points: npt.NDArray[np.float64], flag: Hazard) -> None:
+        iy, ix = self._geometry.indices(points[:, 0], points[:, 1])
+        inside = self._geometry.contains(iy, ix)
+        self._marks[iy[inside], ix[inside]] |= np.uint16(flag)
