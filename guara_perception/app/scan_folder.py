@@ -58,7 +58,7 @@ def open_scan_folder(folder: str | Path) -> Scan:
             stance=stance,
             stance_end=stance_end,
             calibration_hash=fields.text("calibration_hash") if fields.has("calibration_hash") else None,
-            source=str(folder),
+            source=str(folder / SCAN_FILE),
             read_frame=lambda name: read_picture(folder / name),
         )
     except InvalidInput as error:

@@ -1,0 +1,85 @@
+"""Fixtures that any test may use: the recorded data, its true calibration, the robot, and terrain made of them."""
+
+import json
+import shutil
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import guara_perception as gp
+from benchmarks.truth import truth_calibration
+from kinematics import RobotModel, load_robot
+
+DATA = Path(__file__).parent / "data"
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The recorded data, one specimen: `calibration/` and `scans/{paper,dark,tilt}`."""
+    return DATA
+
+
+@pytest.fixture(scope="session")
+def robot() -> RobotModel:
+    """The Guará, immutable."""
+    return load_robot("guara")
+
+
+@pytest.fixture(scope="session")
+def calibration() -> gp.Calibration:
+    """The true calibration of the recorded data, immutable."""
+    return truth_calibration(DATA)
+
+
+@pytest.fixture(scope="session")
+def calibration_file(calibration: gp.Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """`calibration` as a file; never write to it."""
+    path = tmp_path_factory.mktemp("calibration") / "calibration.json"
+    gp.save_calibration(calibration, path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def paper_scan() -> gp.Scan:
+    """The recorded scan of five boxes."""
+    return gp.open_scan(DATA / "scans" / "paper")
+
+
+@pytest.fixture(scope="session")
+def paper_terrain(paper_scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel) -> gp.TerrainGrid:
+    """Terrain of `paper_scan` with its pictures, immutable."""
+    return gp.process_scan(paper_scan, calibration, robot)
+
+
+@pytest.fixture
+def edited_scan(tmp_path: Path) -> Callable[[Callable[[dict[str, Any]], object]], Path]:
+    """Make a copy of the paper scan (frames linked) whose scan.json was changed by a function."""
+
+    def make(change: Callable[[dict[str, Any]], object], name: str = "edited") -> Path:
+        folder = tmp_path / name
+        folder.mkdir()
+        for frame in (DATA / "scans" / "paper").glob("*.jpg"):
+            (folder / frame.name).symlink_to(frame)
+        content = json.loads((DATA / "scans" / "paper" / "scan.json").read_text())
+        change(content)
+        (folder / "scan.json").write_text(json.dumps(content))
+        return folder
+
+    return make
+
+
+@pytest.fixture
+def paper_copy(tmp_path: Path) -> Path:
+    """A copy of the paper scan whose files may be damaged."""
+    return Path(shutil.copytree(DATA / "scans" / "paper", tmp_path / "paper"))
+
+
+@pytest.fixture
+def free_endpoint() -> str:
+    """A Zenoh endpoint on this machine that nobody uses."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"

@@ -1,0 +1,74 @@
+"""The public names: all of them there, each where the table says, and cheap to import."""
+
+import ast
+import importlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import guara_perception as gp
+
+# Names of the user's side; what a planner's code may rely on.
+PROMISED = """
+Calibration Foothold FootholdVerdict Hazard Obstacle PerceptionError Scan ScanBusy ScanFailed ScanProcessor ScanTimeout
+ScannerGone ScannerUnavailable StaleTerrain StripeStatus TerrainClient TerrainGrid assess_terrain calibrate
+extract_stripe load_calibration load_terrain open_scan process_scan
+""".split()
+# Heavy or with side effects: loaded when first used.
+HEAVY = ["pinocchio", "scipy", "matplotlib", "zenoh", "cv2", "rosbags", "mcap", "usb", "mujoco", "viser", "rich"]
+
+
+def typed_names() -> dict[str, str]:
+    """Name -> module of what the TYPE_CHECKING block imports for type checkers and editors."""
+    tree = ast.parse(Path(gp.__file__).read_text())
+    block = next(n for n in tree.body if isinstance(n, ast.If) and getattr(n.test, "id", "") == "TYPE_CHECKING")
+    return {
+        alias.asname or alias.name: statement.module
+        for statement in block.body
+        if isinstance(statement, ast.ImportFrom)
+        for alias in statement.names
+    }
+
+
+def test_type_checkers_see_the_same_names_as_the_interpreter():
+    """The block for type checkers and the table for the interpreter agree, name by name and module by module."""
+    assert typed_names() == gp._MODULES
+    assert set(gp.__all__) == set(gp._MODULES)
+
+
+@pytest.mark.parametrize("name", gp.__all__)
+def test_every_public_name_loads_from_its_module(name: str):
+    """Each name of the table is there, and is the very object of its module."""
+    assert getattr(gp, name) is getattr(importlib.import_module(gp._MODULES[name]), name)
+    assert name in dir(gp)
+
+
+@pytest.mark.parametrize("name", PROMISED)
+def test_promised_names_are_public(name: str):
+    """Every name that users were promised is there."""
+    assert name in gp.__all__
+
+
+def test_unknown_name_is_refused_with_the_list():
+    """A typo is answered with the names there are."""
+    with pytest.raises(AttributeError, match="guara_perception has no name 'proces_scan'; it has .*process_scan"):
+        gp.proces_scan  # noqa: B018
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    """In a fresh process `import guara_perception` loads no heavy library and no other package of the project."""
+    code = "import guara_perception, json, sys; print(json.dumps(sorted(sys.modules)))"
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    loaded = set(json.loads(output))
+    assert not loaded & {*HEAVY, "kinematics", "transport", "drivers"}
+
+
+def test_errors_come_from_one_root_and_from_the_builtin_that_fits():
+    """`except ValueError` and `except gp.PerceptionError` both work."""
+    for name in ("CalibrationMismatch", "FileFormatError", "InvalidInput"):
+        assert issubclass(getattr(gp, name), (gp.PerceptionError)) and issubclass(getattr(gp, name), ValueError)
+    assert issubclass(gp.MissingFile, gp.PerceptionError) and issubclass(gp.MissingFile, FileNotFoundError)
+    assert issubclass(gp.CalibrationRefused, RuntimeError) and issubclass(gp.UnsafeGrid, RuntimeError)
