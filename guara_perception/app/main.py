@@ -15,6 +15,7 @@ COMMANDS = {
     name: name
     for name in (
         "convert",
+        "doctor",
         "listen",
         "process",
         "recover",
@@ -97,7 +98,7 @@ def is_expected(error: Exception) -> bool:
 
 def is_bad_input(error: Exception) -> bool:
     """Whether the user can mend it: a wrong value or a file that is not there, not a failure at run time."""
-    kinds = (ValueError, LookupError, FileNotFoundError, IsADirectoryError, NotADirectoryError, PermissionError)
+    kinds = (ValueError, KeyError, FileNotFoundError, IsADirectoryError, NotADirectoryError, PermissionError)
     return isinstance(error, kinds)
 
 
