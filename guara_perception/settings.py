@@ -17,6 +17,19 @@ if TYPE_CHECKING:
 Range = tuple[float, float]
 MODES = ("coarse", "standard")
 
+# Beyond these a limit is a slip of units (degrees, millimetres), not a robot.
+LARGEST_LIMIT = {
+    "slope": np.pi / 2,
+    "step": 1.0,
+    "drop": 1.0,
+    "roughness": 1.0,
+    "sigma": 1.0,
+    "disc_radius": 1.0,
+    "confidence": 10.0,
+    "sole_length": 1.0,
+    "sole_width": 1.0,
+}
+
 
 @dataclass(frozen=True, slots=True)
 class TraversabilityLimits:
@@ -47,9 +60,10 @@ class TraversabilityLimits:
         """Refuse limits that can never hold."""
         for name in self.__slots__:
             value = getattr(self, name)
-            low, high = (0.0, np.pi / 2) if name == "slope" else (0.0, 10.0)
-            if not np.isfinite(value) or value > high or value < low or (value == 0 and name != "confidence"):
-                raise InvalidInput(f"limit {name} is {value}, it must be above 0 and at most {high:.4g}")
+            high = LARGEST_LIMIT[name]
+            is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+            if not is_number or not 0 <= value <= high or (value == 0 and name != "confidence"):
+                raise InvalidInput(f"limit {name} is {value!r}, it must be a number above 0 and at most {high:.4g}")
 
 
 @dataclass(frozen=True, slots=True)

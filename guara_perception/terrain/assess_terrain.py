@@ -7,10 +7,15 @@ import numpy.typing as npt
 
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import TraversabilityLimits
-from guara_perception.terrain.assess import assess_layers, check_heights
+from guara_perception.terrain.assess import assess_layers
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.hazard import Hazard
+
+Float = npt.NDArray[np.float64]
+
+# Heights beyond this lose the roughness to rounding: 10 km leave 0.1 mm.
+HIGHEST_M = 1e4
 
 
 def assess_terrain(
@@ -53,3 +58,36 @@ def default_limits() -> TraversabilityLimits:
     from kinematics import load_robot
 
     return Settings.of(load_robot("guara")).limits
+
+
+def check_heights(elevation: npt.ArrayLike, variance: npt.ArrayLike | None) -> tuple[Float, Float]:
+    """Elevation and variance as float64 grids, or a clear refusal.
+
+    Raises:
+        InvalidInput: no numbers, wrong shape, infinite or absurd heights, negative or missing variance at a known
+            height.
+    """
+    heights = _numbers(elevation, "elevation")
+    if heights.ndim != 2 or heights.size == 0:
+        raise InvalidInput(f"elevation has shape {heights.shape}, it must be (ny, nx) with one cell or more")
+    if np.isinf(heights).any():
+        raise InvalidInput("elevation holds infinite heights, use NaN for unknown cells")
+    known = np.isfinite(heights)
+    if known.any() and np.abs(heights[known]).max() > HIGHEST_M:
+        raise InvalidInput(
+            f"elevation reaches {np.abs(heights[known]).max():.4g} m, at most {HIGHEST_M:.0f} m is allowed: "
+            "heights are in metres, take off a level first"
+        )
+    spread = np.where(known, 0.0, np.nan) if variance is None else _numbers(variance, "variance")
+    if spread.shape != heights.shape:
+        raise InvalidInput(f"variance has shape {spread.shape}, elevation has {heights.shape}: they must be alike")
+    if (~np.isfinite(spread[known])).any() or (spread[known] < 0).any():
+        raise InvalidInput("variance is NaN, infinite or negative at a known height, it must be 0 or more [m^2]")
+    return heights, np.where(known, spread, np.nan)
+
+
+def _numbers(values: npt.ArrayLike, name: str) -> Float:
+    try:
+        return np.array(values, dtype=np.float64)
+    except (ValueError, TypeError):
+        raise InvalidInput(f"{name} is no array of numbers, it must be (ny, nx)") from None

@@ -8,10 +8,17 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.exceptions import InvalidInput
+
 Float = npt.NDArray[np.float64]
+Kernel = npt.NDArray[np.uint8]
 
 # A value may come from a partly known disc, from this share on; whether the cell is safe is decided elsewhere.
 KNOWN_SHARE = 0.6
+# From 50 weights on cv2.filter2D goes through a Fourier transform: every cell would depend on every other by rounding.
+MOST_WEIGHTS = 49
+# So one row of the disc may have so many cells; a finer grid gains nothing over the stripe pitch anyway.
+MOST_RADIUS_CELLS = 24
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,25 +29,40 @@ class DiscFit:
         slope: angle of the plane to the horizontal [rad], NaN where too little of the disc is known.
         roughness: sqrt(sum of squared distances to the plane / (n - 1)) [m], NaN likewise.
         slope_sigma: standard deviation of the slope from the variance of the heights [rad].
+        roughness_sigma: standard deviation of the roughness, likewise [m].
     """
 
     slope: Float
     roughness: Float
     slope_sigma: Float
+    roughness_sigma: Float
 
 
-def disc_kernel(radius_cells: float) -> npt.NDArray[np.uint8]:
-    """Disc of cells whose centres lie within the radius, (2 r + 1, 2 r + 1) uint8."""
-    half = int(np.floor(radius_cells + 1e-9))
+def disc_kernel(radius_cells: float) -> Kernel:
+    """Disc of cells whose centres lie within the radius, (2 r + 1, 2 r + 1) uint8; at least the four neighbours.
+
+    A plane needs neighbours: with a smaller disc than one cell a slope would pass untested.
+
+    Raises:
+        InvalidInput: the disc is larger than MOST_RADIUS_CELLS cells.
+    """
+    if not radius_cells < MOST_RADIUS_CELLS + 1:
+        raise InvalidInput(
+            f"the disc's radius is {radius_cells:.0f} cells, at most {MOST_RADIUS_CELLS} are allowed: "
+            "take a larger resolution or a smaller disc_radius"
+        )
+    radius = max(radius_cells, 1.0)
+    half = int(np.floor(radius + 1e-9))
     offsets = np.arange(-half, half + 1)
-    return (offsets[:, None] ** 2 + offsets**2 <= radius_cells**2 + 1e-9).astype(np.uint8)
+    return (offsets[:, None] ** 2 + offsets**2 <= radius**2 + 1e-9).astype(np.uint8)
 
 
-def fit_disc(elevation: Float, variance: Float, kernel: npt.NDArray[np.uint8], resolution: float) -> DiscFit:
+def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: float) -> DiscFit:
     """Fit a plane to the known cells of the disc around each known cell.
 
     The definition of slope and roughness is that of the well-known grid-map filters (least squares instead of
-    principal components, the same on planes). All sums are float64: in float32 the roughness cancels.
+    principal components, the same on planes). All sums are float64: in float32 the roughness cancels. The result of a
+    cell depends on its disc only, to the last bit: no level is taken off that other cells would have a say in.
 
     Args:
         elevation: (ny, nx) [m], NaN where unknown.
@@ -50,44 +72,67 @@ def fit_disc(elevation: Float, variance: Float, kernel: npt.NDArray[np.uint8], r
     """
     known = np.isfinite(elevation)
     mask = known.astype(np.float64)
-    level = float(np.median(elevation[known])) if known.any() else 0.0
-    height = np.where(known, elevation - level, 0.0)
+    height = np.where(known, elevation, 0.0)
     half = kernel.shape[0] // 2
-    offset = np.arange(-half, half + 1) * resolution
+    offset = np.arange(-half, half + 1, dtype=np.float64)
     disc = kernel.astype(np.float64)
     x, y = disc * offset[None, :], disc * offset[:, None]
 
-    def total(layer: Float, weight: Float) -> Float:
-        return np.asarray(cv2.filter2D(layer, cv2.CV_64F, weight, borderType=cv2.BORDER_CONSTANT))
-
-    n = total(mask, disc)
-    sx, sy = total(mask, x), total(mask, y)
+    n = disc_sums(mask, disc)
+    sx, sy = disc_sums(mask, x), disc_sums(mask, y)
     sxx, sxy, syy = (
-        total(mask, x * offset[None, :]),
-        total(mask, x * offset[:, None]),
-        total(mask, y * offset[:, None]),
+        disc_sums(mask, x * offset[None, :]),
+        disc_sums(mask, x * offset[:, None]),
+        disc_sums(mask, y * offset[:, None]),
     )
-    sz, sxz, syz = total(height, disc), total(height, x), total(height, y)
-    szz = total(height**2, disc)
+    sz, sxz, syz = disc_sums(height, disc), disc_sums(height, x), disc_sums(height, y)
+    szz = disc_sums(height**2, disc)
     with np.errstate(divide="ignore", invalid="ignore"):
         cxx, cxy, cyy = sxx - sx * sx / n, sxy - sx * sy / n, syy - sy * sy / n
         cxz, cyz, czz = sxz - sx * sz / n, syz - sy * sz / n, szz - sz * sz / n
         determinant = cxx * cyy - cxy**2
         a = (cyy * cxz - cxy * cyz) / determinant
         b = (cxx * cyz - cxy * cxz) / determinant
-        steepness = np.hypot(a, b)
+        steepness = np.hypot(a, b) / resolution
         # Residuals along z, brought to distances from the plane by the cosine of its slope.
         residual = np.maximum(czz - a * cxz - b * cyz, 0.0) / (1 + steepness**2)
-        roughness = np.sqrt(residual / np.maximum(n - 1, 1))
-        mean_variance = total(np.where(known, variance, 0.0), disc) / n
-        slope_sigma = np.sqrt(mean_variance * (cxx + cyy) / (2 * determinant)) / (1 + steepness**2)
+        freedom = np.maximum(n - 1, 1)
+        roughness = np.sqrt(residual / freedom)
+        mean_variance = disc_sums(np.where(known, variance, 0.0), disc) / n
+        slope_sigma = np.sqrt(mean_variance * (cxx + cyy) / (2 * determinant)) / resolution / (1 + steepness**2)
+        roughness_sigma = np.sqrt(mean_variance / (2 * freedom))
     # Known on all four sides, or the plane would lean on nothing.
-    sided = np.ones_like(known)
+    enough = known & (n >= KNOWN_SHARE * disc.sum()) & (determinant > 1e-6 * cxx * cyy)
     for side in (offset[None, :] < 0, offset[None, :] > 0, offset[:, None] < 0, offset[:, None] > 0):
-        sided &= total(mask, disc * side) > 0.5
-    enough = known & sided & (n >= KNOWN_SHARE * disc.sum()) & (determinant > 1e-6 * cxx * cyy)
+        enough &= disc_sums(mask, disc * side) > 0.5
 
     def where(layer: Float) -> Float:
         return np.where(enough, layer, np.nan)
 
-    return DiscFit(where(np.arctan(steepness)), where(roughness), where(slope_sigma))
+    return DiscFit(
+        slope=where(np.arctan(steepness)),
+        roughness=where(roughness),
+        slope_sigma=where(slope_sigma),
+        roughness_sigma=where(roughness_sigma),
+    )
+
+
+def disc_sums(layer: Float, weights: Float) -> Float:
+    """Weighted sum over the window around each cell, zeros outside; each cell exactly from its window alone.
+
+    Args:
+        layer: (ny, nx).
+        weights: (2 r + 1, 2 r + 1).
+    """
+    side = weights.shape[0]
+    if weights.size <= MOST_WEIGHTS:
+        return np.asarray(cv2.filter2D(layer, cv2.CV_64F, weights, borderType=cv2.BORDER_CONSTANT))
+    half = side // 2
+    ny, nx = layer.shape
+    padded = np.zeros((ny + 2 * half, nx))
+    padded[half : half + ny] = layer
+    sums = np.zeros((ny, nx))
+    for row in range(side):
+        part = weights[row : row + 1]
+        sums += cv2.filter2D(padded[row : row + ny], cv2.CV_64F, part, borderType=cv2.BORDER_ISOLATED)
+    return sums

@@ -1,0 +1,62 @@
+"""How near the edge of safe, known ground a cell is: the EDGE flag and the clearance."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.settings import TraversabilityLimits
+from guara_perception.terrain.disc import Kernel
+from guara_perception.terrain.hazard import ALL_BUT_EDGE, UNKNOWN_MASK
+
+Float = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.uint16]
+
+# The value of a cell may change when something is lost beside it, so one more ring must be known.
+EXTRA_RING_CELLS = 1
+
+
+def edge_cells(flags: Flags, kernel: Kernel, resolution: float, limits: TraversabilityLimits) -> npt.NDArray[np.bool_]:
+    """Cells where the sole would cover, or a test would read, something unknown, hazardous or off the grid."""
+    half_x = half_cells(limits.sole_length, resolution)
+    half_y = half_cells(limits.sole_width, resolution)
+    sole = np.ones((2 * half_y + 1, 2 * half_x + 1), np.uint8)
+    reach = kernel.shape[0] // 2 + EXTRA_RING_CELLS
+    window = np.ones((2 * (half_y + reach) + 1, 2 * (half_x + reach) + 1), np.uint8)
+    bad = ((flags & ALL_BUT_EDGE) != 0).astype(np.uint8)
+    unknown = ((flags & UNKNOWN_MASK) != 0).astype(np.uint8)
+
+    def reaches(cells: npt.NDArray[np.uint8], area: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+        return np.asarray(cv2.dilate(cells, area, borderType=cv2.BORDER_CONSTANT, borderValue=(1,)), dtype=bool)
+
+    return reaches(bad, sole) | reaches(unknown, window)
+
+
+def clearance(flags: Flags, resolution: float) -> Float:
+    """Signed distance to the nearest cell that carries a flag other than EDGE, or to the border [m]; negative inside.
+
+    Distances are from cell centre to the nearer face of the other cell, hence the half cells.
+    """
+    ny, nx = flags.shape
+    bad = (flags & ALL_BUT_EDGE) != 0
+    iy, ix = np.arange(ny)[:, None], np.arange(nx)[None, :]
+    to_border = np.minimum(np.minimum(iy, ny - 1 - iy), np.minimum(ix, nx - 1 - ix)) + 0.5
+    outside = to_border.astype(np.float64)
+    inside = np.zeros((ny, nx))
+    if bad.any():
+        outside = np.minimum(outside, _distance_cells(~bad) - 0.5)
+    if not bad.all():
+        inside = _distance_cells(bad) - 0.5
+    else:
+        inside = to_border
+    return np.where(bad, -inside, outside) * resolution
+
+
+def half_cells(length: float, resolution: float) -> int:
+    """Cells to each side of the centre cell that a sole of this length touches."""
+    return int(np.ceil((length / 2 - resolution / 2) / resolution - 1e-9)) if length > resolution else 0
+
+
+def _distance_cells(mask: npt.NDArray[np.bool_]) -> Float:
+    return cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float64)
