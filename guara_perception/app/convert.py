@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import shutil
-import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
-
-import cv2
-import numpy.typing as npt
 
 from guara_perception.app.node.recorder import stance_message
 from guara_perception.app.open_scan import open_scan, open_scans
-from guara_perception.app.scan_folder import FORMAT, SCAN_FILE
-from guara_perception.exceptions import FileFormatError, InvalidInput
+from guara_perception.app.scan_folder_writer import ScanFolderWriter
+from guara_perception.exceptions import InvalidInput
 from guara_perception.scan import Scan
 from transport.recording import Frame, FrameReference, RecordingWriter, ScanRecord
 
@@ -79,50 +71,17 @@ def _write_recording(scans: list[Scan], target: Path, progress: Progress | None)
 
 
 def _write_folder(scan: Scan, target: Path, progress: Progress | None) -> None:
-    if not target.parent.is_dir():
-        raise InvalidInput(f"{target}: the folder {target.parent} does not exist, create it first")
-    staging = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
-    try:
-        stripes: list[dict[str, object]] = []
-        names: dict[str, str] = {}
+    with ScanFolderWriter(target) as writer:
         for done, (stripe, on, off) in enumerate(scan.frames(), start=1):
-            on_name = f"on_{stripe.index:03d}.png"
-            _write_picture(staging / on_name, on)
-            if stripe.off is not None and off is not None and stripe.off not in names:
-                names[stripe.off] = f"off_{len(names):03d}.png"
-                _write_picture(staging / names[stripe.off], off)
-            entry: dict[str, object] = {
-                "index": stripe.index,
-                "mirror_angle": stripe.mirror_angle,
-                "on": on_name,
-                "off": None if stripe.off is None else names[stripe.off],
-            }
-            if stripe.stamp is not None:
-                entry["stamp"] = stripe.stamp
-            stripes.append(entry)
+            writer.add(stripe.index, stripe.mirror_angle, on, off, off_key=stripe.off, stamp=stripe.stamp)
             if progress is not None:
                 progress(done, len(scan.stripes))
-        document = {
-            "format": FORMAT,
-            "robot": scan.robot,
-            "mode": scan.mode,
-            "stamp": scan.stamp or time.time_ns(),
-            "step": scan.step,
-            "stripes": stripes,
-            "stance": scan.stance.to_dict(),
-        }
-        if scan.stance_end is not None:
-            document["stance_end"] = scan.stance_end.to_dict()
-        if scan.calibration_hash:
-            document["calibration_hash"] = scan.calibration_hash
-        (staging / SCAN_FILE).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-        staging.chmod(0o755)
-        staging.rename(target)
-    except BaseException:
-        shutil.rmtree(staging, ignore_errors=True)
-        raise
-
-
-def _write_picture(path: Path, picture: npt.NDArray[Any]) -> None:
-    if not cv2.imwrite(str(path), picture):
-        raise FileFormatError(f"{path}: the picture cannot be written; is the disk full?")
+        writer.finish(
+            robot=scan.robot,
+            mode=scan.mode,
+            stamp=scan.stamp,
+            step=scan.step,
+            stance=scan.stance,
+            stance_end=scan.stance_end,
+            calibration_hash=scan.calibration_hash,
+        )
