@@ -59,4 +59,6 @@ def half_cells(length: float, resolution: float) -> int:
 
 
 def _distance_cells(mask: npt.NDArray[np.bool_]) -> Float:
-    return cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float64)
+    distance = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float64)
+    # OpenCV's last bit depends on where the memory lies; the squares are whole numbers, so it can be mended.
+    return np.sqrt(np.rint(distance**2))
