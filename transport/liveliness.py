@@ -5,42 +5,39 @@ from collections.abc import Callable
 from typing import Any
 
 from transport import zenoh_api
+from transport.part import Part
 from transport.session import Session
 
 
-class AliveToken:
+class AliveToken(Part):
     """Shows that this session lives; others see it vanish when it closes, dies or hangs."""
 
     def __init__(self, session: Session, key: str) -> None:
         """Declare the token on `key`, as of `keys.alive_key`."""
         self.key = key
-        self._session = session
         self._raw: Any = session.attempt(lambda: zenoh_api.declare_token(session.raw, key), f"cannot declare {key!r}")
-        session.own(self)
+        super().__init__(session)
 
-    def close(self) -> None:
-        """Withdraw the token; safe to call twice."""
-        self._session.disown(self)
+    def _release(self) -> None:
         if not self._session.raw_is_closed:
             self._raw.undeclare()
 
 
-class AliveWatcher:
+class AliveWatcher(Part):
     """Knows whether the token on one key is there."""
 
     def __init__(self, session: Session, key: str, on_change: Callable[[bool], None] | None = None) -> None:
         """Watch `key`; `on_change(is_alive)` runs on Zenoh's thread and must not block."""
         self.key = key
-        self._session = session
         self._changed = threading.Condition()
         self._alive = False
         self._seen = False
-        self._closed = False
+        self._is_closed = False
         self._on_change = on_change
         self._raw: Any = session.attempt(
             lambda: zenoh_api.watch_tokens(session.raw, key, self._on_token), f"cannot watch {key!r}"
         )
-        session.own(self)
+        super().__init__(session)
 
     def _on_token(self, key: str, alive: bool) -> None:
         with self._changed:
@@ -63,14 +60,11 @@ class AliveWatcher:
     def wait(self, alive: bool, timeout: float) -> bool:
         """Wait until the token is there (or gone); False when `timeout` [s] passed before."""
         with self._changed:
-            self._changed.wait_for(lambda: self._alive == alive or self._closed, timeout)
+            self._changed.wait_for(lambda: self._alive == alive or self._is_closed, timeout)
             return self._alive == alive
 
-    def close(self) -> None:
-        """Stop watching; safe to call twice."""
+    def _release(self) -> None:
         with self._changed:
-            self._closed = True
             self._changed.notify_all()
-        self._session.disown(self)
         if not self._session.raw_is_closed:
             self._raw.undeclare()

@@ -1,10 +1,11 @@
 """Publishers of one key: latched, where late joiners get the last message, or plain."""
 
 from transport import zenoh_api
+from transport.part import Part
 from transport.session import Session
 
 
-class Publisher:
+class Publisher(Part):
     """Puts payloads on one key; a latched one keeps the last for those who join later."""
 
     def __init__(self, session: Session, key: str, *, latched: bool = True) -> None:
@@ -21,10 +22,9 @@ class Publisher:
         """
         declare = zenoh_api.declare_latched_publisher if latched else zenoh_api.declare_plain_publisher
         self.key = key
-        self._session = session
         self._raw = session.attempt(lambda: declare(session.raw, key), f"cannot publish on {key!r}")
         self._count = 0
-        session.own(self)
+        super().__init__(session)
 
     @property
     def count(self) -> int:
@@ -40,8 +40,6 @@ class Publisher:
         self._session.attempt(lambda: self._raw.put(payload, attachment=attachment), f"cannot send on {self.key!r}")
         self._count += 1
 
-    def close(self) -> None:
-        """Undeclare; safe to call twice, and after the session."""
-        self._session.disown(self)
+    def _release(self) -> None:
         if not self._session.raw_is_closed:
             self._raw.undeclare()

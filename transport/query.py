@@ -10,6 +10,7 @@ from transport.crop import crop_terrain
 from transport.exceptions import MessageError, ReceiveTimeout, ScannerUnavailable, StaleTerrain, TransportError
 from transport.keys import DEFAULT_ROBOT, query_key
 from transport.outbox import MAXIMUM_PENDING, Outbox
+from transport.part import Part
 from transport.scan_messages import (
     QueryRequest,
     Refusal,
@@ -25,28 +26,27 @@ from transport.terrain_message import TerrainMessage
 Provider = Callable[[str], TerrainMessage | None]
 
 
-class QueryServer:
+class QueryServer(Part):
     """Answers queries for the newest grid of one robot."""
 
     def __init__(self, session: Session, provider: Provider, *, robot: str = DEFAULT_ROBOT) -> None:
         """Declare the queryable; `provider(extent)` returns the newest message or None, and must be quick."""
         self._provider = provider
-        self._session = session
         self._key = query_key(robot)
         self._lock = threading.Lock()
         self._count = 0
-        self._closed = False
+        self._is_closed = False
         self._outbox = Outbox()
         self._raw = session.attempt(
             lambda: zenoh_api.declare_queryable(session.raw, self._key, self._on_query),
             f"cannot serve {self._key!r}",
         )
-        session.own(self)
+        super().__init__(session)
 
     def _on_query(self, query: Any) -> None:
         with self._lock:
             self._count += 1
-            if self._closed or self._outbox.pending >= MAXIMUM_PENDING:
+            if self._is_closed or self._outbox.pending >= MAXIMUM_PENDING:
                 query.drop()
             else:
                 self._outbox.post(f"query {self._count}", lambda: self._answer(query))
@@ -68,14 +68,10 @@ class QueryServer:
             query.reply_err(encode_refusal(Refusal(id="", code=code, message=message)))
         query.drop()
 
-    def close(self) -> None:
-        """Stop answering; safe to call twice."""
+    def _release(self) -> None:
+        # Under the lock of _on_query: nothing is posted to an outbox that is closed.
         with self._lock:
-            if self._closed:
-                return
-            self._closed = True
-        self._session.disown(self)
-        self._outbox.close()
+            self._outbox.close()
         if not self._session.raw_is_closed:
             self._raw.undeclare()
 

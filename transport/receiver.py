@@ -9,6 +9,7 @@ from typing import Any, Final, Generic, TypeVar
 
 from transport import zenoh_api
 from transport.exceptions import MessageError, ReceiveTimeout, SessionClosed
+from transport.part import Part
 from transport.session import Session
 
 _LOG = logging.getLogger(__name__)
@@ -65,7 +66,7 @@ class _Slot(Generic[T]):
             return self._result
 
 
-class NewestReceiver(Generic[T]):
+class NewestReceiver(Part, Generic[T]):
     """Receives one key and keeps the newest message only.
 
     Zenoh's thread copies each payload into one slot; decoding happens in the thread that asks. A slow reader
@@ -86,20 +87,19 @@ class NewestReceiver(Generic[T]):
             TransportError: The key is not valid.
         """
         self.key = key
-        self._session = session
         self._decode = decode
         self._changed = threading.Condition()
         self._slot: _Slot[T] | None = None
         self._received = self._superseded = self._missed = self._rejected = 0
-        self._closed = False
+        self._is_closed = False
         self._threads: list[threading.Thread] = []
-        self._raw = session.attempt(lambda: self._subscribe(latched), f"cannot receive {key!r}")
-        session.own(self)
+        self._raw = session.attempt(lambda: self._subscribe(session, latched), f"cannot receive {key!r}")
+        super().__init__(session)
 
-    def _subscribe(self, latched: bool) -> tuple[Any, ...]:
+    def _subscribe(self, session: Session, latched: bool) -> tuple[Any, ...]:
         if latched:
-            return zenoh_api.declare_latched_subscriber(self._session.raw, self.key, self._on_sample, self._on_miss)
-        return (self._session.raw.declare_subscriber(self.key, zenoh_api.direct(self._on_sample)),)
+            return zenoh_api.declare_latched_subscriber(session.raw, self.key, self._on_sample, self._on_miss)
+        return (session.raw.declare_subscriber(self.key, zenoh_api.direct(self._on_sample)),)
 
     @property
     def received(self) -> int:
@@ -193,7 +193,7 @@ class NewestReceiver(Generic[T]):
     def _next(self, after: int, deadline: float | None) -> _Slot[T] | None:
         with self._changed:
             while True:
-                if self._closed:
+                if self._is_closed:
                     raise SessionClosed(f"the receiver of {self.key!r} is closed")
                 if self._slot is not None and self._slot.number > after:
                     return self._slot
@@ -211,7 +211,7 @@ class NewestReceiver(Generic[T]):
         Raises:
             SessionClosed: The receiver is closed.
         """
-        if self._closed:
+        if self._is_closed:
             raise SessionClosed(f"the receiver of {self.key!r} is closed")
         # A daemon: a callback that never returns must not keep the interpreter from ending.
         thread = threading.Thread(target=self._dispatch, args=(callback,), name=f"transport-{self.key}", daemon=True)
@@ -231,14 +231,9 @@ class NewestReceiver(Generic[T]):
             except Exception:
                 _LOG.exception("the callback for %s failed", self.key)
 
-    def close(self) -> None:
-        """Stop receiving and end the callbacks' threads; safe to call twice."""
+    def _release(self) -> None:
         with self._changed:
-            if self._closed:
-                return
-            self._closed = True
             self._changed.notify_all()
-        self._session.disown(self)
         if not self._session.raw_is_closed:
             for part in reversed(self._raw):
                 part.undeclare()

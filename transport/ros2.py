@@ -8,6 +8,7 @@ from typing import Any, Final
 from transport.exceptions import ConfigurationError
 from transport.keys import DEFAULT_ROBOT, check_name
 from transport.liveliness import AliveToken
+from transport.part import Part
 from transport.publisher import Publisher
 from transport.session import Session
 from transport.typestore import GRID_MAP, OCCUPANCY, dds_type_name, type_hash
@@ -77,7 +78,7 @@ class _Topic:
         self._publisher.close()
 
 
-class Ros2Mirror:
+class Ros2Mirror(Part):
     """Topics `/<robot>/occupancy` and `/<robot>/grid_map` for ROS 2 nodes that use rmw_zenoh.
 
     The frame is the one of the messages (`base_footprint`); no TF is published.
@@ -97,14 +98,13 @@ class Ros2Mirror:
             raise ConfigurationError(
                 f"robot name {robot!r} cannot be part of a ROS 2 topic; use letters, digits and '_', no digit in front"
             )
-        self._session = session
         self._node = AliveToken(session, node_token_key(domain, session.zenoh_id))
         topics: list[Any] = [("occupancy", OCCUPANCY), ("grid_map", GRID_MAP)]
         self._topics = {
             name: _Topic(session, domain, _FIRST_ENTITY_ID + i, f"{robot}/{name}", type_name)
             for i, (name, type_name) in enumerate(topics)
         }
-        session.own(self)
+        super().__init__(session)
 
     def put_occupancy(self, payload: bytes) -> None:
         """Send the CDR payload of a nav_msgs/OccupancyGrid."""
@@ -114,9 +114,7 @@ class Ros2Mirror:
         """Send the CDR payload of a grid_map_msgs/GridMap."""
         self._topics["grid_map"].put(payload)
 
-    def close(self) -> None:
-        """Withdraw topics and node; safe to call twice."""
-        self._session.disown(self)
+    def _release(self) -> None:
         for topic in self._topics.values():
             topic.close()
         self._node.close()

@@ -12,6 +12,7 @@ from transport import zenoh_api
 from transport.exceptions import MessageError, ScanFailed
 from transport.keys import DEFAULT_ROBOT, scan_key
 from transport.outbox import MAXIMUM_PENDING, Outbox
+from transport.part import Part
 from transport.scan_messages import (
     Refusal,
     ScanReply,
@@ -65,7 +66,7 @@ Handler = Callable[[ScanJob], TerrainMessage]
 Admission = Callable[[ScanRequest], None]
 
 
-class ScanServer:
+class ScanServer(Part):
     """Answers scan requests of one robot.
 
     One request at a time is worked on. A repeated id joins the running scan or gets the result of the finished
@@ -92,20 +93,19 @@ class ScanServer:
         """
         self._handler = handler
         self._admission = admission
-        self._session = session
         self._key = scan_key(robot)
         self._lock = threading.Lock()
         self._work: _Work | None = None
         self._thread: threading.Thread | None = None
         self._finished: OrderedDict[str, ScanReply] = OrderedDict()
         self._queries = 0
-        self._closed = False
+        self._is_stopped = False
         self._outbox = Outbox()
         self._raw = session.attempt(
             lambda: zenoh_api.declare_queryable(session.raw, self._key, self._on_query),
             f"cannot serve {self._key!r}",
         )
-        session.own(self)
+        super().__init__(session)
 
     @property
     def is_busy(self) -> bool:
@@ -116,7 +116,7 @@ class ScanServer:
         # Zenoh's thread: only hand over. Everything that is sent goes through the outbox, in order.
         with self._lock:
             self._queries += 1
-            if self._closed or self._outbox.pending >= MAXIMUM_PENDING:
+            if self._is_stopped or self._outbox.pending >= MAXIMUM_PENDING:
                 query.drop()
             else:
                 self._outbox.post(f"query {self._queries}", lambda: self._admit(query))
@@ -202,7 +202,7 @@ class ScanServer:
             if returned:
                 # Free before the asker hears of the end, so that its next request is not called busy.
                 self._work = None
-            if work.last is not None or self._closed:
+            if work.last is not None or self._is_stopped:
                 return
             work.last = last
             self._finished[last.id] = last
@@ -217,18 +217,15 @@ class ScanServer:
             query.reply(self._key, payload)
             query.drop()
 
-    def close(self) -> None:
-        """Stop taking requests, end a running one as failed, wait a moment for its handler; safe to call twice."""
+    def _release(self) -> None:
+        # A running scan ends as failed, and its handler gets a moment to return.
         work = self._work
         if work is not None:
             work.job.cancelled.set()
             words = "the scanner shuts down"
             self._finish(work, replace(work.progress, state=ScanState.FAILED, code="closed", message=words))
         with self._lock:
-            if self._closed:
-                return
-            self._closed = True
-        self._session.disown(self)
+            self._is_stopped = True
         self._outbox.close()
         if not self._session.raw_is_closed:
             self._raw.undeclare()

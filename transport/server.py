@@ -14,6 +14,7 @@ from transport.grids import grid_map_message, occupancy_message
 from transport.keys import DEFAULT_ROBOT, alive_key, grid_map_key, occupancy_key, terrain_key
 from transport.liveliness import AliveToken
 from transport.outbox import Outbox
+from transport.part import Part
 from transport.publisher import Publisher
 from transport.query import QueryServer
 from transport.ros2 import Ros2Mirror
@@ -31,7 +32,7 @@ _SEND_TIMEOUT: Final = 2.0
 """[s] How long the last word of a scan request waits for its terrain message to be sent."""
 
 
-class PerceptionServer:
+class PerceptionServer(Part):
     """Publishes for one robot; nothing here ever makes the scan thread wait.
 
     Attributes:
@@ -71,7 +72,7 @@ class PerceptionServer:
         self._scans: ScanServer | None = None
         self._token = AliveToken(session, alive_key(robot))
         self._status = StatusReporter(session, self._items, robot=robot)
-        session.own(self)
+        super().__init__(session)
 
     def next_sequence(self, extent: str) -> int:
         """The sequence number that the next message of one extent must carry; each call gives a new one.
@@ -193,9 +194,8 @@ class PerceptionServer:
             further = [StatusItem(name="status", level=Health.ERROR, message=f"not collected: {error}")]
         return [own, *further]
 
-    def close(self) -> None:
-        """Send what waits, withdraw the token and all keys; safe to call twice."""
-        self._session.disown(self)
+    def _release(self) -> None:
+        # What waits is sent first.
         self._outbox.close()
         parts: list[Any] = [self._status, self._token, self._scans, self._queries, self._mirror]
         parts += [*self._terrain.values(), self._occupancy, self._grid_map]

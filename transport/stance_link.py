@@ -4,22 +4,22 @@ from collections.abc import Callable
 
 from transport.keys import DEFAULT_ROBOT, stance_key
 from transport.outbox import Outbox
+from transport.part import Part
 from transport.publisher import Publisher
 from transport.receiver import NewestReceiver
 from transport.session import Session
 from transport.stance_pause import StancePause, decode_stance_pause, encode_stance_pause
 
 
-class StancePublisher:
+class StancePublisher(Part):
     """The gait controller's side: announces begin and end of each pause, without ever waiting for a receiver."""
 
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT) -> None:
         """Declare the key; who starts within a pause still gets its begin."""
         self._publisher = Publisher(session, stance_key(robot), latched=True)
         self._outbox = Outbox()
-        self._session = session
         self._count = 0
-        session.own(self)
+        super().__init__(session)
 
     def publish(self, pause: StancePause) -> None:
         """Announce one end of a pause; returns at once. Begin and end are both sent, in order.
@@ -37,9 +37,7 @@ class StancePublisher:
         """Wait until all is sent; ReceiveTimeout when that takes longer than `timeout` [s]."""
         self._outbox.flush(timeout)
 
-    def close(self) -> None:
-        """Send what waits and stop; safe to call twice."""
-        self._session.disown(self)
+    def _release(self) -> None:
         self._outbox.close()
         self._publisher.close()
 

@@ -8,6 +8,7 @@ from typing import Final
 
 from transport.exceptions import TransportError
 from transport.keys import DEFAULT_ROBOT, status_key
+from transport.part import Part
 from transport.publisher import Publisher
 from transport.session import Session
 from transport.status_message import Status, StatusItem, encode_status
@@ -18,7 +19,7 @@ PERIOD: Final = 1.0
 _CLOSE_TIMEOUT: Final = 2.0
 
 
-class StatusReporter:
+class StatusReporter(Part):
     """Sends what `collect` returns, on a thread of its own."""
 
     def __init__(
@@ -33,35 +34,30 @@ class StatusReporter:
         self._collect = collect
         self._period = period
         self._publisher = Publisher(session, status_key(robot), latched=False)
-        self._session = session
         self._wake = threading.Event()
-        self._closed = False
         self._thread = threading.Thread(target=self._run, name="transport-status", daemon=True)
+        super().__init__(session)
         self._thread.start()
-        session.own(self)
 
     def changed(self) -> None:
         """Report now; returns at once."""
         self._wake.set()
 
     def _run(self) -> None:
-        while not self._closed:
+        while not self._is_closed:
             self._wake.clear()
             try:
                 status = Status(stamp=time.time_ns(), items=tuple(self._collect()))
                 self._publisher.put(encode_status(status))
             except TransportError as error:
-                if not self._closed:
+                if not self._is_closed:
                     _LOG.error("status was not sent: %s", error)
             except Exception:
                 _LOG.exception("collecting the status failed")
             self._wake.wait(self._period)
 
-    def close(self) -> None:
-        """End the thread; safe to call twice."""
-        self._closed = True
+    def _release(self) -> None:
         self._wake.set()
-        self._session.disown(self)
         if self._thread is not threading.current_thread():
             self._thread.join(_CLOSE_TIMEOUT)
         self._publisher.close()

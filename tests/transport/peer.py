@@ -1,0 +1,239 @@
+"""Processes that the transport's tests start: a node, a planner, a router, and the message that they exchange.
+
+Started as `python peer.py COMMAND ENDPOINT ...`; says `ready` when it is, obeys lines on its standard input.
+"""
+
+import sys
+import threading
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+import numpy as np
+
+import transport
+from transport.recording import Frame, RecordingWriter, ScanRecord
+
+STAMP = 1_700_000_000_000_000_000
+
+
+def make_stance() -> transport.StanceMessage:
+    """A posture with all that one can have."""
+    return transport.StanceMessage(
+        joint_positions={"lf_haa_joint": 0.1, "lf_hfe_joint": -0.4},
+        support_feet=("lf", "rf", "lh"),
+        gravity_in_base=(0.0, 0.1, -9.8),
+    )
+
+
+def make_terrain(
+    sequence: int = 1,
+    *,
+    step: int | None = None,
+    shape: tuple[int, int] = (108, 90),
+    stamp: int = STAMP,
+    extent: str = "footprint",
+    **changes: object,
+) -> transport.TerrainMessage:
+    """A grid whose every value tells the sequence, so that a mixed one would show."""
+    rng = np.random.default_rng(sequence)
+    layers = {}
+    for name, kind in transport.LAYERS.items():
+        values = rng.random(shape) if kind.dtype == np.float32 else rng.integers(0, 256, shape)
+        layers[name] = values.astype(kind.dtype)
+    layers["variance"][:] = sequence
+    layers["looks"][:] = sequence % 256
+    layers["elevation"][0, 0] = np.nan
+    fields = {
+        "robot": "guara",
+        "extent": extent,
+        "sequence": sequence,
+        "step": sequence if step is None else step,
+        "stamp": stamp,
+        "scan_start": stamp - 2_000_000_000,
+        "scan_end": stamp,
+        "valid_for": 1e12,
+        "valid_pauses": 4,
+        "mode": "standard",
+        "method": "precise",
+        "calibration_hash": "abc",
+        "resolution": 0.005,
+        "origin": (0.5, -0.27),
+        "layers": layers,
+        "stance": make_stance(),
+        "attitude_source": "imu",
+        "transforms": (
+            transport.TransformMessage(
+                source_frame="base_link",
+                destination_frame="base_footprint",
+                matrix=[[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 0.36], [0, 0, 0, 1]],
+                covariance=np.diag([1.0, 2, 3, 4, 5, 6]),
+            ),
+            transport.TransformMessage(
+                source_frame="camera_optical_frame", destination_frame="base_link", matrix=np.eye(4)
+            ),
+        ),
+        "obstacles": (
+            transport.ObstacleMessage(
+                outline=[[0.6, 0.0], [0.7, 0.0], [0.7, 0.1]],
+                height=0.05,
+                position=(0.65, 0.05, 0.05),
+                sigma=0.001,
+                hazard=512,
+            ),
+        ),
+        "point_counts": {"in": 1000, "used": 900, "dropout": 100},
+        "stage_ms": {"stripes": 12.5, "finish": 30.0},
+        "coverage": 0.75,
+        "health": transport.Health.WARN,
+        "health_reasons": ("two frames lost",),
+        "metadata": '{"a": 1}',
+    }
+    return transport.TerrainMessage(**(fields | changes))
+
+
+def is_whole(terrain: transport.TerrainMessage) -> bool:
+    """Whether all of a grid made by `make_terrain` comes from one sequence."""
+    same = np.all(terrain.layers["variance"] == terrain.sequence)
+    return bool(same and np.all(terrain.layers["looks"] == terrain.sequence % 256))
+
+
+def say(*words: object) -> None:
+    """A line to the test."""
+    print(*words, flush=True)
+
+
+def scan_handler(server: transport.PerceptionServer, behaviour: str):
+    """A scanner that does as its name says."""
+
+    def scan(job: transport.ScanJob) -> transport.TerrainMessage:
+        say("scanning", job.request.id)
+        for stripe in range(3):
+            job.progress(stripe + 1, 3)
+            time.sleep(0.02)
+        if behaviour == "fail":
+            raise transport.ScanFailed("the camera is gone", "no_camera")
+        if behaviour == "crash":
+            raise ZeroDivisionError("a mistake")
+        if behaviour == "slow":
+            job.cancelled.wait(60.0)
+        terrain = make_terrain(server.next_sequence("footprint"), stamp=time.time_ns())
+        server.publish(terrain)
+        return terrain
+
+    return scan
+
+
+def run_node(endpoint: str, behaviour: str = "scan", mode: str = "listen", security: str = "") -> None:
+    """A node; `publish N`, `stream N PERIOD ROWS`, `map N`, `quit`, `crash`."""
+    place = {"listen": endpoint} if mode == "listen" else {"connect": endpoint, "timeout": 20.0}
+    with transport.open_node(**place, security=security or None) as session:
+        server = transport.PerceptionServer(session, ros2_domain=0 if mode == "listen" else None)
+
+        def admit(request: transport.ScanRequest) -> None:
+            if behaviour == "walking":
+                raise transport.ScanFailed("the robot walks", "not_stationary")
+
+        server.serve_scans(scan_handler(server, behaviour), admission=admit)
+        pauses = transport.StanceReceiver(session, on_pause=lambda p: say("pause", p.step, p.phase.name))
+        say("ready")
+        for line in sys.stdin:
+            command, *words = line.split()
+            if command == "publish":
+                values = np.zeros((108, 90), np.int8)
+                server.publish(make_terrain(int(words[0]), stamp=time.time_ns()), occupancy=values)
+                server.flush()
+            elif command == "map":
+                server.publish(make_terrain(int(words[0]), extent="map", shape=(140, 320)))
+                server.flush()
+            elif command == "stream":
+                shape = (int(words[2]), 400)
+                grids = [make_terrain(n, shape=shape) for n in range(1, int(words[0]) + 1)]
+                for grid in grids:
+                    server.publish(grid)
+                    server.flush(30.0)
+                    time.sleep(float(words[1]))
+                say("streamed", grids[-1].sequence)
+            elif command == "step":
+                server.begin_step(int(words[0]))
+            elif command == "crash":
+                raise RuntimeError("crashed as told")
+            elif command == "quit":
+                break
+        pauses.close()
+
+
+def run_router(endpoint: str) -> None:
+    """A Zenoh router and nothing else."""
+    with transport.open_node(listen=endpoint):
+        say("ready")
+        sys.stdin.read()
+
+
+def run_planner(endpoint: str) -> None:
+    """A planner that receives and says so."""
+    with transport.open_client(endpoint, timeout=20.0) as session:
+        client = transport.PerceptionClient(session)
+        client.on_terrain(lambda terrain: say("got", terrain.sequence, is_whole(terrain)))
+        say("ready")
+        sys.stdin.read()
+
+
+def run_exit(endpoint: str, how: str) -> None:
+    """A planner script that ends in one of many ways, mostly without closing anything."""
+    client = transport.PerceptionClient(transport.open_client(endpoint, timeout=20.0))
+    entered = threading.Event()
+
+    def stuck(_: object) -> None:
+        entered.set()
+        threading.Event().wait()
+
+    if how == "stuck":
+        client.on_terrain(stuck)
+        entered.wait(20.0)
+    elif how == "exit_in_callback":
+        client.on_terrain(lambda _: (entered.set(), sys.exit(3)))
+        entered.wait(20.0)
+    elif how != "plain":
+        client.on_terrain(lambda _: None)
+    say("ready")
+    if how == "raise":
+        raise RuntimeError("crashed as told")
+    if how == "sys_exit":
+        sys.exit(5)
+    if how == "wait_grid":
+        client.wait_for_step(10**6, timeout=120.0)
+    if how == "wait_scan":
+        client.request_scan(timeout=120.0)
+    if how == "wait_connect":
+        transport.open_client("tcp/127.0.0.1:1", timeout=120.0)
+    if how == "thread":
+        threading.Thread(target=client.wait_for_step, args=(10**6,), kwargs={"timeout": 120.0}).start()
+
+
+def run_record(path: str) -> None:
+    """Records scans and grids for ever; says which are acknowledged."""
+    pixels = np.arange(640 * 64, dtype=np.uint8).reshape(64, 640)
+    writer = RecordingWriter(path, calibration=b'{"format": "guara-calibration/1"}')
+    say("ready")
+    for step in range(100_000):
+        scan = ScanRecord(robot="guara", mode="coarse", stamp=STAMP + step * 10**9, step=step, stance=make_stance())
+        writer.begin_scan(scan)
+        off = writer.add_frame(Frame(pixels=pixels), laser_on=False)
+        for index in range(4):
+            writer.add_stripe(2 * index, 0.01 * index, Frame(pixels=pixels + index), off)
+        writer.end_scan(stance_end=make_stance())
+        writer.add_terrain(make_terrain(step + 1, shape=(4, 5)))
+        say("acknowledged", step)
+
+
+if __name__ == "__main__":
+    commands = {
+        "node": run_node,
+        "router": run_router,
+        "planner": run_planner,
+        "exit": run_exit,
+        "record": run_record,
+    }
+    commands[sys.argv[1]](*sys.argv[2:])

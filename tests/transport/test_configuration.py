@@ -1,0 +1,53 @@
+"""Tests of the Zenoh configurations."""
+
+import pytest
+
+from transport import ConfigurationError
+from transport.configuration import (
+    check_endpoint,
+    check_exposure,
+    client_configuration,
+    is_local,
+    node_configuration,
+)
+
+
+@pytest.mark.parametrize("endpoint", ["", "tcp", "tcp/", "tcp/host", "foo/1.2.3.4:5", "127.0.0.1:7447"])
+def test_an_endpoint_that_zenoh_would_not_take_is_refused(endpoint: str) -> None:
+    """The message shows how to write one."""
+    with pytest.raises(ConfigurationError, match=r"protocol/host:port.*tcp/127\.0\.0\.1:7447"):
+        check_endpoint(endpoint)
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "local"),
+    [
+        ("tcp/127.0.0.1:7447", True),
+        ("tcp/127.9.9.9:1", True),
+        ("tcp/localhost:1", True),
+        ("tls/[::1]:1", True),
+        ("unixsock-stream//tmp/a", True),
+        ("tcp/0.0.0.0:7447", False),
+        ("tcp/[::]:7447", False),
+        ("tcp/192.168.1.2:7447", False),
+        ("tcp/localhost.example.org:1", False),
+        ("tcp/robot:7447", False),
+    ],
+)
+def test_local_endpoints_are_told_from_open_ones(endpoint: str, local: bool) -> None:
+    """Only what cannot be reached from outside counts as local."""
+    assert is_local(endpoint) is local
+
+
+def test_open_port_without_security_is_refused_unless_asked_for() -> None:
+    """Binding beyond this machine must be said explicitly."""
+    with pytest.raises(ConfigurationError, match="nothing protects it"):
+        check_exposure(["tcp/127.0.0.1:1", "tcp/0.0.0.0:7447"], allow_insecure=False)
+    check_exposure(["tcp/0.0.0.0:7447"], allow_insecure=True)
+
+
+def test_nobody_is_searched_for_and_hangs_are_noticed() -> None:
+    """Scouting and gossip are off, and the lease is short, in every configuration."""
+    for configuration in (node_configuration(["tcp/127.0.0.1:1"]), client_configuration("tcp/127.0.0.1:1")):
+        assert configuration["scouting"] == {"multicast": {"enabled": False}, "gossip": {"enabled": False}}
+        assert configuration["transport"]["link"]["tx"]["lease"] <= 2000

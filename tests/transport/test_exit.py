@@ -1,0 +1,55 @@
+"""Tests that no script hangs: however a planner's or a node's program ends, it ends."""
+
+import signal
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("how", "code"),
+    [
+        ("plain", 0),
+        ("subscribed", 0),
+        ("raise", 1),
+        ("sys_exit", 5),
+        ("stuck", 0),
+        ("exit_in_callback", 0),
+        ("thread", 0),
+    ],
+)
+def test_a_script_that_closes_nothing_ends(start, endpoint: str, how: str, code: int) -> None:
+    """With an open session, a subscription and a callback, the interpreter still ends, with its own code."""
+    node = start("node", endpoint)
+    node.tell("publish 1")
+    script = start("exit", endpoint, how)
+    assert script.wait() == code
+    if how == "raise":
+        assert any("crashed as told" in line for line in script.errors)
+
+
+@pytest.mark.parametrize("how", ["wait_grid", "wait_scan", "wait_connect"])
+def test_ctrl_c_ends_every_wait(start, endpoint: str, how: str) -> None:
+    """A keyboard interrupt gets through while waiting for a grid, a scan or a connection."""
+    node = start("node", endpoint, "slow")
+    node.tell("publish 1")
+    script = start("exit", endpoint, how)
+    if how == "wait_scan":
+        node.expect("scanning")
+    script.send(signal.SIGINT)
+    assert script.wait() != 0
+    assert any("KeyboardInterrupt" in line for line in script.errors), script.errors
+
+
+def test_a_node_that_crashes_ends(start, endpoint: str) -> None:
+    """An uncaught error in the node's main thread ends its process although it serves and publishes."""
+    node = start("node", endpoint)
+    node.tell("publish 1")
+    node.tell("crash")
+    assert node.wait() == 1
+
+
+def test_sigterm_ends_a_node(start, endpoint: str) -> None:
+    """The usual way to stop a service works."""
+    node = start("node", endpoint)
+    node.send(signal.SIGTERM)
+    assert node.wait() == -signal.SIGTERM

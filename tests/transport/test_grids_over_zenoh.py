@@ -1,0 +1,326 @@
+"""Tests of grids between processes: newest only, late joiners, routers and nodes that die."""
+
+import signal
+import time
+
+import numpy as np
+import pytest
+
+import transport
+from transport import keys
+from transport.codec import decode
+
+
+def _client(endpoint: str) -> transport.PerceptionClient:
+    return transport.PerceptionClient(transport.open_client(endpoint, timeout=30.0))
+
+
+def test_a_grid_travels_whole_between_processes(start, endpoint: str, peer) -> None:
+    """A planner in another process gets the same grid, bit for bit."""
+    node = start("node", endpoint)
+    with _client(endpoint) as client:
+        client.receiver()
+        node.tell("publish 5")
+        terrain = client.wait_for(lambda grid: grid.sequence == 5, timeout=30.0)
+        expected = peer.make_terrain(5)
+        for name, array in expected.layers.items():
+            assert terrain.layers[name].tobytes() == array.tobytes(), name
+        assert client.latest() is terrain
+
+
+def test_late_joiners_get_the_last_grid(start, endpoint: str) -> None:
+    """Whoever joins after the last scan still gets it, every time."""
+    node = start("node", endpoint)
+    node.tell("publish 1")
+    node.tell("publish 2")
+    node.tell("map 3")
+    with _client(endpoint) as client:
+        client.wait_for(lambda grid: grid.sequence == 2, timeout=30.0)
+        client.wait_for(lambda grid: grid.sequence == 3, timeout=30.0, extent="map")
+    for _ in range(5):
+        with _client(endpoint) as client:
+            assert client.latest().sequence == 2
+            assert client.latest(extent="map").shape == (140, 320)
+
+
+def test_occupancy_and_grid_map_come_with_the_grid(start, endpoint: str, peer) -> None:
+    """The two ROS 2 messages of a scan are latched too, and hold the same cells."""
+    node = start("node", endpoint)
+    node.tell("publish 4")
+    terrain = peer.make_terrain(4)
+    with transport.open_client(endpoint, timeout=30.0) as session:
+        for key, name in ((keys.occupancy_key(), "nav_msgs/msg/OccupancyGrid"),
+                          (keys.grid_map_key(), "grid_map_msgs/msg/GridMap")):  # fmt: skip
+            receiver = transport.NewestReceiver(session, key, lambda raw, name=name: decode(raw, name))
+            message = receiver.wait_for(lambda _: True, 30.0).message
+            if "Occupancy" in name:
+                assert (message.info.height, message.info.width) == (108, 90) and not message.data.any()
+            else:
+                assert message.layers[0] == "elevation" and len(message.layers) == 9
+                slope = message.data[message.layers.index("slope")].data.reshape(108, 90)[::-1, ::-1]
+                np.testing.assert_array_equal(slope, terrain.layers["slope"])
+            assert message.header.frame_id == "base_footprint"
+
+
+def test_a_slow_reader_gets_the_newest_and_counts_the_rest(endpoint: str, peer, eventually) -> None:
+    """Grids that nobody asked for are superseded, never queued."""
+    with transport.open_node(listen=endpoint) as session:
+        publisher = transport.Publisher(session, keys.terrain_key())
+        with _client(endpoint) as client:
+            receiver = client.receiver()
+            publisher.put(transport.encode_terrain(peer.make_terrain(100, shape=(4, 5))))
+            client.wait_for(lambda grid: grid.sequence == 100, timeout=30.0)
+            for sequence in range(1, 21):
+                publisher.put(transport.encode_terrain(peer.make_terrain(sequence, shape=(4, 5))))
+            assert eventually(lambda: receiver.received + receiver.missed == 21)
+            assert client.latest().sequence == 20
+            assert receiver.superseded == receiver.received - 2
+
+
+def test_callback_sees_only_newer_grids_and_survives_errors(endpoint: str, peer, eventually) -> None:
+    """A callback that is slow and raises is called again with the newest, never with an older one."""
+    seen: list[int] = []
+
+    def callback(terrain: transport.TerrainMessage) -> None:
+        seen.append(terrain.sequence)
+        time.sleep(0.02)
+        raise ValueError("the planner's mistake")
+
+    with transport.open_node(listen=endpoint) as session:
+        publisher = transport.Publisher(session, keys.terrain_key())
+        with _client(endpoint) as client:
+            client.on_terrain(callback)
+            for sequence in range(1, 31):
+                publisher.put(transport.encode_terrain(peer.make_terrain(sequence, shape=(4, 5))))
+            assert eventually(lambda: seen[-1:] == [30])
+    assert seen == sorted(set(seen))
+
+
+def test_a_damaged_grid_is_an_error_not_an_older_grid(endpoint: str, peer, eventually) -> None:
+    """After damage the reader is told, waiting passes it over, and the next grid is fine again."""
+    with transport.open_node(listen=endpoint) as session:
+        publisher = transport.Publisher(session, keys.terrain_key())
+        with _client(endpoint) as client:
+            good = transport.encode_terrain(peer.make_terrain(1, shape=(4, 5)))
+            publisher.put(good)
+            client.wait_for(lambda grid: grid.sequence == 1, timeout=30.0)
+            publisher.put(good[:-9])
+            assert eventually(lambda: client.receiver().received == 2)
+            with pytest.raises(transport.MessageError):
+                client.latest()
+            assert client.receiver().rejected == 1
+            publisher.put(transport.encode_terrain(peer.make_terrain(2, shape=(4, 5))))
+            assert client.wait_for(lambda grid: grid.sequence == 2, timeout=30.0).step == 2
+
+
+def test_age_decides_what_may_be_used(endpoint: str, peer) -> None:
+    """A grid older than max_age, or than its own validity in time or pauses, is refused in words."""
+    with transport.open_node(listen=endpoint) as session:
+        server = transport.PerceptionServer(session)
+        with _client(endpoint) as client:
+            with pytest.raises(transport.StaleTerrain, match="runs, but has published no footprint grid yet"):
+                client.latest()
+            old = time.time_ns() - 5_000_000_000
+            server.publish(peer.make_terrain(1, step=10, stamp=old, valid_for=60.0, valid_pauses=2))
+            assert client.wait_for_step(10, timeout=30.0).sequence == 1
+            assert client.latest().step == 10
+            assert client.latest(max_age=30.0).step == 10
+            with pytest.raises(transport.StaleTerrain, match=r"step 10\) is \d+\.\d+ s old; allowed is 1 s"):
+                client.latest(max_age=1.0)
+            server.publish(peer.make_terrain(2, step=11, stamp=old, valid_for=1.0))
+            client.wait_for_step(11, timeout=30.0)
+            with pytest.raises(transport.StaleTerrain, match="allowed is 1 s"):
+                client.latest()
+
+
+def test_a_grid_outlives_only_its_pauses(endpoint: str, peer, eventually) -> None:
+    """When the robot has made more pauses than the grid is valid for, it is stale however young."""
+    with transport.open_node(listen=endpoint) as session:
+        server = transport.PerceptionServer(session)
+        with _client(endpoint) as client:
+            server.publish(peer.make_terrain(1, step=3, valid_pauses=2))
+            client.wait_for_step(3, timeout=30.0)
+            for step in (3, 5):
+                server.begin_step(step)
+                assert eventually(
+                    lambda step=step: (
+                        (status := client.status()) is not None and status.items[0].values["step"] == str(step)
+                    )
+                )
+                assert client.latest().step == 3
+            server.begin_step(6)
+
+            def is_stale() -> bool:
+                try:
+                    client.latest()
+                except transport.StaleTerrain as error:
+                    return "is 3 pauses old; allowed are 2" in str(error)
+                return False
+
+            assert eventually(is_stale)
+            assert client.latest(max_age=1e12).step == 3
+
+
+def test_without_a_node_the_scanner_is_unavailable(endpoint: str) -> None:
+    """Nobody there is told from nothing new."""
+    with transport.open_node(listen=endpoint), _client(endpoint) as client:
+        with pytest.raises(transport.ScannerUnavailable, match="no node of robot 'guara' is to be seen"):
+            client.latest()
+        with pytest.raises(transport.ScannerUnavailable):
+            client.wait_for_step(1, timeout=0.1)
+        with pytest.raises(transport.ScannerUnavailable):
+            client.request_scan(timeout=0.5)
+        with pytest.raises(transport.ScannerUnavailable, match="nobody answers on 'guara/perception/v1/query'"):
+            client.query(timeout=5.0)
+        with pytest.raises(transport.MessageError, match="extent is 'all'"):
+            client.latest(extent="all")
+
+
+def test_nothing_in_time_is_a_timeout_and_a_death_is_told(start, endpoint: str, eventually) -> None:
+    """Waiting in vain says whether the node lives; its killing is seen."""
+    router = start("router", endpoint)
+    node = start("node", endpoint, "scan", "connect")
+    with _client(endpoint) as client:
+        assert client.wait_until_alive(30.0)
+        with pytest.raises(transport.ReceiveTimeout, match="no message on"):
+            client.wait_for_step(99, timeout=0.1)
+        node.kill()
+        assert eventually(lambda: not client.is_alive)
+        with pytest.raises(transport.ScannerGone, match="went away"):
+            client.wait_for_step(99, timeout=0.1)
+    router.kill()
+
+
+def test_a_hung_node_is_noticed(start, endpoint: str, eventually) -> None:
+    """A stopped node loses its sign of life, though nothing closed its links."""
+    start("router", endpoint)
+    node = start("node", endpoint, "scan", "connect")
+    with _client(endpoint) as client:
+        assert client.wait_until_alive(30.0)
+        node.send(signal.SIGSTOP)
+        assert eventually(lambda: not client.is_alive)
+
+
+def test_the_newest_grid_arrives_after_the_router_was_killed(start, endpoint: str) -> None:
+    """What was published while the router was dead arrives when it is back; twice."""
+    router = start("router", endpoint)
+    node = start("node", endpoint, "scan", "connect")
+    with _client(endpoint) as client:
+        node.tell("publish 1")
+        client.wait_for(lambda grid: grid.sequence == 1, timeout=30.0)
+        for number in (2, 4):
+            router.kill()
+            node.tell(f"publish {number}")
+            node.tell(f"publish {number + 1}")
+            time.sleep(0.3)
+            router = start("router", endpoint)
+            assert client.wait_for(lambda grid, n=number: grid.sequence > n, timeout=30.0)
+
+
+def test_a_stopped_planner_costs_the_healthy_one_nothing(start, endpoint: str) -> None:
+    """While one planner hangs, the other gets every grid."""
+    node = start("node", endpoint)
+    stuck = start("planner", endpoint)
+    with _client(endpoint) as client:
+        receiver = client.receiver()
+        assert client.wait_until_alive(30.0)
+        stuck.send(signal.SIGSTOP)
+        node.tell("stream 40 0.02 300")
+        node.expect("streamed 40")
+        client.wait_for(lambda grid: grid.sequence == 40, timeout=30.0)
+        assert receiver.received == 40 and receiver.missed == 0
+
+
+def test_a_node_killed_while_it_publishes_leaves_no_partial_grid(start, endpoint: str, peer) -> None:
+    """Whatever arrived before a kill -9 in the middle of large puts is whole and of one scan."""
+    router = start("router", endpoint)
+    arrived: list[bool] = []
+    with transport.open_client(endpoint, timeout=30.0) as session:
+        receiver = transport.NewestReceiver(session, keys.terrain_key(), transport.decode_terrain)
+        receiver.on_newest(lambda received: arrived.append(peer.is_whole(received.message)))
+        for _ in range(3):
+            node = start("node", endpoint, "scan", "connect")
+            before = receiver.received
+            node.tell("stream 60 0 250")
+            deadline = time.monotonic() + 30.0
+            while receiver.received < before + 2 and time.monotonic() < deadline:
+                time.sleep(0.001)
+            node.kill()
+        assert receiver.rejected == 0
+    router.kill()
+    assert len(arrived) >= 3 and all(arrived)
+
+
+def test_query_returns_the_newest_grid_or_a_region(endpoint: str, peer) -> None:
+    """A question is answered with the newest grid, cut to the region when one is given."""
+    with transport.open_node(listen=endpoint) as session:
+        server = transport.PerceptionServer(session)
+        with _client(endpoint) as client:
+            with pytest.raises(transport.StaleTerrain, match="no grid of extent 'map' yet"):
+                client.query(extent="map")
+            terrain = peer.make_terrain(8)
+            server.publish(terrain)
+            assert client.query().sequence == 8
+            part = client.query(region=(0.6, 0.7, -0.1, 0.1))
+            assert part.shape == (40, 20)
+            np.testing.assert_allclose(part.origin, (0.6, -0.1))
+            np.testing.assert_array_equal(part.layers["slope"], terrain.layers["slope"][34:74, 20:40])
+            with pytest.raises(transport.MessageError, match="lies off the grid"):
+                client.query(region=(5.0, 6.0, 0.0, 1.0))
+            with pytest.raises(transport.MessageError, match="is empty"):
+                client.query(region=(1.0, 0.0, 0.0, 1.0))
+
+
+def test_server_refuses_grids_of_others(endpoint: str, peer) -> None:
+    """A grid under another robot's name, an occupancy of another shape, an unknown extent: all are refused."""
+    with transport.open_node(listen=endpoint) as session:
+        server = transport.PerceptionServer(session, robot="rex")
+        with pytest.raises(transport.MessageError, match="robot 'guara' given to the node of 'rex'"):
+            server.publish(peer.make_terrain())
+        with pytest.raises(transport.MessageError, match="occupancy has shape"):
+            server.publish(peer.make_terrain(robot="rex"), occupancy=np.zeros((2, 2), np.int8))
+        with pytest.raises(transport.MessageError, match="extent is 'all'"):
+            server.next_sequence("all")
+        assert [server.next_sequence("map") for _ in range(3)] == [1, 2, 3]
+
+
+def test_status_tells_how_the_node_does(endpoint: str, peer, eventually) -> None:
+    """The status holds the transport's own figures and the items of the node, on change and again."""
+    items = [transport.StatusItem(name="scanner", level=transport.Health.WARN, message="warm")]
+    collect = [lambda: items]
+    with transport.open_node(listen=endpoint) as session:
+        server = transport.PerceptionServer(session, collect_status=lambda: collect[0]())
+        with _client(endpoint) as client:
+            server.publish(peer.make_terrain(1, step=7))
+
+            def is_told() -> bool:
+                status = client.status()
+                return status is not None and status.items[0].values["last_scan_step"] == "7"
+
+            assert eventually(is_told)
+            status = client.status()
+            assert status.level is transport.Health.WARN and status.item("scanner").message == "warm"
+            assert int(status.items[0].values["links"]) == 1
+            first = status.stamp
+            assert eventually(lambda: client.status().stamp > first)
+            collect[0] = lambda: 1 / 0
+            server.status_changed()
+            assert eventually(lambda: client.status().level is transport.Health.ERROR)
+            assert "division by zero" in client.status().item("status").message
+
+
+def test_both_ends_of_a_pause_reach_the_node(start, endpoint: str, peer) -> None:
+    """Begin and end are seen in order, and a node that comes later still gets the last one."""
+    node = start("node", endpoint)
+    with transport.open_client(endpoint, timeout=30.0) as session:
+        publisher = transport.StancePublisher(session)
+        for phase in (transport.PausePhase.BEGIN, transport.PausePhase.END):
+            publisher.publish(
+                transport.StancePause(robot="guara", step=4, phase=phase, stamp=1, stance=peer.make_stance())
+            )
+            assert node.expect("pause") == f"pause 4 {phase.name}"
+        publisher.publish(transport.StancePause(robot="guara", step=5, phase=1, stamp=1, stance=peer.make_stance()))
+        publisher.flush(30.0)
+        late: list[int] = []
+        receiver = transport.StanceReceiver(session, on_pause=lambda pause: late.append(pause.step))
+        assert receiver.wait_for(lambda pause: pause.step == 5, 30.0)

@@ -1,0 +1,33 @@
+"""What everything that is declared in a session has in common: it is closed once, with the session at the latest."""
+
+import threading
+
+from transport.session import Session
+
+
+class Part:
+    """Something declared in a session. Subclasses say in `_release` what to do when it is closed."""
+
+    def __init__(self, session: Session) -> None:
+        """Belong to `session`; to be called last, when all is declared."""
+        self._session = session
+        self._close_lock = threading.Lock()
+        self._is_closed = False
+        session.own(self)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._is_closed
+
+    def close(self) -> None:
+        """Withdraw it; safe to call twice, from any thread, and after the session."""
+        with self._close_lock:
+            if self._is_closed:
+                return
+            self._is_closed = True
+        self._session.disown(self)
+        self._release()
+
+    def _release(self) -> None:
+        raise NotImplementedError
