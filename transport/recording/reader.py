@@ -71,7 +71,7 @@ class Recording:
         """
         part, stamp = part_of(reference.topic), reference.stamp
         if "camera" in part and part in TYPES:
-            for _, payload in self._iterate([reference.topic], (stamp, stamp + 1)):
+            for _, payload in self._iterate([reference.topic], stamp):
                 return read_frame(decode(payload, TYPES[part]), stamp)
         raise RecordingError(f"{self.path} holds no frame of {reference.topic} at {stamp} ns")
 
@@ -111,13 +111,12 @@ class Recording:
         for _, payload in self._iterate(self._topics(part)):
             yield payload
 
-    def _iterate(
-        self, topics: list[str], span: tuple[int | None, int | None] = (None, None)
-    ) -> Iterator[tuple[str, bytes]]:
-        """Topic and payload in the order of writing: stamps may come from different clocks."""
+    def _iterate(self, topics: list[str], stamp: int | None = None) -> Iterator[tuple[str, bytes]]:
+        """Topic and payload, all or those of one stamp, in the order of writing: clocks may differ."""
         if not topics:
             return
-        messages = self._reader.iter_messages(topics, *span, log_time_order=False)
+        span: dict[str, Any] = {} if stamp is None else {"starting_at": stamp, "ending_at": stamp}
+        messages = self._reader.iter_messages(topics, log_time_order=False, **span)
         while True:
             try:
                 _, channel, message = next(messages)

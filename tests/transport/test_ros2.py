@@ -1,0 +1,103 @@
+"""Tests of the mirror for ROS 2: keys, tokens, attachment, and a subscriber as rmw_zenoh declares it."""
+
+import struct
+import threading
+
+import numpy as np
+import pytest
+
+import transport
+from transport import ConfigurationError, zenoh_api
+from transport.codec import decode
+from transport.ros2 import (
+    data_key,
+    make_attachment,
+    node_token_key,
+    publisher_id,
+    publisher_token_key,
+)
+from transport.xxh3 import xxh3_128
+
+OCCUPANCY = "nav_msgs/msg/OccupancyGrid"
+HASH = "RIHS01_8d348150c12913a31ee0ec170fbf25089e4745d17035792a1ba94d6f0bc0cfc7"
+
+
+def test_keys_and_tokens_are_written_as_rmw_zenoh_writes_them() -> None:
+    """The key has domain, topic, DDS type and hash; slashes of the topic become percent signs in the token."""
+    kind = "nav_msgs::msg::dds_::OccupancyGrid_"
+    assert data_key(3, "guara/occupancy", OCCUPANCY) == f"3/guara/occupancy/{kind}/{HASH}"
+    assert node_token_key(0, "ab12") == "@ros2_lv/0/ab12/0/0/NN/%/%/guara_perception"
+    assert publisher_token_key(0, "ab12", 10, "guara/occupancy", OCCUPANCY) == (
+        f"@ros2_lv/0/ab12/0/10/MP/%/%/guara_perception/%guara%occupancy/{kind}/{HASH}/:1:,1:,:,:,,"
+    )
+
+
+def test_attachment_is_sequence_time_and_id() -> None:
+    """33 bytes: sequence, time, the number 16, the id; the id is the token's hash, low half first."""
+    key = publisher_token_key(0, "ab12", 10, "guara/occupancy", OCCUPANCY)
+    identity = publisher_id(key)
+    assert struct.unpack("<QQ", identity) == xxh3_128(key.encode())
+    attachment = make_attachment(2, 5, identity)
+    assert len(attachment) == 33
+    assert struct.unpack("<qqB16s", attachment) == (2, 5, 16, identity)
+
+
+def test_a_late_subscriber_gets_the_topic_as_from_a_ros_node(endpoint: str, peer) -> None:
+    """A transient-local subscriber on the ROS 2 keys gets the last message of each topic with its attachment."""
+    arrived: dict[str, tuple[bytes, bytes]] = {}
+    tokens: set[str] = set()
+    changed = threading.Condition()
+
+    def note(sample) -> None:
+        with changed:
+            arrived[str(sample.key_expr).split("/")[2]] = (
+                sample.payload.to_bytes(),
+                sample.attachment.to_bytes(),
+            )
+            changed.notify_all()
+
+    def see(key: str, is_alive: bool) -> None:
+        with changed:
+            tokens.add(key)
+            changed.notify_all()
+
+    terrain = peer.make_terrain(1)
+    values = np.arange(9720, dtype=np.int64).reshape(108, 90) % 101
+    with transport.open_node(listen=endpoint) as session:
+        server = transport.PerceptionServer(session, ros2_domain=4)
+        for _ in range(2):
+            server.publish(terrain, occupancy=values.astype(np.int8))
+            server.flush()
+        with transport.open_client(endpoint) as client:
+            parts = [
+                zenoh_api.declare_latched_subscriber(client.raw, f"4/guara/{name}/**", note, lambda _: None)
+                for name in ("occupancy", "grid_map")
+            ]
+            watcher = zenoh_api.watch_tokens(client.raw, "@ros2_lv/4/**", see)
+            with changed:
+                assert changed.wait_for(lambda: len(arrived) == 2 and len(tokens) == 3, 30.0)
+            del parts, watcher
+        zenoh_id = session.zenoh_id
+    grid = decode(arrived["occupancy"][0], OCCUPANCY)
+    np.testing.assert_array_equal(grid.data.reshape(108, 90), values)
+    assert decode(arrived["grid_map"][0], "grid_map_msgs/msg/GridMap").layers[0] == "elevation"
+    token = publisher_token_key(4, zenoh_id, 10, "guara/occupancy", OCCUPANCY)
+    assert {node_token_key(4, zenoh_id), token} < tokens
+    sequence, _, length, identity = struct.unpack("<qqB16s", arrived["occupancy"][1])
+    assert (sequence, length, identity) == (2, 16, publisher_id(token))
+
+
+@pytest.mark.parametrize(
+    ("domain", "robot", "words"),
+    [
+        (-1, "guara", "ROS domain is -1; allowed are 0 to 232"),
+        (233, "guara", "ROS domain is 233"),
+        (0, "a-b", "cannot be part of a ROS 2 topic"),
+        (0, "1a", "cannot be part of a ROS 2 topic"),
+    ],
+)
+def test_names_that_ros_does_not_take_are_refused(endpoint: str, domain: int, robot: str, words: str) -> None:
+    """Domain and robot name must be such that ROS 2 can use them."""
+    with transport.open_node(listen=endpoint) as session:
+        with pytest.raises(ConfigurationError, match=words):
+            transport.Ros2Mirror(session, robot=robot, domain=domain)
