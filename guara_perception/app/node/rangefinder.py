@@ -55,6 +55,18 @@ class Rangefinder:
 
         return acquire(self.board, self.camera, pattern, self.options, band=band, should_stop=should_stop)
 
+    def lost_steps(self, pattern: Pattern) -> int:
+        """Bring the mirror home, and then to the first stripe: how many steps it had lost since the last time.
+
+        Other than 0, the stripes since then lay elsewhere than commanded and their heights are wrong.
+
+        Raises:
+            drivers.BoardError: the board cannot be reached, or found no home.
+        """
+        from drivers import prepare
+
+        return prepare(self.board, pattern)
+
     def _close(self) -> None:
         """Close in the order of opening: the board, and with it the laser, first."""
         while self._entered:

@@ -1,0 +1,36 @@
+"""`guara doctor`: what works on this machine, and how to mend what does not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command(name="doctor")
+@click.option("-c", "--calibration", type=click.Path(path_type=Path), help="calibration.json to check")
+@click.option("--camera", default="0", show_default=True, help="number or path of the camera")
+@click.option("--listen", default="tcp/127.0.0.1:7447", show_default=True, help="where the node would listen")
+@click.option("--only", "checks", multiple=True, help="run only this check; repeatable", metavar="NAME")
+@click.pass_context
+def command(
+    context: click.Context, calibration: Path | None, camera: str, listen: str, checks: tuple[str, ...]
+) -> None:
+    r"""Check camera, USB board, permissions, Zenoh, calibration, disk and speed; exit 1 when something must be mended.
+
+    \b
+    Example:
+      guara doctor -c calibration.json
+    """
+    from guara_perception.app.doctor import CHECKS, FAIL, examine
+    from guara_perception.exceptions import InvalidInput
+
+    unknown = [name for name in checks if name not in CHECKS]
+    if unknown:
+        raise InvalidInput(f"--only is {', '.join(unknown)}, allowed: {', '.join(CHECKS)}")
+    failed = False
+    for finding in examine(camera=camera, calibration=calibration, listen=listen, folder=Path.cwd(), checks=checks):
+        click.echo(f"{finding.level:<5} {finding.name:<12} {finding.message}")
+        failed |= finding.level == FAIL
+    if failed:
+        context.exit(1)

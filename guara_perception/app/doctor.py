@@ -1,0 +1,182 @@
+"""Checks of everything a scan needs; each says ok, or what to do."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.file import load_calibration
+from guara_perception.exceptions import PerceptionError
+
+OK, WARN, FAIL = "ok", "warn", "FAIL"
+CHECKS = ("usb", "board", "camera", "zenoh", "calibration", "disk", "speed")
+# After this long a camera mount has had its knocks; the paper's rig was calibrated before each session.
+CALIBRATION_AGE_DAYS = 30
+# A standard scan with its recording takes about 60 MB; ten of them should fit.
+DISK_BYTES = 1_000_000_000
+# One stripe of 1280x1024 px must be done well within a frame at 30 per second.
+STRIPE_SECONDS = 0.015
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One line of the report.
+
+    Attributes:
+        name: what was checked.
+        level: "ok", "warn" or "FAIL".
+        message: what was found and, unless ok, what to do.
+    """
+
+    name: str
+    level: str
+    message: str
+
+
+def examine(
+    *, camera: str, calibration: Path | None, listen: str, folder: Path, checks: tuple[str, ...] = ()
+) -> Iterator[Finding]:
+    """Run the checks one by one.
+
+    Args:
+        camera: number or path of the camera.
+        calibration: file to check, or None.
+        listen: endpoint on which the node would listen.
+        folder: where recordings would be written.
+        checks: names of the checks to run; empty = all.
+    """
+    every: dict[str, Callable[[], Finding]] = {
+        "usb": check_usb,
+        "board": check_board,
+        "camera": lambda: check_camera(camera),
+        "zenoh": lambda: check_endpoint(listen),
+        "calibration": lambda: check_calibration(calibration),
+        "disk": lambda: check_disk(folder),
+        "speed": check_speed,
+    }
+    for name, check in every.items():
+        if not checks or name in checks:
+            yield check()
+
+
+def check_usb() -> Finding:
+    """Whether pyusb has a backend."""
+    from drivers import DriverError
+    from drivers.usb_link import default_backend
+
+    try:
+        backend = default_backend()
+    except DriverError as error:
+        return Finding("usb", FAIL, str(error))
+    return Finding("usb", OK, f"backend {type(backend).__module__}")
+
+
+def check_board() -> Finding:
+    """Whether the laser board is there, may be opened and speaks the protocol."""
+    from drivers import DriverError, LaserBoard
+
+    try:
+        with LaserBoard() as board:
+            identity = board.identity
+    except DriverError as error:
+        return Finding("board", FAIL, str(error))
+    version = ".".join(map(str, identity.firmware))
+    return Finding("board", OK, f"firmware {version}, {np.degrees(identity.step_angle):.3f} degrees per step")
+
+
+def check_camera(source: str) -> Finding:
+    """Whether the camera opens and gives a frame."""
+    from drivers import DriverError, OpenCvCamera
+
+    name: int | str = int(source) if source.isdigit() else source
+    try:
+        with OpenCvCamera(name) as camera:
+            frame = camera.grab(2.0)
+    except (DriverError, ValueError) as error:
+        return Finding("camera", FAIL, str(error))
+    height, width = frame.image.shape[:2]
+    return Finding("camera", OK, f"camera {source} gives {width}x{height} px")
+
+
+def check_endpoint(listen: str) -> Finding:
+    """Whether the node could listen there."""
+    protocol, _, address = listen.partition("/")
+    host, _, port = address.rpartition(":")
+    if not port.isdigit():
+        return Finding("zenoh", FAIL, f"endpoint {listen!r} is not valid, write protocol/host:port")
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host.strip("[]") or "127.0.0.1", int(port)))
+        except OSError as error:
+            return Finding("zenoh", FAIL, f"{listen}: {error.strerror}; a node runs there already, or choose --listen")
+    return Finding("zenoh", OK, f"{listen} is free ({protocol})")
+
+
+def check_calibration(path: Path | None) -> Finding:
+    """Whether the calibration loads, how good and how old it is."""
+    if path is None:
+        return Finding("calibration", WARN, "none given: -c calibration.json; `guara calibrate` makes one")
+    try:
+        calibration = load_calibration(path)
+    except PerceptionError as error:
+        return Finding("calibration", FAIL, str(error))
+    return judge_calibration(calibration)
+
+
+def judge_calibration(calibration: Calibration) -> Finding:
+    """Verdict and age of a calibration."""
+    verdict = str(calibration.quality.get("verdict"))
+    reasons = "; ".join(map(str, calibration.quality.get("reasons", ())))
+    text = f"{verdict}" + (f" ({reasons})" if reasons else "") + f", {len(calibration.stripes)} stripes"
+    if verdict == "refused":
+        return Finding("calibration", FAIL, f"{text}: calibrate again")
+    try:
+        made = datetime.fromisoformat(calibration.created)
+    except ValueError:
+        return Finding("calibration", WARN, f"{text}, of unknown age: calibrate again if in doubt")
+    days = (datetime.now(UTC) - (made if made.tzinfo else made.replace(tzinfo=UTC))).days
+    if days > CALIBRATION_AGE_DAYS:
+        return Finding("calibration", WARN, f"{text}, {days} days old: check it on a flat floor, or calibrate again")
+    return Finding("calibration", OK if verdict != "unknown" else WARN, f"{text}, {days} days old")
+
+
+def check_disk(folder: Path) -> Finding:
+    """Whether ten recorded scans fit."""
+    try:
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        return Finding("disk", FAIL, f"{folder}: {error.strerror}")
+    text = f"{free / 1e9:.1f} GB free in {folder}"
+    return Finding("disk", OK, text) if free > DISK_BYTES else Finding("disk", WARN, f"{text}: make room to record")
+
+
+def check_speed() -> Finding:
+    """Whether this machine extracts a stripe faster than frames come."""
+    from guara_perception.stripes.extract import extract_stripe
+
+    rows = np.arange(1024, dtype=np.float32)[:, None]
+    centre = 500 + 5 * np.sin(np.arange(1280) / 90, dtype=np.float32)
+    off = np.full((1024, 1280, 3), 40, np.uint8)
+    off[::2] += 2
+    on = off.copy()
+    on[:, :, 2] += (120 * np.exp(-((rows - centre) ** 2) / 6)).astype(np.uint8)
+    extract_stripe(on, off, band=(420, 580))
+    start = time.perf_counter()
+    for _ in range(5):
+        extract_stripe(on, off, band=(420, 580))
+    seconds = (time.perf_counter() - start) / 5
+    text = f"{seconds * 1e3:.1f} ms per stripe of 1280x1024 px"
+    if seconds > STRIPE_SECONDS:
+        return Finding(
+            "speed", WARN, f"{text}: too slow for 30 frames per second; stop other programs or scan coarsely"
+        )
+    return Finding("speed", OK, text)

@@ -1,0 +1,70 @@
+"""A rangefinder that replays a recorded scan: emulated board, and a camera that shows what that scan saw."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.app.node.rangefinder import Rangefinder
+from guara_perception.exceptions import InvalidInput
+from guara_perception.scan import Scan
+
+if TYPE_CHECKING:
+    from drivers import AcquireOptions
+    from drivers.emulator import ExposureView
+
+Frame = npt.NDArray[Any]
+
+# An exposure in which the laser shone for less than half of the time shows no usable stripe.
+LIT_FRACTION = 0.5
+
+
+class RecordedView:
+    """What the camera of a recorded scan sees while an emulated board moves laser and mirror."""
+
+    def __init__(self, scan: Scan) -> None:
+        """Read all frames of the scan.
+
+        Raises:
+            InvalidInput: the scan has no frame with the laser off.
+        """
+        frames = sorted(scan.frames(), key=lambda item: item[0].mirror_angle)
+        offs = [off for _, _, off in frames if off is not None]
+        if not offs:
+            raise InvalidInput(f"{scan.source}: no frame with the laser off, it cannot be shown live")
+        self._angles = np.array([stripe.mirror_angle for stripe, _, _ in frames])
+        self._on = [on for _, on, _ in frames]
+        self._off = offs[0]
+        # Further from every recorded angle than this the sheet falls between stripes that were recorded.
+        self._reach = 0.6 * float(np.diff(self._angles).max()) if len(frames) > 1 else np.inf
+
+    def render(self, view: ExposureView, settings: object) -> Frame:
+        """The recorded frame nearest to the mirror's angle, or the one with the laser off."""
+        nearest = int(np.abs(self._angles - view.mirror_angle).argmin())
+        is_near = abs(self._angles[nearest] - view.mirror_angle) <= self._reach
+        if view.laser_fraction < LIT_FRACTION or not is_near:
+            return self._off
+        return self._on[nearest]
+
+
+def recorded_rangefinder(
+    scan: Scan, *, fps: float = 30.0, options: AcquireOptions | None = None
+) -> tuple[Rangefinder, Any]:
+    """A rangefinder over a recorded scan; the real driver talks to an emulated board through pyusb.
+
+    Args:
+        scan: recorded scan to show.
+        fps: frames per second of the camera.
+        options: of the acquisition; None = one off frame.
+
+    Returns:
+        The rangefinder, and the emulated board (for injecting faults).
+    """
+    from drivers import LaserBoard
+    from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
+
+    emulated = EmulatedBoard()
+    camera = EmulatedCamera(emulated, RecordedView(scan).render, fps=fps)
+    return Rangefinder(LaserBoard(backend=emulated_backend(emulated)), camera, options), emulated

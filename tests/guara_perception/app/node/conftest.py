@@ -1,0 +1,62 @@
+"""A live rangefinder over a recorded scan: the real driver, an emulated board, a camera that shows the recording."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from drivers import LaserBoard
+from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
+from guara_perception.app.node.rangefinder import Rangefinder
+from guara_perception.app.node.recorded_rig import RecordedView
+from kinematics import RobotModel
+
+# The emulated devices keep real time; at this rate a coarse scan takes 0.3 s.
+FPS = 120.0
+
+
+@dataclass
+class Rig:
+    """An open rangefinder and what it is made of."""
+
+    rangefinder: Rangefinder
+    board: EmulatedBoard
+    camera: EmulatedCamera
+    processor: Callable[[], gp.ScanProcessor]
+    pattern: list[tuple[int, float]]
+    reference: gp.TerrainGrid
+
+    def never_safer(self, terrain: gp.TerrainGrid) -> bool:
+        """Whether no cell is safe that the whole scan does not call safe."""
+        return not np.any((terrain.hazard == 0) & (self.reference.hazard != 0))
+
+
+@pytest.fixture(scope="session")
+def recorded_view(paper_scan: gp.Scan) -> RecordedView:
+    return RecordedView(paper_scan)
+
+
+@pytest.fixture
+def rig(
+    recorded_view: RecordedView,
+    paper_scan: gp.Scan,
+    paper_terrain: gp.TerrainGrid,
+    calibration: gp.Calibration,
+    robot: RobotModel,
+) -> Iterator[Rig]:
+    """Open devices."""
+    board = EmulatedBoard()
+    camera = EmulatedCamera(board, recorded_view.render, fps=FPS, exposure=0.004, latency=0.002)
+    rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
+    with rangefinder:
+        yield Rig(
+            rangefinder,
+            board,
+            camera,
+            lambda: gp.ScanProcessor(calibration, robot, paper_scan.stance, paper_scan.mode),
+            [(stripe.index, stripe.mirror_angle) for stripe in calibration.stripes],
+            paper_terrain,
+        )
+    assert not board.view().laser_on

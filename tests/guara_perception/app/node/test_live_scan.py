@@ -1,0 +1,112 @@
+"""Live scans with the real driver over an emulated board, healthy and with every fault at several phases."""
+
+import numpy as np
+import pytest
+
+from drivers import DriverError
+from drivers.emulator import CameraFault, Fault, FaultKind
+from drivers.protocol import Request
+from guara_perception.app.node.live_scan import live_scan
+from guara_perception.terrain.hazard import Hazard
+from tests.guara_perception.app.node.conftest import Rig
+
+TRANSFER_FAULTS = [
+    FaultKind.UNPLUG,
+    FaultKind.UNPLUG_AFTER,
+    FaultKind.STALL,
+    FaultKind.TIMEOUT,
+    FaultKind.TIMEOUT_AFTER,
+    FaultKind.SHORT_READ,
+    FaultKind.GARBAGE,
+]
+STATE_FAULTS = [FaultKind.LASER_STUCK_OFF, FaultKind.BLIND_SENSOR, FaultKind.JAMMED, FaultKind.HOT]
+
+
+def scan_again_is_whole(rig: Rig) -> bool:
+    """Whether the next scan gives the grid of an undisturbed one."""
+    rig.board.mend()
+    rig.board.replug()
+    rig.camera.faults.clear()
+    processor = rig.processor()
+    scan = live_scan(rig.rangefinder, processor, rig.pattern, should_stop=lambda: False)
+    terrain = processor.finish()
+    known = np.isfinite(terrain.elevation).mean()
+    return not scan.failed and known > 0.98 * np.isfinite(rig.reference.elevation).mean() and rig.never_safer(terrain)
+
+
+def test_a_live_scan_gives_the_grid_of_the_recording(rig: Rig) -> None:
+    """Through driver, board and camera come the same bytes as from the folder."""
+    processor = rig.processor()
+    scan = live_scan(rig.rangefinder, processor, rig.pattern, should_stop=lambda: False)
+    assert (scan.failed, scan.stopped_early, scan.problems) == (False, False, ())
+    np.testing.assert_array_equal(processor.finish().hazard, rig.reference.hazard)
+    assert scan.end > scan.start
+
+
+@pytest.mark.parametrize("stop_at", [0, 1, 17])
+def test_a_pause_that_ends_leaves_the_rest_unscanned(rig: Rig, stop_at: int) -> None:
+    """What was not fired is UNSCANNED and nothing becomes safer."""
+    processor = rig.processor()
+    done: list[int] = []
+    scan = live_scan(
+        rig.rangefinder,
+        processor,
+        rig.pattern,
+        should_stop=lambda: len(done) >= stop_at,
+        on_stripe=lambda capture: done.append(capture.index),
+    )
+    terrain = processor.finish()
+    assert scan.stopped_early or len(done) == len(rig.pattern)
+    assert rig.never_safer(terrain)
+    last = max(done, default=-2)
+    beyond = [index for index in processor.profiles if index > last + 4]
+    assert not beyond
+    if len(done) < 30:
+        assert np.any(terrain.hazard & Hazard.UNSCANNED)
+    assert scan_again_is_whole(rig)
+
+
+@pytest.mark.parametrize("kind", TRANSFER_FAULTS, ids=lambda kind: kind.value)
+@pytest.mark.parametrize("skip", [0, 40])
+def test_no_transfer_fault_makes_anything_safer(rig: Rig, kind: FaultKind, skip: int) -> None:
+    """A fault of the bus at the begin, in the middle or at the end of a scan: survived, and told where it cost data."""
+    rig.board.inject(Fault(kind, skip=skip, count=4))
+    processor = rig.processor()
+    try:
+        scan = live_scan(rig.rangefinder, processor, rig.pattern, should_stop=lambda: False)
+        lost = len(processor.points) < len(rig.pattern)
+        assert not lost or scan.problems
+    except DriverError as error:
+        pytest.fail(f"a device error escaped: {error}")
+    assert rig.never_safer(processor.finish())
+    assert scan_again_is_whole(rig)
+
+
+@pytest.mark.parametrize("kind", STATE_FAULTS, ids=lambda kind: kind.value)
+def test_no_device_fault_makes_anything_safer(rig: Rig, kind: FaultKind) -> None:
+    """A device that does not do what it says is found out, or shows nothing: never more than there is."""
+    rig.board.inject(Fault(kind, amount=95))
+    processor = rig.processor()
+    live_scan(rig.rangefinder, processor, rig.pattern, should_stop=lambda: False)
+    assert rig.never_safer(processor.finish())
+    assert scan_again_is_whole(rig)
+
+
+def test_lost_steps_are_counted_when_the_mirror_comes_home(rig: Rig) -> None:
+    """A mirror that missed steps shows stripes out of place; homing after the scan tells by how much."""
+    rig.board.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=10, amount=40))
+    live_scan(rig.rangefinder, rig.processor(), rig.pattern, should_stop=lambda: False)
+    assert abs(rig.rangefinder.lost_steps(rig.pattern)) == 40
+    assert rig.rangefinder.lost_steps(rig.pattern) == 0
+    assert scan_again_is_whole(rig)
+
+
+@pytest.mark.parametrize("kind", ["drop", "repeat", "freeze", "silence", "resize", "brighten"])
+@pytest.mark.parametrize("first", [1, 20])
+def test_no_camera_fault_makes_anything_safer(rig: Rig, kind: str, first: int) -> None:
+    """Frames that are lost, repeated, frozen, of another size or exposure cost their stripe and no more."""
+    rig.camera.faults.append(CameraFault(kind, first, 3))
+    processor = rig.processor()
+    live_scan(rig.rangefinder, processor, rig.pattern, should_stop=lambda: False)
+    assert rig.never_safer(processor.finish())
+    assert scan_again_is_whole(rig)
