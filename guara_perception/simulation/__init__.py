@@ -1,0 +1,10 @@
+"""A simulated robot on simulated terrain: world, rangefinder, walk; the test bench of everything above it."""
+
+from guara_perception.simulation.light import Light
+from guara_perception.simulation.random_world import random_world
+from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.specimen import specimen
+from guara_perception.simulation.world import World
+from guara_perception.simulation.world_file import load_world
+
+__all__ = ["Light", "SimulatedRangefinder", "World", "load_world", "random_world", "specimen"]

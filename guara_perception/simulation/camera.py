@@ -1,0 +1,58 @@
+"""The simulated rangefinder as the drivers' camera: laser and mirror of the emulated board decide what it sees."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from drivers.camera import CameraSettings
+from drivers.emulator.camera import EmulatedCamera
+from drivers.emulator.views import ExposureView
+from drivers.frame import Image
+
+if TYPE_CHECKING:
+    from drivers.emulator.camera import Exposes
+    from guara_perception.simulation.rangefinder import SimulatedRangefinder
+
+# The exposure for which the simulated light is set [s].
+NOMINAL_EXPOSURE_S = 0.008
+
+
+def simulated_camera(
+    rangefinder: SimulatedRangefinder, board: Exposes, *, fps: float = 30.0, latency: float = 0.008
+) -> EmulatedCamera:
+    """A free-running camera on the simulated rangefinder.
+
+    Args:
+        rangefinder: already placed; it may be placed anew between scans, from the same thread that grabs.
+        board: the emulated board (of this process or another) whose laser and mirror light the scene.
+        fps: frames per second.
+        latency: from the end of an exposure to its arrival [s].
+    """
+    return EmulatedCamera(
+        board,
+        renderer(rangefinder),
+        fps=fps,
+        exposure=min(NOMINAL_EXPOSURE_S, 1.0 / fps),
+        latency=latency,
+        name="simulated camera",
+    )
+
+
+def renderer(rangefinder: SimulatedRangefinder) -> Callable[[ExposureView, CameraSettings], Image]:
+    """What an exposure of the camera shows, for `EmulatedCamera`.
+
+    Exposure time and gain brighten the picture; white balance and gamma are those of a linear camera whatever is set.
+    """
+
+    def render(seen: ExposureView, settings: CameraSettings) -> Image:
+        exposure = (settings.exposure or NOMINAL_EXPOSURE_S) / NOMINAL_EXPOSURE_S
+        gain = 1.0 if settings.gain is None else settings.gain
+        return rangefinder.frame(
+            laser=seen.laser_fraction,
+            mirror_angle=seen.mirror_angle,
+            mirror_travel=seen.mirror_travel,
+            exposure=exposure * gain,
+        )
+
+    return render

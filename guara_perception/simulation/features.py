@@ -1,0 +1,231 @@
+"""What stands, lies and gapes on the simulated ground: boxes, rocks, ramps, steps, stairs, pits, patches.
+
+Each feature turns the heights that are there before it into those after it, exactly, at any points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.simulation.materials import material_index
+
+Float = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+DIRECTIONS = ("up", "down")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Feature:
+    """Base of all features on a rectangle.
+
+    Attributes:
+        x, y: centre [m].
+        size: length along its own x, width along its own y [m].
+        yaw: turn about z [rad].
+        material: name of its material.
+    """
+
+    x: float
+    y: float
+    size: tuple[float, float]
+    yaw: float = 0.0
+    material: str = "wood"
+
+    def __post_init__(self) -> None:
+        """Check what every feature has."""
+        _finite(self, "x", "y", "yaw")
+        if len(self.size) != 2 or not all(np.isfinite(s) and s > 0 for s in self.size):
+            raise InvalidInput(f"size is {tuple(self.size)}, it must be (length, width), both above 0 m")
+        material_index(self.material)
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Smallest and largest x, smallest and largest y of the feature [m]."""
+        c, s = abs(np.cos(self.yaw)), abs(np.sin(self.yaw))
+        half_x, half_y = (c * self.size[0] + s * self.size[1]) / 2, (s * self.size[0] + c * self.size[1]) / 2
+        return self.x - half_x, self.x + half_x, self.y - half_y, self.y + half_y
+
+    def local(self, x: Float, y: Float) -> tuple[Float, Float]:
+        """Coordinates along the feature's own axes, from its centre [m]."""
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        dx, dy = x - self.x, y - self.y
+        return c * dx + s * dy, c * dy - s * dx
+
+    def covers(self, x: Float, y: Float) -> Mask:
+        """Which points lie within its rectangle."""
+        u, v = self.local(x, y)
+        return (np.abs(u) <= self.size[0] / 2) & (np.abs(v) <= self.size[1] / 2)
+
+    def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
+        """Heights after this feature, and where its material shows.
+
+        Args:
+            x, y: points [m], any shape.
+            ground: heights before it [m].
+            base: height before it at its centre [m]: what it stands on.
+        """
+        return ground, self.covers(x, y)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Patch(Feature):
+    """Another material on the ground; no height."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Box(Feature):
+    """A box with a level top, `height` above the ground at its centre."""
+
+    height: float
+
+    def __post_init__(self) -> None:
+        """Check."""
+        Feature.__post_init__(self)
+        _positive(self, "height")
+
+    def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
+        """See `Feature.shape`."""
+        mask = self.covers(x, y) & (ground < base + self.height)
+        return np.where(mask, base + self.height, ground), mask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ramp(Feature):
+    """A wedge that rises along its own x from the ground to `height`, and ends there with a wall."""
+
+    height: float
+    material: str = "concrete"
+
+    def __post_init__(self) -> None:
+        """Check."""
+        Feature.__post_init__(self)
+        _positive(self, "height")
+
+    def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
+        """See `Feature.shape`."""
+        u, _ = self.local(x, y)
+        top = base + self.height * (u / self.size[0] + 0.5)
+        mask = self.covers(x, y) & (ground < top)
+        return np.where(mask, top, ground), mask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rock(Feature):
+    """A lump: half an ellipsoid of the given size and height, with bumps by its own seed."""
+
+    height: float
+    seed: int = 0
+    material: str = "concrete"
+
+    def __post_init__(self) -> None:
+        """Check."""
+        Feature.__post_init__(self)
+        _positive(self, "height")
+
+    def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
+        """See `Feature.shape`."""
+        u, v = self.local(x, y)
+        u, v = 2 * u / self.size[0], 2 * v / self.size[1]
+        rng = np.random.default_rng(self.seed)
+        bumps = np.zeros_like(u)
+        for _ in range(4):
+            a, b, phase = rng.uniform(-4, 4), rng.uniform(-4, 4), rng.uniform(0, 2 * np.pi)
+            bumps = bumps + 0.05 * np.sin(a * u + b * v + phase)
+        inside = np.clip(1 - u**2 - v**2, 0, None)
+        top = base + self.height * np.sqrt(inside) * (0.8 + bumps)
+        mask = (inside > 0) & (ground < top)
+        return np.where(mask, top, ground), mask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pit(Feature):
+    """A hole with a level bottom, `depth` below the ground at its centre."""
+
+    depth: float
+    material: str = "soil"
+
+    def __post_init__(self) -> None:
+        """Check."""
+        Feature.__post_init__(self)
+        _positive(self, "depth")
+
+    def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
+        """See `Feature.shape`."""
+        mask = self.covers(x, y)
+        return np.where(mask, np.minimum(ground, base - self.depth), ground), mask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """All ground from `x` on is higher (direction "up") or lower ("down") by `height` [m]."""
+
+    x: float
+    height: float
+    direction: str = "up"
+    material: str = "soil"
+    count: int = field(default=1, init=False)
+    run: float = field(default=1.0, init=False)
+
+    def __post_init__(self) -> None:
+        """Check."""
+        _check_steps(self)
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Smallest and largest x, smallest and largest y [m]; steps cross the whole world."""
+        return self.x, self.x + (self.count - 1) * self.run, 0.0, 0.0
+
+    def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
+        """See `Feature.shape`."""
+        steps = np.clip(np.floor((x - self.x) / self.run + 1), 0, self.count)
+        sign = 1.0 if self.direction == "up" else -1.0
+        return ground + sign * self.height * steps, steps > 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stairs(Step):
+    """`count` steps of `height` each, one every `run` metres from `x` on, across the whole world."""
+
+    count: int
+    run: float
+
+
+AnyFeature = Feature | Step
+KINDS: dict[str, type[Feature] | type[Step]] = {
+    "box": Box,
+    "ramp": Ramp,
+    "rock": Rock,
+    "pit": Pit,
+    "patch": Patch,
+    "step": Step,
+    "stairs": Stairs,
+}
+
+
+def _check_steps(step: Step) -> None:
+    _finite(step, "x")
+    _positive(step, "height", "run")
+    if isinstance(step.count, bool) or not isinstance(step.count, int) or not 1 <= step.count <= 100:
+        raise InvalidInput(f"count is {step.count!r}, it must be a whole number 1 ... 100")
+    if step.direction not in DIRECTIONS:
+        raise InvalidInput(f"direction is {step.direction!r}, allowed: {', '.join(DIRECTIONS)}")
+    material_index(step.material)
+
+
+def _finite(owner: object, *names: str) -> None:
+    for name in names:
+        value = getattr(owner, name)
+        if not np.isfinite(value):
+            raise InvalidInput(f"{name} is {value}, it must be finite")
+
+
+def _positive(owner: object, *names: str) -> None:
+    for name in names:
+        value = getattr(owner, name)
+        if not (np.isfinite(value) and value > 0):
+            raise InvalidInput(f"{name} is {value}, it must be above 0 m")

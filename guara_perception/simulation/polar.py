@@ -1,0 +1,104 @@
+"""What an eye above a height field sees: along each bearing the first surface that meets a line of sight.
+
+Along one bearing a point at distance r and height z is seen under the tangent r / (eye height - z) from straight
+down. What lies behind a larger tangent is hidden, so the running maximum of the tangent says both what a line of sight
+meets (its inverse) and whether a given point is in sight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.simulation.relief import Relief
+
+Float32 = npt.NDArray[np.float32]
+
+# A point counts as in sight of the light although something up to this much in front of it is as high: raster error.
+IN_FRONT_M = 0.0025
+TANGENT_TOLERANCE = 0.001
+# Neighbouring lines of sight that meet the ground further apart than this have an edge between them.
+EDGE_M = 0.002
+
+
+@dataclass(frozen=True, slots=True)
+class PolarView:
+    """Running maximum of the tangent around an eye.
+
+    Attributes:
+        eye: (3,) position in the world [m].
+        bearings: first bearing and step [rad].
+        radius_step: step of distance [m].
+        horizon: (bearings, radii) float32, running maximum of the tangent.
+    """
+
+    eye: npt.NDArray[np.float64]
+    bearings: tuple[float, float]
+    radius_step: float
+    horizon: Float32
+
+    @staticmethod
+    def around(
+        relief: Relief,
+        eye: npt.NDArray[np.float64],
+        bearing_range: tuple[float, float],
+        bearing_count: int,
+        radius: float,
+        radius_step: float,
+    ) -> PolarView:
+        """Look around.
+
+        Args:
+            relief: the ground.
+            eye: (3,) position [m], above all ground within the radius.
+            bearing_range: first and last bearing [rad].
+            bearing_count: number of bearings.
+            radius: how far to look [m].
+            radius_step: step of distance [m].
+        """
+        first, last = bearing_range
+        step = (last - first) / (bearing_count - 1)
+        bearing = first + step * np.arange(bearing_count)
+        radii = (np.arange(int(np.ceil(radius / radius_step))) + 1) * radius_step
+        x = eye[0] + np.cos(bearing)[:, None] * radii
+        y = eye[1] + np.sin(bearing)[:, None] * radii
+        height = relief.sample(relief.height, x.astype(np.float32), y.astype(np.float32))
+        drop = np.maximum(np.float32(eye[2]) - height, np.float32(1e-3))
+        tangent = radii.astype(np.float32) / drop
+        return PolarView(eye, (first, step), radius_step, np.maximum.accumulate(tangent, axis=1))
+
+    def meets(self, bearing: Float32, tangent: Float32, tangent_steps: int) -> Float32:
+        """Distance (h, w) [m] at which lines of sight (h, w) meet the ground; beyond the last radius: level ground."""
+        limit = float(np.clip(tangent.max(), 0.01, float(self.horizon[:, -1].max())))
+        grid = np.linspace(0.0, limit, tangent_steps, dtype=np.float32)
+        radii = (np.arange(self.horizon.shape[1] + 1) * self.radius_step).astype(np.float32)
+        table = np.empty((len(self.horizon), tangent_steps), dtype=np.float32)
+        start = np.zeros(1, np.float32)
+        for row, horizon in zip(table, self.horizon, strict=True):
+            row[:] = np.interp(grid, np.concatenate((start, horizon)), radii)
+        column, row = tangent * np.float32((tangent_steps - 1) / limit), self._row(bearing)
+        smooth, nearest = (
+            np.asarray(cv2.remap(table, column, row, kind, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
+            for kind in (cv2.INTER_LINEAR, cv2.INTER_NEAREST)
+        )
+        # Beside an edge, the mean of near and far would be a point in the air.
+        return np.where(np.abs(smooth - nearest) < np.float32(EDGE_M), smooth, nearest)
+
+    def sees(self, points: Float32) -> npt.NDArray[np.bool_]:
+        """Which of the points (h, w, 3) are in sight."""
+        dx, dy = points[..., 0] - np.float32(self.eye[0]), points[..., 1] - np.float32(self.eye[1])
+        radius = cv2.magnitude(dx, dy)
+        tangent = radius / np.maximum(np.float32(self.eye[2]) - points[..., 2], np.float32(1e-3))
+        bearing = np.asarray(cv2.phase(dx, dy))
+        bearing = np.where(bearing > np.float32(np.pi), bearing - np.float32(2 * np.pi), bearing)
+        column = (radius - np.float32(IN_FRONT_M)) * np.float32(1 / self.radius_step) - np.float32(1)
+        before = cv2.remap(self.horizon, column, self._row(bearing), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(tangent >= before - np.float32(TANGENT_TOLERANCE))
+
+    def _row(self, bearing: npt.NDArray[Any]) -> Float32:
+        first, step = self.bearings
+        return np.asarray((bearing - np.float32(first)) * np.float32(1 / step), dtype=np.float32)

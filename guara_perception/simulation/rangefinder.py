@@ -1,0 +1,188 @@
+"""`SimulatedRangefinder`: frames of camera and laser sheet for any pose of the body over a world."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.exceptions import CalibrationMismatch, InvalidInput
+from guara_perception.ranging.triangulate import sheet_origin
+from guara_perception.simulation.body import Body
+from guara_perception.simulation.bounce import Bounce
+from guara_perception.simulation.light import Light
+from guara_perception.simulation.relief import Relief
+from guara_perception.simulation.scene_view import SceneView, look
+from guara_perception.simulation.sensor import Sensor
+from guara_perception.simulation.sheet import SheetModel
+from guara_perception.simulation.world import World
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+Float = npt.NDArray[np.float64]
+Picture = npt.NDArray[np.uint8]
+
+# Beyond this many sigmas the sheet's light is below a hundredth of a level.
+REACH_SIGMAS = 4.5
+# A pixel that shows more than this across the sheet lies on an edge: what is beyond does not belong to it.
+MAX_FOOTPRINT_M = 0.002
+# A camera this close to the ground, or below, has hit it.
+LEAST_CLEARANCE_M = 0.05
+
+
+class SimulatedRangefinder:
+    """A rangefinder on a robot over a world.
+
+    Example:
+        rangefinder = SimulatedRangefinder(world, specimen(robot), robot, seed=0)
+        rangefinder.place(transform_base_to_world, joint_positions)
+        for index, on, off in rangefinder.frames(range(0, 70, 2)):
+            processor.add(index, on, off)
+    """
+
+    def __init__(
+        self, world: World, calibration: Calibration, robot: RobotModel, seed: int = 0, *, light: Light | None = None
+    ) -> None:
+        """Build it.
+
+        Args:
+            world: the terrain.
+            calibration: what the rangefinder truly is, for instance from `specimen`.
+            robot: that carries it.
+            seed: of all noise; the same calls give the same frames.
+            light: light and sensor; None = ordinary ones.
+
+        Raises:
+            CalibrationMismatch: the calibration belongs to another robot.
+        """
+        if calibration.robot != robot.name:
+            raise CalibrationMismatch(f"the calibration belongs to robot {calibration.robot!r}, not to {robot.name!r}")
+        self.world, self.calibration, self.robot = world, calibration, robot
+        self.light = light or Light()
+        self.sheets = SheetModel.of(calibration)
+        self._relief = Relief.of(world)
+        width, height = calibration.camera.size
+        pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2)
+        self._rays = calibration.camera.rays(pixels).reshape(height, width, 3).astype(np.float32)
+        camera = calibration.transform_camera_to_base[:3, 3]
+        self._laser_in_base = sheet_origin(self.sheets.planes_in_base, camera)
+        self._sensor = Sensor(self.light, (height, width), seed)
+        self._view: SceneView | None = None
+        self._bounce: Bounce | None = None
+        self._transform_world_to_base: Float = np.eye(4)
+
+    @property
+    def view(self) -> SceneView:
+        """What the camera looks at from where it was placed.
+
+        Raises:
+            InvalidInput: `place` was never called.
+        """
+        if self._view is None:
+            raise InvalidInput("the simulated rangefinder stands nowhere: call place(transform_base_to_world) first")
+        return self._view
+
+    def place(
+        self, transform_base_to_world: npt.ArrayLike, joint_positions: Mapping[str, float] | None = None
+    ) -> SceneView:
+        """Put the body somewhere; everything that is the same for all frames from there is computed here.
+
+        Args:
+            transform_base_to_world: (4, 4).
+            joint_positions: of the legs, for their picture and their shadow; None = a robot without legs.
+
+        Raises:
+            InvalidInput: camera or laser in or just over the ground.
+        """
+        transform = np.asarray(transform_base_to_world, dtype=np.float64)
+        camera = transform @ self.calibration.transform_camera_to_base
+        laser = transform[:3, :3] @ self._laser_in_base + transform[:3, 3]
+        for name, position in (("camera", camera[:3, 3]), ("laser", laser)):
+            clearance = position[2] - float(self.world.height(position[0], position[1]))
+            if clearance < LEAST_CLEARANCE_M:
+                raise InvalidInput(
+                    f"the {name} is {clearance:.3f} m above the ground, it must be {LEAST_CLEARANCE_M} m or more"
+                )
+        body = None if joint_positions is None else Body(self.robot.state(joint_positions), transform)
+        beam = (laser, transform[:3, 1])
+        self._view = look(self._relief, self._rays, camera, beam, body, self.light)
+        self._sensor.set_scene(self._view.ambient)
+        self._bounce = Bounce(self._view) if self.light.bounce > 0 else None
+        inverse = np.eye(4)
+        inverse[:3, :3] = transform[:3, :3].T
+        inverse[:3, 3] = -transform[:3, :3].T @ transform[:3, 3]
+        self._transform_world_to_base = inverse
+        return self._view
+
+    def frames(self, indices: Iterable[int]) -> Iterator[tuple[int, Picture, Picture]]:
+        """Frames of stripes, one after the other: index, laser on, laser off, each (h, w, 3) BGR uint8.
+
+        Raises:
+            CalibrationMismatch: an index that the specimen does not have.
+            InvalidInput: `place` was never called.
+        """
+        for index in indices:
+            angle = self.calibration.stripe(index).mirror_angle
+            yield index, self.frame(mirror_angle=angle), self.frame(laser=0.0)
+
+    def frame(
+        self, *, laser: float = 1.0, mirror_angle: float = 0.0, mirror_travel: float = 0.0, exposure: float = 1.0
+    ) -> Picture:
+        """One picture, (h, w, 3) BGR uint8.
+
+        Args:
+            laser: share of the exposure during which the laser shines, 0 ... 1.
+            mirror_angle: in the middle of the exposure [rad].
+            mirror_travel: how far the mirror turns meanwhile [rad].
+            exposure: relative to the nominal one.
+
+        Raises:
+            InvalidInput: `place` was never called.
+        """
+        view = self.view
+        if laser <= 0:
+            return self._sensor.dark_picture(exposure)
+        light, rows = self._laser_light(view, mirror_angle, mirror_travel)
+        return self._sensor.picture(light, rows, laser, exposure)
+
+    def _laser_light(
+        self, view: SceneView, mirror_angle: float, mirror_travel: float
+    ) -> tuple[npt.NDArray[np.float32], tuple[int, int]]:
+        """Levels (rows, w) of the laser's light and the rows (first, end) where there is any."""
+        plane = self.sheets.plane_at(mirror_angle)
+        normal = self._transform_world_to_base[:3, :3].T @ plane[:3]
+        # The plane in the world, with distances taken from the view's own origin for the sake of float32.
+        offset = plane[3] + plane[:3] @ self._transform_world_to_base[:3, 3] + normal @ view.origin
+        height, width = view.laser_gain.shape
+        distance = (view.points.reshape(-1, 3) @ normal.astype(np.float32) + np.float32(offset)).reshape(height, width)
+        # A sheet that turns by twice the travel sweeps a band; its width adds to the Gaussian's.
+        swept = 2 * mirror_travel * 0.5
+        sigma = np.hypot(self.light.stripe_sigma, swept / np.sqrt(12))
+        reach = np.float32(REACH_SIGMAS * np.hypot(sigma, MAX_FOOTPRINT_M * self.light.blur))
+        near = np.flatnonzero(cv2.inRange(distance, float(-reach), float(reach)))
+        row = near // width
+        gain = view.laser_gain.ravel()[near]
+        near, row, gain = near[gain > 0], row[gain > 0], gain[gain > 0]
+        if not near.size:
+            return np.zeros((0, width), np.float32), (0, 0)
+        middle = distance.ravel()[near]
+        below = distance.ravel()[np.minimum(near + width, height * width - 1)]
+        # A pixel takes in light over its own height and, by the lens's blur, from its neighbours'. Widening the
+        # Gaussian by both is exact on smooth ground, and free of the aliasing of a picture blurred afterwards.
+        footprint = np.minimum(np.abs(below - middle), np.float32(MAX_FOOTPRINT_M))
+        variance = np.float32(sigma**2) + footprint**2 * np.float32(1 / 12 + self.light.blur**2)
+        strength = gain * np.float32(self.light.stripe_sigma) / np.sqrt(variance)
+        level = strength * np.exp(-0.5 * middle**2 / variance)
+        speckled = level * self._sensor.speckle(near.size)
+        bounced = None if self._bounce is None else self._bounce.light(near, level, self.light.bounce)
+        first, end = (int(row.min()), int(row.max()) + 1) if bounced is None else (0, height)
+        light = np.zeros((end - first, width), np.float32)
+        light.ravel()[near - first * width] = speckled
+        if bounced is not None:
+            light += bounced
+        return light, (first, end)

@@ -1,0 +1,214 @@
+"""One look of the simulated camera from one pose: what each pixel shows, prepared once for all stripes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.simulation.body import Body
+from guara_perception.simulation.light import Light
+from guara_perception.simulation.materials import MATERIALS
+from guara_perception.simulation.polar import PolarView
+from guara_perception.simulation.relief import Relief
+
+Float = npt.NDArray[np.float64]
+Float32 = npt.NDArray[np.float32]
+
+# How far the eyes look, and how finely: half a pixel's width on the ground at most.
+RADIUS_M = 1.3
+RADIUS_STEP_M = 0.001
+TANGENT_STEPS = 2400
+LASER_BEARINGS = 3000
+LASER_RADIUS_M = 0.75
+SUN_DIRECTION = np.array([0.35, 0.45, 0.82])
+LEG_ALBEDO = (0.30, 0.30, 0.32)
+MIRRORED_EXPONENT = 60.0
+MIRRORED_GAIN = 6.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneView:
+    """Per pixel (h, w): the surface point and how bright it is in ambient and in laser light.
+
+    Attributes:
+        points: (h, w, 3) float32, surface points in the world, relative to `origin`.
+        origin: (3,) in the world [m]: where the laser leaves the mirror.
+        normals: (h, w, 3) float32.
+        reflectance: (h, w) float32, share of red light scattered towards the camera.
+        laser_gain: (h, w) float32, level of the stripe's centre where the sheet meets the point, 0 in shadow.
+        ambient: (h, w, 3) float32, levels without laser at nominal exposure.
+        is_body: (h, w) bool, own legs.
+    """
+
+    points: Float32
+    origin: Float
+    normals: Float32
+    reflectance: Float32
+    laser_gain: Float32
+    ambient: Float32
+    is_body: npt.NDArray[np.bool_]
+
+
+def look(
+    relief: Relief,
+    rays: Float32,
+    transform_camera_to_world: Float,
+    beam: tuple[Float, Float],
+    body: Body | None,
+    light: Light,
+) -> SceneView:
+    """Prepare a view.
+
+    Args:
+        relief: the ground.
+        rays: (h, w, 3) float32, viewing rays of all pixels in the camera frame, z = 1.
+        transform_camera_to_world: (4, 4).
+        beam: (3,) where the laser leaves the mirror and (3,) direction of the mirror's axis, in the world.
+        body: the robot's own shapes in the world, or None.
+        light: light and sensor.
+    """
+    eye, (laser, across) = transform_camera_to_world[:3, 3], beam
+    ways = rays @ transform_camera_to_world[:3, :3].T.astype(np.float32)
+    points = _ground_points(relief, eye, ways)
+    slope = relief.sample(relief.slope, points[..., 0], points[..., 1])
+    steepness = 1 / np.sqrt(1 + slope[..., 0] ** 2 + slope[..., 1] ** 2)
+    normals = np.dstack((-slope[..., 0] * steepness, -slope[..., 1] * steepness, steepness))
+    albedo, shine = _surface(relief, points, ways, normals)
+    is_body = (
+        _add_body(body, eye, ways, points, normals, albedo, shine)
+        if body is not None
+        else np.zeros(points.shape[:2], dtype=bool)
+    )
+    lit = PolarView.around(relief, laser, (-np.pi, np.pi), LASER_BEARINGS, LASER_RADIUS_M, RADIUS_STEP_M).sees(points)
+    lit |= is_body
+    if body is not None:
+        _shade(body, laser, points, lit)
+    cosine_camera = (rays[..., 2] / np.sqrt((rays**2).sum(axis=2))).astype(np.float32)
+    vignette = cosine_camera ** np.float32(light.vignetting)
+    points -= laser.astype(np.float32)
+    laser_gain = _laser_gain(points, normals, ways, albedo[..., 0], shine, across, light) * lit * vignette
+    sun = np.maximum(normals @ (SUN_DIRECTION / np.linalg.norm(SUN_DIRECTION)).astype(np.float32), 0)
+    sky = (1 - light.sun) * (0.6 + 0.4 * normals[..., 2]) + light.sun * sun / np.float32(SUN_DIRECTION[2])
+    ambient = albedo[..., ::-1] * (sky * vignette)[..., None] * np.array(light.ambient, dtype=np.float32)
+    return SceneView(
+        points=points,
+        origin=laser,
+        normals=normals,
+        reflectance=albedo[..., 0] * vignette,
+        laser_gain=np.ascontiguousarray(laser_gain, dtype=np.float32),
+        ambient=np.ascontiguousarray(ambient, dtype=np.float32),
+        is_body=is_body,
+    )
+
+
+def _ground_points(relief: Relief, eye: Float, ways: Float32) -> Float32:
+    """Points (h, w, 3) where lines of sight meet the ground."""
+    level = np.sqrt(ways[..., 0] ** 2 + ways[..., 1] ** 2) + np.float32(1e-9)
+    down = np.maximum(-ways[..., 2], np.float32(1e-3))
+    tangent = level / down
+    # Bearings from the middle of the picture, so that they never wrap around inside it.
+    ahead = ways[ways.shape[0] // 2, ways.shape[1] // 2]
+    heading = float(np.arctan2(ahead[1], ahead[0]))
+    c, s = np.float32(np.cos(heading)), np.float32(np.sin(heading))
+    bearing = np.arctan2(c * ways[..., 1] - s * ways[..., 0], c * ways[..., 0] + s * ways[..., 1])
+    bearing += np.float32(heading)
+    first, last = float(bearing.min()), float(bearing.max())
+    count = int(2 * ways.shape[1] * max((last - first) / 2.2, 0.5))
+    view = PolarView.around(relief, eye, (first, last), count, RADIUS_M, RADIUS_STEP_M)
+    radius = view.meets(bearing, tangent, TANGENT_STEPS)
+    points = ways * (radius / level)[..., None]
+    points += eye.astype(np.float32)
+    return points
+
+
+def _surface(relief: Relief, points: Float32, ways: Float32, normals: Float32) -> tuple[Float32, Float32]:
+    """Albedo (h, w, 3) red, green, blue and shine (h, w). A wall is of what is above it: look just behind it."""
+    behind = np.float32(0.0015) * (1 - normals[..., 2])
+    x = points[..., 0] - behind * normals[..., 0]
+    y = points[..., 1] - behind * normals[..., 1]
+    index = relief.sample(relief.material, x, y, cv2.INTER_NEAREST)
+    albedo = np.array([material.albedo for material in MATERIALS], dtype=np.float32)[index]
+    shine = np.array([material.shine for material in MATERIALS], dtype=np.float32)[index]
+    depth = np.array([material.texture for material in MATERIALS], dtype=np.float32)[index]
+    texture = relief.sample_texture(x + points[..., 2], y - points[..., 2])
+    return np.clip(albedo * (1 + depth * texture)[..., None], 0.002, 1).astype(np.float32), shine
+
+
+def _laser_gain(
+    points: Float32, normals: Float32, ways: Float32, albedo: Float32, shine: Float32, across: Float, light: Light
+) -> Float32:
+    """Level of the stripe's centre at points relative to the laser: scattered by the surface, and mirrored."""
+    distance = np.sqrt((points**2).sum(axis=2)) + np.float32(1e-6)
+    cosine = np.maximum(-(points * normals).sum(axis=2) / distance, 0)
+    scattered = albedo * cosine
+    shiny = shine > 0
+    if shiny.any():
+        arriving, normal = points[shiny] / distance[shiny][:, None], normals[shiny]
+        leaving = arriving - 2 * (arriving * normal).sum(axis=1)[:, None] * normal
+        towards = -ways[shiny] / np.linalg.norm(ways[shiny], axis=1)[:, None]
+        lobe = np.maximum((leaving * towards).sum(axis=1), 0) ** np.float32(MIRRORED_EXPONENT)
+        scattered[shiny] += shine[shiny] * np.float32(MIRRORED_GAIN) * lobe * (cosine[shiny] > 0)
+    beside = np.abs(points @ across.astype(np.float32)) <= np.float32(np.sin(light.fan)) * distance
+    # The fan spreads the sheet's light along one direction only: it falls with the distance, not with its square.
+    return np.asarray(np.float32(light.laser * 0.5) * scattered * beside / distance, dtype=np.float32)
+
+
+def _add_body(
+    body: Body,
+    eye: Float,
+    ways: Float32,
+    points: Float32,
+    normals: Float32,
+    albedo: Float32,
+    shine: Float32,
+) -> npt.NDArray[np.bool_]:
+    """Put the robot's own shapes in front of the ground; returns where."""
+    height, width = ways.shape[:2]
+    is_body = np.zeros((height, width), dtype=bool)
+    share = ((points - eye.astype(np.float32)) * ways).sum(axis=2) / (ways**2).sum(axis=2)
+    lowest, highest = ways.reshape(-1, 3).min(axis=0), ways.reshape(-1, 3).max(axis=0)
+    for number, corners in enumerate(body.corners()):
+        # A cheap look first: the box lies beside the cone of all lines of sight, or above the eye.
+        towards = corners - eye
+        depth = -towards[:, 2]
+        if depth.max() <= 0.01:
+            continue
+        scaled = towards[:, :2] / np.maximum(depth, 0.01)[:, None]
+        bounds = np.array([lowest[:2], highest[:2]]) / np.maximum(-highest[2], 0.05)
+        if (scaled.max(axis=0) < bounds[0]).any() or (scaled.min(axis=0) > bounds[1]).any():
+            continue
+        enter, axis = body.meets(number, eye, ways.reshape(-1, 3))
+        nearer = np.flatnonzero(enter < share.ravel())
+        if not nearer.size:
+            continue
+        chosen = ways.reshape(-1, 3)[nearer]
+        points.reshape(-1, 3)[nearer] = chosen * enter[nearer, None] + eye.astype(np.float32)
+        normals.reshape(-1, 3)[nearer] = body.normal(number, axis[nearer], chosen)
+        albedo.reshape(-1, 3)[nearer] = LEG_ALBEDO
+        shine.ravel()[nearer] = 0
+        share.ravel()[nearer] = enter[nearer]
+        is_body.ravel()[nearer] = True
+    return is_body
+
+
+def _shade(body: Body, laser: Float, points: Float32, lit: npt.NDArray[np.bool_]) -> None:
+    """Take the laser's light from points behind the robot's own shapes, in place."""
+    flat, is_lit = points.reshape(-1, 3), lit.reshape(-1)
+    floor = float(points[..., 2].min())
+    for number, corners in enumerate(body.corners()):
+        depth = laser[2] - corners[:, 2]
+        if depth.max() <= 0.01:
+            continue
+        # The shadow on the lowest ground bounds it everywhere above.
+        stretch = np.maximum((laser[2] - floor) / np.maximum(depth, 0.01), 1.0)
+        shadow = np.vstack((corners[:, :2], laser[:2] + (corners[:, :2] - laser[:2]) * stretch[:, None]))
+        low, high = shadow.min(axis=0), shadow.max(axis=0)
+        inside = np.flatnonzero(((flat[:, :2] >= low) & (flat[:, :2] <= high)).all(axis=1) & is_lit)
+        if not inside.size:
+            continue
+        enter, _ = body.meets(number, laser, flat[inside] - laser.astype(np.float32))
+        # A point on the shape itself is met at the end of its way: lit.
+        is_lit[inside[enter < np.float32(0.995)]] = False

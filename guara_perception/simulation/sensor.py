@@ -1,0 +1,102 @@
+"""The simulated camera's sensor: exposure, shot and read noise, saturation, eight bits."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.simulation.light import Light
+
+Float32 = npt.NDArray[np.float32]
+Picture = npt.NDArray[np.uint8]
+
+# Noisy pictures without laser kept per scene: drawn in turn, so that no two in a row are alike.
+DARK_PICTURES = 4
+POOL_SIZE = 1 << 22
+
+
+class Sensor:
+    """Turns light into pictures; all noise comes from one seeded pool."""
+
+    def __init__(self, light: Light, shape: tuple[int, int], seed: int) -> None:
+        """Draw the noise.
+
+        Args:
+            light: its noise and leakage.
+            shape: height and width of the picture.
+            seed: of the noise.
+        """
+        self._light, self._shape = light, shape
+        self._rng = np.random.default_rng(seed)
+        size = max(POOL_SIZE, 2 * shape[0] * shape[1] * 3)
+        self._pool = self._rng.standard_normal(size, dtype=np.float32)
+        self._ambient: Float32 = np.zeros((*shape, 3), np.float32)
+        self._dark: dict[float, list[Picture]] = {}
+        self._turn = 0
+
+    def set_scene(self, ambient: Float32) -> None:
+        """Take in the levels (h, w, 3) without laser at nominal exposure."""
+        self._ambient = ambient
+        self._dark.clear()
+
+    def dark_picture(self, exposure: float) -> Picture:
+        """A picture without laser, (h, w, 3) uint8."""
+        return self._next_dark(exposure).copy()
+
+    def picture(self, light: Float32, rows: tuple[int, int], laser: float, exposure: float) -> Picture:
+        """A picture with laser light.
+
+        Args:
+            light: (rows, w) levels of the red laser at nominal exposure.
+            rows: first and end row that it covers.
+            laser: share of the exposure during which the laser shone.
+            exposure: relative to the nominal one.
+        """
+        picture = self._next_dark(exposure).copy()
+        first, end = rows
+        if end <= first:
+            return picture
+        lit_columns = np.flatnonzero(light.max(axis=0) > 0.01)
+        if not lit_columns.size:
+            return picture
+        left, right = int(lit_columns[0]), int(lit_columns[-1]) + 1
+        leakage = np.array(self._light.leakage, dtype=np.float32) * np.float32(laser)
+        level = light[:, left:right, None] * leakage
+        level += self._ambient[first:end, left:right]
+        picture[first:end, left:right] = self._expose(level, exposure)
+        return picture
+
+    def speckle(self, count: int) -> Float32:
+        """Factors (count,) of mean 1 by which laser light varies from pixel to pixel."""
+        factors = 1 + np.float32(self._light.speckle) * self._noise(count)
+        return np.asarray(np.maximum(factors, 0))
+
+    def _next_dark(self, exposure: float) -> Picture:
+        if not (np.isfinite(exposure) and exposure > 0):
+            raise InvalidInput(f"exposure is {exposure} of the nominal one, it must be above 0")
+        if exposure not in self._dark:
+            self._dark[exposure] = []
+        kept = self._dark[exposure]
+        self._turn += 1
+        if len(kept) < DARK_PICTURES:
+            kept.append(self._expose(self._ambient.copy(), exposure))
+            return kept[-1]
+        return kept[self._turn % DARK_PICTURES]
+
+    def _expose(self, level: Float32, exposure: float) -> Picture:
+        """Add noise to levels (..., 3), in place, and clip to eight bits."""
+        if exposure != 1.0:
+            level *= np.float32(exposure)
+        noise = level * np.float32(self._light.shot_noise)
+        noise += np.float32(self._light.read_noise**2)
+        np.sqrt(noise, out=noise)
+        noise *= self._noise(level.size).reshape(level.shape)
+        level += noise
+        np.rint(level, out=level)
+        np.clip(level, 0, 255, out=level)
+        return level.astype(np.uint8)
+
+    def _noise(self, count: int) -> Float32:
+        start = int(self._rng.integers(0, self._pool.size - count + 1))
+        return self._pool[start : start + count]

@@ -1,0 +1,121 @@
+"""Tests of the simulated terrain."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.simulation.features import Box, Patch, Pit, Ramp, Rock, Stairs, Step
+from guara_perception.simulation.materials import MATERIALS, material_index
+from guara_perception.simulation.random_world import random_world
+from guara_perception.simulation.world import World
+
+
+def test_each_feature_has_its_exact_height() -> None:
+    """Heights follow from the geometry that was asked for, at points that a raster would miss."""
+    world = World(
+        x=(0.0, 6.0),
+        features=(
+            Box(x=0.5, y=0.0, size=(0.1, 0.1), height=0.04),
+            Ramp(x=1.0, y=0.0, size=(0.4, 0.2), height=0.1, yaw=np.pi / 2),
+            Pit(x=1.5, y=0.0, size=(0.1, 0.1), depth=0.06),
+            Step(x=2.0, height=0.05),
+            Box(x=2.5, y=0.0, size=(0.1, 0.1), height=0.04),
+            Stairs(x=3.0, height=0.02, count=3, run=0.1, direction="down"),
+        ),
+    )
+    x = [0.5499, 0.5501, 1.0, 1.0, 1.0, 1.5, 1.9999, 2.0, 2.5, 3.05, 3.15, 3.25, 3.9]
+    y = [0.0499, 0.0, 0.0, 0.1999, -0.1, 0.04, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    wanted = [0.04, 0.0, 0.05, 0.099975, 0.025, -0.06, 0.0, 0.05, 0.09, 0.03, 0.01, -0.01, -0.01]
+    np.testing.assert_allclose(world.height(x, y), wanted, atol=1e-9)
+
+
+def test_a_turned_box_covers_its_turned_corners() -> None:
+    """A positive yaw turns a feature counter-clockwise seen from above."""
+    world = World(features=(Box(x=0.5, y=0.0, size=(0.2, 0.02), height=0.03, yaw=np.pi / 4),))
+    assert world.height(0.56, 0.06) == 0.03
+    assert world.height(0.56, -0.06) == 0.0
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 1000))
+def test_the_raster_agrees_with_the_exact_height(seed: int) -> None:
+    """The quick raster holds exactly the heights and materials of its cells' centres."""
+    world = random_world(seed, boxes=4, rocks=3, length=1.5)
+    heights, materials = world.raster((0.5, 1.5), (-0.4, 0.4), 0.02)
+    x, y = np.meshgrid(np.arange(0.51, 1.5, 0.02), np.arange(-0.39, 0.4, 0.02))
+    np.testing.assert_allclose(heights, world.height(x, y), atol=1e-12)
+    np.testing.assert_array_equal(materials, world.material_at(x, y))
+
+
+def test_later_features_stand_on_earlier_ones() -> None:
+    """A box on a box is as high as both, and shows its own material."""
+    lower = Box(x=0.5, y=0.0, size=(0.2, 0.2), height=0.03, material="brick")
+    upper = Box(x=0.5, y=0.0, size=(0.1, 0.1), height=0.02, material="blue")
+    world = World(features=(lower, upper))
+    assert world.height(0.5, 0.0) == pytest.approx(0.05)
+    assert MATERIALS[int(world.material_at(0.5, 0.0))].name == "blue"
+    assert MATERIALS[int(world.material_at(0.58, 0.0))].name == "brick"
+    assert MATERIALS[int(world.material_at(0.8, 0.0))].name == "soil"
+
+
+def test_a_rock_rises_smoothly_from_its_rim() -> None:
+    """A rock is no higher than asked for, highest inside, and flush with the ground at its rim."""
+    rock = Rock(x=0.5, y=0.0, size=(0.1, 0.1), height=0.04, seed=5)
+    world = World(features=(rock,))
+    radius = np.linspace(0, 0.049999, 200)
+    heights = world.height(0.5 + radius, np.zeros_like(radius))
+    assert 0.02 < heights.max() <= 0.04 * 1.0
+    assert heights[-1] < 0.001
+    assert world.height(0.5505, 0.0) == 0
+
+
+def test_undulation_has_the_stated_size_and_spares_the_start() -> None:
+    """The ground's standard deviation is as asked for; before `flat_until` it is level."""
+    world = World(x=(-1.0, 30.0), y=(-10.0, 10.0), undulation=0.01, flat_until=0.0, seed=2)
+    x, y = np.meshgrid(np.linspace(0.5, 29, 300), np.linspace(-9, 9, 200))
+    assert world.height(x, y).std() == pytest.approx(0.01, rel=0.15)
+    assert np.abs(world.height(np.linspace(-1, 0, 50), np.zeros(50))).max() == 0
+
+
+def test_a_sole_rests_on_the_highest_point_beneath_it() -> None:
+    """A sole half on a box is carried by the box; beside it, by the ground."""
+    world = World(features=(Box(x=0.5, y=0.0, size=(0.1, 0.1), height=0.03),))
+    assert world.sole_height(0.58, 0.0, 0.08, 0.06) == pytest.approx(0.03)
+    assert world.sole_height(0.60, 0.0, 0.08, 0.06) == 0
+    assert world.sole_height(0.585, 0.0, 0.08, 0.06, yaw=np.pi / 2) == 0
+
+
+def test_random_worlds_repeat_and_leave_the_start_free() -> None:
+    """A seed gives one world; nothing stands where the robot starts."""
+    assert random_world(3) == random_world(3)
+    assert random_world(3) != random_world(4)
+    x, y = np.meshgrid(np.linspace(-1, 0.55, 60), np.linspace(-0.8, 0.8, 60))
+    assert np.abs(random_world(5).height(x, y)).max() == 0
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Box(x=0, y=0, size=(0.1, 0.1), height=-0.1), "height is -0.1, it must be above 0 m"),
+        (lambda: Box(x=0, y=0, size=(0.1, 0.0), height=0.1), r"size is \(0.1, 0.0\), it must be \(length, width\)"),
+        (lambda: Box(x=np.nan, y=0, size=(0.1, 0.1), height=0.1), "x is nan, it must be finite"),
+        (lambda: Pit(x=0, y=0, size=(0.1, 0.1), depth=0.0), "depth is 0.0, it must be above 0 m"),
+        (lambda: Patch(x=0, y=0, size=(0.1, 0.1), material="tar"), "material is 'tar', allowed: soil, wood"),
+        (lambda: Step(x=0, height=0.1, direction="left"), "direction is 'left', allowed: up, down"),
+        (lambda: Stairs(x=0, height=0.1, count=0, run=0.1), "count is 0, it must be a whole number 1 ... 100"),
+        (lambda: World(x=(1.0, 0.0)), r"x is \(1.0, 0.0\), it must be \(low, high\)"),
+        (lambda: World(undulation=-0.1), "undulation is -0.1, it must be 0 ... 0.1 m"),
+        (lambda: World(features=(Box(x=9, y=0, size=(0.1, 0.1), height=0.1),)), "box covers x 8.950 ... 9.050"),
+        (lambda: random_world(0, rocks=-1), "rocks is -1, it must be 0 or more"),
+        (lambda: random_world(0, length=0.5), "length is 0.5 m, it must be 1 m or more"),
+        (lambda: material_index("tar"), "material is 'tar', allowed"),
+    ],
+)
+def test_impossible_worlds_are_refused(make, message: str) -> None:
+    """What cannot be is refused, with what was given and what is allowed."""
+    with pytest.raises(InvalidInput, match=message):
+        make()
