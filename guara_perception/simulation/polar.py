@@ -22,7 +22,7 @@ Float32 = npt.NDArray[np.float32]
 IN_FRONT_M = 0.0025
 TANGENT_TOLERANCE = 0.001
 # Neighbouring lines of sight that meet the ground further apart than this have an edge between them.
-EDGE_M = 0.002
+EDGE_M = 0.001
 
 
 @dataclass(frozen=True, slots=True)
