@@ -22,7 +22,6 @@ from guara_perception.terrain.assess import assess_layers
 from guara_perception.terrain.causes import plan_looks, unknown_causes
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.hazard import Hazard
 from guara_perception.terrain.raster import pool
 
 if TYPE_CHECKING:
@@ -215,8 +214,7 @@ class ScanProcessor:
         start = time.perf_counter()
         raster = pool(self._surface.raster(), self._pooling)
         marks = self._pooled_marks()
-        # A return outside the height gates is evidence of a drop or a wall: it outweighs heights in the same cell.
-        elevation = np.where(marks & np.uint16(Hazard.OUT_OF_RANGE), np.nan, raster.elevation)
+        elevation = raster.elevation
         usable = np.array([index in self.points for index in self._order])
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
         causes = unknown_causes(elevation, self._plan, pair_usable, marks, self._geometry.eyes, self._grid)

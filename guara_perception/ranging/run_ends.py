@@ -15,6 +15,8 @@ END_COLUMNS = 2
 # A run that fades towards its end is cut by a shadow edge: what is left of the stripe there lies in the wrong place.
 FADED_OF_LEVEL = 0.6
 LEVEL_COLUMNS = 12
+# Speckle makes a single column bright in the middle of a shadow.
+SOUND_COLUMNS = 2
 
 
 def run_ends(height: Float, strength: Float) -> Mask:
@@ -62,10 +64,13 @@ def _faded(strength: Float, breaks: npt.NDArray[np.intp]) -> Mask:
 
 
 def _fade_length(run: Float) -> int:
-    """Number of first columns that are weaker than FADED_OF_LEVEL of the mean of the columns that follow them."""
+    """Number of first columns before SOUND_COLUMNS in a row reach FADED_OF_LEVEL of the columns that follow them."""
     total = np.cumsum(np.append(0.0, run))
     place = np.arange(run.size)
     after = np.minimum(place + LEVEL_COLUMNS, run.size - 1)
     level = (total[after + 1] - total[place + 1]) / np.maximum(after - place, 1)
-    level_holds = run >= FADED_OF_LEVEL * level
-    return int(np.argmax(level_holds)) if level_holds.any() else run.size
+    holds = run >= FADED_OF_LEVEL * level
+    sound = holds.copy()
+    for ahead in range(1, SOUND_COLUMNS):
+        sound[:-ahead] &= holds[ahead:]
+    return int(np.argmax(sound)) if sound.any() else run.size

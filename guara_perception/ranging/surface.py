@@ -98,10 +98,12 @@ def joined_surface(
     start = np.where(before[columns], 0.0, cut)
     end = 1 - np.where(after[columns], 0.0, cut)
     n = sample_count(step, resolution)
-    share = start + (end - start) * ((np.arange(n) + 0.5) / n)[:, None]
+    # The places of the samples never depend on other stripes: what is cut is left out, what is left does not move.
+    share = ((np.arange(n) + 0.5) / n)[:, None]
+    kept = (share >= start) & (share <= end)
     samples = first + share[:, :, None] * step
     variance = (1 - share) ** 2 * variances[0][columns] + share**2 * variances[1][columns]
-    return Surface(samples.reshape(-1, 3), variance.ravel())
+    return Surface(samples[kept], variance[kept])
 
 
 def line_samples(points: tuple[Float, Float], resolution: float) -> Float:

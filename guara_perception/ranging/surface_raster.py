@@ -10,7 +10,7 @@ from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import line_samples
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.hazard import Hazard
-from guara_perception.terrain.raster import CellSamples, Raster, merge, rasterise
+from guara_perception.terrain.raster import CellSamples, Raster, merge, rasterise, without_cells
 
 Flags = npt.NDArray[np.uint16]
 Key = tuple[int, int]
@@ -33,6 +33,7 @@ class SurfaceRaster:
         self._stripes: dict[int, StripePoints] = {}
         self._final: dict[Key, CellSamples] = {}
         self._marks: Flags = np.zeros(geometry.shape, dtype=np.uint16)
+        self._too_high = np.zeros(geometry.shape, dtype=bool)
 
     @property
     def stripes(self) -> dict[int, StripePoints]:
@@ -55,9 +56,14 @@ class SurfaceRaster:
                 self._final[key] = self._part(key)
 
     def raster(self) -> Raster:
-        """Heights of all that was added so far."""
+        """Heights of all that was added so far; a cell with a return above the height gates is not known.
+
+        A return below them says only why a cell is unknown: from under a surface that was seen nothing can return, so
+        there it is a stray reflection.
+        """
         keys = {key for index in self._stripes for key in self._touched(index) if self._is_there(key)}
-        return merge((self._final.get(key) or self._part(key) for key in sorted(keys)), self._geometry)
+        merged = merge((self._final.get(key) or self._part(key) for key in sorted(keys)), self._geometry)
+        return without_cells(merged, self._too_high)
 
     def marks(self) -> Flags:
         """Flags of returns that were seen in a cell and may not be used."""
@@ -91,3 +97,5 @@ class SurfaceRaster:
         iy, ix = self._geometry.indices(points[:, 0], points[:, 1])
         inside = self._geometry.contains(iy, ix)
         self._marks[iy[inside], ix[inside]] |= np.uint16(flag)
+        if flag is Hazard.OUT_OF_RANGE:
+            self._too_high[iy[inside], ix[inside]] |= points[inside, 2] > 0

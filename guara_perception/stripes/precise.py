@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from guara_perception.stripes.profile import StripeProfile, StripeStatus, bad_frame
 from guara_perception.stripes.signal import laser_light
+from guara_perception.stripes.smooth_line import smooth_line
 
 Float32 = npt.NDArray[np.float32]
 
@@ -87,6 +88,8 @@ def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_ro
     is_drowned = is_found & (clipped > MAX_CLIPPED_RUN_PX)
     status[(is_rivalled | is_drowned) & ~is_cut] = StripeStatus.AMBIGUOUS
 
+    smoothed, shrink = smooth_line(np.where(is_found, position, np.nan).astype(np.float32), peak**2)
+    position = np.where(is_found, smoothed, position)
     usable = (status == StripeStatus.OK) | (status == StripeStatus.SATURATED)
     nan = np.float32(np.nan)
     return StripeProfile(

@@ -117,6 +117,21 @@ def merge(parts: Iterable[CellSamples], geometry: GridGeometry) -> Raster:
     )
 
 
+def without_cells(raster: Raster, cells: npt.NDArray[np.bool_]) -> Raster:
+    """The same grid with some cells unknown."""
+
+    def cut(layer: Float) -> Float:
+        return np.where(cells, np.nan, layer)
+
+    return Raster(
+        elevation=cut(raster.elevation),
+        variance=cut(raster.variance),
+        low=cut(raster.low),
+        high=cut(raster.high),
+        count=np.where(cells, 0.0, raster.count),
+    )
+
+
 def pool(raster: Raster, factor: int) -> Raster:
     """Coarser cells from `factor` x `factor` fine ones, conservatively: one unknown fine cell makes all unknown."""
     if factor == 1:
