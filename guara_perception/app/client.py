@@ -13,6 +13,7 @@ from guara_perception.exceptions import PerceptionError
 from guara_perception.terrain.grid import TerrainGrid
 from transport import DEFAULT_ROBOT, ScanReply, Status, TerrainMessage, open_client
 from transport.client import PerceptionClient
+from transport.keys import check_name
 
 logger = logging.getLogger(__name__)
 
@@ -45,6 +46,7 @@ class TerrainClient:
         Raises:
             transport.ConnectionFailed: nobody answers; the message lists what to check.
         """
+        check_name(robot)
         session = open_client(endpoint, security=security, timeout=timeout)
         self._client = PerceptionClient(session, robot=robot)
         for extent in ("footprint", "map"):

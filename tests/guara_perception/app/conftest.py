@@ -1,0 +1,131 @@
+"""Fixtures of the application's tests: a node in its own process, and the command line."""
+
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.main import run
+
+PATIENCE = 60.0
+"""[s] For anything that must happen at all; generous, because the machine may be loaded."""
+
+
+class Process:
+    """Another process, the lines that it says, and its end."""
+
+    def __init__(self, *words: str | Path) -> None:
+        self.popen = subprocess.Popen(
+            [sys.executable, *map(str, words)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.errors: list[str] = []
+        self._said: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._readers = [
+            threading.Thread(target=lambda: [self._said.put(line.rstrip()) for line in self.popen.stdout], daemon=True),
+            threading.Thread(target=lambda: self.errors.extend(self.popen.stderr), daemon=True),
+        ]
+        for reader in self._readers:
+            reader.start()
+
+    def line(self, timeout: float = PATIENCE) -> str:
+        """The next line of its output."""
+        try:
+            return self._said.get(timeout=timeout)
+        except queue.Empty:
+            raise AssertionError(f"nothing said within {timeout} s; errors: {self.errors[-5:]}") from None
+
+    def tell(self, line: str) -> None:
+        """Give it a command and wait for its "done"."""
+        self.popen.stdin.write(line + "\n")
+        self.popen.stdin.flush()
+        assert self.line() == "done"
+
+    def interrupt(self) -> int:
+        """Press Ctrl-C; its exit code."""
+        self.popen.send_signal(signal.SIGINT)
+        return self.wait()
+
+    def wait(self) -> int:
+        """Its exit code; fails when it does not end."""
+        code = self.popen.wait(PATIENCE)
+        for reader in self._readers:
+            reader.join(PATIENCE)
+        return code
+
+    def end(self) -> None:
+        """End it whatever it does."""
+        if self.popen.poll() is None:
+            self.popen.kill()
+        self.wait()
+        for pipe in (self.popen.stdin, self.popen.stdout, self.popen.stderr):
+            pipe.close()
+
+
+@pytest.fixture(scope="module")
+def start() -> Iterator[Callable[..., Process]]:
+    """Starts Python processes; all are ended after the tests of the module."""
+    started: list[Process] = []
+
+    def begin(*words: str | Path) -> Process:
+        started.append(Process(*words))
+        return started[-1]
+
+    yield begin
+    for process in reversed(started):
+        process.end()
+
+
+@pytest.fixture(scope="session")
+def terrain_file(paper_terrain: gp.TerrainGrid, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The grid that the nodes publish."""
+    path = tmp_path_factory.mktemp("terrain") / "paper.npz"
+    paper_terrain.save(path)
+    return path
+
+
+class Said(NamedTuple):
+    """What a command gave."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def guara(capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
+    """Runs a command line in this process."""
+
+    def command(*words: str | Path) -> Said:
+        code = run([str(word) for word in words])
+        said = capsys.readouterr()
+        return Said(code, said.out, said.err)
+
+    return command
+
+
+def eventually(condition: Callable[[], bool]) -> bool:
+    """Asks until the answer is yes, or patience ends."""
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.02)
+    return True
+
+
+@pytest.fixture(name="eventually")
+def eventually_fixture() -> Callable[[Callable[[], bool]], bool]:
+    """`eventually` for tests."""
+    return eventually

@@ -1,0 +1,75 @@
+"""A node in its own process that publishes one stored grid when told to; arguments: endpoint, robot, grid file.
+
+Commands on standard input, each answered by "done": `publish STEP [AGE_S]`, `map STEP`, `break STEP` (a grid with one
+flipped bit), `pause STEP`, `serve`, `quit`.
+"""
+
+import dataclasses
+import sys
+import time
+
+import numpy as np
+
+import guara_perception as gp
+from guara_perception.app.messages import restamped, terrain_to_message
+from guara_perception.app.publisher import publish_terrain
+from transport import ScanFailed, encode_terrain, open_node
+from transport.keys import terrain_key
+from transport.publisher import Publisher
+from transport.server import PerceptionServer
+
+
+class Node:
+    def __init__(self, endpoint: str, robot: str, path: str) -> None:
+        self.terrain = gp.load_terrain(path)
+        self.session = open_node(listen=endpoint)
+        self.server = PerceptionServer(self.session, robot=robot)
+
+    def publish(self, step: str, age: str = "0") -> None:
+        stamp = time.time_ns() - round(float(age) * 1e9)
+        publish_terrain(self.server, restamped(self.terrain, stamp, int(step)))
+        self.server.flush(30)
+
+    def map(self, step: str) -> None:
+        terrain = dataclasses.replace(restamped(self.terrain, time.time_ns(), int(step)), extent="map", pictures={})
+        publish_terrain(self.server, terrain)
+        self.server.flush(30)
+
+    def break_(self, step: str) -> None:
+        """Publish a grid in which one bit of a safe cell's hazard flags flipped on the way."""
+        terrain = restamped(self.terrain, time.time_ns(), int(step))
+        message = terrain_to_message(terrain, robot=self.server.robot, sequence=self.server.next_sequence("footprint"))
+        payload = bytearray(encode_terrain(message))
+        hazard = np.asarray(terrain.hazard)
+        safe = int(np.flatnonzero(hazard.ravel() == 0)[0])
+        payload[payload.index(hazard.tobytes()) + 2 * safe + 1] ^= 0x10
+        Publisher(self.session, terrain_key(self.server.robot)).put(bytes(payload))
+
+    def pause(self, step: str) -> None:
+        self.server.begin_step(int(step))
+
+    def serve(self) -> None:
+        def handle(job):
+            if job.request.mode == "coarse":
+                raise ScanFailed("the mirror did not move", code="mirror")
+            for done in range(3):
+                job.progress(done + 1, 3)
+            return publish_terrain(self.server, restamped(self.terrain, time.time_ns(), 1000))
+
+        self.server.serve_scans(handle)
+
+
+def main() -> None:
+    node = Node(*sys.argv[1:4])
+    print("ready", flush=True)
+    for line in sys.stdin:
+        command, *words = line.split()
+        if command == "quit":
+            break
+        getattr(node, "break_" if command == "break" else command)(*words)
+        print("done", flush=True)
+    node.session.close()
+
+
+if __name__ == "__main__":
+    main()
