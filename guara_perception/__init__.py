@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from guara_perception.terrain.file import load_terrain
     from guara_perception.terrain.grid import TerrainGrid
     from guara_perception.terrain.hazard import Hazard
+    from guara_perception.terrain.known_ground import KnownGround
+    from guara_perception.terrain.terrain_map import TerrainMap
     from transport.exceptions import (
         ScanBusy,
         ScanFailed,
@@ -50,6 +52,7 @@ _HOME = {
     "FileFormatError": "exceptions",
     "Hazard": "terrain.hazard",
     "InvalidInput": "exceptions",
+    "KnownGround": "terrain.known_ground",
     "MissingFile": "exceptions",
     "PerceptionError": "exceptions",
     "Scan": "scan",
@@ -60,6 +63,7 @@ _HOME = {
     "StripeStatus": "stripes.profile",
     "TerrainClient": "app.client",
     "TerrainGrid": "terrain.grid",
+    "TerrainMap": "terrain.terrain_map",
     "TraversabilityLimits": "settings",
     "UnsafeGrid": "exceptions",
     "assess_terrain": "terrain.assess_terrain",

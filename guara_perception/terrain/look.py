@@ -1,0 +1,145 @@
+"""What one scan says of the cells of the rolling map: seen at a height, looked at without return, or not looked at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.terrain.fuse_heights import Heights
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.odom_cells import Index, OdomCells
+from guara_perception.terrain.touched import touched_places
+
+Float = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.uint16]
+
+# The cell was looked at, and what came back (if anything) was no height that may be used.
+LOOKED_AT = np.uint16(Hazard.DROPOUT | Hazard.AMBIGUOUS | Hazard.OUT_OF_RANGE)
+# What every height of a scan has in common with itself but not with another scan: calibration and mount, assumed.
+LOOK_SIGMA_M = 0.0005
+SEEN_LAYERS = ("elevation", "variance", "elevation_min", "elevation_max", "slope")
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """One scan, told by cells of the rolling map.
+
+    Attributes:
+        heights: cells that were seen.
+        empty: places of cells that were looked at without a usable return.
+        empty_cause: their flags.
+        unseen: places of cells in the area that were not looked at.
+        unseen_cause: their flags.
+        distance: of the seen cells from the robot [m].
+    """
+
+    heights: Heights
+    empty: Index
+    empty_cause: Flags
+    unseen: Index
+    unseen_cause: Flags
+    distance: Float
+
+
+def look_at(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom: Float) -> Look:
+    """Look every cell of the map that the scanned area covers up in the scan's grid.
+
+    Values come from the nearest cell of the scan. A map cell that touches a scan cell without return counts as one
+    itself: part of it was looked at and nothing was seen.
+
+    Args:
+        cells: the memory, with its window around the robot.
+        terrain: grid of the scan alone.
+        transform_footprint_to_odom: (4, 4).
+    """
+    grid, transform = terrain.geometry, transform_footprint_to_odom
+    resolution = cells.resolution
+    (x0, y0), (ny, nx) = grid.origin, grid.shape
+    corners = np.array([(x0 + i * nx * grid.resolution, y0 + j * ny * grid.resolution) for i in (0, 1) for j in (0, 1)])
+    corners_in_odom = corners @ transform[:2, :2].T + transform[:2, 3]
+    (low_x, low_y), (high_x, high_y) = corners_in_odom.min(axis=0), corners_in_odom.max(axis=0)
+    cy, cx = cells.cells_between((low_x, low_y), (high_x, high_y))
+    centre = np.column_stack(((cx + 0.5) * resolution, (cy + 0.5) * resolution))
+    x, y = ((centre - transform[:2, 3]) @ transform[:2, :2]).T
+    iy, ix = grid.indices(x, y)
+    place = cells.places(cy, cx)
+    used = np.flatnonzero(grid.contains(iy, ix) & (place >= 0))
+    x, y, iy, ix, place = x[used], y[used], iy[used], ix[used], place[used]
+
+    hazard = scan_flags(terrain)
+    flags = np.zeros(place.size, dtype=np.uint16)
+    half = 0.5 * resolution * (abs(transform[0, 0]) + abs(transform[1, 0]))
+    for ty, tx in touched_places(grid, x, y, half):
+        inside = grid.contains(ty, tx)
+        flags |= np.where(inside, hazard[np.where(inside, ty, 0), np.where(inside, tx, 0)], 0).astype(np.uint16)
+    own = hazard[iy, ix] & UNKNOWN_MASK
+    returned_nothing = flags & LOOKED_AT
+    is_empty = returned_nothing != 0
+    is_seen = (own == 0) & ~is_empty
+    unseen = (own != 0) & ~is_empty
+
+    jy, jx = iy[is_seen], ix[is_seen]
+    layers = {name: terrain.layers[name][jy, jx].astype(np.float64) for name in SEEN_LAYERS}
+    height = layers["elevation"]
+    relief = layers["elevation_max"] - layers["elevation_min"]
+    steepness = np.tan(np.nan_to_num(layers["slope"])) ** 2
+    at_x, at_y = x[is_seen], y[is_seen]
+    variance = (
+        layers["variance"]
+        + LOOK_SIGMA_M**2
+        + tilt_variance(terrain, at_x, at_y)
+        # The nearest cell lies up to half a cell aside; within a cell the ground has some relief of its own.
+        + steepness * resolution**2 / 12
+        + relief**2 / 12
+    )
+    in_odom = transform[2, 0] * at_x + transform[2, 1] * at_y + transform[2, 2] * height + transform[2, 3]
+    heights = Heights(
+        place=place[is_seen],
+        height=in_odom,
+        variance=variance,
+        below=np.maximum(height - layers["elevation_min"], 0.0),
+        above=np.maximum(layers["elevation_max"] - height, 0.0),
+        steepness=steepness,
+    )
+    return Look(
+        heights=heights,
+        empty=place[is_empty],
+        empty_cause=returned_nothing[is_empty],
+        unseen=place[unseen],
+        unseen_cause=own[unseen],
+        distance=np.hypot(at_x, at_y),
+    )
+
+
+def scan_flags(terrain: TerrainGrid) -> Flags:
+    """Flags of a scan's cells; cells of a stripe that was fired and whose frame was lost count as DROPOUT.
+
+    Raises:
+        InvalidInput: `lost_cells` of the metadata is no list of runs on this grid.
+    """
+    hazard = np.array(terrain.hazard)
+    lost = np.zeros(terrain.shape, dtype=bool)
+    try:
+        for ix, first, end in terrain.metadata.get("lost_cells", ()):
+            lost[first:end, ix] = True
+    except (TypeError, ValueError, IndexError):
+        raise InvalidInput("lost_cells of the metadata is no list of [ix, first iy, end iy] on this grid") from None
+    unknown = (hazard & UNKNOWN_MASK) != 0
+    hazard[lost & unknown] |= np.uint16(Hazard.DROPOUT)
+    return hazard
+
+
+def tilt_variance(terrain: TerrainGrid, x: Float, y: Float) -> Float:
+    """Variance of heights in base_footprint at points from the tilt of the stance pose [m^2]; 0 where not told.
+
+    A rotation (rx, ry) about the footprint's axes lifts the point (x, y) by rx y - ry x.
+    """
+    covariance = terrain.metadata.get("pose_covariance")
+    if covariance is None:
+        return np.zeros(np.shape(x))
+    tilt = np.asarray(covariance, dtype=np.float64)[3:5, 3:5]
+    return np.asarray(tilt[0, 0] * y**2 + tilt[1, 1] * x**2 - 2 * tilt[0, 1] * x * y)
