@@ -1,0 +1,43 @@
+"""The stance pause that the gait is in, as the node follows it."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field
+
+from kinematics import Stance
+from transport import GroundPatch, StancePause
+
+
+@dataclass
+class Pause:
+    """One pause, begun and perhaps ended.
+
+    Attributes:
+        step: number of the pause.
+        stance: at its beginning.
+        known_ground: what the gait declares, in base_footprint of this pause.
+        ended: set when the gait moves on.
+        end_stance: read again at the end, None until then or when it was not told.
+    """
+
+    step: int
+    stance: Stance
+    known_ground: tuple[GroundPatch, ...] = ()
+    ended: threading.Event = field(default_factory=threading.Event)
+    end_stance: Stance | None = None
+
+    def end(self, stance: Stance | None) -> None:
+        """The gait moves on."""
+        self.end_stance = stance
+        self.ended.set()
+
+
+def stance_of(announcement: StancePause) -> Stance:
+    """The stance that an announcement carries.
+
+    Raises:
+        kinematics.StanceError: it is none.
+    """
+    stance = announcement.stance
+    return Stance(stance.joint_positions, stance.support_feet, stance.gravity_in_base)

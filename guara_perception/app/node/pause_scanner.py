@@ -1,0 +1,177 @@
+"""Everything that happens at one pause: sweep, process, publish, check the mirror, fuse, publish the map, record."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from guara_perception.app.node.live_scan import LiveScan, live_scan
+from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.app.node.pause import Pause
+from guara_perception.app.node.rangefinder import Pattern, Rangefinder
+from guara_perception.app.node.recorder import ScanRecorder, ScanRecording
+from guara_perception.app.node.walk_map import WalkMap
+from guara_perception.app.publisher import publish_terrain
+from guara_perception.app.summary import summary
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.exceptions import MirrorSlipped
+from guara_perception.scan_processor import ScanProcessor
+from guara_perception.settings import Settings
+from guara_perception.terrain.grid import TerrainGrid
+from kinematics import RobotModel, Stance, check_camera_still
+from transport import TerrainMessage, TransportError
+from transport.server import PerceptionServer
+
+if TYPE_CHECKING:
+    from drivers import StripeCapture
+
+logger = logging.getLogger(__name__)
+Progress = Callable[[int, int], None]
+
+
+class PauseScanner:
+    """Scans pauses one after the other; used from one thread."""
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        calibration: Calibration,
+        rangefinder: Rangefinder,
+        server: PerceptionServer,
+        status: NodeStatus,
+        *,
+        method: str = "precise",
+        recorder: ScanRecorder | None = None,
+    ) -> None:
+        """Wire it up; arguments as of `PerceptionNode`."""
+        self._robot, self._calibration, self._rangefinder = robot, calibration, rangefinder
+        self._server, self._status, self._method, self._recorder = server, status, method, recorder
+        self._settings = Settings.of(robot)
+        self._map = WalkMap(robot, calibration)
+
+    def scan(
+        self, pause: Pause, mode: str, should_stop: Callable[[], bool], progress: Progress | None = None
+    ) -> TerrainMessage:
+        """Scan one pause and publish what came of it.
+
+        Args:
+            pause: the gait is in.
+            mode: "coarse" or "standard".
+            should_stop: True ends the scan early; what was not fired stays unscanned.
+            progress: called with (stripes done, stripes in all).
+
+        Returns:
+            The message of the scan's own grid, handed over for sending.
+
+        Raises:
+            CameraMoved: the robot moved during the scan; nothing was published.
+            MirrorSlipped: the mirror lost steps; the grid was published and withdrawn, and is not in the map.
+            KinematicsError: the stance does not fit the robot.
+        """
+        wanted = self._settings.pattern(mode)
+        pattern = [(s.index, s.mirror_angle) for s in self._calibration.stripes if s.index in wanted]
+        processor = self._processor(pause, mode)
+        recording = None if self._recorder is None else self._recorder.begin(pause.step, mode, pause.stance)
+
+        def on_stripe(capture: StripeCapture) -> None:
+            if progress is not None:
+                progress(len(processor.profiles), len(pattern))
+            if recording is not None:
+                recording.add(capture)
+
+        try:
+            scan = live_scan(self._rangefinder, processor, pattern, should_stop=should_stop, on_stripe=on_stripe)
+            self._check_still(pause)
+            terrain = with_problems(processor.finish(), scan)
+        except BaseException:
+            if recording is not None:
+                recording.abandon()
+            raise
+        message = publish_terrain(self._server, terrain, scan_start=scan.start, scan_end=scan.end)
+        self._status.scanned(terrain, scan, time.monotonic() - scan.last_frame)
+        logger.info("%s", summary(terrain))
+        try:
+            self._check_steps(pattern)
+        except MirrorSlipped as error:
+            withdrawn = publish_terrain(self._server, self._nothing_seen(pause, mode, str(error)))
+            self._finish(recording, (message, withdrawn), pause.end_stance)
+            raise
+        fused = self._map.update(pause.step, pause.stance, terrain, pause.known_ground)
+        fused_message = publish_terrain(self._server, fused, scan_start=scan.start, scan_end=scan.end)
+        self._finish(recording, (message, fused_message), pause.end_stance)
+        return message
+
+    def _processor(self, pause: Pause, mode: str) -> ScanProcessor:
+        return ScanProcessor(
+            self._calibration,
+            self._robot,
+            pause.stance,
+            mode,
+            method=self._method,
+            stamp=time.time_ns(),
+            step=pause.step,
+        )
+
+    def _nothing_seen(self, pause: Pause, mode: str, reason: str) -> TerrainGrid:
+        """The grid that takes another one back: nothing known, and why."""
+        empty = self._processor(pause, mode).finish()
+        health = {"level": "failed", "reasons": [reason]}
+        return dataclasses.replace(empty, metadata={**empty.metadata, "health": health})
+
+    def _check_still(self, pause: Pause) -> None:
+        if pause.end_stance is not None:
+            check_camera_still(
+                self._robot,
+                pause.stance,
+                pause.end_stance,
+                transform_camera_to_base=self._calibration.transform_camera_to_base,
+            )
+
+    def _check_steps(self, pattern: Pattern) -> None:
+        """Count the steps that the mirror lost: only now is it known that every stripe lay where it was commanded.
+
+        Homing takes a tenth of a second, so the grid is published before and withdrawn when it was wrong. Nothing
+        goes into the map before.
+        """
+        from drivers import DriverError
+
+        try:
+            lost = self._rangefinder.lost_steps(pattern)
+        except DriverError as error:
+            # A board that is gone said nothing false about the scan before; the next scan finds it again or fails.
+            self._status.problem("board", str(error))
+            return
+        self._status.solved("board")
+        if lost:
+            raise MirrorSlipped(
+                f"the mirror had lost {lost} steps by the end of the scan, its heights are wrong: the grid is "
+                "withdrawn. Check that the mirror turns freely"
+            )
+
+    def _finish(
+        self, recording: ScanRecording | None, terrains: tuple[TerrainMessage, ...], stance_end: Stance | None
+    ) -> None:
+        """A full disk must not cost the scan: it was published, the status says what failed."""
+        if recording is None:
+            return
+        try:
+            recording.finish(terrains, stance_end)
+            self._status.solved("recording")
+        except (OSError, TransportError) as error:
+            logger.error("recording failed: %s", error)
+            self._status.problem("recording", str(error))
+
+
+def with_problems(terrain: TerrainGrid, scan: LiveScan) -> TerrainGrid:
+    """The grid, its health telling what the devices had to say."""
+    if not scan.problems and not scan.stopped_early:
+        return terrain
+    health = terrain.metadata["health"]
+    reasons = [*health["reasons"], *scan.problems]
+    if scan.stopped_early:
+        reasons.append("the pause ended before the scan")
+    level = "failed" if scan.failed else "degraded"
+    return dataclasses.replace(terrain, metadata={**terrain.metadata, "health": {"level": level, "reasons": reasons}})

@@ -1,0 +1,213 @@
+"""The node from end to end: real Zenoh, real driver over an emulated board, a gait and a planner as clients."""
+
+import resource
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from drivers.emulator import Fault, FaultKind
+from drivers.protocol import Request
+from guara_perception.app.node.node import PerceptionNode
+from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.app.node.recorder import ScanRecorder, stance_message
+from guara_perception.app.open_scan import open_scans
+from guara_perception.terrain.hazard import UNKNOWN_MASK
+from kinematics import RobotModel, Stance
+from tests.guara_perception.app.node.conftest import Rig
+from transport import Health, PausePhase, StancePause, open_client, open_node
+from transport.server import PerceptionServer
+from transport.stance_link import StancePublisher, StanceReceiver
+
+TIMEOUT = 30.0
+
+
+class Gait:
+    """A gait controller of its own session."""
+
+    def __init__(self, endpoint: str, stance: Stance) -> None:
+        self.session = open_client(endpoint)
+        self.publisher = StancePublisher(self.session)
+        self.stance = stance
+
+    def say(self, step: int, phase: PausePhase, stance: Stance | None = None) -> None:
+        message = stance_message(stance or self.stance)
+        self.publisher.publish(StancePause(robot="guara", step=step, phase=phase, stamp=time.time_ns(), stance=message))
+
+
+class Bench:
+    """A running node with a gait and a planner."""
+
+    def __init__(self, rig: Rig, gait: Gait, client: gp.TerrainClient, status: NodeStatus) -> None:
+        self.rig, self.gait, self.client, self.status = rig, gait, client, status
+
+
+@contextmanager
+def running(
+    rig: Rig,
+    endpoint: str,
+    robot: RobotModel,
+    calibration: gp.Calibration,
+    stance: Stance,
+    recorder: ScanRecorder | None = None,
+) -> Iterator[Bench]:
+    status = NodeStatus(calibration)
+    with open_node(listen=endpoint) as session:
+        server = PerceptionServer(session, collect_status=status.items)
+        node = PerceptionNode(
+            robot, calibration, rig.rangefinder, server, mode="coarse", recorder=recorder, status=status
+        )
+        with node:
+            StanceReceiver(session, on_pause=node.on_pause)
+            gait = Gait(endpoint, stance)
+            with gp.TerrainClient(endpoint) as client:
+                yield Bench(rig, gait, client, status)
+            gait.session.close()
+
+
+@pytest.fixture
+def bench(
+    rig: Rig, free_endpoint: str, robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan
+) -> Iterator[Bench]:
+    with running(rig, free_endpoint, robot, calibration, paper_scan.stance) as made:
+        yield made
+
+
+def wait_until(condition: Callable[[], bool]) -> bool:
+    deadline = time.monotonic() + TIMEOUT
+    while time.monotonic() < deadline:
+        if condition():
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def test_each_pause_gives_a_grid_and_a_map(bench: Bench) -> None:
+    """Begin, scan, end, twice: the planner gets both extents of both steps, as the recording says."""
+    for step in (0, 1):
+        bench.gait.say(step, PausePhase.BEGIN)
+        terrain = bench.client.wait_for_step(step, timeout=TIMEOUT)
+        fused = bench.client.wait_for_step(step, timeout=TIMEOUT, extent="map")
+        bench.gait.say(step, PausePhase.END)
+        assert (terrain.step, fused.step) == (step, step)
+        np.testing.assert_array_equal(terrain.hazard, bench.rig.reference.hazard)
+        assert fused.extent == "map"
+        assert not np.any((fused.traversability > 0) & ((fused.hazard & UNKNOWN_MASK) != 0))
+    assert np.isfinite(fused.elevation).sum() >= np.isfinite(terrain.elevation).sum() * 0.95
+    status = bench.status.items()
+    assert {item.name for item in status} == {"calibration", "scanner"}
+    assert all(item.level is Health.OK for item in status)
+
+
+def test_a_scan_is_refused_while_the_robot_walks_and_done_while_it_stands(bench: Bench) -> None:
+    """A request before the first pause fails with its reason; within a pause it gives a grid."""
+    with pytest.raises(gp.ScanFailed, match="not in a stance pause"):
+        bench.client.request_scan("coarse", timeout=TIMEOUT)
+    bench.gait.say(0, PausePhase.BEGIN)
+    first = bench.client.wait_for_step(0, timeout=TIMEOUT)
+    seen: list[int] = []
+    again = bench.client.request_scan(
+        "coarse", timeout=TIMEOUT, on_progress=lambda reply: seen.append(reply.stripes_done)
+    )
+    assert again.metadata["sequence"] > first.metadata["sequence"]
+    np.testing.assert_array_equal(again.hazard, first.hazard)
+    assert seen and seen == sorted(seen)
+
+
+def test_a_pause_that_ends_early_stops_the_scan(bench: Bench) -> None:
+    """The rest stays unknown, the health says why, and the next pause scans normally."""
+    bench.gait.say(0, PausePhase.BEGIN)
+    assert wait_until(lambda: bench.rig.board.view().laser_on)
+    bench.gait.say(0, PausePhase.END)
+    cut = bench.client.wait_for_step(0, timeout=TIMEOUT)
+    assert bench.rig.never_safer(cut)
+    assert "the pause ended before the scan" in cut.metadata["health"]["reasons"]
+    bench.gait.say(1, PausePhase.BEGIN)
+    np.testing.assert_array_equal(bench.client.wait_for_step(1, timeout=TIMEOUT).hazard, bench.rig.reference.hazard)
+
+
+def test_a_scan_during_which_the_camera_moved_is_not_published(bench: Bench) -> None:
+    """The stance at the end differs: the scan is rejected, the status says so, the next pause is served."""
+    joints = dict(bench.gait.stance.joint_positions)
+    for joint in joints:
+        if "kfe" in joint:
+            joints[joint] += 0.02
+    moved = Stance(joints, bench.gait.stance.support_feet, bench.gait.stance.gravity_in_base)
+    bench.gait.say(0, PausePhase.BEGIN)
+    assert wait_until(lambda: bench.rig.board.view().laser_on)
+    bench.gait.say(0, PausePhase.END, moved)
+    assert wait_until(lambda: any("camera moved" in item.message for item in bench.status.items()))
+    bench.gait.say(1, PausePhase.BEGIN)
+    assert bench.client.wait_for_step(0, timeout=TIMEOUT).step == 1
+    assert all(item.level is Health.OK for item in bench.status.items())
+
+
+def test_a_stance_that_is_no_stance_is_not_scanned(bench: Bench) -> None:
+    """An unknown foot is told in the status; nothing is published for that pause."""
+    wrong = Stance(bench.gait.stance.joint_positions, ("lf", "xx", "rh"), None)
+    bench.gait.say(0, PausePhase.BEGIN, wrong)
+    assert wait_until(lambda: any("xx" in item.message for item in bench.status.items()))
+    bench.gait.say(1, PausePhase.BEGIN)
+    assert bench.client.wait_for_step(0, timeout=TIMEOUT).step == 1
+
+
+def test_a_grid_scanned_with_a_slipped_mirror_is_withdrawn(bench: Bench) -> None:
+    """Lost steps come out at homing: a grid in which nothing is known follows, and the map gets nothing."""
+    bench.rig.board.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=10, amount=40))
+    bench.gait.say(0, PausePhase.BEGIN)
+    assert wait_until(lambda: any("lost" in item.message for item in bench.status.items()))
+    assert wait_until(lambda: bench.client.counts()["received"] >= 2)
+    withdrawn = bench.client.latest()
+    assert not np.isfinite(withdrawn.elevation).any()
+    assert withdrawn.metadata["health"]["level"] == "failed"
+    assert bench.client.counts("map")["received"] == 0
+    bench.gait.say(1, PausePhase.BEGIN)
+    np.testing.assert_array_equal(bench.client.wait_for_step(1, timeout=TIMEOUT).hazard, bench.rig.reference.hazard)
+
+
+def test_a_recording_can_be_processed_again(
+    rig: Rig,
+    free_endpoint: str,
+    robot: RobotModel,
+    calibration: gp.Calibration,
+    paper_scan: gp.Scan,
+    tmp_path: Path,
+) -> None:
+    """What the node recorded gives the grids that it published."""
+    path = tmp_path / "walk.mcap"
+    recorder = ScanRecorder(path, robot="guara", calibration=calibration)
+    with recorder, running(rig, free_endpoint, robot, calibration, paper_scan.stance, recorder) as bench:
+        for step in (0, 1):
+            bench.gait.say(step, PausePhase.BEGIN)
+            bench.client.wait_for_step(step, timeout=TIMEOUT, extent="map")
+            bench.gait.say(step, PausePhase.END)
+    scans = open_scans(path)
+    assert [scan.step for scan in scans] == [0, 1]
+    terrain = gp.process_scan(scans[1], calibration, robot, pictures=False)
+    np.testing.assert_array_equal(terrain.hazard, rig.reference.hazard)
+
+
+def test_a_full_disk_costs_the_recording_and_not_the_scan(
+    rig: Rig,
+    free_endpoint: str,
+    robot: RobotModel,
+    calibration: gp.Calibration,
+    paper_scan: gp.Scan,
+    tmp_path: Path,
+) -> None:
+    """The scan is published all the same, and the status says what could not be written."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    recorder = ScanRecorder(tmp_path / "walk.mcap", robot="guara", calibration=calibration)
+    with running(rig, free_endpoint, robot, calibration, paper_scan.stance, recorder) as bench:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2_000_000, before[1]))
+        try:
+            bench.gait.say(0, PausePhase.BEGIN)
+            terrain = bench.client.wait_for_step(0, timeout=TIMEOUT)
+            assert wait_until(lambda: any(item.name == "recording" for item in bench.status.items()))
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    np.testing.assert_array_equal(terrain.hazard, rig.reference.hazard)
