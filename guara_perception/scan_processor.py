@@ -22,6 +22,7 @@ from guara_perception.terrain.assess import assess_layers
 from guara_perception.terrain.causes import plan_looks, unknown_causes
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.lost_cells import lost_cells
 from guara_perception.terrain.raster import pool
 
 if TYPE_CHECKING:
@@ -239,6 +240,10 @@ class ScanProcessor:
             planned=self._order,
             layers=layers,
             seconds=seconds,
+        )
+        is_lost = np.array([index in self._profiles and self._profiles[index].is_frame_bad for index in self._order])
+        report["lost_cells"] = lost_cells(
+            elevation, layers["hazard"], self._plan.in_view, self._geometry.planes_in_footprint, is_lost, self._grid
         )
         return TerrainGrid(
             layers=layers,

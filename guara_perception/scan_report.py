@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.settings import Settings
+from guara_perception.settings import Settings, limits_to_dict
 from guara_perception.stripes.profile import StripeProfile, StripeStatus
 from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
 
@@ -73,6 +73,7 @@ def scan_report(
         "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),
         "transform_camera_to_base": calibration.transform_camera_to_base.tolist(),
         "pose_covariance": np.asarray(pose.covariance).tolist(),
+        "limits": limits_to_dict(settings.limits),
         "validity_pauses": settings.validity_pauses,
         "validity_seconds": settings.validity_seconds,
         "stripes_planned": len(planned),

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.exceptions import InvalidInput
-from guara_perception.settings import TraversabilityLimits
+from guara_perception.settings import TraversabilityLimits, limits_to_dict
 from guara_perception.terrain.assess import assess_layers
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.grid import TerrainGrid
@@ -49,7 +49,7 @@ def assess_terrain(
     layers = assess_layers(heights, spread, heights, heights, hazard, geometry.resolution, limits)
     layers["age"] = np.where(known, 0, 255).astype(np.uint8)
     layers["looks"] = known.astype(np.uint8)
-    return TerrainGrid(layers=layers, geometry=geometry)
+    return TerrainGrid(layers=layers, geometry=geometry, metadata={"limits": limits_to_dict(limits)})
 
 
 def default_limits() -> TraversabilityLimits:
