@@ -1,0 +1,79 @@
+"""`guara listen` in a process of its own: what it prints, when it ends."""
+
+from pathlib import Path
+
+import pytest
+
+NODE = Path(__file__).with_name("publishing_node.py")
+GUARA = ("-m", "guara_perception.app.main")
+
+
+@pytest.fixture(scope="module")
+def module_endpoint() -> str:
+    """One endpoint for the node of this module."""
+    import socket
+
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@pytest.fixture(scope="module")
+def node(start, module_endpoint: str, terrain_file: Path):
+    """A node that publishes what it is told."""
+    process = start(NODE, module_endpoint, "guara", terrain_file)
+    assert process.line() == "ready"
+    return process
+
+
+def test_count_ends_it_after_the_last_grid(node, start, module_endpoint: str):
+    """The grid that was published before comes at once, one line, and with --count 1 that is all."""
+    node.tell("publish 7")
+    listener = start(*GUARA, "listen", "--connect", module_endpoint, "--count", "1", "--timeout", "60")
+    line = listener.line()
+    assert line.startswith("guara footprint #") and ": step 7, coarse, 90x108 cells of 5 mm, known " in line
+    assert listener.wait() == 0 and listener.errors == []
+
+
+def test_every_new_grid_is_a_line_until_interrupted(node, start, module_endpoint: str):
+    """Lines come as grids come; Ctrl-C ends it cleanly with exit 0 and says how many there were."""
+    node.tell("publish 8")
+    listener = start(*GUARA, "listen", "--connect", module_endpoint)
+    assert ": step 8, " in listener.line()
+    node.tell("publish 9")
+    assert ": step 9, " in listener.line()
+    assert listener.interrupt() == 0
+    assert [line.strip() for line in listener.errors] == ["stopped after 2 grids"]
+
+
+def test_other_extent(node, start, module_endpoint: str):
+    """`--extent map` prints the fused grids."""
+    node.tell("map 12")
+    listener = start(
+        *GUARA, "listen", "--connect", module_endpoint, "--extent", "map", "--count", "1", "--timeout", "60"
+    )
+    assert listener.line().startswith("guara map #1: step 12, ")
+    assert listener.wait() == 0
+
+
+def test_no_grid_in_time_is_a_failure(node, start, module_endpoint: str):
+    """Nothing published under that name: exit 1, one line."""
+    listener = start(
+        *GUARA, "listen", "--connect", module_endpoint, "--robot", "tapir", "--count", "1", "--timeout", "0.5"
+    )
+    assert listener.wait() == 1
+    assert len(listener.errors) == 1 and "tapir/perception/v1/terrain' that fits within 0.5 s" in listener.errors[0]
+
+
+def test_nobody_there_is_a_failure(start, free_endpoint: str):
+    """No node: exit 1, one line that says what to check."""
+    listener = start(*GUARA, "listen", "--connect", free_endpoint, "--count", "1")
+    assert listener.wait() == 1
+    assert len(listener.errors) == 1 and f"cannot connect to {free_endpoint}" in listener.errors[0]
+
+
+@pytest.mark.parametrize("endpoint", ["127.0.0.1:7447", "tcp/nowhere", "tcp/127.0.0.1:x"])
+def test_bad_endpoint_is_bad_usage(guara, endpoint: str):
+    """An endpoint that cannot be one: exit 2, with an example of one that can."""
+    said = guara("listen", "--connect", endpoint, "--count", "1")
+    assert said.code == 2 and endpoint in said.err and said.err.count("\n") == 1

@@ -1,0 +1,179 @@
+"""The command line: help with an example everywhere, exit codes, one line for a mistake, never a traceback for it."""
+
+import errno
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import pytest
+
+import guara_perception as gp
+from guara_perception.app import main as module
+from guara_perception.app.main import COMMANDS, LazyGroup, is_bad_input, run
+from kinematics.exceptions import unknown_name
+from transport import ConnectionFailed, ScanFailed, StaleTerrain
+
+PROMISED = "calibrate convert demo doctor listen process recover replay run scan security view".split()
+
+
+def with_subcommands(name: str) -> list[tuple[str, ...]]:
+    """A command and, if it is a group, its own commands."""
+    command = module.guara.get_command(click.Context(module.guara), name)
+    inner = sorted(command.commands) if isinstance(command, click.Group) else []
+    return [(name,), *((name, word) for word in inner)]
+
+
+@pytest.mark.parametrize("name", PROMISED)
+def test_promised_command_is_there(name: str):
+    """Every command that users were promised is listed."""
+    assert name in COMMANDS
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_shows_an_example(guara, name: str):
+    """`--help` of each command and subcommand explains itself, with an example that begins as one would type it."""
+    for words in with_subcommands(name):
+        said = guara(*words, "--help")
+        assert said.code == 0 and said.err == ""
+        assert "Example:" in said.out
+        example = said.out.split("Example:")[1].strip().splitlines()[0]
+        assert example.startswith(f"guara {' '.join(words)}")
+
+
+def test_help_lists_every_command(guara):
+    """`guara --help` lists each with its one line."""
+    said = guara("--help")
+    assert said.code == 0
+    for name in COMMANDS:
+        assert f"\n  {name} " in said.out
+
+
+def test_no_command_at_all_shows_the_help_and_is_bad_usage(guara):
+    """Called bare, the help goes to standard error, readable, and the exit code is 2."""
+    said = guara()
+    assert said.code == 2 and said.out == ""
+    assert said.err.startswith("Usage: guara") and "\n  process " in said.err
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["proces"], "No such command 'proces'"),
+        (["process"], "Missing argument 'SCAN'"),
+        (["process", "x", "-o", "y.npz"], "Missing option '-c' / '--calibration'"),
+        (["process", "x", "-c", "c.json", "-o", "y.npz", "--resolution", "fine"], "'fine' is not a valid float"),
+        (["listen", "--extent", "world"], "'world' is not one of 'footprint', 'map'"),
+        (["listen", "--count", "0"], "0 is not in the range x>=1"),
+        (["--nonsense"], "No such option"),
+    ],
+)
+def test_bad_usage_is_one_line_and_exit_2(guara, words: list[str], told: str):
+    """Usage mistakes are told in one line that starts with the program's name."""
+    said = guara(*words)
+    assert said.code == 2 and said.out == ""
+    assert told in said.err and said.err.startswith("guara: ") and said.err.count("\n") == 1
+
+
+def fail_with(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
+    """Let the command `process` raise."""
+
+    def callback() -> None:
+        raise error
+
+    monkeypatch.setattr(LazyGroup, "get_command", lambda *_: click.Command("process", callback=callback))
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (gp.InvalidInput("x is 3, allowed: 1, 2"), 2),
+        (gp.MissingFile("a.json: no such file"), 2),
+        (gp.FileFormatError("a.json: field"), 2),
+        (gp.CalibrationMismatch("not this robot's"), 2),
+        (unknown_name("leg", "xx", ["lf", "rf"]), 2),
+        (PermissionError(errno.EACCES, "Permission denied", "/x"), 2),
+        (NotADirectoryError(errno.ENOTDIR, "Not a directory", "/x/y"), 2),
+        (gp.CalibrationRefused("too few boards"), 1),
+        (gp.UnsafeGrid("a cell is traversable with a hazard"), 1),
+        (StaleTerrain("newest grid is 9 s old"), 1),
+        (ConnectionFailed("nobody listens"), 1),
+        (ScanFailed("the mirror did not move"), 1),
+        (OSError(errno.ENOSPC, "No space left on device"), 1),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, Exception) else str(value),
+)
+def test_errors_become_exit_codes(guara, monkeypatch: pytest.MonkeyPatch, error: Exception, code: int):
+    """What the user can mend ends in 2, what failed at run time in 1; the message is one line on standard error."""
+    fail_with(monkeypatch, error)
+    said = guara("process")
+    assert said.code == code and said.out == ""
+    assert said.err == f"guara: {error}\n"
+    assert is_bad_input(error) == (code == 2)
+
+
+def test_message_of_several_lines_becomes_one(guara, monkeypatch: pytest.MonkeyPatch):
+    """Whatever a message holds, a script reads one line."""
+    fail_with(monkeypatch, gp.InvalidInput("first\n   second"))
+    assert guara("process").err == "guara: first second\n"
+
+
+def test_defects_are_not_hidden(monkeypatch: pytest.MonkeyPatch):
+    """An error that nobody raises on purpose is a defect: it is shown whole."""
+    fail_with(monkeypatch, KeyError("inside"))
+    with pytest.raises(KeyError, match="inside"):
+        run(["process"])
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), click.Abort()])
+def test_interruption_is_clean(guara, monkeypatch: pytest.MonkeyPatch, error: BaseException):
+    """Ctrl-C anywhere ends with one word and the shell's code for it."""
+    fail_with(monkeypatch, error)
+    said = guara("process")
+    assert (said.code, said.out, said.err.strip()) == (130, "", "guara: stopped")
+
+
+@pytest.mark.parametrize("code", [0, 1, 2])
+def test_exit_code_that_a_command_asks_for_is_given(guara, monkeypatch: pytest.MonkeyPatch, code: int):
+    """A command that ends by `ctx.exit(code)`, such as a refused calibration, gives that code to the shell."""
+
+    @click.command()
+    @click.pass_context
+    def command(ctx: click.Context) -> None:
+        ctx.exit(code)
+
+    monkeypatch.setattr(LazyGroup, "get_command", lambda *_: command)
+    assert guara("process").code == code
+
+
+def shell(*words: str | Path) -> subprocess.CompletedProcess:
+    """The command in a process of its own, as a user starts it."""
+    return subprocess.run(
+        [sys.executable, "-m", "guara_perception.app.main", *map(str, words)], capture_output=True, text=True
+    )
+
+
+def test_version_is_that_of_the_package():
+    """`guara --version` names the program and its version."""
+    done = shell("--version")
+    assert done.returncode == 0 and done.stdout.startswith("guara, version 0.")
+
+
+def test_mistake_in_a_real_shell_shows_no_traceback(tmp_path: Path):
+    """From outside: exit 2, one line, nothing on standard output, no file."""
+    done = shell("process", tmp_path / "none", "-c", tmp_path / "c.json", "-o", tmp_path / "o.npz")
+    assert done.returncode == 2 and done.stdout == ""
+    assert done.stderr == f"guara: {tmp_path / 'none'}: no such scan\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_reader_that_goes_away_is_no_traceback():
+    """`guara --help | head -1`: the pipe closes early and nothing is complained about."""
+    code = (
+        "import sys; from guara_perception.app import main; main.guara.callback = None; sys.exit(main.run(['--help']))"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process.stdout.close()
+    errors = process.stderr.read()
+    process.stderr.close()
+    assert process.wait(60) == 1 and errors == ""
