@@ -1,5 +1,6 @@
 """`guara listen` in a process of its own: what it prints, when it ends."""
 
+import socket
 from pathlib import Path
 
 import pytest
@@ -11,8 +12,6 @@ GUARA = ("-m", "guara_perception.app.main")
 @pytest.fixture(scope="module")
 def module_endpoint() -> str:
     """One endpoint for the node of this module."""
-    import socket
-
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"

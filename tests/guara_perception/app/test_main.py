@@ -169,10 +169,12 @@ def test_mistake_in_a_real_shell_shows_no_traceback(tmp_path: Path):
 
 def test_reader_that_goes_away_is_no_traceback():
     """`guara --help | head -1`: the pipe closes early and nothing is complained about."""
-    code = (
-        "import sys; from guara_perception.app import main; main.guara.callback = None; sys.exit(main.run(['--help']))"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "guara_perception.app.main", "--help"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     process.stdout.close()
     errors = process.stderr.read()
     process.stderr.close()
