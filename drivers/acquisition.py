@@ -119,9 +119,10 @@ class StripeStream:
         try:
             self._worker.cancel()
         except DriverError as failure:
-            if error is None:
+            # What ended the scan was raised while iterating; closing must not raise its echo over again.
+            if error is None and not (self._ended and self._worker.failure is not None):
                 raise
-            _log.error("while ending the scan after %r: %s", error, failure)
+            _log.error("while ending the scan after %r: %s", error or self._worker.failure, failure)
         finally:
             self._worker.join(_JOIN)
             if self._worker.is_alive():

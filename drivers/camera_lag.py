@@ -11,11 +11,12 @@ import numpy.typing as npt
 
 from drivers.board import LaserBoard
 from drivers.camera import Camera
-from drivers.errors import CameraTimeout, LaserNotSeen
+from drivers.errors import CameraTimeout, LaserNotSeen, StripeClipped
 from drivers.frame import Frame, Image
 
 _FULL, _NONE = 0.9, 0.1  # share of the laser's light at which a frame counts as wholly lit, or wholly dark
 _GOLDEN = 0.618034
+_MAX_CLIPPED = 0.1  # share of the stripe's pixels
 _SETTLE_FRAMES = 6  # frames after which any pipeline shows the new state
 _MOST_FRAMES = 20  # frames to wait for a change before the camera counts as not looking
 
@@ -38,9 +39,10 @@ class LagMeasurement:
 
 
 def measure_lag(board: LaserBoard, camera: Camera, *, toggles: int = 24, timeout: float = 1.0) -> LagMeasurement:
-    """Switch the laser at all phases of the frame and see which frames show it; set `camera.lag` to the result yourself.
+    """Switch the laser at all phases of the frame and see which frames show it.
 
-    The stripe must not be clipped: meter the exposure first. The laser is off afterwards, whatever happens.
+    The camera is not changed: set its `lag` to the result yourself. The stripe must not be clipped: meter the
+    exposure first. The laser is off afterwards, whatever happens.
 
     Args:
         board: an open board, mirror at rest where the camera sees the stripe.
@@ -50,7 +52,8 @@ def measure_lag(board: LaserBoard, camera: Camera, *, toggles: int = 24, timeout
 
     Raises:
         ValueError: too few toggles.
-        LaserNotSeen: the pictures do not depend on the laser.
+        LaserNotSeen: the pictures do not depend on the laser, or contradict one another.
+        StripeClipped: the stripe is too bright to tell a part of an exposure from the whole.
         CameraTimeout: no frame came.
     """
     if toggles < 4:
@@ -88,7 +91,12 @@ def measure_lag(board: LaserBoard, camera: Camera, *, toggles: int = 24, timeout
                 )
     finally:
         board.laser_off()
-    return LagMeasurement(longest, max(0.0, longest - shortest), period, toggles)
+    if longest < shortest:
+        raise LaserNotSeen(
+            f"{camera.name}: some frames show the laser {(shortest - longest) * 1e3:.1f} ms earlier than others allow: "
+            "is the stripe clipped, does anything else light the scene?"
+        )
+    return LagMeasurement(longest, longest - shortest, period, toggles)
 
 
 class _ShareOfLight:
@@ -97,8 +105,17 @@ class _ShareOfLight:
     def __init__(self, dark: Image, lit: Image) -> None:
         self._dark = dark
         difference = _flat(lit) - _flat(dark)
-        threshold = max(0.05 * float(np.iinfo(lit.dtype).max), 0.3 * float(difference.max(initial=0.0)))
+        noise = 1.4826 * float(np.median(np.abs(difference - np.median(difference))))
+        full = float(np.iinfo(lit.dtype).max)
+        threshold = max(0.05 * full, 8.0 * noise, 0.3 * float(difference.max(initial=0.0)))
         self._where = np.nonzero(difference > threshold)
+        brightest = lit.max(axis=2) if lit.ndim == 3 else lit
+        clipped = float(np.mean(brightest[self._where] >= 0.99 * full)) if len(self._where[0]) else 0.0
+        if clipped > _MAX_CLIPPED:
+            raise StripeClipped(
+                f"{clipped:.0%} of the stripe is clipped, at most {_MAX_CLIPPED:.0%} may be: meter_exposure() first, "
+                "so that a part of an exposure can be told from the whole"
+            )
         self._whole = float(difference[self._where].sum())
         if len(self._where[0]) < difference.shape[1] // 50 + 1:
             raise LaserNotSeen(

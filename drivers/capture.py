@@ -103,7 +103,7 @@ class ScanReport:
         failure: the error that ended it, in words, or None.
         frames_used: frames handed out, shared off frames once.
         frames_skipped: frames thrown away because they were exposed before a command had taken effect.
-        frames_dropped: frames the camera counted but never delivered.
+        frames_dropped: frames that the camera counted but did not deliver, while one was awaited.
         frames_repeated: frames delivered twice.
         duration: from the first command to the arrival of the last frame [s].
         problems: what is wrong, in words; empty for a good scan.

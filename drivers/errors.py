@@ -126,5 +126,9 @@ class AcquisitionNotEntered(AcquisitionError, RuntimeError):
     """A scan was iterated outside its `with` block."""
 
 
+class StripeClipped(AcquisitionError, ValueError):
+    """The stripe is too bright for what is to be measured."""
+
+
 class LaserNotSeen(AcquisitionError, RuntimeError):
     """The camera sees no difference between laser on and laser off."""

@@ -20,7 +20,7 @@ class FrameGrabber:
     Attributes:
         used: frames that were returned.
         skipped: frames exposed, at least in part, before the command.
-        dropped: gaps in the camera's counting.
+        dropped: frames missing in the camera's counting that were due while one was awaited.
         repeated: frames that came with a number already seen.
         last_stamp: stamp of the last frame returned [s].
     """
@@ -35,14 +35,14 @@ class FrameGrabber:
             check: called often; raises to give up.
         """
         self._camera, self._board, self._options, self._check = camera, board, options, check
-        self._counter: int | None = None
+        self._before: Frame | None = None
         self.used = self.skipped = self.dropped = self.repeated = 0
         self.last_stamp = time.monotonic()
 
     def restart(self) -> None:
-        """Forget what waits in the camera; frames missed until now were not wanted and do not count as dropped."""
+        """Forget what waits in the camera, and begin to count anew."""
         self._camera.flush()
-        self._counter = None
+        self._before = None
 
     def after(self, ready: float) -> Frame | None:
         """Return the first frame exposed wholly after `ready` [s]; None when none came in time.
@@ -58,12 +58,13 @@ class FrameGrabber:
             left = deadline - time.monotonic()
             if left <= 0:
                 return None
+            asked = time.monotonic()
             try:
                 frame = self._camera.grab(min(left, _SLICE))
             except CameraTimeout:
                 self._board.status()
                 continue
-            if not self._is_new(frame):
+            if not self._is_new(frame, asked):
                 continue
             if frame.stamp - (lag or 0.0) < ready or to_skip > 0:
                 # With an unknown lag, a frame that arrived before the command says nothing about the pipeline.
@@ -74,13 +75,15 @@ class FrameGrabber:
             self.last_stamp = frame.stamp
             return frame
 
-    def _is_new(self, frame: Frame) -> bool:
-        before, self._counter = self._counter, frame.counter
-        if before is None:
-            return True
-        if frame.counter <= before:
-            self._counter = before
+    def _is_new(self, frame: Frame, asked: float) -> bool:
+        before = self._before
+        if before is not None and frame.counter <= before.counter:
             self.repeated += 1
             return False
-        self.dropped += frame.counter - before - 1
+        self._before = frame
+        if before is not None:
+            # Frames that arrived while nobody asked for one were not wanted; those due since then are lost.
+            gap = frame.counter - before.counter
+            period = (frame.stamp - before.stamp) / gap
+            self.dropped += sum(before.stamp + place * period > asked for place in range(1, gap))
         return True

@@ -70,7 +70,6 @@ class LaserSwitch:
             shines: what the board's last status said of the laser.
         """
         if self._lit_since is not None and not shines:
-            self.interruptions += 1
             _log.warning("the board put the laser out during the scan")
             self.off()
         identity = self._board.identity

@@ -90,8 +90,8 @@ class EmulatedBoard:
         """Return what a report now would tell: the number of the last motion that has ended, and the faults."""
         with self._lock:
             now = self._advance()
-            ended = self._mirror.motions - (1 if self._mirror.moving(now) else 0)
-            return ended, self._faults()
+            under_way = self._mirror.moving(now)
+            return max(0, self._mirror.motions - under_way), self._faults()
 
     def still_at(self) -> float:
         """Return when the present motion ends and has settled [s]."""

@@ -125,16 +125,17 @@ class EmulatedCamera(Camera):
         """
         start = self._started()
         deadline = time.monotonic() + timeout
-        self._next = max(self._next, self._arrived(time.monotonic()))
-        while any(fault.kind in ("drop", "silence") and fault.holds(self._next) for fault in self.faults):
-            self._next += 1
-        arrival = start + self._next * self._period + self._delay
+        number = max(self._next, self._arrived(time.monotonic()))
+        for fault in sorted(self.faults, key=lambda fault: fault.first):
+            if fault.kind in ("drop", "silence") and fault.holds(number):
+                number = fault.first + fault.count
+        arrival = start + number * self._period + self._delay
         if arrival > deadline:
             time.sleep(max(0.0, deadline - time.monotonic()))
             raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
         time.sleep(max(0.0, arrival - time.monotonic()))
-        frame = self._expose(self._next, start)
-        self._next += 1
+        frame = self._expose(number, start)
+        self._next = number + 1
         self._last = frame
         return frame
 

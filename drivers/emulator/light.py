@@ -70,10 +70,8 @@ class LightUnit:
             faults &= ~BoardFault.OVER_TEMPERATURE
         if now - self._run_end < self._identity.laser_rest:
             faults &= ~BoardFault.LASER_TIME
-        if self._latched and self._plan.holds(FaultKind.LASER_STUCK_ON):
+        if self._plan.holds(FaultKind.LASER_STUCK_ON):
             faults &= ~BoardFault.LASER_STUCK_ON
-        else:
-            self._latched = False
         self.faults &= ~faults
         self._supply = not self.faults & _BLOCKING
         self._update(now)
@@ -117,6 +115,7 @@ class LightUnit:
         driven = self._commanded and not self._plan.holds(FaultKind.LASER_STUCK_OFF)
         if driven and self._supply and self._plan.holds(FaultKind.LASER_STUCK_ON):
             self._latched = True
+        self._latched = self._latched and self._plan.holds(FaultKind.LASER_STUCK_ON) is not None
         shines = self._supply and (driven or self._latched)
         if self.laser.on and not shines:
             self._run_end = now

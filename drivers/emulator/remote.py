@@ -20,18 +20,24 @@ class _Line:
 
     def __init__(self, address: str) -> None:
         self._channel = Channel.connect(address)
+        self._number = 0
         self._lock = threading.Lock()
 
     def ask(self, **question: Any) -> dict[str, Any]:
         """Return the answer; raise BusError when the far bus did, or when the emulator is gone."""
         with self._lock:
+            self._number += 1
             try:
-                self._channel.send(question)
+                self._channel.send(question | {"number": self._number})
                 answer = self._channel.receive()
+                # A signal may have cut off an earlier question between asking and hearing; its answer is stale.
+                while answer is not None and answer["number"] != self._number:
+                    answer = self._channel.receive()
             except OSError as error:
                 raise BusError(errno.ENODEV, "the emulator process is gone") from error
         if answer is None:
             raise BusError(errno.ENODEV, "the emulator process is gone")
+        del answer["number"]
         if "errno" in answer:
             raise BusError(answer["errno"], answer["text"])
         return answer

@@ -55,7 +55,7 @@ class EmulatorServer:
                         holds_claim = message["op"] == "claim"
                 except BusError as error:
                     answer = {"errno": error.errno, "text": error.strerror}
-                channel.send(answer)
+                channel.send(answer | {"number": message["number"]})
         except OSError:
             return
         finally:

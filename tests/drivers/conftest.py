@@ -18,11 +18,6 @@ HEIGHT, WIDTH = 256, 320
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def row_of(mirror_angle: float) -> float:
-    """Row where the test scene shows the stripe of a mirror angle [rad]."""
-    return 40.0 + (mirror_angle + 0.15) * 380.0
-
-
 class Scene:
     """A flat grey scene with noise, in which the laser draws one red row."""
 
@@ -34,11 +29,16 @@ class Scene:
         self.brightness = 150.0
         self.swallow = False
 
+    @staticmethod
+    def row_of(mirror_angle: float) -> float:
+        """Row where the stripe of a mirror angle [rad] appears."""
+        return 40.0 + (mirror_angle + 0.15) * 380.0
+
     def __call__(self, view: ExposureView, settings: CameraSettings) -> np.ndarray:
         gain = (settings.exposure or 0.002) / 0.002
         self._count += 1
         image = self._noise[self._count % 8] + np.int16(min(self.ambient * gain, 3000))
-        row = round(row_of(view.mirror_angle))
+        row = round(self.row_of(view.mirror_angle))
         if view.laser_fraction > 0 and 2 <= row < HEIGHT - 2 and not self.swallow:
             image[row - 1 : row + 2, :, 2] += np.int16(min(self.brightness * gain * view.laser_fraction, 3000))
         return image.clip(0, 255).astype(np.uint8)
@@ -58,6 +58,11 @@ def patient_config(**changes: object) -> EmulatorConfig:
 
 @pytest.fixture
 def emulated() -> EmulatedBoard:
+    return EmulatedBoard(patient_config())
+
+
+@pytest.fixture
+def another_board() -> EmulatedBoard:
     return EmulatedBoard(patient_config())
 
 

@@ -1,0 +1,274 @@
+"""Whole scans: emulated board under the real driver, emulated camera, every mode, every way to end."""
+
+import time
+
+import numpy as np
+import pytest
+
+from drivers import (
+    AcquireOptions,
+    LaserBoard,
+    OffFrames,
+    ReplayCamera,
+    StripeStream,
+    StripeVerdict,
+    acquire,
+    coarse_first,
+    prepare,
+)
+from drivers.emulator import EmulatedBoard, EmulatedCamera, Fault, FaultKind, emulated_backend
+from drivers.errors import AcquisitionNotEntered, BadPattern, CameraEnded, MirrorOutOfRange
+from drivers.protocol import BoardFault, Request
+
+ALL_MODES = list(OffFrames)
+
+
+def options(off: OffFrames, **more: object) -> AcquireOptions:
+    return AcquireOptions(off=off, frame_timeout=20.0, **more)
+
+
+@pytest.mark.parametrize("off", ALL_MODES)
+def test_a_scan_brings_every_stripe_in_step(
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, scene, pattern: list, off: OffFrames
+) -> None:
+    """Each index once and in order, the stripe in each picture where its own mirror angle puts it."""
+    rows = []
+    with acquire(board, camera, pattern, options(off), band=lambda index: band_of(scene, pattern[index][1])) as stripes:
+        for stripe in stripes:
+            assert stripe.on is not None
+            excess = stripe.on[:, :, 2].astype(int) - stripe.on[:, :, 1]
+            rows.append(int(excess.mean(axis=1).argmax()))
+            assert rows[-1] == pytest.approx(scene.row_of(stripe.mirror_angle), abs=2)
+            assert stripe.mirror_angle_reached == pytest.approx(stripe.mirror_angle, abs=7e-5)
+            assert (stripe.off is None) == (off is OffFrames.NONE)
+            if stripe.off is not None:
+                assert stripe.off[:, :, 2].max() < 60
+        report = stripes.report
+    assert report.planned == report.fired == tuple(index for index, _ in report.verdicts) == tuple(range(70))
+    kinds = [verdict for _, verdict in report.verdicts]
+    assert kinds[1:] == [StripeVerdict.OK] * 69
+    assert kinds[0] is (StripeVerdict.UNPROVED if off is OffFrames.NONE else StripeVerdict.OK)
+    assert report.in_step and not report.problems and not report.missing and not report.stopped_early
+    assert report.frames_used == {OffFrames.PER_STRIPE: 140, OffFrames.ONE: 71, OffFrames.NONE: 70}[off]
+    assert not emulated.view().laser_on
+
+
+def band_of(scene, angle: float) -> tuple[int, int]:
+    row = round(scene.row_of(angle))
+    return row - 6, row + 7
+
+
+def test_shared_off_frame_is_one_array(board: LaserBoard, camera: EmulatedCamera, pattern: list) -> None:
+    """With one off frame, all stripes carry the same, and its stamp is before theirs."""
+    with acquire(board, camera, pattern[:5], options(OffFrames.ONE)) as stripes:
+        taken = list(stripes)
+    assert all(stripe.off is taken[0].off and stripe.off_stamp < stripe.on_stamp for stripe in taken)
+    assert not taken[0].on.flags.writeable
+
+
+def test_coarse_first_keeps_step_over_the_jump_back(board: LaserBoard, camera: EmulatedCamera, pattern: list) -> None:
+    """The even stripes, then those between: all in step, in the order asked for."""
+    order = coarse_first(pattern)
+    with acquire(board, camera, order, options(OffFrames.ONE)) as stripes:
+        taken = [stripe.index for stripe in stripes]
+        assert stripes.report.in_step
+    assert taken == [index for index, _ in order]
+
+
+@pytest.mark.parametrize("off", ALL_MODES)
+@pytest.mark.parametrize("last", [0, 1, 34, 35, 69])
+def test_a_pause_that_ends_leaves_a_partial_scan(
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list, off: OffFrames, last: int
+) -> None:
+    """Stopped while stripe `last` is on its way: what came before is there, the rest missing, the laser off."""
+    streams: list[StripeStream] = []
+
+    def pause_is_over() -> bool:
+        return bool(streams) and len(streams[0]._worker.fired) > last
+
+    scan = acquire(board, camera, pattern, options(off, queue_size=80), should_stop=pause_is_over)
+    streams.append(scan)
+    with scan as stream:
+        taken = [stripe.index for stripe in stream]
+        report = stream.report
+    assert report.stopped_early and report.failure is None
+    assert taken == list(range(last))
+    assert report.fired == tuple(range(last + 1)), "a stripe that was lit but has no frame counts as fired"
+    assert report.missing == tuple(range(last, 70))
+    assert not emulated.view().laser_on
+    with acquire(board, camera, pattern[:3], options(off)) as again:
+        assert len(list(again)) == 3
+
+
+def test_a_scan_that_may_not_begin_is_empty(board: LaserBoard, camera: EmulatedCamera, pattern: list) -> None:
+    """A pause already over yields nothing and fires nothing."""
+    with acquire(board, camera, pattern, should_stop=lambda: True) as stripes:
+        assert list(stripes) == []
+        assert stripes.report.fired == () and not stripes.report.in_step
+
+
+@pytest.mark.parametrize("off", ALL_MODES)
+def test_an_exception_in_the_loop_puts_the_laser_out(
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list, off: OffFrames
+) -> None:
+    """Whatever the caller's code raises, the laser is off when the block has been left, and stays off."""
+    with pytest.raises(ZeroDivisionError), acquire(board, camera, pattern, options(off)) as stripes:
+        for stripe in stripes:
+            if stripe.index == 5:
+                raise ZeroDivisionError
+    assert not emulated.view().laser_on
+    events = len(emulated.switchings())
+    time.sleep(0.1)
+    assert len(emulated.switchings()) == events
+
+
+def test_leaving_the_loop_early_ends_the_scan(
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list
+) -> None:
+    """`break` is enough; the report tells what was handed out."""
+    with acquire(board, camera, pattern, options(OffFrames.ONE)) as stripes:
+        for stripe in stripes:
+            if stripe.index == 3:
+                break
+    assert not emulated.view().laser_on
+    assert [index for index, _ in stripes.report.verdicts] == [0, 1, 2, 3]
+    assert not stripes._worker.is_alive()
+
+
+@pytest.mark.parametrize("off", [OffFrames.ONE, OffFrames.PER_STRIPE])
+def test_a_slow_caller_makes_the_scan_wait_in_the_dark(
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list, off: OffFrames, eventually
+) -> None:
+    """A full queue pauses the scan with the laser off; afterwards it goes on in step, nothing counts as dropped."""
+    with acquire(board, camera, pattern[:12], options(off, queue_size=2)) as stripes:
+        iterator = iter(stripes)
+        taken = [next(iterator)]
+        eventually(lambda: stripes._worker.items.full() and not emulated.view().laser_on)
+        time.sleep(0.05)
+        assert not emulated.view().laser_on
+        taken += list(iterator)
+        report = stripes.report
+    assert [stripe.index for stripe in taken] == list(range(12))
+    assert report.in_step and report.frames_dropped == 0
+
+
+def test_replayed_frames_go_to_their_stripes(board: LaserBoard, scene, pattern: list) -> None:
+    """A recording replays in the order of the scan; when it is too short, the scan says so and keeps what it has."""
+    frames = []
+    for _, angle in pattern[:4]:
+        for lit in (1.0, 0.0):
+            view = type("View", (), {"laser_fraction": lit, "mirror_angle": angle})()
+            frames.append(scene(view, type("Settings", (), {"exposure": 0.002})()))
+    with ReplayCamera(frames) as tape, acquire(board, tape, pattern[:4], options(OffFrames.PER_STRIPE)) as stripes:
+        for place, stripe in enumerate(stripes):
+            np.testing.assert_array_equal(stripe.on, frames[2 * place])
+            np.testing.assert_array_equal(stripe.off, frames[2 * place + 1])
+        assert stripes.report.in_step
+    with ReplayCamera(frames[:5]) as tape, acquire(board, tape, pattern[:4], options(OffFrames.PER_STRIPE)) as stripes:
+        with pytest.raises(CameraEnded, match="no frame after the 5 it played"):
+            list(stripes)
+        assert [index for index, _ in stripes.report.verdicts] == [0, 1]
+        assert "no frame after" in (stripes.report.failure or "")
+
+
+def test_a_camera_of_unknown_lag_is_in_step_too(board: LaserBoard, camera: EmulatedCamera, pattern: list) -> None:
+    """Frames are thrown away after every change instead."""
+    camera.lag = None
+    with acquire(board, camera, pattern[:10], options(OffFrames.PER_STRIPE)) as stripes:
+        assert len(list(stripes)) == 10
+        report = stripes.report
+    assert report.in_step and report.frames_skipped >= 2 * 20
+
+
+def test_a_lag_set_too_short_is_found_out(emulated: EmulatedBoard, board: LaserBoard, scene, pattern: list) -> None:
+    """With a camera that is slower than it says, frames belong to earlier commands, and the proof says so."""
+    with EmulatedCamera(emulated, scene, fps=100.0, exposure=0.002, latency=0.015) as camera:
+        camera.lag = 0.0
+        with acquire(board, camera, pattern[:20], options(OffFrames.PER_STRIPE)) as stripes:
+            list(stripes)
+        assert not stripes.report.in_step
+        assert any("lag" in problem for problem in stripes.report.problems)
+
+
+def test_prepare_counts_the_steps_lost_in_a_scan(
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list
+) -> None:
+    """Homing between scans finds what the pictures cannot: a few steps lost in the middle."""
+    assert prepare(board, pattern) == 0
+    emulated.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=10, amount=12))
+    with acquire(board, camera, pattern[:20], options(OffFrames.ONE)) as stripes:
+        list(stripes)
+    assert prepare(board, pattern) == 12
+    assert emulated.view().mirror_angle == pytest.approx(pattern[0][1], abs=1e-4)
+    assert not board.status().faults
+    assert prepare(board, pattern) == 0
+
+
+def test_a_large_loss_of_steps_shows_in_the_band(
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, scene, pattern: list
+) -> None:
+    """Lost by two stripes, the sweep leaves the rows where it can be."""
+    emulated.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=10, amount=160))
+    bands = {index: band_of(scene, angle) for index, angle in pattern}
+    with acquire(board, camera, pattern[:20], options(OffFrames.ONE), band=bands.__getitem__) as stripes:
+        verdicts = {stripe.index: stripe.verdict for stripe in stripes}
+    assert not stripes.report.in_step
+    assert verdicts[5] is StripeVerdict.OK and verdicts[15] is StripeVerdict.OUT_OF_BAND
+
+
+def test_a_scan_finds_home_and_clears_faults_by_itself(
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list
+) -> None:
+    """A board fresh from power-up scans without preparation."""
+    emulated.unplug()
+    emulated.replug()
+    with acquire(board, camera, pattern[:5], options(OffFrames.ONE)) as stripes:
+        assert len(list(stripes)) == 5
+        assert stripes.report.in_step
+
+
+def test_a_watchdog_that_bit_in_mid_scan_is_reported(emulated: EmulatedBoard, scene, pattern: list) -> None:
+    """A host that fell asleep for 0.5 s: the scan goes on, and says that the laser was out meanwhile."""
+    short = EmulatedBoard()
+    with (
+        LaserBoard(backend=emulated_backend(short)) as board,
+        EmulatedCamera(short, scene, fps=100.0, exposure=0.002) as camera,
+    ):
+        real, slept = camera.grab, []
+
+        def grab(timeout: float):
+            if len(slept) == 0 and short.view().laser_on:
+                slept.append(time.sleep(0.8))
+            return real(timeout)
+
+        camera.grab = grab  # type: ignore[method-assign]
+        with acquire(board, camera, pattern[:6], options(OffFrames.ONE)) as stripes:
+            verdicts = [stripe.verdict for stripe in stripes]
+        assert len(verdicts) == 6 and verdicts[0] is StripeVerdict.DARK
+        assert any("put the laser out 1 times" in problem for problem in stripes.report.problems)
+        assert BoardFault.WATCHDOG not in board.status().faults
+
+
+def test_misuse_is_refused_in_words(board: LaserBoard, camera: EmulatedCamera, pattern: list) -> None:
+    """No with block, no stripes, an angle beyond the travel: each before anything moves."""
+    with pytest.raises(AcquisitionNotEntered, match=r"with acquire\(\.\.\.\) as stripes"):
+        list(acquire(board, camera, pattern))
+    with pytest.raises(BadPattern, match="holds no stripe"):
+        acquire(board, camera, [])
+    with pytest.raises(MirrorOutOfRange, match="travel is"), acquire(board, camera, [(0, 1.0)]):
+        pytest.fail("a pattern beyond the travel must not begin")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"frame_timeout": 0.0}, "frame_timeout is 0.0 s"),
+        ({"max_lost": 0}, "max_lost is 0, it must be 1 or more"),
+        ({"flush_frames": -1}, "flush_frames is -1, it must be 0 or more"),
+        ({"queue_size": 0}, "queue_size is 0"),
+    ],
+)
+def test_bad_options_are_refused(changes: dict, words: str) -> None:
+    """Each field is checked, and the message holds the value."""
+    with pytest.raises(ValueError, match=words):
+        AcquireOptions(**changes)

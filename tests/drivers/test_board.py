@@ -1,0 +1,195 @@
+"""Laser and mirror, through the real driver and the real pyusb on an emulated board."""
+
+import math
+
+import pytest
+
+from drivers import BoardConfig, LaserBoard
+from drivers.emulator import EmulatedBoard, Fault, FaultKind, emulated_backend
+from drivers.errors import (
+    BoardNotOpen,
+    HomeNotFound,
+    LaserDead,
+    LaserRefused,
+    LaserStuckOn,
+    MirrorNotHomed,
+    MirrorOutOfRange,
+    MirrorTimeout,
+)
+from drivers.protocol import BoardFault, Request
+
+
+def test_laser_obeys(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """On is light, off is dark, and the status says which."""
+    assert board.laser_on().laser_sensed
+    assert emulated.view().laser_on
+    assert not board.laser_off().laser_sensed
+    assert not emulated.view().laser_on
+
+
+def test_dead_laser_is_found_at_once(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """The photodiode contradicts the command."""
+    emulated.inject(Fault(FaultKind.LASER_STUCK_OFF))
+    with pytest.raises(LaserDead, match="senses no light"):
+        board.laser_on()
+    assert BoardFault.LASER_DEAD in board.status().faults
+    emulated.mend()
+    assert board.laser_on().laser_sensed
+
+
+def test_stuck_laser_is_found_and_put_out_by_the_supply(board: LaserBoard, emulated: EmulatedBoard, eventually) -> None:
+    """A transistor that sticks raises an error, and the laser is dark nevertheless, until it is mended."""
+    emulated.inject(Fault(FaultKind.LASER_STUCK_ON))
+    board.laser_on()
+    with pytest.raises(LaserStuckOn, match="opened its supply"):
+        board.laser_off()
+    eventually(lambda: not emulated.view().laser_on)
+    with pytest.raises(LaserRefused, match="cannot work: the laser shines without command"):
+        board.ensure_ready()
+    emulated.mend()
+    assert not board.ensure_ready().faults
+    assert board.laser_on().laser_sensed and not board.laser_off().laser_sensed
+
+
+def test_stuck_laser_behind_a_blind_sensor_still_shines(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """The board cannot know; only the camera or the watchdog helps (so acquisition proves it by pictures)."""
+    emulated.inject(Fault(FaultKind.BLIND_SENSOR))
+    emulated.inject(Fault(FaultKind.LASER_STUCK_ON))
+    board.laser_on()
+    assert not board.laser_off().laser_sensed
+    assert emulated.view().laser_on
+
+
+def test_hot_board_refuses_in_words(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """Over-temperature puts the laser out and keeps it out until the board is cool."""
+    board.laser_on()
+    emulated.inject(Fault(FaultKind.HOT, amount=61))
+    assert board.status().temperature == 61.0
+    assert not emulated.view().laser_on
+    with pytest.raises(LaserRefused, match="refuses to switch the laser on: the board is too hot"):
+        board.laser_on()
+    with pytest.raises(LaserRefused, match="too hot"):
+        board.ensure_ready()
+    emulated.mend()
+    board.ensure_ready()
+    assert board.laser_on().laser_sensed
+
+
+def test_mirror_goes_to_the_step_nearest_to_the_angle(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """The true angle is within half a step of what was asked, and is what was returned."""
+    board.home()
+    for angle in (0.1, -0.2, 0.3, 0.0, 0.2999):
+        reached = board.go_to_angle(angle)
+        assert abs(reached - angle) <= 0.5 * board.identity.step_angle
+        assert emulated.view().mirror_angle == pytest.approx(reached, abs=1e-9)
+        assert not emulated.view().moving
+
+
+def test_motion_without_waiting_is_waited_for_later(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """`wait=False` returns while the mirror moves, `wait_until_still` when it rests."""
+    board.home()
+    reached = board.go_to_angle(0.4, wait=False)
+    assert emulated.view().moving
+    status = board.wait_until_still()
+    assert not status.moving
+    assert emulated.view().mirror_angle == pytest.approx(reached, abs=1e-9)
+
+
+def test_going_before_homing_is_refused(board: LaserBoard) -> None:
+    """Steps mean nothing before home is known."""
+    with pytest.raises(MirrorNotHomed, match="call home"):
+        board.go_to_angle(0.0)
+
+
+@pytest.mark.parametrize("angle", [0.5, -0.5, math.nan, math.inf])
+def test_angle_outside_the_travel_is_refused(board: LaserBoard, angle: float) -> None:
+    """The message gives the angle and the travel in degrees."""
+    board.home()
+    with pytest.raises(MirrorOutOfRange, match=r"degrees, the board's travel is -14\.998 \.\.\. 25\.003 degrees"):
+        board.go_to_angle(angle)
+
+
+@pytest.mark.parametrize("step", [0, 100000])
+def test_step_outside_the_travel_is_refused_by_the_board(board: LaserBoard, step: int) -> None:
+    """The firmware has the last word on its travel."""
+    board.home()
+    with pytest.raises(MirrorOutOfRange, match=rf"step {step}, the board's travel is 64 \.\.\. \d+"):
+        board.go_to_step(step)
+
+
+def test_lost_steps_show_at_home(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """A motor that missed 40 steps is off by as much until homing finds it out and sets it right."""
+    assert board.home() == 0
+    emulated.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, amount=40))
+    wanted = board.go_to_angle(0.2)
+    off_by = wanted - emulated.view().mirror_angle
+    assert off_by == pytest.approx(40 * board.identity.step_angle, rel=1e-6)
+    assert board.home() == 40
+    assert BoardFault.LOST_STEPS in board.status().faults
+    board.ensure_ready()
+    assert board.go_to_angle(0.2) == pytest.approx(emulated.view().mirror_angle, abs=1e-9)
+    assert board.home() == 0
+
+
+def test_missing_home_switch_is_said(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """A switch that is never met ends in an error, and the mirror counts as not homed."""
+    emulated.inject(Fault(FaultKind.NO_HOME_SWITCH))
+    with pytest.raises(HomeNotFound, match="met no home switch"):
+        board.home()
+    assert not board.status().homed
+
+
+def test_commands_while_homing_are_refused(board: LaserBoard) -> None:
+    """A board on its way home says so instead of mixing two motions."""
+    board._command(Request.HOME)
+    with pytest.raises(MirrorTimeout, match="still on its way home"):
+        board._command(Request.HOME)
+
+
+def test_jammed_mirror_times_out(emulated: EmulatedBoard) -> None:
+    """A motion that never ends is given up in the configured time."""
+    config = BoardConfig(home_timeout=0.1)
+    emulated.inject(Fault(FaultKind.JAMMED))
+    with LaserBoard(config, backend=emulated_backend(emulated)) as board:
+        with pytest.raises(MirrorTimeout, match=r"did not come to rest within 0\.1 s"):
+            board.home()
+
+
+def test_halt_stops_the_mirror_on_its_way(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """After a halt the mirror rests short of where it was sent, and can be sent again."""
+    board.home()
+    goal = board.go_to_angle(0.4, wait=False)
+    board.halt()
+    stopped = emulated.view().mirror_angle
+    assert stopped < goal - 0.01
+    assert board.go_to_angle(0.4) == pytest.approx(goal)
+    assert emulated.view().mirror_angle == pytest.approx(goal, abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", [FaultKind.STALL, FaultKind.GARBAGE, FaultKind.SHORT_READ, FaultKind.TIMEOUT])
+def test_a_lost_report_does_not_lose_the_motion(board: LaserBoard, emulated: EmulatedBoard, kind: FaultKind) -> None:
+    """When the interrupt endpoint fails, the status is asked for instead."""
+    board.home()
+    emulated.inject(Fault(kind, "report", count=5))
+    reached = board.go_to_angle(0.3)
+    assert emulated.view().mirror_angle == pytest.approx(reached, abs=1e-9)
+
+
+def test_ensure_ready_brings_back_a_board_that_was_replugged(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """After a loss of power, one call makes the board fit for the next scan."""
+    board.ensure_ready()
+    emulated.unplug()
+    emulated.replug()
+    status = board.ensure_ready()
+    assert status.homed and not status.faults
+    board.go_to_angle(0.1)
+
+
+def test_a_board_that_was_reset_asks_for_a_new_session(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """The laser cannot be switched on by a host that the board does not remember."""
+    emulated.unplug()
+    emulated.replug()
+    with pytest.raises(BoardNotOpen, match="forgotten this session"):
+        board.laser_on()
+    board.ensure_ready()
+    assert board.laser_on().laser_sensed

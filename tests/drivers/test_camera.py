@@ -1,0 +1,65 @@
+"""Camera settings, and the base class as a context manager."""
+
+import math
+
+import numpy as np
+import pytest
+
+from drivers import Camera, CameraSettings, Frame
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"exposure": 0.0}, "exposure is 0.0, it must be finite and above 0"),
+        ({"white_balance": -1.0}, "white_balance is -1.0"),
+        ({"gamma": math.nan}, "gamma is nan"),
+        ({"gain": math.inf}, "gain is inf"),
+    ],
+)
+def test_a_bad_setting_is_refused(changes: dict, words: str) -> None:
+    """The message holds the name and the value."""
+    with pytest.raises(ValueError, match=words):
+        CameraSettings(**changes)
+
+
+def test_gain_may_be_zero_or_less() -> None:
+    """Cameras count gain in decibels or in steps from zero."""
+    assert CameraSettings(gain=0.0).gain == 0.0 and CameraSettings(gain=-3.0).gain == -3.0
+
+
+class Own(Camera):
+    """The smallest camera a user can wire: five methods."""
+
+    def __init__(self) -> None:
+        self.is_open = False
+
+    def open(self) -> None:
+        self.is_open = True
+
+    def close(self) -> None:
+        self.is_open = False
+
+    def lock(self, settings: CameraSettings) -> CameraSettings:
+        return settings
+
+    def grab(self, timeout: float) -> Frame:
+        return Frame(np.zeros((2, 2), np.uint8), 0, 0.0)
+
+    def flush(self) -> None:
+        pass
+
+
+def test_an_own_camera_needs_five_methods_and_is_closed_by_its_block() -> None:
+    """The context manager comes from the base class, and closes after an exception too."""
+    camera = Own()
+    with pytest.raises(KeyError), camera:
+        assert camera.is_open
+        raise KeyError
+    assert not camera.is_open and camera.lag is None
+
+
+def test_a_camera_without_its_methods_cannot_be_made() -> None:
+    """What is missing shows when the camera is made, not in the middle of a scan."""
+    with pytest.raises(TypeError, match="grab"):
+        type("Half", (Camera,), {"open": lambda self: None})()

@@ -1,0 +1,76 @@
+"""Measuring a camera's lag."""
+
+import pytest
+
+from drivers import AcquireOptions, LaserBoard, OffFrames, ReplayCamera, acquire, measure_lag
+from drivers.emulator import EmulatedBoard, EmulatedCamera
+from drivers.errors import CameraTimeout, LaserNotSeen, StripeClipped
+
+
+@pytest.mark.parametrize(("exposure", "latency"), [(0.004, 0.002), (0.006, 0.03)])
+def test_measured_lag_is_never_too_short(
+    board: LaserBoard, emulated: EmulatedBoard, scene, exposure: float, latency: float
+) -> None:
+    """The safe end covers exposure and latency, also beyond a period; and a scan that relies on it is in step."""
+    board.ensure_ready()
+    board.go_to_angle(0.1)
+    scene.ambient, scene.brightness = 10.0, 50.0
+    with EmulatedCamera(emulated, scene, fps=60.0, exposure=exposure, latency=latency) as camera:
+        measured = measure_lag(board, camera)
+        assert not emulated.view().laser_on
+        assert measured.lag >= (exposure + latency) * 0.95
+        assert measured.period == pytest.approx(1 / 60, rel=1e-6)
+        # What 24 evenly spread moments leave open, twice over: only a machine that stalls makes it worse.
+        assert measured.lag - measured.uncertainty <= exposure + latency
+        camera.lag = measured.lag
+        pattern = [(index, -0.1 + 0.03 * index) for index in range(8)]
+        with acquire(board, camera, pattern, AcquireOptions(off=OffFrames.PER_STRIPE, frame_timeout=20)) as stripes:
+            list(stripes)
+        assert stripes.report.in_step
+
+
+def test_a_clipped_stripe_is_refused(board: LaserBoard, camera: EmulatedCamera, scene) -> None:
+    """Half an exposure of a clipped stripe looks like a whole one: the lag would come out too short."""
+    board.ensure_ready()
+    board.go_to_angle(0.1)
+    scene.brightness = 1000.0
+    with pytest.raises(StripeClipped, match="of the stripe is clipped, at most 10% may be"):
+        measure_lag(board, camera)
+
+
+def test_a_covered_laser_has_no_lag(board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, scene) -> None:
+    """Pictures that do not depend on the laser say nothing; the laser is off afterwards."""
+    scene.swallow = True
+    with pytest.raises(LaserNotSeen, match="on and off do not differ"):
+        measure_lag(board, camera)
+    assert not emulated.view().laser_on
+
+
+def test_a_laser_that_stops_answering_is_said(board: LaserBoard, camera: EmulatedCamera, scene) -> None:
+    """When pictures no longer follow the switch, the measurement gives up in bounded time."""
+    real, calls = board.laser_on, []
+
+    def on_once():
+        calls.append(1)
+        return real() if len(calls) == 1 else board.status()
+
+    board.laser_on = on_once  # type: ignore[method-assign]
+    with pytest.raises(LaserNotSeen, match="frames after the laser was switched on"):
+        measure_lag(board, camera)
+
+
+def test_a_replay_has_no_rhythm(board: LaserBoard, scene) -> None:
+    """A recording has no lag to measure."""
+    import numpy as np
+
+    from drivers import Frame
+
+    same = [Frame(np.zeros((4, 4), np.uint8), 3, 0.0)] * 40
+    with ReplayCamera(same) as tape, pytest.raises(CameraTimeout, match="without rhythm"):
+        measure_lag(board, tape)
+
+
+def test_too_few_toggles_are_refused(board: LaserBoard, camera: EmulatedCamera) -> None:
+    """Three moments say too little."""
+    with pytest.raises(ValueError, match="toggles is 3, at least 4"):
+        measure_lag(board, camera, toggles=3)

@@ -1,0 +1,190 @@
+"""The emulated firmware by itself, with a clock of the test's own: limits of the laser to the millisecond."""
+
+import dataclasses
+
+import pytest
+
+from drivers.emulator import EmulatedBoard, EmulatorConfig, Fault, FaultKind
+from drivers.protocol import PROTOCOL_MAJOR, BoardFault, BoardFlag, Request, Result
+from drivers.records import BoardStatus
+
+HELLO = PROTOCOL_MAJOR << 8
+
+
+class Bench:
+    """A board whose time the test sets."""
+
+    def __init__(self, **changes: object) -> None:
+        self.now = 100.0
+        self.board = EmulatedBoard(dataclasses.replace(EmulatorConfig(), **changes), clock=lambda: self.now)
+
+    def ask(self, request: Request, argument: int = 0) -> BoardStatus:
+        data = self.board.serve(request, argument)
+        assert data is not None
+        return BoardStatus.unpack(data)
+
+
+@pytest.fixture
+def bench() -> Bench:
+    bench = Bench()
+    bench.ask(Request.HELLO, HELLO)
+    return bench
+
+
+def test_nothing_but_off_works_without_a_session() -> None:
+    """Before HELLO the laser cannot be switched on nor the mirror moved; off always works."""
+    bench = Bench()
+    for request, argument in [(Request.LASER, 1), (Request.HOME, 0), (Request.GO_TO, 100), (Request.HALT, 0)]:
+        assert bench.ask(request, argument).result is Result.NO_SESSION
+    assert bench.ask(Request.LASER, 0).result is Result.OK
+    assert bench.ask(Request.STATUS).result is Result.OK
+    assert not bench.board.view().laser_on
+
+
+def test_other_major_version_gets_no_session() -> None:
+    """A host that speaks another major version is turned away."""
+    bench = Bench()
+    status = bench.ask(Request.HELLO, (PROTOCOL_MAJOR + 1) << 8)
+    assert status.result is Result.VERSION and BoardFlag.SESSION not in status.flags
+
+
+def test_watchdog_acts_after_half_a_second_of_silence(bench: Bench) -> None:
+    """Still on just before, off at 0.5 s exactly, and refused until cleared."""
+    bench.ask(Request.LASER, 1)
+    bench.now += 0.499
+    assert bench.board.view().laser_on
+    bench.now += 7.0
+    assert not bench.board.view().laser_on
+    assert bench.board.switchings()[-1].time == pytest.approx(100.5)
+    status = bench.ask(Request.LASER, 1)
+    assert status.result is Result.LASER_REFUSED and status.faults == BoardFault.WATCHDOG
+    bench.ask(Request.CLEAR_FAULTS, int(BoardFault.WATCHDOG))
+    assert bench.ask(Request.LASER, 1).laser_sensed
+
+
+def test_every_request_of_a_session_feeds_the_watchdog(bench: Bench) -> None:
+    """With a status every 0.4 s the laser stays on; IDENTIFY does not count."""
+    bench.ask(Request.LASER, 1)
+    for _ in range(10):
+        bench.now += 0.4
+        bench.ask(Request.STATUS)
+    assert bench.board.view().laser_on
+    bench.now += 0.4
+    bench.board.serve(Request.IDENTIFY, 0)
+    bench.now += 0.2
+    assert not bench.board.view().laser_on
+
+
+def test_silence_in_the_dark_is_no_fault(bench: Bench) -> None:
+    """The watchdog guards the laser: a dark board may be left alone for long."""
+    bench.now += 3600.0
+    assert not bench.ask(Request.STATUS).faults
+    assert bench.ask(Request.LASER, 1).laser_sensed
+
+
+def test_laser_time_is_limited_in_one_go(bench: Bench) -> None:
+    """Fed without end, the laser goes out after 10 s; a rest of 50 ms begins a new count, a shorter one does not."""
+    bench.ask(Request.LASER, 1)
+    for _ in range(30):
+        bench.now += 0.3
+        bench.ask(Request.STATUS)
+    bench.ask(Request.LASER, 0)
+    bench.now += 0.02
+    bench.ask(Request.LASER, 1)
+    for _ in range(5):
+        bench.now += 0.3
+        bench.ask(Request.STATUS)
+    status = bench.ask(Request.STATUS)
+    assert not bench.board.view().laser_on and status.faults == BoardFault.LASER_TIME
+    assert bench.board.switchings()[-1].time == pytest.approx(110.0)
+    bench.now += 0.06
+    assert not bench.ask(Request.CLEAR_FAULTS, 0xFFFF).faults
+    assert bench.ask(Request.LASER, 1).laser_time == 0.0
+
+
+def test_laser_time_fault_cannot_be_cleared_before_the_rest(bench: Bench) -> None:
+    """Clearing at once would make the limit void."""
+    bench.ask(Request.LASER, 1)
+    for _ in range(34):
+        bench.now += 0.3
+        status = bench.ask(Request.STATUS)
+        if status.faults:
+            break
+    bench.now = bench.board.switchings()[-1].time + 0.01
+    assert bench.ask(Request.CLEAR_FAULTS, 0xFFFF).faults == BoardFault.LASER_TIME
+
+
+def test_unplugging_and_replugging_forgets_everything(bench: Bench) -> None:
+    """No power: dark at once. Power again: no session, no home, nothing commanded."""
+    bench.ask(Request.HOME)
+    bench.now += 5.0
+    bench.ask(Request.LASER, 1)
+    bench.board.unplug()
+    assert not bench.board.view().laser_on and not bench.board.view().plugged
+    bench.now += 1.0
+    bench.board.replug()
+    status = bench.ask(Request.STATUS)
+    assert not status.homed and BoardFlag.SESSION not in status.flags and not status.laser_commanded
+    assert status.device_time == 0.0
+
+
+def test_hello_puts_the_laser_out(bench: Bench) -> None:
+    """A new host begins in the dark."""
+    bench.ask(Request.LASER, 1)
+    bench.ask(Request.HELLO, HELLO)
+    assert not bench.board.view().laser_on
+
+
+def test_the_past_can_be_asked_for(bench: Bench) -> None:
+    """View and exposure answer for moments gone by: that is what a camera with read-out time needs."""
+    bench.ask(Request.HOME)
+    bench.now += 5.0
+    bench.ask(Request.GO_TO, 2197)
+    bench.now += 1.0
+    rest = bench.now
+    bench.ask(Request.LASER, 1)
+    bench.now += 0.1
+    bench.ask(Request.LASER, 0)
+    bench.ask(Request.GO_TO, 5000)
+    bench.now += 1.0
+    assert bench.board.view(rest + 0.05).laser_on and not bench.board.view(rest - 0.05).laser_on
+    assert bench.board.view(rest).mirror_angle == pytest.approx(0.0, abs=1e-9)
+    seen = bench.board.exposure(rest + 0.05, rest + 0.15)
+    assert seen.laser_fraction == pytest.approx(0.5)
+    assert seen.mirror_travel > 0.1
+    assert bench.board.exposure(rest, rest + 0.1).mirror_travel == 0.0
+
+
+def test_periodic_error_moves_the_mirror_but_not_the_belief() -> None:
+    """A stepper's error of period 8 full steps: a quarter of the period is its amplitude."""
+    bench = Bench(periodic_error=1e-3)
+    bench.ask(Request.HELLO, HELLO)
+    bench.ask(Request.HOME)
+    bench.now += 5.0
+    bench.ask(Request.GO_TO, 512 * 5)
+    bench.now += 5.0
+    view = bench.board.view()
+    assert view.mirror_angle - view.mirror_angle_commanded == pytest.approx(1e-3, rel=1e-6)
+
+
+def test_unknown_request_is_not_served(bench: Bench) -> None:
+    """None stands for a stall."""
+    assert bench.board.serve(0x77, 0) is None
+
+
+def test_fault_strikes_where_and_as_often_as_planned() -> None:
+    """Skip lets transfers pass, count repeats, other commands are left alone."""
+    board = EmulatedBoard()
+    board.inject(Fault(FaultKind.STALL, Request.LASER, skip=2, count=2))
+    kinds = (FaultKind.STALL,)
+    assert board.plan.strike(Request.STATUS, kinds) is None
+    struck = [board.plan.strike(Request.LASER, kinds) is not None for _ in range(6)]
+    assert struck == [False, False, True, True, False, False]
+
+
+def test_fault_without_request_strikes_any_command_but_no_report() -> None:
+    """Commands are meant unless something else is named."""
+    board = EmulatedBoard()
+    board.inject(Fault(FaultKind.STALL))
+    assert board.plan.strike("report", (FaultKind.STALL,)) is None
+    assert board.plan.strike(Request.HOME, (FaultKind.STALL,)) is not None

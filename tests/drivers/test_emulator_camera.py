@@ -1,0 +1,129 @@
+"""The emulated camera: a free-running shutter that looks at an emulated board."""
+
+import time
+
+import numpy as np
+import pytest
+
+from drivers import CameraSettings, LaserBoard
+from drivers.emulator import CameraFault, EmulatedBoard, EmulatedCamera
+from drivers.errors import CameraNotOpen, CameraTimeout
+
+
+def red(image: np.ndarray) -> float:
+    return float(image[:, :, 2].max())
+
+
+def test_frames_are_stamped_one_period_apart(camera: EmulatedCamera) -> None:
+    """Number times period is the time between stamps, whatever the reader does meanwhile."""
+    first = camera.grab(5.0)
+    time.sleep(0.03)
+    later = camera.grab(5.0)
+    assert later.counter > first.counter + 1
+    assert later.stamp - first.stamp == pytest.approx((later.counter - first.counter) / 200.0)
+
+
+def test_a_frame_shows_the_board_as_it_was_during_the_exposure(
+    camera: EmulatedCamera, board: LaserBoard, emulated: EmulatedBoard
+) -> None:
+    """A frame whose exposure began after the laser was on shows it, one that ended before does not."""
+    board.laser_on()
+    on = emulated.view().laser_since
+    for _ in range(10):
+        frame = camera.grab(5.0)
+        begin = frame.stamp - 0.0025
+        if begin >= on:
+            assert red(frame.image) > 150
+        elif begin + 0.002 <= on:
+            assert red(frame.image) < 60
+
+
+def test_exposure_is_taken_and_cut_to_the_period(camera: EmulatedCamera) -> None:
+    """`lock` answers with what is held, and `lag` follows."""
+    assert camera.lock(CameraSettings(exposure=0.001, gain=3.0)).gain == 3.0
+    assert camera.lag == pytest.approx(0.0015)
+    assert camera.lock(CameraSettings(exposure=1.0)).exposure == pytest.approx(0.005)
+
+
+def test_flush_gives_a_frame_that_arrives_later(camera: EmulatedCamera) -> None:
+    """The frame after a flush arrives after it."""
+    time.sleep(0.02)
+    before = time.monotonic()
+    camera.flush()
+    assert camera.grab(5.0).stamp >= before
+
+
+class FakeTime:
+    """A clock that only sleeping moves, so that no frame is missed however slow the machine is."""
+
+    def __init__(self) -> None:
+        self.now = 50.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+
+@pytest.fixture
+def slow_motion(monkeypatch: pytest.MonkeyPatch, scene) -> EmulatedCamera:
+    fake = FakeTime()
+    monkeypatch.setattr("drivers.emulator.camera.time", fake)
+    camera = EmulatedCamera(EmulatedBoard(clock=fake.monotonic), scene, fps=30.0, exposure=0.002)
+    camera.open()
+    return camera
+
+
+def test_every_frame_comes_once(slow_motion: EmulatedCamera) -> None:
+    """A reader that is quick enough gets each frame, in order."""
+    assert [slow_motion.grab(1.0).counter for _ in range(20)] == list(range(20))
+
+
+def test_dropped_frame_is_a_gap(slow_motion: EmulatedCamera) -> None:
+    """The frame never arrives, its number is missing."""
+    slow_motion.faults.append(CameraFault("drop", 2, 2))
+    assert [slow_motion.grab(1.0).counter for _ in range(4)] == [0, 1, 4, 5]
+
+
+def test_repeated_frame_has_the_old_number(slow_motion: EmulatedCamera) -> None:
+    """Picture, number and stamp come again."""
+    slow_motion.faults.append(CameraFault("repeat", 2))
+    frames = [slow_motion.grab(1.0) for _ in range(4)]
+    assert [frame.counter for frame in frames] == [0, 1, 1, 3]
+    assert frames[2] is frames[1]
+
+
+def test_frozen_picture_has_a_new_number(slow_motion: EmulatedCamera) -> None:
+    """The counter runs on, the picture does not."""
+    slow_motion.faults.append(CameraFault("freeze", 1))
+    frames = [slow_motion.grab(1.0) for _ in range(3)]
+    assert [frame.counter for frame in frames] == [0, 1, 2]
+    np.testing.assert_array_equal(frames[1].image, frames[0].image)
+    assert not np.array_equal(frames[2].image, frames[1].image)
+
+
+def test_size_and_exposure_can_change(slow_motion: EmulatedCamera) -> None:
+    """Half the size, twice the light, each for its frame only."""
+    slow_motion.faults += [CameraFault("resize", 1), CameraFault("brighten", 2)]
+    plain, small, bright, again = (slow_motion.grab(1.0).image for _ in range(4))
+    assert small.shape == (plain.shape[0] // 2, plain.shape[1] // 2, 3)
+    assert bright.mean() == pytest.approx(2 * plain.mean(), rel=0.1)
+    assert again.mean() == pytest.approx(plain.mean(), rel=0.1)
+
+
+def test_silence_is_a_timeout(camera: EmulatedCamera) -> None:
+    """A camera that delivers nothing lets the caller go in time."""
+    camera.faults.append(CameraFault("silence", 0, 10**6))
+    with pytest.raises(CameraTimeout, match=r"no frame within 0\.02 s"):
+        camera.grab(0.02)
+
+
+def test_bad_use_is_refused(emulated: EmulatedBoard, scene) -> None:
+    """Impossible rates, unknown faults and closed cameras say what is allowed."""
+    with pytest.raises(ValueError, match="exposure above 0 and at most 1 / fps"):
+        EmulatedCamera(emulated, scene, fps=30.0, exposure=0.1)
+    with pytest.raises(ValueError, match="unknown camera fault 'melt', known are drop, repeat"):
+        CameraFault("melt", 0)
+    with pytest.raises(CameraNotOpen):
+        EmulatedCamera(emulated, scene).grab(0.1)

@@ -1,0 +1,39 @@
+"""The past of the emulated laser."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.emulator.laser import Laser
+
+
+@given(
+    st.lists(st.floats(0.01, 1.0), min_size=1, max_size=8),
+    st.floats(-0.5, 5.0),
+    st.floats(0.01, 5.0),
+)
+@settings(max_examples=150, derandomize=True)
+def test_fraction_is_the_mean_of_the_moments(pauses: list[float], start: float, length: float) -> None:
+    """The share of an interval equals the mean of `at` over many moments in it."""
+    laser, now = Laser(0.0), 0.0
+    for turn, pause in enumerate(pauses):
+        now += pause
+        laser.switch(turn % 2 == 0, now)
+    moments = [start + (place + 0.5) * length / 2000 for place in range(2000)]
+    mean = sum(laser.at(moment) for moment in moments) / 2000
+    assert laser.fraction(start, start + length) == pytest.approx(mean, abs=0.01)
+
+
+def test_an_instant_is_lit_or_not() -> None:
+    """An interval without length is as its moment."""
+    laser = Laser(0.0)
+    laser.switch(True, 1.0)
+    assert laser.fraction(1.5, 1.5) == 1.0 and laser.fraction(0.5, 0.5) == 0.0
+
+
+def test_switching_to_the_same_state_is_no_change() -> None:
+    """`since` is when the light changed, not when it was commanded."""
+    laser = Laser(0.0)
+    laser.switch(True, 1.0)
+    laser.switch(True, 2.0)
+    assert laser.since == 1.0 and len(laser.switchings()) == 2

@@ -1,0 +1,62 @@
+"""The emulated motor."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.emulator.motion import Motor
+
+SPEED, SETTLE, OVERSHOOT = 1000.0, 0.01, 32
+
+
+def motor(position: float = 0.0) -> Motor:
+    return Motor(SPEED, SETTLE, OVERSHOOT, position, 0.0)
+
+
+@given(st.lists(st.tuples(st.integers(0, 5000), st.floats(0.0, 3.0)), min_size=1, max_size=6))
+@settings(max_examples=100, derandomize=True)
+def test_no_motion_is_faster_than_the_motor(moves: list[tuple[int, float]]) -> None:
+    """Whatever is commanded, and whenever, the position never jumps."""
+    device, now = motor(), 0.0
+    for target, pause in moves:
+        now += pause
+        device.move(target, now)
+    end = device.still_at + 0.1
+    moments = [end * place / 3000 for place in range(3001)]
+    positions = [device.true_position(moment) for moment in moments]
+    fastest = max(abs(b - a) for a, b in zip(positions, positions[1:], strict=False)) / (end / 3000)
+    assert fastest <= SPEED * (1 + 1e-6)
+    assert positions[-1] == pytest.approx(moves[-1][0])
+
+
+def test_a_move_up_goes_straight_and_settles() -> None:
+    """Distance over speed, plus the time to settle."""
+    device = motor()
+    device.move(500, 1.0)
+    assert device.true_position(1.25) == pytest.approx(250)
+    assert device.still_at == pytest.approx(1.5 + SETTLE)
+
+
+def test_a_move_down_comes_back_from_below() -> None:
+    """Backlash is taken up: the last approach is always upwards."""
+    device = motor(500)
+    device.move(100, 0.0)
+    assert device.true_position(0.4 + OVERSHOOT / SPEED) == pytest.approx(100 - OVERSHOOT)
+    assert device.true_position(device.still_at) == pytest.approx(100)
+
+
+def test_lost_steps_are_not_believed() -> None:
+    """The firmware thinks it arrived, the mirror is short by what was lost."""
+    device = motor()
+    device.lose(25)
+    device.move(500, 0.0)
+    assert device.believed_position(10.0) == pytest.approx(500)
+    assert device.true_position(10.0) == pytest.approx(475)
+
+
+def test_halt_keeps_the_place() -> None:
+    """A halted motor stays where it was."""
+    device = motor()
+    device.move(500, 0.0)
+    device.halt(0.2)
+    assert device.true_position(5.0) == pytest.approx(200)

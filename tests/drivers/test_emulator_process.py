@@ -1,0 +1,132 @@
+"""The emulator as a process of its own, reached over a local socket by the same backend."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from drivers import BoardConfig, LaserBoard
+from drivers.emulator import EmulatedBoard, Fault, FaultKind, RemoteBoard, remote_backend
+from drivers.emulator.__main__ import main
+from drivers.emulator.server import EmulatorServer, decode_fault, encode_fault
+from drivers.emulator.wire import parse_address
+from drivers.errors import BoardInUse, BoardStalled, BoardUnplugged
+from drivers.protocol import Request
+
+
+def test_driver_works_on_a_board_in_another_process(emulator_process) -> None:
+    """Laser and mirror obey over the socket, and the state seen from outside is the true one."""
+    far = RemoteBoard(emulator_process.address)
+    with LaserBoard(backend=remote_backend(emulator_process.address)) as board:
+        board.ensure_ready()
+        reached = board.go_to_angle(0.12)
+        board.laser_on()
+        view = far.view()
+        assert view.laser_on and not view.moving
+        assert view.mirror_angle == pytest.approx(reached, abs=1e-9)
+        assert far.view(view.laser_since - 0.001).laser_on is False
+        assert far.exposure(view.laser_since, view.laser_since + 0.001).laser_fraction == 1.0
+    assert not far.view().laser_on
+    assert [event.on for event in far.switchings()] == [False, True, False]
+    far.close()
+
+
+def test_faults_are_injected_from_outside(emulator_process) -> None:
+    """Stall, unplug and replug travel over the socket, and arrive as the same errors as near by."""
+    far = RemoteBoard(emulator_process.address)
+    config = BoardConfig(attempts=1)
+    with LaserBoard(config, backend=remote_backend(emulator_process.address)) as board:
+        far.inject(Fault(FaultKind.STALL, Request.STATUS))
+        with pytest.raises(BoardStalled):
+            board.status()
+        far.inject(Fault(FaultKind.STALL, Request.STATUS))
+        far.mend()
+        board.status()
+        far.unplug()
+        with pytest.raises(BoardUnplugged):
+            board.status()
+        far.replug()
+        board.ensure_ready()
+
+
+def test_a_dead_emulator_is_an_unplugged_board(emulator_process) -> None:
+    """When the process ends, the driver sees a device that left the bus."""
+    with LaserBoard(backend=remote_backend(emulator_process.address)) as board:
+        emulator_process.process.kill()
+        emulator_process.process.wait(20)
+        with pytest.raises(BoardUnplugged):
+            board.status()
+
+
+def test_claim_of_a_vanished_host_is_given_back(emulator_process, host, eventually) -> None:
+    """As the kernel does: when a process dies, its device can be opened by the next one."""
+    program = (
+        "import sys, time\nfrom drivers import LaserBoard\nfrom drivers.emulator import remote_backend\n"
+        "board = LaserBoard(backend=remote_backend(sys.argv[1])); board.open(); print('open'); time.sleep(60)"
+    )
+    process = host(program, emulator_process.address)
+    assert process.stdout.readline() == "open\n"
+    backend = remote_backend(emulator_process.address)
+    with pytest.raises(BoardInUse):
+        LaserBoard(backend=backend).open()
+    process.kill()
+    process.wait(20)
+
+    def opens() -> bool:
+        try:
+            with LaserBoard(backend=backend):
+                return True
+        except BoardInUse:
+            return False
+
+    eventually(opens)
+
+
+def test_unix_socket_and_clean_end(tmp_path: Path) -> None:
+    """The emulator also listens on a path, and ends with status 0 on SIGTERM."""
+    address = f"unix:{tmp_path}/board"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "drivers.emulator", "--listen", address, "--serial", "U1"],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).resolve().parents[2],
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == f"ready {address}\n"
+    with LaserBoard(backend=remote_backend(address)) as board:
+        assert board.serial == "U1"
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(20) == 0
+    process.stdout.close()
+
+
+@pytest.mark.parametrize("address", ["0.0.0.0:80", "localhost:80", "127.0.0.1", "127.0.0.1:x", "board"])
+def test_other_addresses_are_refused(address: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Only this machine can reach the emulator; the command says what is allowed and ends with 2."""
+    with pytest.raises(ValueError, match=r"allowed are '127\.0\.0\.1:PORT' and 'unix:PATH'"):
+        parse_address(address)
+    assert main(["--listen", address]) == 2
+    assert "allowed are" in capsys.readouterr().err
+
+
+def test_unknown_operation_is_answered_with_an_error() -> None:
+    """A client of another version gets words, not silence."""
+    server = EmulatorServer(EmulatedBoard())
+    with pytest.raises(OSError, match="does not know the operation 'dance'"):
+        server._answer({"op": "dance"})
+    server.close()
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=3, count=2, amount=40),
+        Fault(FaultKind.STALL, "report"),
+        Fault(FaultKind.HOT, amount=70),
+    ],
+)
+def test_faults_survive_the_socket(fault: Fault) -> None:
+    """What is injected far away is what was meant here."""
+    assert decode_fault(encode_fault(fault)) == fault

@@ -1,0 +1,129 @@
+"""The laser goes out however the host ends: by signal, at exit, killed."""
+
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+
+import pytest
+
+from drivers import guard
+from drivers.emulator import RemoteBoard
+from drivers.protocol import BoardFault
+
+OPEN_AND_WAIT = """
+import sys, time
+from drivers import LaserBoard
+from drivers.emulator import remote_backend
+board = LaserBoard(backend=remote_backend(sys.argv[1]))
+{open}
+board.laser_on()
+print("on")
+{then}
+"""
+KEEP_ALIGHT = "while True:\n    board.status(); time.sleep(0.02)"
+
+Host = Callable[..., "subprocess.Popen[str]"]
+
+
+def begin(host: Host, address: str, then: str = KEEP_ALIGHT, open_: str = "board.open()") -> tuple:
+    far = RemoteBoard(address)
+    process = host(OPEN_AND_WAIT.format(open=open_, then=then), address)
+    assert process.stdout.readline() == "on\n"
+    assert any(event.on for event in far.switchings())
+    return process, far
+
+
+def test_watchdog_puts_the_laser_out_when_the_host_is_killed(emulator_process, host: Host, eventually) -> None:
+    """kill -9 leaves no chance to switch off; the board hears nothing more and goes dark by itself."""
+    process, far = begin(host, emulator_process.address)
+    time.sleep(0.7)
+    assert far.view().laser_on, "a living host keeps the laser on beyond the watchdog's time"
+    killed = time.monotonic()
+    process.kill()
+    process.wait(20)
+    eventually(lambda: not far.view().laser_on)
+    off = far.switchings()[-1]
+    # In the emulator's own clock: this is the protocol's limit, not a measure of this machine's speed.
+    assert not off.on and off.time - killed <= 0.6
+    assert BoardFault.WATCHDOG in BoardFault(far.view().faults)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_signals_switch_off_rather_than_wait_for_the_watchdog(
+    emulator_process, host: Host, number: signal.Signals, eventually
+) -> None:
+    """A host asked to end says goodbye to the board, without any `with` block."""
+    process, far = begin(host, emulator_process.address)
+    process.send_signal(number)
+    status = process.wait(20)
+    assert status == (128 + number if number != signal.SIGINT else -signal.SIGINT)
+    assert not far.view().laser_on
+    assert BoardFault.WATCHDOG not in BoardFault(far.view().faults)
+
+
+@pytest.mark.parametrize("then", ["", "raise RuntimeError('lost')", "sys.exit(3)"])
+def test_end_of_the_program_switches_off(emulator_process, host: Host, then: str) -> None:
+    """A program that forgets to close the board leaves it dark at exit, also by an exception."""
+    process, far = begin(host, emulator_process.address, then)
+    process.wait(20)
+    assert not far.view().laser_on
+    assert BoardFault.WATCHDOG not in BoardFault(far.view().faults)
+
+
+def test_handlers_of_the_program_are_left_alone(emulator_process, host: Host) -> None:
+    """A program with its own SIGTERM handler keeps it."""
+    own = "import signal; signal.signal(signal.SIGTERM, lambda *_: print('mine'))\nboard.open()"
+    process, far = begin(host, emulator_process.address, KEEP_ALIGHT, own)
+    process.send_signal(signal.SIGTERM)
+    assert process.stdout.readline() == "mine\n"
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    process.wait(20)
+    assert not far.view().laser_on
+
+
+class Fake:
+    """Something to close."""
+
+    def __init__(self, fails: bool = False) -> None:
+        self.closed, self.fails = 0, fails
+
+    def close(self) -> None:
+        self.closed += 1
+        if self.fails:
+            raise OSError("gone")
+
+
+def test_signal_handlers_are_taken_and_given_back() -> None:
+    """While a device is watched SIGTERM unwinds, afterwards it is as before."""
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    first, second = Fake(), Fake()
+    guard.watch(first)
+    guard.watch(second)
+    with pytest.raises(SystemExit) as caught:
+        signal.raise_signal(signal.SIGTERM)
+    assert caught.value.code == 128 + signal.SIGTERM
+    guard.release(first)
+    assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+    guard.release(second)
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_signals_can_be_left_alone() -> None:
+    """`handle_signals=False` changes no handler."""
+    device = Fake()
+    guard.watch(device, handle_signals=False)
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    guard.release(device)
+
+
+def test_one_failing_device_does_not_keep_the_others_open() -> None:
+    """At exit every device is closed, even after one that fails."""
+    devices = [Fake(fails=True), Fake()]
+    for device in devices:
+        guard.watch(device)
+    guard._close_all()
+    assert [device.closed for device in devices] == [1, 1]
+    for device in devices:
+        guard.release(device)

@@ -1,0 +1,62 @@
+"""The laser as a scan uses it."""
+
+import dataclasses
+
+import pytest
+
+from drivers import BoardFault, LaserBoard
+from drivers.emulator import EmulatedBoard, EmulatorConfig, Fault, FaultKind, emulated_backend
+from drivers.errors import LaserRefused
+from drivers.laser_switch import LaserSwitch, ScanStopped
+
+
+def test_after_closing_nothing_switches_on(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """The thread of a scan that lags behind cannot light the laser again."""
+    switch = LaserSwitch(board)
+    switch.on()
+    assert switch.lit and emulated.view().laser_on
+    switch.close()
+    with pytest.raises(ScanStopped):
+        switch.on()
+    with pytest.raises(ScanStopped):
+        switch.keep_on(False)
+    assert not switch.lit and not emulated.view().laser_on
+
+
+def test_laser_put_out_by_the_board_is_switched_on_again_and_counted() -> None:
+    """A watchdog that bit is cleared once; the interruption shows."""
+    now = [100.0]
+    emulated = EmulatedBoard(clock=lambda: now[0])
+    with LaserBoard(backend=emulated_backend(emulated)) as board:
+        switch = LaserSwitch(board)
+        switch.on()
+        now[0] += 1.0
+        status = board.status()
+        assert status.faults == BoardFault.WATCHDOG
+        switch.keep_on(status.laser_commanded)
+        assert switch.interruptions == 1 and emulated.view().laser_on
+        switch.keep_on(True)
+        assert switch.interruptions == 1
+
+
+def test_a_fault_that_stays_is_raised(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """Heat cannot be cleared away."""
+    emulated.inject(Fault(FaultKind.HOT, amount=80))
+    with pytest.raises(LaserRefused, match="too hot"):
+        LaserSwitch(board).on()
+
+
+def test_laser_rests_before_its_time_limit() -> None:
+    """A scan longer than the limit never trips it: the laser is off for the board's rest in between."""
+    identity = dataclasses.replace(EmulatorConfig().identity, watchdog=20.0, laser_limit=0.2, laser_rest=0.02)
+    emulated = EmulatedBoard(dataclasses.replace(EmulatorConfig(), identity=identity))
+    with LaserBoard(backend=emulated_backend(emulated)) as board:
+        switch = LaserSwitch(board)
+        switch.on()
+        started = emulated.view().laser_since
+        while emulated.view().time - started < 0.12:
+            board.status()
+        switch.keep_on(board.status().laser_commanded)
+        dark = [event for event in emulated.switchings() if not event.on and event.time > started]
+        assert dark and emulated.view().laser_on
+        assert emulated.view().laser_since - dark[-1].time >= identity.laser_rest

@@ -1,0 +1,133 @@
+"""Judging frames against what was commanded."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers import ProofLimits, StripeVerdict
+from drivers.proof import StepProof
+
+HEIGHT, WIDTH = 200, 320
+
+
+def scene(
+    row: int | None, *, channel: int = 2, seed: int = 0, columns: slice = slice(None), level: int = 40
+) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    image = rng.normal(level, 2.0, (HEIGHT, WIDTH, 3))
+    if row is not None:
+        image[row - 1 : row + 2, columns, channel] += 120
+    return image.clip(0, 255).astype(np.uint8)
+
+
+OFF = scene(None, seed=99)
+
+
+def judge(proof: StepProof, angle: float, on: np.ndarray, off: np.ndarray = OFF, **more: object):
+    return proof.judge(angle, on, off, reference_is_off=True, **more)
+
+
+@pytest.mark.parametrize("channel", [0, 1, 2])
+def test_a_stripe_of_any_colour_is_seen_where_it_is(channel: int) -> None:
+    """Lit in every column, at its row, with no leak."""
+    verdict, evidence = judge(StepProof(), 0.0, scene(77, channel=channel))
+    assert verdict is StripeVerdict.OK
+    assert evidence.lit_fraction == 1.0 and evidence.leak_fraction == 0.0
+    assert evidence.row == pytest.approx(77, abs=1.5)
+    assert evidence.contrast == pytest.approx(120, abs=15)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("colour", [True, False])
+def test_depth_and_colour_of_the_picture_do_not_matter(dtype: type, colour: bool) -> None:
+    """8 or 16 bit, colour or grey."""
+    on, off = scene(50), OFF
+    if not colour:
+        on, off = on[:, :, 2], off[:, :, 2]
+    factor = 257 if dtype is np.uint16 else 1
+    on, off = on.astype(dtype) * dtype(factor), off.astype(dtype) * dtype(factor)
+    assert judge(StepProof(), 0.0, on, off)[0] is StripeVerdict.OK
+    assert judge(StepProof(), 0.0, off, off)[0] is StripeVerdict.DARK
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=30, derandomize=True)
+def test_noise_is_never_taken_for_the_laser(seed: int) -> None:
+    """Two frames without laser are dark, whatever the noise."""
+    verdict, evidence = judge(StepProof(), 0.0, scene(None, seed=seed))
+    assert verdict is StripeVerdict.DARK and evidence.lit_fraction == 0.0
+
+
+def test_strong_noise_raises_the_threshold() -> None:
+    """Three times the noise of the limit in counts still shows no laser."""
+    rng = np.random.default_rng(5)
+    on, off = (rng.normal(100, 12, (HEIGHT, WIDTH, 3)).clip(0, 255).astype(np.uint8) for _ in range(2))
+    assert judge(StepProof(), 0.0, on, off)[0] is StripeVerdict.DARK
+
+
+def test_a_stripe_in_a_few_columns_counts_as_seen() -> None:
+    """Most of the ground may swallow the laser."""
+    assert judge(StepProof(), 0.0, scene(60, columns=slice(0, 32)))[0] is StripeVerdict.OK
+
+
+def test_stripe_in_the_off_frame_is_a_leak() -> None:
+    """A laser that shines in the off frame shows there, at another row or the same columns."""
+    assert judge(StepProof(), 0.0, scene(60), scene(90, seed=3))[0] is StripeVerdict.LEAK
+    assert judge(StepProof(), 0.0, scene(None, seed=2), scene(90, seed=3))[0] is StripeVerdict.LEAK
+
+
+def test_changed_light_is_said_but_usable() -> None:
+    """A stripe is still found when the whole frame became brighter."""
+    verdict, evidence = judge(StepProof(), 0.0, scene(60, level=70))
+    assert verdict is StripeVerdict.AMBIENT_CHANGED and verdict.in_step
+    assert evidence.offset == pytest.approx(90, abs=3)
+
+
+@pytest.mark.parametrize(("band", "verdict"), [((70, 90), "OK"), ((100, 150), "OUT_OF_BAND"), ((0, 77), "OUT_OF_BAND")])
+def test_band_is_where_the_stripe_must_be(band: tuple[int, int], verdict: str) -> None:
+    """Rows are counted from the first to before the end."""
+    assert judge(StepProof(), 0.0, scene(80), band=band)[0] is StripeVerdict[verdict]
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_frame_one_stripe_late_is_found(direction: int) -> None:
+    """After a regular sweep, a stripe seen where the one before was has not moved; then the sweep goes on."""
+    proof = StepProof()
+    verdicts = []
+    for turn, seen in enumerate([0, 1, 2, 3, 4, 4, 6, 7]):
+        row = 100 + direction * 8 * (seen - 4)
+        verdicts.append(judge(proof, 0.01 * turn, scene(row, seed=turn))[0].name)
+    assert verdicts == ["OK"] * 5 + ["NOT_MOVED"] + ["OK"] * 2
+
+
+def test_a_mirror_that_stops_stays_found() -> None:
+    """Every stripe after the mirror jammed is out of step, not only the first."""
+    proof = StepProof()
+    names = [judge(proof, 0.01 * turn, scene(40 + 8 * min(turn, 3), seed=turn))[0].name for turn in range(8)]
+    assert names == ["OK"] * 4 + ["NOT_MOVED"] * 4
+
+
+def test_the_sweep_back_to_the_stripes_between_is_in_step() -> None:
+    """A jump back of the mirror moves the stripe back; that is no fault."""
+    proof = StepProof()
+    for turn, place in enumerate([0, 2, 4, 6, 8, 1, 3, 5, 7]):
+        assert judge(proof, 0.01 * place, scene(40 + 6 * place, seed=turn))[0] is StripeVerdict.OK
+
+
+def test_without_off_frames_the_stripe_before_is_the_reference() -> None:
+    """The stripe that went away is no leak."""
+    proof = StepProof()
+    frames = [scene(40 + 10 * turn, seed=turn) for turn in range(6)]
+    for turn in range(1, 6):
+        verdict, evidence = proof.judge(0.01 * turn, frames[turn], frames[turn - 1], reference_is_off=False)
+        assert verdict is StripeVerdict.OK and evidence.leak_fraction == 0.0
+        assert evidence.row == pytest.approx(40 + 10 * turn, abs=1.5)
+
+
+def test_limits_can_be_set() -> None:
+    """A weak laser needs a lower contrast."""
+    weak = scene(None, seed=4)
+    weak[80:83, :, 2] += 40
+    assert judge(StepProof(ProofLimits(noise_factor=30.0)), 0.0, weak)[0] is StripeVerdict.DARK
+    assert judge(StepProof(), 0.0, weak)[0] is StripeVerdict.OK

@@ -1,0 +1,214 @@
+"""Handshake, bounded retries, reconnecting and closing."""
+
+import threading
+import time
+
+import pytest
+
+from drivers import BoardConfig, LaserBoard
+from drivers.emulator import EmulatedBoard, Fault, FaultKind, emulated_backend
+from drivers.errors import (
+    BadReply,
+    BoardError,
+    BoardNotFound,
+    BoardNotOpen,
+    BoardStalled,
+    BoardTimeout,
+    BoardUnplugged,
+    LaserStuckOn,
+    ProtocolMismatch,
+)
+from drivers.protocol import Request, Result
+
+TRANSIENT = [
+    (FaultKind.TIMEOUT, BoardTimeout, "did not answer the command STATUS within 50 ms"),
+    (FaultKind.TIMEOUT_AFTER, BoardTimeout, "did not answer the command STATUS within 50 ms"),
+    (FaultKind.STALL, BoardStalled, "stalled the command STATUS"),
+    (FaultKind.SHORT_READ, BadReply, "13 bytes, 26 are due"),
+    (FaultKind.GARBAGE, BadReply, "damaged"),
+]
+
+
+def test_handshake_reads_what_the_board_is(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """The identity that arrives is the one the board was made with."""
+    assert board.identity == emulated.config.identity
+    assert board.serial == "EMU0001"
+
+
+@pytest.mark.parametrize(("kind", "error", "words"), TRANSIENT)
+def test_a_transient_fault_is_repeated_over(
+    board: LaserBoard, emulated: EmulatedBoard, kind: FaultKind, error: type[BoardError], words: str
+) -> None:
+    """Two faults in a row pass unseen by the caller, since three attempts are made."""
+    emulated.inject(Fault(kind, Request.STATUS, count=2))
+    assert board.status().result is Result.OK
+
+
+@pytest.mark.parametrize(("kind", "error", "words"), TRANSIENT)
+def test_a_lasting_fault_is_typed_and_says_how_often_it_was_tried(
+    board: LaserBoard, emulated: EmulatedBoard, kind: FaultKind, error: type[BoardError], words: str
+) -> None:
+    """The third failure in a row is raised, with the cause and the number of attempts."""
+    emulated.inject(Fault(kind, Request.STATUS, count=3))
+    with pytest.raises(error, match=words) as caught:
+        board.status()
+    assert "asked 3 times" in str(caught.value)
+    assert board.status().result is Result.OK
+
+
+def test_repeating_a_command_whose_answer_was_lost_does_it_once(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """Commands are idempotent: a motion whose acknowledgement is lost is not made twice."""
+    board.home()
+    emulated.inject(Fault(FaultKind.TIMEOUT_AFTER, Request.GO_TO))
+    motions = board.status().motion
+    angle = board.go_to_angle(0.1)
+    assert board.status().motion == motions + 1
+    assert emulated.view().mirror_angle == pytest.approx(angle, abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", [FaultKind.UNPLUG, FaultKind.UNPLUG_AFTER])
+def test_unplugging_is_not_repeated_but_said(board: LaserBoard, emulated: EmulatedBoard, kind: FaultKind) -> None:
+    """A board that left the bus is not asked again; the error says to reconnect."""
+    emulated.inject(Fault(kind, Request.STATUS))
+    with pytest.raises(BoardUnplugged, match=r"left the bus during the command STATUS.*reconnect"):
+        board.status()
+    assert emulated.view().laser_on is False
+
+
+def test_reconnecting_finds_a_board_that_comes_back(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """A board plugged in again during `reconnect` works again, dark and with its home unknown."""
+    board.home()
+    board.laser_on()
+    emulated.unplug()
+    assert not emulated.view().laser_on
+    timer = threading.Timer(0.3, emulated.replug)
+    timer.start()
+    board.reconnect(timeout=20.0)
+    timer.join()
+    status = board.status()
+    assert not status.homed and not status.laser_commanded
+
+
+def test_reconnecting_gives_up_in_time(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """A board that stays away is "not found" after the time given."""
+    emulated.unplug()
+    before = time.monotonic()
+    with pytest.raises(BoardNotFound):
+        board.reconnect(timeout=0.2)
+    assert time.monotonic() - before >= 0.2
+    with pytest.raises(BoardNotOpen):
+        board.status()
+
+
+@pytest.mark.parametrize(
+    ("version", "words"),
+    [(0x0009, r"protocol 0\.9 .*needs 1\.0.*flash a newer firmware"), (0x0200, r"protocol 2\.0.*update this software")],
+)
+def test_another_version_of_the_protocol_is_refused(version: int, words: str) -> None:
+    """An older board needs a firmware, a newer one a newer driver; nothing is switched meanwhile."""
+    emulated = EmulatedBoard()
+    emulated.inject(Fault(FaultKind.WRONG_VERSION, amount=version))
+    board = LaserBoard(backend=emulated_backend(emulated))
+    with pytest.raises(ProtocolMismatch, match=words):
+        board.open()
+    assert not board.is_open
+    emulated.mend()
+    with board:
+        assert board.is_open
+
+
+def test_newer_minor_version_is_accepted() -> None:
+    """A board that knows more than the driver is fine."""
+    emulated = EmulatedBoard()
+    emulated.inject(Fault(FaultKind.WRONG_VERSION, amount=0x0105))
+    with LaserBoard(backend=emulated_backend(emulated)) as board:
+        assert board.identity.protocol == (1, 5)
+
+
+@pytest.mark.parametrize("kind", [kind for kind, *_ in TRANSIENT] + [FaultKind.UNPLUG, FaultKind.UNPLUG_AFTER])
+@pytest.mark.parametrize("request_", [Request.IDENTIFY, Request.HELLO])
+def test_a_fault_in_the_handshake_leaves_the_board_free(kind: FaultKind, request_: Request) -> None:
+    """Whatever fails while opening, the device is given back and a second try works."""
+    emulated = EmulatedBoard()
+    emulated.inject(Fault(kind, request_, count=3))
+    board = LaserBoard(BoardConfig(timeout=0.01), backend=emulated_backend(emulated))
+    with pytest.raises(BoardError):
+        board.open()
+    assert not board.is_open
+    emulated.mend()
+    emulated.replug()
+    with board:
+        assert board.status().result is Result.OK
+
+
+def test_leaving_the_block_puts_the_laser_out(emulated: EmulatedBoard) -> None:
+    """Normal end and exception alike."""
+    backend = emulated_backend(emulated)
+    with LaserBoard(backend=backend) as board:
+        board.laser_on()
+        assert emulated.view().laser_on
+    assert not emulated.view().laser_on
+    with pytest.raises(ZeroDivisionError), LaserBoard(backend=backend) as board:
+        board.laser_on()
+        raise ZeroDivisionError
+    assert not emulated.view().laser_on and not board.is_open
+
+
+def test_a_failure_while_closing_never_hides_the_error_under_way(emulated: EmulatedBoard) -> None:
+    """The user sees what went wrong first."""
+    with pytest.raises(ZeroDivisionError), LaserBoard(BoardConfig(timeout=0.01), backend=emulated_backend(emulated)):
+        emulated.inject(Fault(FaultKind.TIMEOUT, Request.GOODBYE, count=3))
+        raise ZeroDivisionError
+
+
+def test_a_failure_while_closing_is_raised_when_nothing_else_is() -> None:
+    """A board that could not be told to go dark is not passed over in silence."""
+    emulated = EmulatedBoard()
+    board = LaserBoard(BoardConfig(timeout=0.01), backend=emulated_backend(emulated))
+    board.open()
+    emulated.inject(Fault(FaultKind.TIMEOUT, Request.GOODBYE, count=3))
+    with pytest.raises(BoardTimeout):
+        board.close()
+    assert not board.is_open
+
+
+def test_laser_stuck_on_is_said_while_closing(eventually) -> None:
+    """A laser that does not go out on goodbye is an error, since someone must cut its power."""
+    emulated = EmulatedBoard()
+    emulated.inject(Fault(FaultKind.LASER_STUCK_ON))
+    board = LaserBoard(backend=emulated_backend(emulated))
+    with pytest.raises(LaserStuckOn, match="did not go out on command"), board:
+        board.laser_on()
+    eventually(lambda: not emulated.view().laser_on)
+
+
+def test_closing_an_unplugged_board_is_quiet(board: LaserBoard, emulated: EmulatedBoard) -> None:
+    """Without USB power the laser is out, so there is nothing to complain of."""
+    emulated.unplug()
+    board.close()
+    assert not board.is_open
+
+
+def test_answer_to_another_request_is_repeated_over(
+    board: LaserBoard, monkeypatch: pytest.MonkeyPatch, emulated: EmulatedBoard
+) -> None:
+    """A whole status that echoes another command is not believed."""
+    real, wrong = emulated.serve, [2]
+
+    def serve(request: int, argument: int) -> bytes | None:
+        if wrong[0] > 0:
+            wrong[0] -= 1
+            return real(Request.HALT, 0)
+        return real(request, argument)
+
+    monkeypatch.setattr(emulated, "serve", serve)
+    assert board.status().request == Request.STATUS
+    wrong[0] = 3
+    with pytest.raises(BadReply, match="the answer to STATUS is that of request 0x22"):
+        board.status()
+
+
+def test_identity_before_opening_is_refused() -> None:
+    """There is no made-up identity."""
+    with pytest.raises(BoardNotOpen, match="with LaserBoard"):
+        _ = LaserBoard(backend=emulated_backend(EmulatedBoard())).identity
