@@ -15,6 +15,9 @@ from kinematics.tree import Array
 _FLAT_SIGMAS = 2.5
 """A support plane that agrees so well with the carried vertical is taken as level: 96 % of flat ground in two axes."""
 
+_SURE_SHARE = 0.5
+"""A vertical less sure than this share of the terrain's slope cannot tell flat ground from a slope."""
+
 
 def carry_gravity(
     before: GravityEstimate,
@@ -41,7 +44,8 @@ def carry_gravity(
     variance = before.sigma**2 + 2.0 * tilt_variance
     missed = plane.normal - up
     missed = missed - up * (up @ missed)
-    if missed @ missed < _FLAT_SIGMAS**2 * 2.0 * (variance + tilt_variance):
+    agrees = missed @ missed < _FLAT_SIGMAS**2 * 2.0 * (variance + tilt_variance)
+    if agrees and variance < (_SURE_SHARE * noise.terrain_slope_sigma) ** 2:
         plane_variance = tilt_variance
     else:
         # Each foot stays for so many pauses, so nearly the same plane is seen again as often.

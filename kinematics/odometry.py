@@ -7,16 +7,19 @@ import numpy.typing as npt
 
 from kinematics.carried_gravity import carry_gravity, first_gravity
 from kinematics.exceptions import OdometryLost
+from kinematics.footholds import Footholds, first_footholds
 from kinematics.footprint import skew
 from kinematics.model import RobotModel
-from kinematics.odometry_noise import OdometryNoise
-from kinematics.registration import register_soles
+from kinematics.sole_readings import sole_readings
 from kinematics.stance import Stance
 from kinematics.stance_pose import GravityEstimate, StancePose, sole_covariances
 from kinematics.state import RobotState
 from kinematics.stayed_feet import find_stayed_feet
 from kinematics.transforms import transform_points
 from kinematics.tree import Array, read_only
+
+_PLANAR = [0, 1, 2, 5]
+"""Rows of x, y, z and heading in REP-103 order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +35,7 @@ class OdometryPose:
         stayed_feet: feet that carried the body at both pauses and stayed.
         swung_feet: feet that carried the body at both pauses and were set down elsewhere.
         slipped_feet: the same, but moved by less than a swing.
-        residual: rms horizontal misfit of the feet that stayed [m].
+        residual: rms horizontal distance of the feet that stayed from their footholds [m].
         gravity: gravity as carried to the next pause.
     """
 
@@ -74,7 +77,7 @@ class LegOdometry:
         self._camera_covariance = camera_covariance
         self._limits = robot.odometry_limits
         self._last: OdometryPose | None = None
-        self._noise = OdometryNoise(np.zeros((6, 6)), {}, {})
+        self._footholds: Footholds | None = None
         self._first_tilt = np.zeros((6, 6))
 
     @property
@@ -84,7 +87,7 @@ class LegOdometry:
 
     def reset(self) -> None:
         """Forget the walk: the next pause is a first one, and `odom` starts anew there."""
-        self._last = None
+        self._last, self._footholds = None, None
 
     def update(self, stance: Stance) -> OdometryPose:
         """The footprint of a new pause.
@@ -94,8 +97,12 @@ class LegOdometry:
             KinematicsError: as `RobotModel.stance_pose`.
         """
         last = self._last
-        new = self._first(stance) if last is None else self._next(stance, last)
-        self._last = new
+        new, footholds = (
+            self._first(stance)
+            if last is None or self._footholds is None
+            else self._next(stance, last, self._footholds)
+        )
+        self._last, self._footholds = new, footholds
         return new
 
     def _pose(self, stance: Stance, gravity: GravityEstimate | None) -> StancePose:
@@ -106,11 +113,10 @@ class LegOdometry:
             camera_covariance=self._camera_covariance,
         )
 
-    def _first(self, stance: Stance) -> OdometryPose:
+    def _first(self, stance: Stance) -> tuple[OdometryPose, Footholds]:
         pose = self._pose(stance, None)
         self._first_tilt = _shift_by_tilt(pose)
-        self._noise = OdometryNoise(np.zeros((6, 6)), self._sole_covariances(pose), {})
-        return OdometryPose(
+        first = OdometryPose(
             step=0,
             pose=pose,
             transform_footprint_to_odom=read_only(np.eye(4)),
@@ -121,10 +127,12 @@ class LegOdometry:
             residual=0.0,
             gravity=self._gravity_of(pose),
         )
+        return first, first_footholds(_named_feet(pose), *sole_readings(pose, _named_feet(pose), self._robot.noise))
 
-    def _next(self, stance: Stance, last: OdometryPose) -> OdometryPose:
+    def _next(self, stance: Stance, last: OdometryPose, footholds: Footholds) -> tuple[OdometryPose, Footholds]:
         state = self._robot.state(stance.joint_positions)
-        common = [leg for leg in last.pose.support_feet_used if leg in stance.support_feet]
+        # A foot that seemed to hang is asked too: it may stand on a block, and if it hangs its distances will not hold.
+        common = [leg for leg in _named_feet(last.pose) if leg in stance.support_feet]
         stayed = self._stayed(state, last.pose.state, common)
         gravity = None
         if stance.gravity_in_base is None and len(stayed) >= 3:
@@ -137,37 +145,33 @@ class LegOdometry:
                 self._robot.noise,
             )
         pose = self._pose(stance, gravity)
-        stayed = [leg for leg in stayed if leg in pose.support_feet_used]
         if len(stayed) < 2:
             raise OdometryLost(
                 f"{len(stayed)} feet stayed between two pauses ({', '.join(common) or 'none'} carried the body at "
                 "both); two are needed: scan more often than the feet move, or reset the odometry"
             )
-        covariances = self._sole_covariances(pose)
-        registration = register_soles(
-            transform_points(pose.transform_base_to_footprint, state.soles_in_base(stayed)),
-            np.array([covariances[leg] for leg in stayed]),
-            transform_points(last.pose.transform_base_to_footprint, last.pose.state.soles_in_base(stayed)),
-            np.array([self._noise.sole_covariances[leg] for leg in stayed]),
+        fit, footholds = footholds.after_pause(
+            tuple(stayed), _named_feet(pose), *sole_readings(pose, _named_feet(pose), self._robot.noise)
         )
-        transform = last.transform_footprint_to_odom @ registration.transform_now_to_before
-        self._noise = self._noise.after_step(last.transform_footprint_to_odom, registration, stayed, covariances)
+        transform = fit.transform_footprint_to_odom
         # The tilt of a pause shifts its own footprint only, so it is reported with the pause and not carried on.
         rotation = transform[:3, :3]
-        covariance = self._noise.covariance + self._first_tilt
+        covariance = self._first_tilt.copy()
+        covariance[np.ix_(_PLANAR, _PLANAR)] += fit.covariance
         covariance[:3, :3] += rotation @ _shift_by_tilt(pose)[:3, :3] @ rotation.T
         moved = self._moved(pose, last, transform, [leg for leg in common if leg not in stayed])
-        return OdometryPose(
+        new = OdometryPose(
             step=last.step + 1,
             pose=pose,
-            transform_footprint_to_odom=read_only(transform),
+            transform_footprint_to_odom=transform,
             covariance=read_only(covariance),
             stayed_feet=tuple(stayed),
             swung_feet=tuple(leg for leg, way in moved.items() if way >= self._limits.swing_least),
             slipped_feet=tuple(leg for leg, way in moved.items() if way < self._limits.swing_least),
-            residual=registration.residual,
+            residual=fit.residual,
             gravity=gravity or self._gravity_of(pose),
         )
+        return new, footholds
 
     def _gravity_of(self, pose: StancePose) -> GravityEstimate:
         """Gravity to carry on from a pose that did not get it from odometry."""
@@ -188,18 +192,17 @@ class LegOdometry:
         )
         return [common[row] for row in rows]
 
-    def _sole_covariances(self, pose: StancePose) -> dict[str, Array]:
-        """Covariance (3, 3) of each supporting sole in the footprint [m^2], without the tilt that all share."""
-        legs, rotation = pose.support_feet_used, pose.transform_base_to_footprint[:3, :3]
-        covariances = rotation @ sole_covariances(pose.state, legs, self._robot.noise) @ rotation.T
-        return dict(zip(legs, covariances, strict=True))
-
     def _moved(self, pose: StancePose, last: OdometryPose, transform: Array, legs: list[str]) -> dict[str, float]:
         """How far each of the legs' soles moved in `odom` [m]."""
         here = transform @ pose.transform_base_to_footprint
         now = transform_points(here, pose.state.soles_in_base(legs))
         before = transform_points(last.transform_base_to_odom, last.pose.state.soles_in_base(legs))
         return dict(zip(legs, np.linalg.norm(now - before, axis=1).tolist(), strict=True))
+
+
+def _named_feet(pose: StancePose) -> tuple[str, ...]:
+    """The feet that the stance named as supporting, those found hanging included."""
+    return pose.support_feet_used + pose.unloaded_feet
 
 
 def _shift_by_tilt(pose: StancePose) -> Array:

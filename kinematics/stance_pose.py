@@ -33,6 +33,7 @@ class StanceNoise:
     Attributes:
         encoder_sigma: one joint angle [rad].
         contact_sigma: sole centre against ground, per axis [m].
+        sole_pitch_sigma: pitch of a flat sole while it carries the body [rad].
         imu_sigma: direction of gravity from an IMU at rest, per axis [rad].
         level_sigma: the body's tilt where it is taken as level, per axis [rad].
         terrain_slope_sigma: tilt of the support plane against the horizontal, per axis [rad].
@@ -42,6 +43,7 @@ class StanceNoise:
 
     encoder_sigma: float
     contact_sigma: float
+    sole_pitch_sigma: float
     imu_sigma: float
     level_sigma: float
     terrain_slope_sigma: float

@@ -6,10 +6,9 @@ order:
 
 1. where the vertical is known: the three feet left over stand level with each other for one of the two only.
    When they do so for neither, the ground is uneven and nothing says that a foot hangs: all four are kept;
-2. balance: the centre of mass must lie over the triangle of the loaded feet, so it lies on the far side of
-   the other diagonal, seen from the foot that hangs; used when it lies further from that diagonal than its
-   own uncertainty;
-3. the body is commanded level: the triangle to which the body is less tilted.
+2. balance: the centre of mass must lie over the triangle of the loaded feet, so beyond the other diagonal, seen
+   from the foot that hangs. Where it lies on the near side by more than its own uncertainty, that foot stands;
+3. the body is commanded level: of the two triangles the one to which the body is less tilted.
 """
 
 from dataclasses import dataclass
@@ -52,11 +51,9 @@ def find_unloaded_foot(feet: FourFeet, sigmas: float) -> int | None:
         candidates = [row for row in candidates if _others_level(feet, row, sigmas)]
     if len(candidates) < 2:
         return candidates[0] if candidates else None
-    # Two remain: the ends of one diagonal. The centre of mass lies on the side of the loaded one.
-    first, second = candidates[:2]
-    towards_first = _balance_towards(feet, first)
-    if abs(towards_first) > feet.centre_of_mass_sigma:
-        return second if towards_first > 0.0 else first
+    balanced = [row for row in candidates if _balance_away_from(feet, row) > -feet.centre_of_mass_sigma]
+    if len(balanced) == 1:
+        return balanced[0]
     return min(candidates, key=lambda row: _tilt(_others(feet.soles, row)))
 
 
@@ -101,16 +98,20 @@ def _others_level(feet: FourFeet, row: int, sigmas: float) -> bool:
     return True
 
 
-def _balance_towards(feet: FourFeet, row: int) -> float:
-    """Distance [m] of the centre of mass from the diagonal beside a foot, positive on that foot's side."""
-    others = _others(feet.soles, row)
-    up = feet.up if feet.up is not None else _normal(others)
+def _balance_away_from(feet: FourFeet, row: int) -> float:
+    """How far [m] the centre of mass lies beyond the diagonal beside a foot, seen from that foot.
+
+    The vertical is the known one, or what it would be if that foot hung: the normal of the plane of the others.
+    """
+    others, up = _others(feet.soles, row), feet.up
+    if up is None:
+        up = _normal(others)
     # The foot opposite is the one for which the other two lie on different sides of the line between both.
     for opposite in range(3):
         i, j = (other for other in range(3) if other != opposite)
         across = np.cross(up, others[opposite] - feet.soles[row])
         if (across @ (others[i] - feet.soles[row])) * (across @ (others[j] - feet.soles[row])) < 0.0:
             side = np.cross(up, others[j] - others[i])
-            side *= np.sign(side @ (feet.soles[row] - others[i])) / np.linalg.norm(side)
+            side *= np.sign(side @ (others[opposite] - others[i])) / np.linalg.norm(side)
             return float(side @ (feet.centre_of_mass - others[i]))
     return 0.0

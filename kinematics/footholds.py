@@ -1,0 +1,199 @@
+"""The places of the standing feet in `odom`, and the footprint that fits them best at every pause.
+
+A foothold is four numbers: x, y, z of the sole's centre and the sole's pitch, which does not change while the foot
+stands. Each foot stands for several pauses, so its foothold is known better than from one reading. At a pause the
+footprint (heading a, place t) is the one that lays the readings p_i onto the footholds x_i of the feet that stayed. With R
+the turn by a:
+
+    e_i = x_i - (R p_i + t),   V = P_ss + R C R'          P: covariance of the footholds, C: of the readings
+    S = (H' V^-1 H)^-1                                    covariance of the footprint; H: d(R p + t) / d(t, a)
+    W = V^-1 - V^-1 H S H' V^-1
+    x' = x - P_:s W e,   P' = P - P_:s W P_s:             the footholds, corrected by what the fit leaves over
+    cov(footprint, x') = S H' V^-1 P_s:
+
+A foot set down anew gets its place from the footprint, with the covariance that this brings. So noise is neither
+counted twice nor summed from step to step as if steps were independent, which would make the result twice too
+uncertain.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kinematics.tree import Array, read_only
+
+_HUBER_LIMIT = 1.5
+"""Sigmas beyond which a foot's pull stops growing: costs 5 % of precision where nothing slips."""
+
+_MISFIT_LIMIT = 3.0
+"""Chi-square per degree of freedom above which noise was not the cause: below 1 % by chance."""
+
+_ROCKED_SIGMAS = 3.0
+"""A sole whose pitch changed by more standard deviations rocked."""
+
+_ITERATIONS = 5
+"""The start is closed-form and the turn small: it stands still to 1e-12 m after three."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """A footprint fitted to footholds.
+
+    Attributes:
+        transform_footprint_to_odom: (4, 4), a turn about z and a shift.
+        covariance: (4, 4) of its x, y, z [m] and heading [rad].
+        residual: rms horizontal distance of the soles from their footholds [m].
+        misfit: chi-square per degree of freedom where that is more than noise explains, else 1.
+    """
+
+    transform_footprint_to_odom: Array
+    covariance: Array
+    residual: float
+    misfit: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footholds:
+    """Where the standing feet are in `odom`.
+
+    Attributes:
+        legs: whose feet.
+        places: (n, 4) sole centres [m] and pitches [rad].
+        covariance: (4 n, 4 n) of all of them.
+    """
+
+    legs: tuple[str, ...]
+    places: Array
+    covariance: Array
+
+    def after_pause(
+        self, stayed: tuple[str, ...], legs: tuple[str, ...], readings: Array, covariances: Array
+    ) -> tuple[Fit, "Footholds"]:
+        """Fit the footprint of a new pause, and take its readings in.
+
+        Args:
+            stayed: two or more feet that stayed where they were.
+            legs: all feet that carry the body now; those that stayed are among them.
+            readings: (n, 4) of all of them in the new footprint.
+            covariances: (n, 4, 4) of these readings.
+        """
+        now = [legs.index(leg) for leg in stayed]
+        kept = np.concatenate([np.arange(4) + 4 * self.legs.index(leg) for leg in stayed])
+        prior = self.covariance[np.ix_(kept, kept)]
+        known = self.places.ravel()[kept]
+        covariances = _without_rocked(covariances, now, readings[now, 3] - known[3::4], np.diag(prior)[3::4])
+        angle, shift = _closed_form(readings[now, :3], known.reshape(-1, 4)[:, :3])
+        weights = np.ones(len(now))
+        for _ in range(_ITERATIONS):
+            rotation = _turn(angle)
+            by_pose = _by_pose(readings[now] @ rotation.T)
+            errors = known - (readings[now] @ rotation.T + shift).ravel()
+            noise = _blocks(rotation @ covariances[now] @ rotation.T / weights[:, None, None])
+            inverse = np.linalg.inv(prior + noise)
+            pose_covariance = np.linalg.inv(by_pose.T @ inverse @ by_pose)
+            step = pose_covariance @ by_pose.T @ inverse @ errors
+            shift, angle = shift + np.append(step[:3], 0.0), angle + float(step[3])
+            weights = _pull(errors, prior + noise)
+        left_over = inverse - inverse @ by_pose @ pose_covariance @ by_pose.T @ inverse
+        misfit = float(errors @ left_over @ errors) / (len(errors) - 4)
+        misfit = misfit if misfit > _MISFIT_LIMIT else 1.0
+        transform = np.eye(4)
+        transform[:3, :3], transform[:3, 3] = _turn(angle)[:3, :3], shift[:3]
+        fit = Fit(
+            transform_footprint_to_odom=read_only(transform),
+            covariance=read_only(pose_covariance * misfit),
+            residual=float(np.sqrt(np.mean(np.sum(errors.reshape(-1, 4)[:, :2] ** 2, axis=1)))),
+            misfit=misfit,
+        )
+        spread = self.covariance[:, kept]
+        posterior = Footholds(
+            self.legs,
+            read_only((self.places.ravel() - spread @ left_over @ errors).reshape(-1, 4)),
+            read_only(self.covariance - spread @ left_over @ spread.T),
+        )
+        cross = pose_covariance @ by_pose.T @ inverse @ spread.T
+        return fit, posterior._with(fit, cross, stayed, legs, readings, covariances)
+
+    def _with(
+        self,
+        fit: Fit,
+        cross: Array,
+        stayed: tuple[str, ...],
+        legs: tuple[str, ...],
+        readings: Array,
+        covariances: Array,
+    ) -> "Footholds":
+        """The footholds of `legs`: those that stayed as they are, the others set down from the fitted footprint."""
+        rotation = np.eye(4)
+        rotation[:3, :3] = fit.transform_footprint_to_odom[:3, :3]
+        shift = np.append(fit.transform_footprint_to_odom[:3, 3], 0.0)
+        count, size = len(legs), len(self.places)
+        # Rows of (footprint, old footholds) that make each new foothold, and the fresh noise of those set down.
+        source, fresh = np.zeros((4 * count, 4 + 4 * size)), np.zeros((count, 4, 4))
+        places = np.zeros((count, 4))
+        for row, leg in enumerate(legs):
+            block = slice(4 * row, 4 * row + 4)
+            if leg in stayed:
+                old = self.legs.index(leg)
+                source[block, 4 + 4 * old : 8 + 4 * old] = np.eye(4)
+                places[row] = self.places[old]
+            else:
+                source[block, :4] = _by_pose(readings[row : row + 1] @ rotation.T)
+                places[row] = rotation @ readings[row] + shift
+                fresh[row] = rotation @ covariances[row] @ rotation.T
+        joint = np.block([[fit.covariance, cross], [cross.T, self.covariance]])
+        return Footholds(legs, read_only(places), read_only(source @ joint @ source.T + _blocks(fresh)))
+
+
+def first_footholds(legs: tuple[str, ...], readings: Array, covariances: Array) -> Footholds:
+    """The footholds of a first pause, whose footprint is `odom`: readings (n, 4) and covariances (n, 4, 4)."""
+    return Footholds(legs, read_only(readings), read_only(_blocks(covariances)))
+
+
+def _without_rocked(covariances: Array, rows: list[int], turned: Array, prior: Array) -> Array:
+    """Covariances in which the pitch of a sole that rocked (stands on an edge or a pebble) says nothing."""
+    result = covariances.copy()
+    for row, angle, variance in zip(rows, turned, prior, strict=True):
+        if angle**2 > _ROCKED_SIGMAS**2 * (variance + covariances[row, 3, 3]):
+            result[row, 3] = result[row, :, 3] = 0.0
+            result[row, 3, 3] = 1.0
+    return result
+
+
+def _turn(angle: float) -> Array:
+    """A turn (4, 4) of (x, y, z, pitch) about z; no sole turns so far that its pitch axis would matter."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    turn = np.eye(4)
+    turn[:2, :2] = [[cosine, -sine], [sine, cosine]]
+    return turn
+
+
+def _by_pose(turned: Array) -> Array:
+    """H (4 n, 4): d(footholds) / d(x, y, z, heading) for readings (n, 4) already turned by the heading."""
+    derivative = np.zeros((len(turned), 4, 4))
+    derivative[:, :3, :3] = np.eye(3)
+    derivative[:, 0, 3], derivative[:, 1, 3] = -turned[:, 1], turned[:, 0]
+    return derivative.reshape(-1, 4)
+
+
+def _blocks(covariances: Array) -> Array:
+    """Covariances (n, 4, 4) as one block-diagonal matrix (4 n, 4 n)."""
+    count = len(covariances)
+    return np.asarray(np.einsum("ij,ikl->ikjl", np.eye(count), covariances).reshape(4 * count, 4 * count))
+
+
+def _pull(errors: Array, covariance: Array) -> Array:
+    """Huber's weight (n,) of every foot by its own error against its own covariance."""
+    distances = [
+        np.sqrt(error @ np.linalg.solve(covariance[4 * i : 4 * i + 4, 4 * i : 4 * i + 4], error))
+        for i, error in enumerate(errors.reshape(-1, 4))
+    ]
+    return np.asarray(np.minimum(1.0, _HUBER_LIMIT / np.maximum(distances, _HUBER_LIMIT)))
+
+
+def _closed_form(soles: Array, places: Array) -> tuple[float, Array]:
+    """Unweighted least squares: the heading between the centred sets, then the shift between their centres."""
+    p, q = soles - soles.mean(axis=0), places - places.mean(axis=0)
+    angle = float(np.arctan2(np.sum(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]), np.sum(p[:, :2] * q[:, :2])))
+    shift = places.mean(axis=0) - _turn(angle)[:3, :3] @ soles.mean(axis=0)
+    return angle, np.append(shift, 0.0)

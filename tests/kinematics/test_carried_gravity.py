@@ -1,0 +1,50 @@
+import numpy as np
+import pytest
+
+from kinematics import GravityEstimate, RobotModel
+from kinematics.carried_gravity import carry_gravity, first_gravity, turn_between
+from kinematics.urdf import rotation_from_rpy
+
+SOLES = np.array([[0.3, 0.18, -0.36], [0.3, -0.18, -0.36], [-0.3, 0.18, -0.36], [-0.25, -0.18, -0.36]])
+NOISE = np.tile(np.eye(3) * 1e-6, (4, 1, 1))
+
+
+def test_a_known_turn_is_found() -> None:
+    """The rotation between two point sets comes back, also when they lie in a plane (and could be mirrored)."""
+    rotation = rotation_from_rpy(0.1, -0.2, 0.3)
+    before = SOLES @ rotation.T + (0.1, 0.2, 0.3)
+    np.testing.assert_allclose(turn_between(SOLES, before), rotation, atol=1e-12)
+    assert np.linalg.det(turn_between(SOLES, before)) == pytest.approx(1.0)
+
+
+def test_flat_ground_holds_the_vertical(guara: RobotModel) -> None:
+    """On ground that looks flat the error does not grow however often gravity is carried on."""
+    gravity = GravityEstimate((0.0, 0.0, -1.0), 0.002)
+    for _ in range(100):
+        gravity = carry_gravity(gravity, SOLES[:3], SOLES[:3], SOLES, NOISE, guara.noise)
+    assert gravity.sigma < 0.004
+    np.testing.assert_allclose(gravity.gravity_in_base, (0.0, 0.0, -1.0), atol=1e-12)
+
+
+def test_blocks_hardly_move_the_vertical(guara: RobotModel) -> None:
+    """A support plane tilted by 5 degrees against a sure vertical is taken for terrain, and the sigma grows."""
+    tilted = SOLES @ rotation_from_rpy(0.0, np.radians(5.0), 0.0).T
+    before = GravityEstimate((0.0, 0.0, -1.0), 0.002)
+    after = carry_gravity(before, tilted[:3], tilted[:3], tilted, NOISE, guara.noise)
+    assert np.degrees(np.arccos(-after.gravity_in_base[2])) < 0.2
+    assert after.sigma > before.sigma
+
+
+def test_a_turned_body_carries_gravity_with_it(guara: RobotModel) -> None:
+    """When the body tips over its feet, gravity tips the other way in the body."""
+    tip = rotation_from_rpy(0.0, 0.08, 0.0)
+    now = SOLES @ tip
+    after = carry_gravity(GravityEstimate((0.0, 0.0, -1.0), 0.002), now[:3], SOLES[:3], now, NOISE, guara.noise)
+    np.testing.assert_allclose(after.gravity_in_base, tip.T @ (0.0, 0.0, -1.0), atol=1e-9)
+
+
+def test_first_gravity_is_as_sure_as_terrain_is_level(guara: RobotModel) -> None:
+    """Without IMU the first vertical is the support plane's, with the terrain's slope as its sigma."""
+    gravity = first_gravity(np.array([0.0, 0.0, 1.0]), np.zeros((6, 6)), guara.noise)
+    assert gravity.gravity_in_base == (0.0, 0.0, -1.0)
+    assert gravity.sigma == pytest.approx(guara.noise.terrain_slope_sigma)

@@ -1,0 +1,140 @@
+import numpy as np
+import pytest
+
+from kinematics.footholds import Footholds, first_footholds
+from kinematics.stayed_feet import find_stayed_feet
+
+LEGS = ("lf", "rf", "lh", "rh")
+SOLES = np.array([[0.3, 0.18, 0.0], [0.3, -0.18, 0.01], [-0.3, 0.18, -0.02], [-0.25, -0.18, 0.0]])
+READINGS = np.column_stack([SOLES, [0.0, 0.02, -0.01, 0.0]])
+NOISE = np.tile(np.diag([1e-6, 1e-6, 1e-6, 1e-5]), (4, 1, 1))
+FIRST = first_footholds(LEGS, READINGS, NOISE)
+
+
+def turn(angle: float) -> np.ndarray:
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def seen_from(readings: np.ndarray, angle: float, shift: tuple[float, float, float]) -> np.ndarray:
+    """Readings as they appear from a footprint turned by an angle and moved by a shift."""
+    result = readings.copy()
+    result[:, :2] = (readings[:, :2] - shift[:2]) @ turn(angle)
+    result[:, 2] -= shift[2]
+    return result
+
+
+@pytest.mark.parametrize("stayed", [LEGS, ("lf", "rh"), ("rf", "lh", "rh")])
+def test_a_known_motion_is_found(stayed: tuple[str, ...]) -> None:
+    """Heading, shift and rise come back exactly from two feet or more, and the footholds stay where they are."""
+    now = seen_from(READINGS, 0.11, (0.035, -0.01, 0.02))
+    fit, footholds = FIRST.after_pause(stayed, LEGS, now, NOISE)
+    expected = np.eye(4)
+    expected[:2, :2], expected[:3, 3] = turn(0.11), (0.035, -0.01, 0.02)
+    np.testing.assert_allclose(fit.transform_footprint_to_odom, expected, atol=1e-12)
+    np.testing.assert_allclose(footholds.places, READINGS, atol=1e-12)
+    assert fit.residual < 1e-12 and fit.misfit == 1.0
+
+
+def test_covariances_agree_with_sampling() -> None:
+    """After two pauses, one with a foot set down anew, footprint and footholds are as uncertain as sampling says."""
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(4, 4)) * 1e-3
+    noise = np.tile(root @ root.T + np.diag([1e-7] * 4), (4, 1, 1))
+    roots = np.linalg.cholesky(noise[0])
+    new_place = READINGS.copy()
+    new_place[1, 0] += 0.14
+    poses, places = [], []
+    for _ in range(3000):
+
+        def read(readings: np.ndarray, *seen: object) -> np.ndarray:
+            return seen_from(readings, *seen) + rng.normal(size=(4, 4)) @ roots.T  # type: ignore[arg-type]
+
+        footholds = first_footholds(LEGS, READINGS + rng.normal(size=(4, 4)) @ roots.T, noise)
+        stayed = ("lf", "lh", "rh")
+        _, footholds = footholds.after_pause(stayed, LEGS, read(new_place, 0.02, (0.03, 0.0, 0.0)), noise)
+        fit, footholds = footholds.after_pause(LEGS, LEGS, read(new_place, 0.05, (0.06, 0.01, 0.0)), noise)
+        transform = fit.transform_footprint_to_odom
+        poses.append([*transform[:3, 3], np.arctan2(transform[1, 0], transform[0, 0])])
+        places.append(footholds.places.ravel())
+    np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), np.std(poses, axis=0), rtol=0.10)
+    np.testing.assert_allclose(np.sqrt(np.diag(footholds.covariance)), np.std(places, axis=0), rtol=0.10)
+    assert np.linalg.eigvalsh(footholds.covariance)[0] > 0.0
+
+
+def test_standing_longer_is_knowing_better() -> None:
+    """A foothold seen again and again gets surer, and never less sure."""
+    footholds, last = FIRST, np.diag(FIRST.covariance)
+    for _ in range(4):
+        _, footholds = footholds.after_pause(LEGS, LEGS, READINGS, NOISE)
+        assert np.all(np.diag(footholds.covariance) <= last + 1e-18)
+        last = np.diag(footholds.covariance)
+
+
+def test_a_foot_that_crept_pulls_less() -> None:
+    """A 10 mm creep of one foot in four moves the result by less than plain least squares would, and widens it."""
+    now = READINGS.copy()
+    now[0, 0] -= 0.010
+    fit, _ = FIRST.after_pause(LEGS, LEGS, now, NOISE)
+    assert abs(fit.transform_footprint_to_odom[0, 3]) < 0.75 * 0.010 / 4.0
+    assert fit.misfit > 3.0
+
+
+def test_the_pitch_of_a_standing_sole_tells_the_noise_of_its_place() -> None:
+    """Where noise moves place and pitch of a sole together, a pitch that changed takes its share of the place back."""
+    noise = np.tile(np.diag([1e-7, 1e-6, 1e-6, 1e-7]), (4, 1, 1))
+    by_joint = np.array([0.23, 0.0, 0.0, 1.0]) * 0.0035
+    noise += np.outer(by_joint, by_joint)
+    now = READINGS.copy()
+    now += 2.0 * by_joint
+    fit, _ = first_footholds(LEGS, READINGS, noise).after_pause(LEGS, LEGS, now, noise)
+    assert abs(fit.transform_footprint_to_odom[0, 3]) < 0.1 * 2.0 * by_joint[0]
+    blind = noise.copy()
+    blind[:, 3], blind[:, :, 3] = 0.0, 0.0
+    blind[:, 3, 3] = 1.0
+    fit, _ = first_footholds(LEGS, READINGS, blind).after_pause(LEGS, LEGS, now, blind)
+    assert abs(fit.transform_footprint_to_odom[0, 3]) == pytest.approx(2.0 * by_joint[0], rel=1e-3)
+
+
+def test_a_sole_that_rocked_says_nothing_by_its_pitch() -> None:
+    """A pitch that changed by far more than noise does not move the footprint."""
+    noise = NOISE + np.outer((0.0008, 0.0, 0.0, 0.0035), (0.0008, 0.0, 0.0, 0.0035))
+    now = READINGS.copy()
+    now[2, 3] += 0.2
+    fit, _ = first_footholds(LEGS, READINGS, noise).after_pause(LEGS, LEGS, now, noise)
+    np.testing.assert_allclose(fit.transform_footprint_to_odom, np.eye(4), atol=1e-5)
+
+
+def test_feet_that_no_longer_stand_are_forgotten() -> None:
+    """The footholds are those of the feet that carry the body now, in their order."""
+    legs = ("rh", "lf", "lh")
+    rows = [LEGS.index(leg) for leg in legs]
+    _, footholds = FIRST.after_pause(("lf", "rh"), legs, READINGS[rows], NOISE[rows])
+    assert isinstance(footholds, Footholds) and footholds.legs == legs
+    np.testing.assert_allclose(footholds.places, READINGS[rows], atol=1e-12)
+
+
+def stayed(now: np.ndarray, before: np.ndarray, turn_limit: float = 0.26) -> list[int]:
+    return find_stayed_feet(now, NOISE[:, :3, :3], before, NOISE[:, :3, :3], slip_sigmas=4.5, turn_limit=turn_limit)
+
+
+def test_the_foot_that_swung_is_told_from_those_that_stayed() -> None:
+    """However the body moved, one foot of four set down elsewhere is the one left out."""
+    for swung in range(4):
+        before = SOLES.copy()
+        before[swung, 0] -= 0.14
+        now = seen_from(READINGS, 0.05, (-0.035, 0.01, 0.0))[:, :3]
+        assert stayed(now, before) == [foot for foot in range(4) if foot != swung]
+
+
+def test_a_swing_that_keeps_a_distance_is_seen_by_its_turn() -> None:
+    """A foot that passes the one beside it keeps their distance, but their line turns too far."""
+    before, now = SOLES[:2].copy(), SOLES[:2].copy()
+    before[1, 0], now[1, 0] = 0.23, 0.37
+    assert stayed(now, before) == []
+    assert stayed(now, before, turn_limit=3.0) == [0, 1]
+
+
+def test_nothing_in_common_means_none() -> None:
+    """With fewer than two feet nothing stayed that could be told."""
+    assert stayed(SOLES[:1], SOLES[:1]) == []
+    assert stayed(SOLES[:0], SOLES[:0]) == []

@@ -1,0 +1,89 @@
+import numpy as np
+import pytest
+
+from kinematics import ArgumentError
+from kinematics.footprint import compose_covariance, skew
+from kinematics.transforms import checked_covariance, checked_transform, inverse, transform_points
+from kinematics.urdf import rotation_from_rpy
+
+
+def some_transform(seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    transform = np.eye(4)
+    transform[:3, :3] = rotation_from_rpy(*rng.uniform(-1, 1, 3))
+    transform[:3, 3] = rng.uniform(-1, 1, 3)
+    return transform
+
+
+def test_a_transform_and_its_inverse_give_identity() -> None:
+    """Both products of a transform and its inverse are the identity."""
+    transform = some_transform(1)
+    np.testing.assert_allclose(inverse(transform) @ transform, np.eye(4), atol=1e-15)
+    np.testing.assert_allclose(transform @ inverse(transform), np.eye(4), atol=1e-15)
+
+
+def test_points_of_any_shape_are_taken_through() -> None:
+    """Points (..., 3) come out in the same shape, each by the homogeneous product."""
+    transform, points = some_transform(2), np.random.default_rng(0).normal(size=(4, 5, 3))
+    moved = transform_points(transform, points)
+    assert moved.shape == points.shape
+    np.testing.assert_allclose(moved[2, 3], (transform @ [*points[2, 3], 1.0])[:3], atol=1e-15)
+
+
+def test_skew_is_the_cross_product() -> None:
+    """skew(a) b is a x b."""
+    a, b = np.random.default_rng(4).normal(size=(2, 3))
+    np.testing.assert_allclose(skew(a) @ b, np.cross(a, b), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t[:3], r"mount has shape \(3, 4\); a finite \(4, 4\) matrix"),
+        (lambda t: t * np.nan, "a finite"),
+        (lambda t: np.diag([1.0, 1.0, -1.0, 1.0]) @ t, "mount holds no rotation"),
+        (lambda t: t @ np.diag([1.1, 1.0, 1.0, 1.0]), "mount holds no rotation: R R' misses the identity by"),
+        (lambda t: t + np.diag([0.0, 0.0, 0.0, 1.0]), "mount ends in the row"),
+    ],
+)
+def test_what_is_no_transform_is_refused(change, message: str) -> None:  # noqa: ANN001
+    """Wrong shape, NaN, mirrors, scales and a wrong last row are refused by name."""
+    with pytest.raises(ArgumentError, match=message):
+        checked_transform(change(some_transform(3)), "mount")
+
+
+@pytest.mark.parametrize(
+    ("covariance", "message"),
+    [
+        (np.eye(3), r"noise has shape \(3, 3\); a finite \(6, 6\)"),
+        (np.eye(6) * np.nan, "a finite"),
+        (np.eye(6) + np.eye(6, k=1), "noise is not symmetric"),
+        (-np.eye(6), "noise has a negative eigenvalue"),
+    ],
+)
+def test_what_is_no_covariance_is_refused(covariance: np.ndarray, message: str) -> None:
+    """Wrong shape, NaN, lack of symmetry and negative eigenvalues are refused by name."""
+    with pytest.raises(ArgumentError, match=message):
+        checked_covariance(covariance, "noise")
+
+
+def test_composed_covariance_agrees_with_sampling() -> None:
+    """The covariance of a product of two uncertain transforms agrees with Monte Carlo."""
+    rng = np.random.default_rng(9)
+    outer, inner = some_transform(5), some_transform(6)
+    root_outer, root_inner = rng.normal(size=(2, 6, 6)) * 1e-3
+    samples = np.zeros((8000, 6))
+
+    def moved(transform: np.ndarray, root: np.ndarray) -> np.ndarray:
+        off, result = root @ rng.normal(size=6), transform.copy()
+        result[:3, :3] = rotation_from_rpy(*off[3:]) @ transform[:3, :3]
+        result[:3, 3] += off[:3]
+        return result
+
+    nominal = outer @ inner
+    for row in range(len(samples)):
+        product = moved(outer, root_outer) @ moved(inner, root_inner)
+        turned = product[:3, :3] @ nominal[:3, :3].T
+        samples[row] = [*(product - nominal)[:3, 3], *((turned - turned.T)[[2, 0, 1], [1, 2, 0]] / 2.0)]
+    predicted = compose_covariance(outer, root_outer @ root_outer.T, inner, root_inner @ root_inner.T)
+    np.testing.assert_allclose(np.sqrt(np.diag(predicted)), samples.std(axis=0), rtol=0.05)

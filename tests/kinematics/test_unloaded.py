@@ -1,0 +1,48 @@
+"""Which foot hangs is decided by the level of the others, by balance, then by the body's commanded attitude."""
+
+import numpy as np
+
+from kinematics.unloaded import FourFeet, find_unloaded_foot
+
+SOLES = np.array([[0.3, 0.18, -0.36], [0.3, -0.18, -0.36], [-0.3, 0.18, -0.36], [-0.3, -0.18, -0.36]])
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def four_feet(raised: float, centre: tuple[float, float] = (0.0, 0.0), up: np.ndarray | None = None) -> FourFeet:
+    soles = SOLES.copy()
+    soles[0, 2] += raised
+    return FourFeet(soles, np.tile(np.eye(3) * 1e-6, (4, 1, 1)), np.array([*centre, -0.03]), 0.010, up, 0.00175)
+
+
+def test_level_feet_all_stand() -> None:
+    """On one plane no foot hangs."""
+    assert find_unloaded_foot(four_feet(0.0), 3.5) is None
+
+
+def test_a_gap_within_noise_does_not_count() -> None:
+    """A foot that hangs by less than the noise of four soles (2 mm, times 3.5) is kept; by more it is found."""
+    assert find_unloaded_foot(four_feet(0.006), 3.5) is None
+    assert find_unloaded_foot(four_feet(0.008), 3.5) == 0
+
+
+def test_balance_decides_where_the_vertical_is_unknown() -> None:
+    """With the centre of mass well on one side, the foot on the other side of the diagonal hangs."""
+    assert find_unloaded_foot(four_feet(0.02, centre=(-0.05, -0.05)), 3.5) == 0
+    assert find_unloaded_foot(four_feet(0.02, centre=(0.05, 0.05)), 3.5) == 3
+
+
+def test_a_body_near_balance_is_taken_as_commanded_level() -> None:
+    """With the centre of mass on the diagonal, the foot whose absence leaves the body level hangs."""
+    assert find_unloaded_foot(four_feet(0.02, centre=(0.003, 0.003)), 3.5) == 0
+
+
+def test_the_level_of_the_others_decides_where_the_vertical_is_known() -> None:
+    """With gravity, the foot above three level ones hangs, whatever the balance says."""
+    assert find_unloaded_foot(four_feet(0.02, centre=(0.05, 0.05), up=UP), 3.5) == 0
+
+
+def test_uneven_ground_is_not_a_hanging_foot() -> None:
+    """With gravity and no three feet on one level, nothing says that a foot hangs."""
+    feet = four_feet(0.02, up=UP)
+    feet.soles[3, 2] += 0.03
+    assert find_unloaded_foot(feet, 3.5) is None
