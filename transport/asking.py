@@ -40,7 +40,7 @@ class Answer:
 def ask(
     session: Session,
     key: str,
-    payload: bytes,
+    payload: bytes | bytearray,
     timeout: float,
     *,
     is_alive: Callable[[], bool] | None = None,

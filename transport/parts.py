@@ -12,6 +12,8 @@ from transport.exceptions import MessageError
 
 Point = tuple[float, float, float]
 
+_IDENTITY = np.eye(3)
+
 
 def finite(value: float, what: str) -> float:
     """Return `value` as a float if it is a finite number.
@@ -45,6 +47,12 @@ def read_only(array: npt.ArrayLike, shape: tuple[int | None, ...], what: str) ->
         raise MessageError(f"{what} holds NaN or infinity; finite numbers are needed")
     copy.setflags(write=False)
     return copy
+
+
+def _determinant(m: npt.NDArray[np.float64]) -> float:
+    """Of a 3 x 3 matrix; by hand, because this runs for every grid that arrives."""
+    (a, b, c), (d, e, f), (g, h, i) = m.tolist()
+    return float(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,7 +104,8 @@ class TransformMessage:
         if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
             raise MessageError(f"{name} has the last row {matrix[3].tolist()}; allowed is [0, 0, 0, 1]")
         # 1e-6: far above rounding, far below any angle that matters (1 um at 1 m).
-        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(rotation) < 0.0:
+        error = np.abs(rotation @ rotation.T - _IDENTITY).max()
+        if error > 1e-6 or _determinant(rotation) < 0.0:
             raise MessageError(f"{name} does not hold a rotation in its upper left 3 x 3 part")
         object.__setattr__(self, "matrix", matrix)
         if self.covariance is not None:

@@ -31,7 +31,7 @@ class Publisher(Part):
         """Payloads that were put."""
         return self._count
 
-    def put(self, payload: bytes, attachment: bytes | None = None) -> None:
+    def put(self, payload: bytes | bytearray, attachment: bytes | None = None) -> None:
         """Send one payload. Returns without error when nobody listens or the link is down.
 
         Raises:

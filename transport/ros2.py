@@ -67,7 +67,7 @@ class _Topic:
         self._lock = threading.Lock()
         self._sequence = 0
 
-    def put(self, payload: bytes) -> None:
+    def put(self, payload: bytes | bytearray) -> None:
         with self._lock:
             self._sequence += 1
             attachment = make_attachment(self._sequence, time.time_ns(), self._identity)
@@ -106,11 +106,11 @@ class Ros2Mirror(Part):
         }
         super().__init__(session)
 
-    def put_occupancy(self, payload: bytes) -> None:
+    def put_occupancy(self, payload: bytes | bytearray) -> None:
         """Send the CDR payload of a nav_msgs/OccupancyGrid."""
         self._topics["occupancy"].put(payload)
 
-    def put_grid_map(self, payload: bytes) -> None:
+    def put_grid_map(self, payload: bytes | bytearray) -> None:
         """Send the CDR payload of a grid_map_msgs/GridMap."""
         self._topics["grid_map"].put(payload)
 

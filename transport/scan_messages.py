@@ -122,7 +122,7 @@ class QueryRequest:
         object.__setattr__(self, "region", (x_min, x_max, y_min, y_max))
 
 
-def encode_scan_request(request: ScanRequest) -> bytes:
+def encode_scan_request(request: ScanRequest) -> bytearray:
     """CDR payload of a ScanRequest."""
     return encode(message_class(SCAN_REQUEST)(request.id, request.mode, float(request.timeout)))
 
@@ -133,7 +133,7 @@ def decode_scan_request(payload: bytes) -> ScanRequest:
     return ScanRequest(id=message.id, mode=message.mode, timeout=message.timeout)
 
 
-def encode_scan_reply(reply: ScanReply) -> bytes:
+def encode_scan_reply(reply: ScanReply) -> bytearray:
     """CDR payload of a ScanReply."""
     return encode(
         message_class(SCAN_REPLY)(
@@ -170,7 +170,7 @@ def decode_scan_reply(payload: bytes) -> ScanReply:
     )
 
 
-def encode_refusal(refusal: Refusal) -> bytes:
+def encode_refusal(refusal: Refusal) -> bytearray:
     """CDR payload of a Refusal."""
     return encode(message_class(REFUSAL)(refusal.id, refusal.code, refusal.message))
 
@@ -181,7 +181,7 @@ def decode_refusal(payload: bytes) -> Refusal:
     return Refusal(id=message.id, code=message.code, message=message.message)
 
 
-def encode_query_request(request: QueryRequest) -> bytes:
+def encode_query_request(request: QueryRequest) -> bytearray:
     """CDR payload of a QueryRequest."""
     limits = request.region or (0.0, 0.0, 0.0, 0.0)
     return encode(message_class(QUERY_REQUEST)(request.extent, request.region is None, *limits))

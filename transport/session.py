@@ -18,6 +18,7 @@ from transport.configuration import (
 from transport.exceptions import ConfigurationError, ConnectionFailed, SessionClosed, TransportError
 from transport.exit_watcher import Closable
 from transport.security import configured_endpoints, load_configuration, role_folder
+from transport.typestore import warm_up
 
 _LOG = logging.getLogger(__name__)
 _PAUSE: Final = 0.1
@@ -47,6 +48,7 @@ class Session:
 
     def __init__(self, configuration: Configuration, endpoints: tuple[str, ...]) -> None:
         """Open at once or fail; see `open_node` and `open_client`."""
+        warm_up()
         self._raw: Any = zenoh_api.open_raw(configuration)
         self._lock = threading.RLock()
         self._parts: list[Closable] = []

@@ -75,7 +75,7 @@ def make_stance_pause(pause: StancePause) -> Any:
     )
 
 
-def encode_stance_pause(pause: StancePause) -> bytes:
+def encode_stance_pause(pause: StancePause) -> bytearray:
     """The CDR payload of one stance pause.
 
     Raises:

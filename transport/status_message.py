@@ -60,7 +60,7 @@ class Status:
         return next((item for item in self.items if item.name == name), None)
 
 
-def encode_status(status: Status) -> bytes:
+def encode_status(status: Status) -> bytearray:
     """CDR payload of a status, a diagnostic_msgs/DiagnosticArray.
 
     Raises:

@@ -23,7 +23,7 @@ _EMPTY = tuple(np.zeros(0, dtype) for dtype in (np.float32, np.uint16, np.uint8)
 _TYPES = {np.dtype(np.float32): 1, np.dtype(np.uint16): 2, np.dtype(np.uint8): 3}
 
 
-def encode_terrain(terrain: TerrainMessage) -> bytes:
+def encode_terrain(terrain: TerrainMessage) -> bytearray:
     """The CDR payload of one TerrainMessage.
 
     Raises:

@@ -46,6 +46,13 @@ def typestore() -> "Typestore":
     return store
 
 
+@cache
+def warm_up() -> None:
+    """Prepare what the first message would otherwise wait for: a tenth of a second of reading definitions."""
+    for name in (TERRAIN, STANCE_PAUSE, SCAN_REQUEST, SCAN_REPLY, QUERY_REQUEST, OCCUPANCY, GRID_MAP, STATUS):
+        typestore().get_msgdef(name)
+
+
 def message_class(type_name: str) -> Any:
     """The generated class of one ROS 2 type; its fields are those of the definition, in that order.
 

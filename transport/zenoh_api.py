@@ -143,7 +143,7 @@ def watch_tokens(session: Any, key: str, on_change: Callable[[str, bool], None])
 def get_replies(
     session: Any,
     key: str,
-    payload: bytes,
+    payload: bytes | bytearray,
     timeout: float,
     on_reply: Callable[[bytes | None, bytes | None], None],
     on_finished: Callable[[], None],

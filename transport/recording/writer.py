@@ -256,7 +256,7 @@ class RecordingWriter:
         if self._closed:
             raise RecordingError(f"the recording {self.path} is closed")
 
-    def _put(self, part: str, payload: bytes, stamp: int) -> None:
+    def _put(self, part: str, payload: bytes | bytearray, stamp: int) -> None:
         with self._lock:
             self._add_payload(part, payload, stamp)
             self.flush()
@@ -264,10 +264,10 @@ class RecordingWriter:
     def _add(self, part: str, message: Any, stamp: int) -> None:
         self._add_payload(part, encode(message), stamp)
 
-    def _add_payload(self, part: str, payload: bytes, stamp: int) -> None:
+    def _add_payload(self, part: str, payload: bytes | bytearray, stamp: int) -> None:
         self._check_open()
         try:
-            self._writer.add_message(self._channel(part), stamp, payload, stamp)
+            self._writer.add_message(self._channel(part), stamp, bytes(payload), stamp)
         except OSError as error:
             raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
 

@@ -1,0 +1,386 @@
+"""Prints the figures of the transport: latency against raw TCP, codec, and every fault with real processes.
+
+Usage: python -m benchmarks.transport [--quick]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import socket
+import statistics
+import subprocess
+import sys
+import threading
+import time
+import tracemalloc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import transport
+from benchmarks.transport_peer import is_whole, make_terrain
+from transport import keys
+from transport.scan_messages import (
+    decode_query_request,
+    decode_refusal,
+    decode_scan_reply,
+    decode_scan_request,
+    encode_query_request,
+    encode_refusal,
+    encode_scan_reply,
+    encode_scan_request,
+)
+
+PATIENCE = 60.0
+
+
+class Peer:
+    """A process of `transport_peer.py`."""
+
+    def __init__(self, *words: str) -> None:
+        """Start it and wait until it is ready."""
+        command = [sys.executable, "-m", "benchmarks.transport_peer", *words]
+        root = str(Path(__file__).resolve().parents[1])
+        self.popen = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=root, env=dict(os.environ)
+        )
+        self.hear()
+
+    def tell(self, **words: Any) -> None:
+        """Give it a command."""
+        assert self.popen.stdin is not None
+        self.popen.stdin.write(json.dumps(words) + "\n")
+        self.popen.stdin.flush()
+
+    def hear(self) -> dict[str, Any]:
+        """Its next line."""
+        assert self.popen.stdout is not None
+        return dict(json.loads(self.popen.stdout.readline() or "{}"))
+
+    def end(self) -> None:
+        """Kill it."""
+        self.popen.kill()
+        self.popen.wait()
+
+
+@contextmanager
+def peers() -> Iterator[Callable[..., Peer]]:
+    """Starts processes, and ends them all."""
+    started: list[Peer] = []
+
+    def start(*words: str) -> Peer:
+        started.append(Peer(*words))
+        return started[-1]
+
+    try:
+        yield start
+    finally:
+        for peer in started:
+            peer.end()
+
+
+def free_port() -> int:
+    """A port of this machine that nobody uses."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def free_endpoint() -> str:
+    """A Zenoh endpoint of this machine that nobody uses."""
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+def report(what: str, measured: str, allowed: str, is_met: bool) -> None:
+    """One line of the table."""
+    print(f"{'ok  ' if is_met else 'MISS'}  {what:<58} {measured:<44} {allowed}", flush=True)
+
+
+def codec(count: int) -> None:
+    """Encode and decode of the 108 x 90 grid with all layers."""
+    terrain = make_terrain(1)
+    payload = transport.encode_terrain(terrain)
+    out, back = [], []
+    for _ in range(count):
+        start = time.perf_counter()
+        payload = transport.encode_terrain(terrain)
+        middle = time.perf_counter()
+        transport.decode_terrain(payload)
+        out.append(middle - start)
+        back.append(time.perf_counter() - middle)
+    encode_ms, decode_ms = 1e3 * statistics.median(out), 1e3 * statistics.median(back)
+    measured = f"{encode_ms:.2f} + {decode_ms:.2f} ms, {len(payload) / 1e3:.0f} kB"
+    report("encode + decode, 108 x 90, all layers, p50", measured, "<= 0.5 ms", encode_ms + decode_ms <= 0.5)
+
+
+def latency(rounds: int, per_round: int) -> None:
+    """Array to array between two processes: ours, and the same bytes over raw TCP, in turns in one run."""
+    ours: list[float] = []
+    echoes: list[float] = []
+    payload = np.frombuffer(transport.encode_terrain(make_terrain(1)), np.uint8)
+    with peers() as start:
+        endpoint = free_endpoint()
+        node = start("node", endpoint, "listen")
+        planner = start("planner", endpoint, "0")
+        port = free_port()
+        tcp = start("tcp", str(port))
+        sent: list[int] = []
+        with socket.create_connection(("127.0.0.1", port)) as connection:
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            node.tell(publish=0)
+            time.sleep(0.5)
+            for number in range(rounds):
+                for _ in range(per_round):
+                    sent.append(time.monotonic_ns())
+                    connection.sendall(payload.nbytes.to_bytes(8, "little") + payload.tobytes())
+                    connection.recv_into(bytearray(payload.nbytes), payload.nbytes, socket.MSG_WAITALL)
+                    echoes.append(time.monotonic_ns() - sent[-1])
+                    time.sleep(0.02)
+                node.tell(stream=per_round * (number + 1), first=per_round * number + 1, period=0.02)
+                times = node.hear()["times"]
+                planner.tell()
+                got = planner.hear()["got"]
+                ours += [got[step] - begin for step, begin in times.items() if step in got]
+        one_way = [b - a for a, b in zip(sent, tcp.hear()["got"], strict=True)]
+    p50, raw50, echo50 = (statistics.median(times) / 1e6 for times in (ours, one_way, echoes))
+    report(
+        f"array to array, p50 of {len(ours)}: ours / raw TCP ping, there and back",
+        f"{p50:.2f} ms / {echo50:.2f} ms = {p50 / echo50:.2f}",
+        "<= 3",
+        p50 <= 3.0 * echo50,
+    )
+    report(
+        f"array to array, p50 of {len(ours)}: ours / raw TCP one way",
+        f"{p50:.2f} ms / {raw50:.2f} ms = {p50 / raw50:.2f}",
+        "<= 3 when the ping is taken one way",
+        p50 <= 3.0 * raw50,
+    )
+
+
+def late_joins(count: int) -> None:
+    """Clients that come after the last scan."""
+    times = []
+    with peers() as start:
+        endpoint = free_endpoint()
+        start("node", endpoint, "listen").tell(publish=7)
+        time.sleep(0.5)
+        for _ in range(count):
+            begin = time.monotonic()
+            with transport.PerceptionClient(transport.open_client(endpoint, timeout=PATIENCE)) as client:
+                try:
+                    found = client.latest().sequence == 7
+                except transport.TransportError:
+                    found = False
+            times.append(time.monotonic() - begin if found else float("inf"))
+    served = sum(t <= 1.0 for t in times)
+    report(f"{count} late joins: last grid within 1 s", f"{served}, slowest {max(times):.3f} s", "all", served == count)
+
+
+def router_kills(count: int) -> None:
+    """The router is killed; two grids are published while it is dead; it comes back."""
+    times = []
+    with peers() as start:
+        endpoint = free_endpoint()
+        router = start("router", endpoint)
+        node = start("node", endpoint, "connect")
+        with transport.PerceptionClient(transport.open_client(endpoint, timeout=PATIENCE)) as client:
+            node.tell(publish=1)
+            client.wait_for(lambda grid: grid.sequence == 1, timeout=PATIENCE)
+            for number in range(count):
+                router.end()
+                newest = 10 * (number + 1)
+                node.tell(publish=newest - 1)
+                node.tell(publish=newest)
+                time.sleep(1.0)
+                router = start("router", endpoint)
+                begin = time.monotonic()
+                client.wait_for(lambda grid, n=newest: grid.sequence == n, timeout=PATIENCE)  # type: ignore[misc]
+                times.append(time.monotonic() - begin)
+    words = f"slowest {max(times):.2f} s, p50 {statistics.median(times):.2f} s"
+    report(f"{count} router kills: newest grid after its return", words, "<= 2 s", max(times) <= 2.0)
+
+
+def stopped_planner(seconds: float) -> None:
+    """One planner is stopped while the node publishes at 20 Hz; another goes on."""
+    with peers() as start:
+        endpoint = free_endpoint()
+        node = start("node", endpoint, "listen")
+        healthy = start("planner", endpoint, "0")
+        stuck = start("planner", endpoint, "0")
+        node.tell(publish=0)
+        time.sleep(0.5)
+        stuck.popen.send_signal(signal.SIGSTOP)
+        count = int(20 * seconds)
+        node.tell(stream=count, period=0.05)
+        result = node.hear()
+        time.sleep(1.0)
+        healthy.tell()
+        told = healthy.hear()
+    lost = count + 1 - told["received"]
+    words = f"lost {lost} of {count}, longest put {result['longest_ms']:.1f} ms"
+    report(
+        f"planner stopped for {seconds:g} s: healthy one, put", words, "lost 0, <= 50 ms",
+        lost == 0 and result["longest_ms"] <= 50.0,
+    )  # fmt: skip
+
+
+def slow_planner(seconds: float) -> None:
+    """A planner that looks every 250 ms, while the node publishes at 20 Hz."""
+    with peers() as start:
+        endpoint = free_endpoint()
+        node = start("node", endpoint, "listen")
+        slow = start("planner", endpoint, "0.25")
+        count = int(20 * seconds)
+        node.tell(publish=0)
+        time.sleep(0.5)
+        node.tell(stream=count, period=0.05)
+        times = node.hear()["times"]
+        slow.tell()
+        told = slow.hear()
+    ages = [(got - times[k]) / 1e6 for k, got in told["got"].items() if k in times]
+    # A grid is replaced one period after it was made, plus the way of its successor.
+    words = f"p50 {statistics.median(ages):.0f}, oldest {max(ages):.0f} ms, superseded {told['superseded']}"
+    report("planner at 250 ms, grids at 20 Hz: age when taken", words, "<= 50 ms + transfer (10)", max(ages) <= 60.0)
+
+
+def killed_nodes(count: int) -> None:
+    """Nodes are killed with -9 while they put 5 MB grids one after another."""
+    whole: list[bool] = []
+    endpoint = free_endpoint()
+    with peers() as start:
+        start("router", endpoint)
+        with transport.open_client(endpoint, timeout=PATIENCE) as session:
+            receiver = transport.NewestReceiver(session, keys.terrain_key(), transport.decode_terrain)
+            receiver.on_newest(lambda received: whole.append(is_whole(received.message)))
+            rng = np.random.default_rng(0)
+            for _ in range(count):
+                node = start("node", endpoint, "connect")
+                before = receiver.received
+                node.tell(stream=20, period=0.0, rows=310)
+                deadline = time.monotonic() + PATIENCE
+                while receiver.received == before and time.monotonic() < deadline:
+                    time.sleep(0.001)
+                time.sleep(float(rng.uniform(0.0, 0.05)))
+                node.end()
+            received, rejected = receiver.received, receiver.rejected
+    words = f"{received} received, {rejected} damaged, {whole.count(False)} mixed"
+    met = rejected == 0 and all(whole) and received >= count
+    report(f"{count} kill -9 during puts of 5 MB", words, "no partial grid", met)
+
+
+def _messages() -> dict[str, tuple[bytes, Callable[[bytes], Any]]]:
+    stance = transport.StanceMessage(joint_positions={"a": 1.0, "b": 2.0}, support_feet=("lf", "rf"))
+    ground = transport.GroundPatch(outline=np.array([[0, 0], [1, 0], [1, 1]]), height=0.0, sigma=0.01)
+    pause = transport.StancePause(
+        robot="guara", step=1, phase=transport.PausePhase.BEGIN, stamp=1, stance=stance, known_ground=(ground,)
+    )
+    item = transport.StatusItem(name="a", level=transport.Health.OK, values={"x": "1"})
+    scan_reply = transport.ScanReply(id="a", state=transport.ScanState.DONE)
+    values = np.zeros((4, 5))
+    occupancy = transport.occupancy_message(values.astype(np.int8), 0.1, (0, 0), "base_footprint", 1)
+    grid_map = transport.grid_map_message({"elevation": values}, 0.1, (0, 0), "base_footprint", 1)
+    return {
+        "Terrain": (transport.encode_terrain(make_terrain(1, (4, 5))), transport.decode_terrain),
+        "StancePause": (transport.encode_stance_pause(pause), transport.decode_stance_pause),
+        "ScanRequest": (
+            encode_scan_request(transport.ScanRequest(id="a", mode="coarse", timeout=1.0)),
+            decode_scan_request,
+        ),
+        "ScanReply": (encode_scan_reply(scan_reply), decode_scan_reply),
+        "Refusal": (encode_refusal(transport.Refusal(id="a", code="busy", message="later")), decode_refusal),
+        "QueryRequest": (encode_query_request(transport.QueryRequest(region=(0, 1, 0, 1))), decode_query_request),
+        "DiagnosticArray": (
+            transport.encode_status(transport.Status(stamp=1, items=(item,))),
+            transport.decode_status,
+        ),
+        "OccupancyGrid": (
+            transport.encode(occupancy),
+            lambda payload: transport.decode(payload, "nav_msgs/msg/OccupancyGrid"),
+        ),
+        "GridMap": (
+            transport.encode(grid_map),
+            lambda payload: transport.decode(payload, "grid_map_msgs/msg/GridMap"),
+        ),
+    }
+
+
+def damage(flips: int) -> None:
+    """Every truncation, and byte flips, of each message."""
+    for name, (payload, decode) in _messages().items():
+        rng = np.random.default_rng(1)
+        outcome = {"refused": 0, "valid": 0, "crash": 0}
+        read_cut = 0
+        decode(payload)
+        tracemalloc.start()
+        for length in range(len(payload)):
+            try:
+                decode(payload[:length])
+                read_cut += 1
+            except transport.TransportError:
+                continue
+        for _ in range(flips):
+            damaged = bytearray(payload)
+            damaged[rng.integers(4, len(payload))] = rng.integers(0, 256)
+            try:
+                decode(bytes(damaged))
+                outcome["valid"] += 1
+            except transport.TransportError:
+                outcome["refused"] += 1
+            except Exception:
+                outcome["crash"] += 1
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        counts = ", ".join(f"{count} {word}" for word, count in outcome.items())
+        words = f"{counts}, peak {peak / 1e3:.0f} kB"
+        met = read_cut == 0 and outcome["crash"] == 0 and peak < 5e6
+        report(f"{name}: {len(payload)} truncations, {flips} byte flips", words, "cut: none read, no crash", met)
+
+
+def deaths(count: int) -> None:
+    """How soon a planner sees that a node was killed, or hangs."""
+    for number, limit, word in ((signal.SIGKILL, 0.5, "killed"), (signal.SIGSTOP, 2.5, "hung")):
+        times = []
+        for _ in range(count):
+            with peers() as start:
+                endpoint = free_endpoint()
+                start("router", endpoint)
+                node = start("node", endpoint, "connect")
+                gone = threading.Event()
+                with transport.open_client(endpoint, timeout=PATIENCE) as session:
+                    watcher = transport.AliveWatcher(
+                        session,
+                        keys.alive_key(),
+                        lambda alive, gone=gone: None if alive else gone.set(),  # type: ignore[misc]
+                    )
+                    watcher.wait(True, PATIENCE)
+                    begin = time.monotonic()
+                    node.popen.send_signal(number)
+                    gone.wait(PATIENCE)
+                    times.append(time.monotonic() - begin)
+        report(f"node {word}: seen after", f"slowest {max(times):.2f} s of {count}", f"< {limit} s", max(times) < limit)
+
+
+def main() -> None:
+    """Run all."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="a tenth of the counts")
+    quick = parser.parse_args().quick
+    codec(50 if quick else 500)
+    latency(2 if quick else 5, 20 if quick else 60)
+    late_joins(5 if quick else 30)
+    router_kills(1 if quick else 5)
+    stopped_planner(2.0 if quick else 10.0)
+    slow_planner(3.0 if quick else 10.0)
+    deaths(1 if quick else 5)
+    killed_nodes(3 if quick else 50)
+    damage(500 if quick else 10_000)
+
+
+if __name__ == "__main__":
+    main()
