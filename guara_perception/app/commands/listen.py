@@ -30,8 +30,8 @@ def command(
     with TerrainClient(endpoint, robot=robot, security=security) as client:
         try:
             for terrain in client.stream(extent, timeout):
-                click.echo(f"{robot} {extent} #{terrain.metadata['sequence']}: {summary(terrain)}")
                 seen += 1
+                click.echo(f"{robot} {extent} #{terrain.metadata['sequence']}: {summary(terrain)}")
                 if seen == count:
                     break
         except KeyboardInterrupt:
