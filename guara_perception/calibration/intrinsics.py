@@ -95,7 +95,7 @@ def calibrate_intrinsics(
                 f"{len(used)} usable board views, {MIN_VIEWS} or more are needed: take the board at different places, "
                 f"distances and tilts{_named(outliers)}"
             )
-        result = _calibrate(used, board, size, distortion, outliers)
+        result = calibrate_views(used, board, size, distortion, outliers)
         if result.tilt < MIN_TILT:
             raise CalibrationRefused(
                 f"all {len(used)} board views are nearly parallel (largest tilt between two of them "
@@ -118,13 +118,14 @@ def largest_tilt(poses: Float) -> float:
     return float(np.arccos(cosines.min()))
 
 
-def _calibrate(
+def calibrate_views(
     views: Sequence[BoardView],
     board: BoardSpec,
     size: tuple[int, int],
-    distortion: str,
-    outliers: Sequence[tuple[str, str]],
+    distortion: str = "k1k2",
+    outliers: Sequence[tuple[str, str]] = (),
 ) -> Intrinsics:
+    """The lens that fits all these views, none left out; `outliers` are only carried along."""
     points = np.asarray(board.points, dtype=np.float32)
     corners = [np.asarray(view.corners_px, dtype=np.float32).reshape(-1, 1, 2) for view in views]
     free = free_parameters(distortion)

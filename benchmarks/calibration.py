@@ -1,0 +1,115 @@
+"""Prints how far a calibration from pictures is from the truth of a data folder."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+import guara_perception as gp
+from benchmarks.accuracy import figures, load_truth
+from benchmarks.truth import truth_calibration
+from guara_perception.app.calibrate import calibrate_folder
+from guara_perception.ranging.height_rows import plane_in_frame
+from kinematics import load_robot
+
+Float = npt.NDArray[np.float64]
+
+IN_RANGE_MM = np.arange(-20, 81, 10)
+BEYOND_MM = np.arange(80, 121, 10)
+AREA_X, AREA_Y = (0.50, 0.95), (-0.27, 0.27)
+
+
+def height_errors(
+    truth: gp.Calibration, ours: gp.Calibration, transform_base_to_footprint: Float, heights_mm: npt.NDArray[np.int64]
+) -> dict[int, Float]:
+    """Errors of height [m] by stripe: true sheet seen by the true camera, sent through our calibration."""
+    true_pose = transform_base_to_footprint @ truth.transform_camera_to_base
+    our_pose = transform_base_to_footprint @ ours.transform_camera_to_base
+    y = np.linspace(*AREA_Y, 201)
+    width, height = truth.camera.size
+    errors: dict[int, Float] = {}
+    for stripe in truth.stripes:
+        sheet = plane_in_frame(stripe.plane, true_pose)
+        ours_in_camera = ours.stripe(stripe.index).plane
+        found = []
+        for level in heights_mm * 1e-3:
+            x = -(sheet[1] * y + sheet[2] * level + sheet[3]) / sheet[0]
+            place = np.column_stack((x, y, np.full(len(y), level)))
+            pixels = truth.camera.project((place - true_pose[:3, 3]) @ true_pose[:3, :3])
+            visible = (pixels[:, 0] >= 0) & (pixels[:, 0] <= width - 1) & (pixels[:, 1] >= 0)
+            visible &= (pixels[:, 1] <= height - 1) & (x > AREA_X[0]) & (x < AREA_X[1])
+            rays = ours.camera.rays(pixels[visible])
+            points = rays * (-ours_in_camera[3] / (rays @ ours_in_camera[:3]))[:, None]
+            found.append(points @ our_pose[2, :3] + our_pose[2, 3] - level)
+        errors[stripe.index] = np.concatenate(found)
+    return errors
+
+
+def worst_rms(errors: dict[int, Float]) -> tuple[float, int]:
+    """Largest rms over the stripes [mm] and the stripe's index."""
+    rms = {index: 1e3 * float(np.sqrt(np.mean(e**2))) for index, e in errors.items() if e.size}
+    index = max(rms, key=lambda i: rms[i])
+    return rms[index], index
+
+
+def report(data: Path, scans: list[str]) -> None:
+    """Calibrate one data folder and print every figure."""
+    robot = load_robot("guara")
+    truth = truth_calibration(data)
+    start = time.perf_counter()
+    result = calibrate_folder(data / "calibration", force=True)
+    seconds = time.perf_counter() - start
+    ours = result.calibration
+    focal = [100 * (ours.camera.matrix[i, i] / truth.camera.matrix[i, i] - 1) for i in (0, 1)]
+    centre = ours.camera.matrix[:2, 2] - truth.camera.matrix[:2, 2]
+    change = np.linalg.inv(truth.transform_camera_to_base) @ ours.transform_camera_to_base
+    turn = np.rad2deg(np.linalg.norm(cv2.Rodrigues(change[:3, :3])[0]))
+    shift = 1e3 * np.linalg.norm(ours.transform_camera_to_base[:3, 3] - truth.transform_camera_to_base[:3, 3])
+    pose = robot.stance_pose(result.session.stance).transform_base_to_footprint
+    stages = ", ".join(f"{stage} {spent:.1f}" for stage, spent in result.seconds.items())
+    print(f"{data.name}: verdict {ours.quality['verdict']}, processing {seconds:.1f} s ({stages})")
+    for reason in ours.quality["reasons"]:
+        print(f"  - {reason}")
+    print(f"  focal lengths {focal[0]:+.3f} {focal[1]:+.3f} %, principal point {centre[0]:+.2f} {centre[1]:+.2f} px")
+    print(f"  camera {shift:.3f} mm, {turn:.4f} degrees")
+    for name, heights in (("-20 ...  80 mm", IN_RANGE_MM), ("80 ... 120 mm", BEYOND_MM)):
+        errors = height_errors(truth, ours, pose, heights)
+        rms, index = worst_rms(errors)
+        overall = 1e3 * np.sqrt(np.mean(np.concatenate(list(errors.values())) ** 2))
+        print(f"  height error at {name}: worst stripe {rms:.3f} mm rms (index {index}), all {overall:.3f}")
+    for path in sorted(data.glob("scans/*/truth.npz")):
+        name = path.parent.name
+        if scans and name not in scans:
+            continue
+        reference = load_truth(path, 5)
+        line = []
+        for calibration in (ours, truth):
+            terrain = gp.process_scan(gp.open_scan(path.parent), calibration, robot, pictures=False)
+            sigma = np.sqrt(terrain.layer("variance").astype(np.float64))
+            used = reference.interior & np.isfinite(terrain.elevation)
+            ratio = ((terrain.elevation - reference.mean) / sigma)[used]
+            line.append((figures(terrain, reference).mean, float(np.std(ratio)), float(np.mean(ratio))))
+        print(
+            f"  scan {name:<7} error {line[0][0]:.4f} mm, with the true calibration {line[1][0]:.4f}: ratio "
+            f"{line[0][0] / line[1][0]:.2f}; error / sigma: std {line[0][1]:.2f} mean {line[0][2]:+.2f} "
+            f"(true calibration {line[1][1]:.2f} {line[1][2]:+.2f})"
+        )
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path, nargs="+", help="data folders with calibration/ and scans/")
+    parser.add_argument("--scans", default="", help="comma-separated names of scans; default: all")
+    arguments = parser.parse_args()
+    for data in arguments.data:
+        report(data, [name for name in arguments.scans.split(",") if name])
+
+
+if __name__ == "__main__":
+    main()

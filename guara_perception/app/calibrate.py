@@ -1,0 +1,69 @@
+"""`calibrate`: a session folder into a calibration, or a refusal with its reasons."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from guara_perception.app.calibration_session import open_session
+from guara_perception.calibration.calibrate import calibrate_session
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.result import CalibrationResult
+from guara_perception.exceptions import CalibrationRefused
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+
+def calibrate(
+    session_folder: str | Path, robot: RobotModel | None = None, *, distortion: str = "k1k2", force: bool = False
+) -> Calibration:
+    """Calibrate camera, mount and laser from one session folder.
+
+    Args:
+        session_folder: a folder with `session.json` (contract, section 3).
+        robot: its model; None = the robot that the session names.
+        distortion: lens coefficients to estimate: "k1k2", "k1k2p1p2" or "k1k2p1p2k3".
+        force: return a calibration whose verdict is `refused` instead of raising.
+
+    Raises:
+        CalibrationRefused: the verdict is `refused`, or a fault leaves nothing to compute; the message has the reasons.
+        CalibrationMismatch: another robot, pictures of different sizes.
+        MissingFile, FileFormatError, InvalidInput: the session cannot be read; the message names file and field.
+        kinematics.KinematicsError: no such robot, or the stance does not fit it.
+    """
+    return calibrate_folder(session_folder, robot, distortion=distortion, force=force).calibration
+
+
+def calibrate_folder(
+    session_folder: str | Path,
+    robot: RobotModel | None = None,
+    *,
+    distortion: str = "k1k2",
+    force: bool = False,
+    progress: Callable[[], None] | None = None,
+) -> CalibrationResult:
+    """As `calibrate`, with all the evidence, for reports.
+
+    Raises:
+        See `calibrate`.
+    """
+    from kinematics import load_robot
+
+    session = open_session(session_folder)
+    model = robot if robot is not None else load_robot(session.robot)
+    result = calibrate_session(session, model, distortion=distortion, progress=progress)
+    if not force:
+        refuse(result)
+    return result
+
+
+def refuse(result: CalibrationResult) -> None:
+    """Raise when the verdict is `refused`.
+
+    Raises:
+        CalibrationRefused: it is.
+    """
+    if result.verdict == "refused":
+        raise CalibrationRefused(f"{result.session.source}: calibration refused: {'; '.join(result.reasons)}")

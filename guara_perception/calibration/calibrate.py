@@ -1,0 +1,161 @@
+"""`calibrate_session`: a whole calibration from a session, with a verdict."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.board import to_grey
+from guara_perception.calibration.bundle import fit_camera
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.camera_quality import coverage, cross_validation, projection_uncertainty
+from guara_perception.calibration.checks import camera_checks, laser_checks
+from guara_perception.calibration.faults import check_heights, check_mirror
+from guara_perception.calibration.intrinsics import DISTORTIONS
+from guara_perception.calibration.laser import fit_laser, height_sigmas
+from guara_perception.calibration.mirror_model import nominal_mirror
+from guara_perception.calibration.mount import check_ground_board, locate_camera, measured_square
+from guara_perception.calibration.quality import quality_record, verdict_of
+from guara_perception.calibration.records import (
+    covariance_record,
+    mirror_record,
+    paper_record,
+    stripe_records,
+    undistorted,
+    warnings,
+)
+from guara_perception.calibration.result import CalibrationResult
+from guara_perception.calibration.session import CalibrationSession
+from guara_perception.calibration.stages import calibrate_boards, check_size, find_boards, find_lines
+from guara_perception.calibration.surface_map import surface_map
+from guara_perception.exceptions import CalibrationMismatch, InvalidInput
+from guara_perception.settings import Settings
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+Float = npt.NDArray[np.float64]
+
+
+def calibrate_session(
+    session: CalibrationSession,
+    robot: RobotModel,
+    *,
+    distortion: str = "k1k2",
+    progress: Callable[[], None] | None = None,
+) -> CalibrationResult:
+    """Compute everything that a session tells, and judge it.
+
+    A verdict `refused` is returned like any other; what cannot be computed at all is raised.
+
+    Args:
+        session: pictures and what is known of them.
+        robot: its model: nominal mounts and the stance.
+        distortion: lens coefficients to estimate, one of `DISTORTIONS`.
+        progress: called after each picture (`session_pictures` says how many).
+
+    Raises:
+        CalibrationRefused: a fault that leaves nothing to compute; the message names it.
+        CalibrationMismatch: another robot, pictures of different sizes.
+        InvalidInput: unknown distortion model.
+        MissingFile, FileFormatError: a picture cannot be read.
+        kinematics.KinematicsError: the stance does not fit the robot.
+    """
+    if distortion not in DISTORTIONS:
+        raise InvalidInput(f"distortion is {distortion!r}, allowed: {', '.join(DISTORTIONS)}")
+    if robot.name != session.robot:
+        raise CalibrationMismatch(
+            f"{session.source} is a session of robot {session.robot!r}, the robot is {robot.name!r}: calibrate each "
+            "robot from its own pictures"
+        )
+    check_heights(session.plates)
+    seconds: dict[str, float] = {}
+    start = time.perf_counter()
+    advance = progress or _nothing
+    pose = robot.stance_pose(session.stance)
+    to_footprint = np.asarray(pose.transform_base_to_footprint, dtype=np.float64)
+
+    views, size = find_boards(session, advance)
+    intrinsics = calibrate_boards(session, views, size, distortion)
+    start = _lap(seconds, "boards", start)
+
+    floor_picture = session.read_picture(session.fiducials.image)
+    check_size(floor_picture, size, session.fiducials.image, session.source)
+    camera_nominal = to_footprint @ robot.transform_camera_to_base
+    floor = locate_camera(to_grey(floor_picture), intrinsics.camera, session.fiducials, camera_nominal)
+    advance()
+    ground = next(view for view in intrinsics.views if view.name == session.ground_board_image)
+    check_ground_board(intrinsics.camera, floor.transform_camera_to_footprint, ground.corners_px, session.board)
+    square = measured_square(intrinsics.camera, floor.transform_camera_to_footprint, ground.corners_px, session.board)
+    points = session.fiducials.points_in_footprint
+    fit = fit_camera(intrinsics, session.board, session.ground_board_image, floor, points)
+    start = _lap(seconds, "mount", start)
+
+    mirror = nominal_mirror((to_footprint @ robot.transform_laser_to_base)[:3, 3])
+    lines, lost = find_lines(session, fit, mirror, advance)
+    start = _lap(seconds, "plates", start)
+    laser = fit_laser(lines, session.plates, fit, mirror, np.asarray(np.linalg.inv(to_footprint)))
+    check_mirror(laser.sweep)
+    start = _lap(seconds, "laser", start)
+
+    cells = coverage(intrinsics.views, size)
+    distance = float(fit.transform_camera_to_footprint[2, 3])
+    halves = cross_validation(intrinsics.views, session.board, size, distortion, distance)
+    floor_sigma = projection_uncertainty(fit)
+    wanted = {stripe.index for plate in session.plates for stripe in plate.scan.stripes}
+    missing = sorted(wanted - set(laser.stripes.indices))
+    near, far = height_sigmas(fit, laser, lines, to_footprint, Settings.of(robot).footprint_x)
+    checks = camera_checks(
+        intrinsics, fit, floor, square / session.board.square, cells, halves[1] if halves else None, floor_sigma[1]
+    ) + laser_checks(laser, near, far, len(missing), len(wanted))
+    verdict, reasons = verdict_of(checks, warnings(session, views, intrinsics, lost, missing))
+    surface = surface_map(undistorted(fit.camera, np.array([mark.centre_px for mark in floor.marks])), points)
+    to_base = np.asarray(np.linalg.inv(to_footprint))
+    calibration = Calibration(
+        robot=session.robot,
+        camera=fit.camera,
+        transform_camera_to_base=to_base @ fit.transform_camera_to_footprint,
+        stripes=stripe_records(laser, session, missing, fit),
+        mirror=mirror_record(laser, fit, floor, missing),
+        paper=paper_record(surface, fit, lines),
+        covariance=covariance_record(fit, laser),
+        quality=quality_record(checks, verdict, reasons),
+    )
+    _lap(seconds, "quality", start)
+    return CalibrationResult(
+        calibration=calibration,
+        session=session,
+        transform_base_to_footprint=to_footprint,
+        views=tuple(views),
+        intrinsics=intrinsics,
+        floor=floor,
+        fit=fit,
+        surface=surface,
+        lines=tuple(lines),
+        lost=tuple(lost),
+        laser=laser,
+        checks=tuple(checks),
+        coverage=cells,
+        cross_validation=halves,
+        floor_sigma=floor_sigma,
+        seconds=seconds,
+    )
+
+
+def session_pictures(session: CalibrationSession) -> int:
+    """How often `calibrate_session` reports progress: boards, fiducials, laser frames."""
+    return len(session.board_images) + 1 + sum(len(plate.scan.stripes) for plate in session.plates)
+
+
+def _lap(seconds: dict[str, float], name: str, start: float) -> float:
+    now = time.perf_counter()
+    seconds[name] = now - start
+    return now
+
+
+def _nothing() -> None:
+    """Nobody watches."""

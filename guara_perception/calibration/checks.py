@@ -1,0 +1,187 @@
+"""The figures that decide the verdict of a calibration, with their limits and what they mean."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.bundle import CameraFit
+from guara_perception.calibration.intrinsics import Intrinsics
+from guara_perception.calibration.laser import LaserFit
+from guara_perception.calibration.mount import FloorPose
+from guara_perception.calibration.quality import Check
+
+Float = npt.NDArray[np.float64]
+
+
+def camera_checks(
+    intrinsics: Intrinsics,
+    fit: CameraFit,
+    floor: FloorPose,
+    square_ratio: float,
+    corners_by_cell: npt.NDArray[np.int64],
+    halves_px: Float | None,
+    floor_sigma: Float,
+) -> list[Check]:
+    """Figures of camera and mount.
+
+    Args:
+        intrinsics: lens and views.
+        fit: joint fit.
+        floor: pose by the fiducials alone.
+        square_ratio: size of the ground board's squares by the fiducials over the size given.
+        corners_by_cell: coverage.
+        halves_px: (n, 2) differences of the cross-validation, None where there are too few views.
+        floor_sigma: (n,) projection uncertainty on the floor [m].
+    """
+    residual = np.concatenate([r.ravel() for r in fit.residuals_px])
+    marks = float(np.sqrt((fit.mark_residuals_px**2).sum(axis=1).mean()))
+    focal = 100 * float(intrinsics.sigma[0] / intrinsics.camera.matrix[0, 0])
+    halves = float(np.sqrt((halves_px**2).sum(axis=1).mean())) if halves_px is not None else np.nan
+    given_by_hand = np.isnan(floor.marks[0].score)
+    return [
+        Check(
+            "board views used",
+            len(intrinsics.views),
+            "views",
+            8,
+            5,
+            "Pictures of the checkerboard in which every corner was found sharply.",
+            "take more pictures of the board, at different places and tilts",
+            higher_is_better=True,
+        ),
+        Check(
+            "board corner error",
+            float(np.sqrt(2 * np.mean(residual**2))),
+            "px",
+            0.3,
+            1.0,
+            "How far the corners lie from where the lens model puts them. Small is necessary, not sufficient.",
+            "use a flat, stiff board and sharp pictures",
+        ),
+        Check(
+            "picture covered",
+            100 * float((corners_by_cell > 0).mean()),
+            "%",
+            70,
+            40,
+            "Share of the picture in which the board was ever seen: elsewhere the lens is a guess.",
+            "move the board into the corners of the picture",
+            higher_is_better=True,
+        ),
+        Check(
+            "focal length sigma",
+            focal,
+            "%",
+            0.1,
+            0.5,
+            "How firmly the boards fix the focal length.",
+            "tilt the board more, bring it nearer, take more pictures",
+        ),
+        Check(
+            "halves disagree by",
+            halves,
+            "px",
+            0.5,
+            2.0,
+            "Two lenses, each from every other picture, compared at floor distance: tells a wrong model from noise.",
+            "take 10 or more pictures of the board; check that it is flat",
+        ),
+        Check(
+            "fiducial misfit",
+            marks,
+            "px",
+            2.0 if given_by_hand else 0.3,
+            3.0 if given_by_hand else 1.0,
+            "How far the crosses on the floor lie from where camera and tape measure put them.",
+            "measure the crosses again; keep them flat on the floor",
+        ),
+        Check(
+            "square size error",
+            100 * abs(square_ratio - 1),
+            "%",
+            0.3,
+            1.0,
+            "Size of the board's squares as the fiducials see it: two rulers that must agree.",
+            "measure the board and the fiducials again",
+        ),
+        Check(
+            "floor point sigma",
+            1e3 * float(np.nanmax(floor_sigma)),
+            "mm",
+            0.5,
+            2.0,
+            "How far camera and mount may misplace a point of the floor, at the worst place of the picture.",
+            "more pictures of the board, fiducials further apart",
+        ),
+    ]
+
+
+def laser_checks(laser: LaserFit, near: float, far: float, filled: int, stripes: int) -> list[Check]:
+    """Figures of the laser.
+
+    Args:
+        laser: fit of the planes.
+        near, far: sigma of a single height on the floor at both ends of the area [m].
+        filled: stripes without a plane of their own.
+        stripes: of the pattern in all.
+    """
+    errors = laser.line_errors
+    left_out = max((one.rms for one in laser.leave_one_out), default=np.nan)
+    step = np.rad2deg(float(np.std(2 * laser.sweep.step_errors)))
+    return [
+        Check(
+            "plane residual",
+            1e3 * float(np.sqrt(np.mean(errors**2))),
+            "mm",
+            0.15,
+            0.5,
+            "Height error of the plates themselves, measured with the planes fitted to them.",
+            "check that plates are flat and level and nothing moved between the scans",
+        ),
+        Check(
+            "plate left out",
+            1e3 * left_out,
+            "mm",
+            0.25,
+            1.0,
+            "Each plate measured with planes fitted to the other plates only: the honest error of height.",
+            "scan three or more plates; measure their heights again; nothing may move between the scans",
+        ),
+        Check(
+            "mirror steps",
+            step,
+            "degrees",
+            0.05,
+            0.2,
+            "How irregularly the sheet turns from stripe to stripe against an ideal mirror.",
+            "check coupling, speed and dwell time of the mirror's motor",
+        ),
+        Check(
+            "stripes filled in",
+            100 * filled / max(stripes, 1),
+            "%",
+            0.0,
+            20.0,
+            "Stripes that gave no plane of their own; theirs follows from the mirror model.",
+            "check exposure and that the plates fill the view",
+        ),
+        Check(
+            "height sigma near",
+            1e3 * near,
+            "mm",
+            0.5,
+            2.0,
+            "Predicted error of one height at the near edge of the area, noise and calibration together.",
+            "less exposure, a sharper laser line",
+        ),
+        Check(
+            "height sigma far",
+            1e3 * far,
+            "mm",
+            1.0,
+            4.0,
+            "The same at the far edge, where the laser meets the line of sight at a flat angle.",
+            "less exposure, a sharper laser line",
+        ),
+    ]

@@ -1,0 +1,171 @@
+"""Faults of plate scans, found and named: missed steps, swapped plates, a mount that slipped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.mirror_model import PARAMETERS
+from guara_perception.calibration.plates import PlateLine
+from guara_perception.calibration.session import Plate
+from guara_perception.calibration.sweep import Sweep
+from guara_perception.exceptions import CalibrationRefused
+
+Float = npt.NDArray[np.float64]
+
+# Plates nearer than this to one height do not fix a plane.
+MIN_HEIGHT_DIFFERENCE_M = 0.010
+# A sheet that turns this much more or less than commanded between neighbouring stripes [rad]. A stepper's periodic
+# error makes 0.01 to 0.02 degrees, a full step of the Guara 0.7.
+MISSED_STEP = float(np.deg2rad(0.10))
+# Share of the stripes of a plate that must be found.
+MIN_LINES = 0.8
+# How far the laser may sit from its nominal place, in standard deviations of PARAMETERS.
+MAX_DEVIATION = 2.5
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A jump of the sheet's angle within one plate scan.
+
+    Attributes:
+        plate: number of the plate.
+        after: stripe index before the jump.
+        angle: by which all later stripes are turned [rad].
+    """
+
+    plate: int
+    after: int
+    angle: float
+
+
+def check_heights(plates: Sequence[Plate]) -> None:
+    """Refuse a session with plates at fewer than two heights.
+
+    Raises:
+        CalibrationRefused: it has.
+    """
+    heights = sorted(plate.height for plate in plates)
+    apart = [b - a for a, b in zip(heights, heights[1:], strict=False) if b - a >= MIN_HEIGHT_DIFFERENCE_M]
+    if not apart:
+        listed = ", ".join(f"{1e3 * h:.0f}" for h in heights) or "none"
+        raise CalibrationRefused(
+            f"plates at two or more heights, {1e3 * MIN_HEIGHT_DIFFERENCE_M:.0f} mm or more apart, are needed to find "
+            f"the laser planes; the session has {listed} mm"
+        )
+
+
+def find_steps(lines: Sequence[PlateLine], points: Sequence[Float], axis: Float) -> list[Step]:
+    """Jumps of the sheet against the commanded mirror angle.
+
+    The sheet's angle about the mirror axis less twice the mirror's is a smooth function of the stripe, even when the
+    axis is known to centimetres only; a missed step is a jump in it.
+
+    Args:
+        lines: of all plates.
+        points: (n, 3) places of each line in base_footprint.
+        axis: (3,) a point of the mirror axis, parallel to y, nominal.
+    """
+    steps = []
+    for plate in sorted({line.plate for line in lines}):
+        of_plate = sorted((line.index, i) for i, line in enumerate(lines) if line.plate == plate)
+        angle = np.array([_sheet_angle(points[i], axis) - 2 * lines[i].mirror_angle for _, i in of_plate])
+        growth = np.diff(angle)
+        usual = np.array([np.median(growth[max(k - 4, 0) : k + 5]) for k in range(len(growth))])
+        for k in np.flatnonzero(np.abs(growth - usual) > MISSED_STEP):
+            steps.append(Step(plate, of_plate[k][0], float(growth[k] - usual[k])))
+    return steps
+
+
+def refuse_steps(steps: Sequence[Step], plates: Sequence[Plate]) -> None:
+    """Refuse a session with a missed step.
+
+    Raises:
+        CalibrationRefused: naming plate, stripe and size of each.
+    """
+    if steps:
+        named = [
+            f"plate {plates[step.plate].name}: after stripe index {step.after} the sheet is turned by "
+            f"{np.rad2deg(step.angle):+.2f} degrees"
+            for step in steps[:3]
+        ]
+        more = f" and {len(steps) - 3} more" if len(steps) > 3 else ""
+        raise CalibrationRefused(
+            f"the mirror missed a step, or frames are exchanged: {'; '.join(named)}{more}: scan the plate again"
+        )
+
+
+def check_order(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
+    """Refuse plates whose stripes move the wrong way with height: their heights are swapped.
+
+    The mirror sits ahead of the camera, so on a higher plate each stripe moves ahead in the picture, always.
+
+    Raises:
+        CalibrationRefused: naming the plates.
+    """
+    rows = {(line.plate, line.index): float(np.median(line.pixels[:, 1])) for line in lines}
+    ahead = _direction(lines)
+    swapped = []
+    for a in range(len(plates)):
+        for b in range(a + 1, len(plates)):
+            common = [i for p, i in rows if p == a and (b, i) in rows]
+            if not common or plates[a].height == plates[b].height:
+                continue
+            moved = np.median([rows[b, i] - rows[a, i] for i in common]) * ahead
+            if moved * (plates[b].height - plates[a].height) <= 0:
+                swapped.append(
+                    f"{plates[a].name} ({1e3 * plates[a].height:.0f} mm) and {plates[b].name} "
+                    f"({1e3 * plates[b].height:.0f} mm)"
+                )
+    if swapped:
+        raise CalibrationRefused(
+            f"plate heights look swapped: {'; '.join(swapped)}: the stripes lie the wrong way round for these heights"
+        )
+
+
+def check_lines(found: Sequence[PlateLine], plate: Plate, number: int, reasons: Sequence[str]) -> None:
+    """Refuse a plate on which too few stripes were found.
+
+    Raises:
+        CalibrationRefused: naming the plate and a reason.
+    """
+    count = sum(line.plate == number for line in found)
+    wanted = len(plate.scan.stripes)
+    if count < MIN_LINES * wanted:
+        example = f"; for example {reasons[0]}" if reasons else ""
+        raise CalibrationRefused(
+            f"plate {plate.name}: {count} of {wanted} stripes were found, {100 * MIN_LINES:.0f} % are needed"
+            f"{example}: check laser, exposure and that the plate fills the view"
+        )
+
+
+def check_mirror(sweep: Sweep) -> None:
+    """Refuse a laser that is far from where the robot model has it.
+
+    Raises:
+        CalibrationRefused: naming the parameter and its value.
+    """
+    limits = np.array(list(PARAMETERS.values())) * MAX_DEVIATION
+    names = list(PARAMETERS)
+    worst = int(np.argmax(np.abs(sweep.parameters) / limits))
+    if abs(sweep.parameters[worst]) > limits[worst]:
+        raise CalibrationRefused(
+            f"the stripes do not come from the nominal mirror: {names[worst]} is {sweep.parameters[worst]:+.4f}, "
+            f"{limits[worst]:.4f} is allowed (metres, radians, ratio): wrong plate heights, another robot, wrong steps "
+            "per turn of the mirror, or a mount that came loose"
+        )
+
+
+def _direction(lines: Sequence[PlateLine]) -> float:
+    """+1 where rows grow forward in the picture (the mount of eq. 5), -1 in an upright one."""
+    first = min(lines, key=lambda line: line.mirror_angle)
+    last = max(lines, key=lambda line: line.mirror_angle)
+    return float(np.sign(np.median(last.pixels[:, 1]) - np.median(first.pixels[:, 1])) or 1.0)
+
+
+def _sheet_angle(places: Float, axis: Float) -> float:
+    middle = places.mean(axis=0)
+    return float(np.arctan2(middle[0] - axis[0], axis[2] - middle[2]))

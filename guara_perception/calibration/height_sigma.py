@@ -1,0 +1,136 @@
+"""How far a calibration may put a height wrong: stored as JSON, evaluated for every point of a scan."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.exceptions import FileFormatError
+from guara_perception.readonly import readonly
+
+Float = npt.NDArray[np.float64]
+
+# The height field is a quadratic about this point of base_link: middle of the area, 40 mm over the floor.
+FIELD_TERMS = ("1", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
+# A ray that meets the sheet at a smaller sine has no height worth the name.
+MIN_SINE = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class HeightUncertainty:
+    """Variance of heights that comes from the calibration, not from the stripe's place in the picture.
+
+    Two parts: the plane of each stripe (own covariance, with the mirror's repeatability), and a smooth field of
+    height over the area that lens and mount may have wrong together.
+
+    Attributes:
+        planes: (4, 4) covariance of the plane (nx, ny, nz, d) in the camera frame, by stripe index.
+        field_origin: (3,) point of base_link the field is written about [m].
+        field: (10, 10) covariance of the coefficients of FIELD_TERMS [m, 1, 1/m].
+    """
+
+    planes: Mapping[int, Float]
+    field_origin: Float
+    field: Float
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        object.__setattr__(self, "planes", {index: readonly(plane) for index, plane in self.planes.items()})
+        object.__setattr__(self, "field_origin", readonly(self.field_origin))
+        object.__setattr__(self, "field", readonly(self.field))
+
+    @staticmethod
+    def of(calibration: Calibration) -> HeightUncertainty | None:
+        """The uncertainty stored in a calibration; None where it holds none (one made from a drawing).
+
+        Raises:
+            FileFormatError: the covariance is there and is not what docs/calibration.md says.
+        """
+        stored = calibration.covariance
+        if not stored:
+            return None
+        try:
+            planes = {
+                int(item["index"]): _matrix(item["plane"], (4, 4), f"stripes[{i}].plane")
+                for i, item in enumerate(stored["stripes"])
+            }
+            field = stored["height_field"]
+            if tuple(field["terms"]) != FIELD_TERMS:
+                raise FileFormatError(f"covariance.height_field.terms must be {', '.join(FIELD_TERMS)}")
+            origin = _matrix(field["origin_in_base"], (3,), "height_field.origin_in_base")
+            matrix = _matrix(field["matrix"], (10, 10), "height_field.matrix")
+        except (KeyError, TypeError, ValueError) as error:
+            if isinstance(error, FileFormatError):
+                raise
+            raise FileFormatError(f"covariance of the calibration is not as documented: {error!r}") from None
+        return HeightUncertainty(planes, origin, matrix)
+
+    def variance(
+        self, index: int, plane: Float, points_in_camera: Float, transform_camera_to_base: Float, up_in_camera: Float
+    ) -> Float:
+        """Variance (n,) of the heights of points on one stripe [m^2]; NaN where a point is NaN.
+
+        Args:
+            index: of the stripe; one that has no covariance of its own gets that of its nearest neighbour.
+            plane: (4,) calibrated plane in the camera frame.
+            points_in_camera: (n, 3).
+            transform_camera_to_base: (4, 4).
+            up_in_camera: (3,) unit vector along which heights are measured.
+        """
+        nearest = min(self.planes, key=lambda other: abs(other - index))
+        homogeneous = np.column_stack((points_in_camera, np.ones(len(points_in_camera))))
+        off_plane = np.einsum("ni,ij,nj->n", homogeneous, self.planes[nearest], homogeneous)
+        sine = points_in_camera @ plane[:3]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gain = (points_in_camera @ up_in_camera) / np.where(np.abs(sine) < MIN_SINE, np.nan, sine)
+        points_in_base = points_in_camera @ transform_camera_to_base[:3, :3].T + transform_camera_to_base[:3, 3]
+        terms = field_terms(points_in_base - self.field_origin)
+        smooth = np.einsum("ni,ij,nj->n", terms, self.field, terms)
+        return np.asarray(gain**2 * off_plane + smooth)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON values, as `of` reads them."""
+        return {
+            "stripes": [{"index": index, "plane": plane.tolist()} for index, plane in sorted(self.planes.items())],
+            "height_field": {
+                "terms": list(FIELD_TERMS),
+                "origin_in_base": self.field_origin.tolist(),
+                "matrix": self.field.tolist(),
+            },
+        }
+
+
+def field_terms(offsets: Float) -> Float:
+    """(n, 10) values of FIELD_TERMS at offsets (n, 3) from the field's origin."""
+    x, y, z = offsets.T
+    return np.column_stack((np.ones(len(x)), x, y, z, x * x, y * y, z * z, x * y, x * z, y * z))
+
+
+def plane_covariance(bases: Float, covariance: Float) -> Float:
+    """(4, 4) covariance of a plane from that of its turn, tilt and shift (3, 3) with their effects (3, 4)."""
+    return np.asarray(bases.T @ covariance @ bases)
+
+
+def field_covariance(offsets: Float, errors: Sequence[Float], parameters: Float) -> Float:
+    """Covariance of the height field from what one unit of each parameter does to the heights.
+
+    Args:
+        offsets: (n, 3) points about the field's origin.
+        errors: per parameter (n,) change of height per unit.
+        parameters: (p, p) covariance of the parameters.
+    """
+    terms = field_terms(offsets)
+    effect = np.linalg.lstsq(terms, np.column_stack(errors), rcond=None)[0]
+    return np.asarray(effect @ parameters @ effect.T)
+
+
+def _matrix(value: Any, shape: tuple[int, ...], name: str) -> Float:
+    matrix = np.array(value, dtype=np.float64)
+    if matrix.shape != shape or not np.isfinite(matrix).all():
+        raise FileFormatError(f"covariance.{name} has shape {matrix.shape}, it must be {shape} and finite")
+    return matrix

@@ -1,0 +1,228 @@
+"""The laser's part of a calibration: from plate lines to planes, checks, leave-one-plate-out and height uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.bundle import CameraFit
+from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.height_sigma import HeightUncertainty, field_covariance, plane_covariance
+from guara_perception.calibration.mirror_model import MirrorModel
+from guara_perception.calibration.plates import PlateLine, level_pixels
+from guara_perception.calibration.session import Plate
+from guara_perception.calibration.stripe_planes import StripeFit, fit_stripes
+from guara_perception.calibration.sweep import Sweep, fit_sweep, line_points
+from guara_perception.ranging.height_rows import plane_in_frame
+from guara_perception.readonly import readonly
+
+Float = npt.NDArray[np.float64]
+Range = tuple[float, float]
+
+# Places at which the height field is sampled.
+FIELD_Y_M = np.linspace(-0.27, 0.27, 7)
+FIELD_HEIGHTS_M = (-0.02, 0.04, 0.10)
+FIELD_STRIPES = 18
+
+
+@dataclass(frozen=True, slots=True)
+class LeaveOneOut:
+    """A plate as the planes of the other plates measure it.
+
+    Attributes:
+        plate: number of the plate.
+        mean: measured minus given height, mean of its lines [m].
+        scatter: standard deviation of the same over its lines [m].
+        near, far: mean of the nearest and of the farthest third of the lines [m].
+    """
+
+    plate: int
+    mean: float
+    scatter: float
+    near: float
+    far: float
+
+    @property
+    def rms(self) -> float:
+        """Root mean square error of height [m]."""
+        return float(np.hypot(self.mean, self.scatter))
+
+
+@dataclass(frozen=True, slots=True)
+class LaserFit:
+    """Planes from plates.
+
+    Attributes:
+        sweep: the mirror model in base_footprint.
+        stripes: the plane of each stripe in base_footprint.
+        planes_in_camera: (s, 4).
+        line_errors: (lines,) mean height error of each line through its own plane [m].
+        leave_one_out: one entry per plate; empty with fewer than three.
+        uncertainty: of heights.
+    """
+
+    sweep: Sweep
+    stripes: StripeFit
+    planes_in_camera: Float
+    line_errors: Float
+    leave_one_out: tuple[LeaveOneOut, ...]
+    uncertainty: HeightUncertainty
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        object.__setattr__(self, "planes_in_camera", readonly(self.planes_in_camera))
+        object.__setattr__(self, "line_errors", readonly(self.line_errors))
+
+
+def fit_laser(
+    lines: Sequence[PlateLine],
+    plates: Sequence[Plate],
+    fit: CameraFit,
+    nominal: MirrorModel,
+    transform_footprint_to_base: Float,
+) -> LaserFit:
+    """Everything about the laser that follows from lines on plates.
+
+    Args:
+        lines: of all stripes on all plates, already checked for missed steps and swapped heights.
+        plates: of the session.
+        fit: camera and mount.
+        nominal: mirror as drawn, in base_footprint.
+        transform_footprint_to_base: (4, 4) of the session's stance.
+    """
+    points = [line_points(fit.camera, fit.transform_camera_to_footprint, line) for line in lines]
+    sweep = fit_sweep(lines, points, nominal)
+    stripes = fit_stripes(lines, points, sweep, nominal)
+    planes_in_camera = _in_camera(stripes.planes, fit.transform_camera_to_footprint)
+    return LaserFit(
+        sweep=sweep,
+        stripes=stripes,
+        planes_in_camera=planes_in_camera,
+        line_errors=_line_heights(lines, points, stripes, fit.transform_camera_to_footprint),
+        leave_one_out=_leave_one_out(lines, points, len(plates), nominal, fit.transform_camera_to_footprint),
+        uncertainty=_uncertainty(lines, fit, stripes, nominal, transform_footprint_to_base),
+    )
+
+
+def heights_through(pixels: Float, camera: CameraModel, transform_camera_to_footprint: Float, plane: Float) -> Float:
+    """Heights (n,) above z = 0 at which the rays of pixels meet a plane (4,) of base_footprint."""
+    rotation, eye = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
+    rays = camera.rays(pixels) @ rotation.T
+    depth = -(plane[:3] @ eye + plane[3]) / (rays @ plane[:3])
+    return np.asarray(eye[2] + depth * rays[:, 2])
+
+
+def height_sigmas(
+    fit: CameraFit, laser: LaserFit, lines: Sequence[PlateLine], transform_base_to_footprint: Float, x: Range
+) -> tuple[float, float]:
+    """Predicted sigma [m] of one height on the floor at the near and the far edge of the area.
+
+    Args:
+        fit: camera and mount.
+        laser: planes.
+        lines: their typical stripe sigma is what a scan will have.
+        transform_base_to_footprint: (4, 4).
+        x: range of the area in base_footprint [m].
+    """
+    transform = fit.transform_camera_to_footprint
+    to_camera = np.asarray(np.linalg.inv(transform), dtype=np.float64)
+    stripe_sigma = float(np.median([line.sigma_px for line in lines]))
+    on_floor = -laser.stripes.planes[:, 3] / laser.stripes.planes[:, 0]
+    sigmas = []
+    for edge in x:
+        k = int(np.argmin(np.abs(on_floor - edge)))
+        plane = laser.stripes.planes[k]
+        place = np.array([[on_floor[k], 0.0, 0.0]])
+        pixel = level_pixels(fit.camera, transform, place[:, :2], 0.0)
+        moved = heights_through(pixel + np.array([0.0, 1.0]), fit.camera, transform, plane)
+        here = heights_through(pixel, fit.camera, transform, plane)
+        in_camera = place @ to_camera[:3, :3].T + to_camera[:3, 3]
+        to_base = np.asarray(np.linalg.inv(transform_base_to_footprint)) @ transform
+        systematic = laser.uncertainty.variance(
+            laser.stripes.indices[k], laser.planes_in_camera[k], in_camera, to_base, transform[2, :3]
+        )
+        sigmas.append(float(np.sqrt(((moved - here)[0] * stripe_sigma) ** 2 + systematic[0])))
+    return sigmas[0], sigmas[1]
+
+
+def _in_camera(planes: Float, transform_camera_to_footprint: Float) -> Float:
+    to_camera = np.asarray(np.linalg.inv(transform_camera_to_footprint), dtype=np.float64)
+    moved = np.array([plane_in_frame(plane, to_camera) for plane in planes])
+    return np.asarray(moved / np.linalg.norm(moved[:, :3], axis=1, keepdims=True))
+
+
+def _line_heights(lines: Sequence[PlateLine], points: Sequence[Float], stripes: StripeFit, transform: Float) -> Float:
+    """Mean height error of each line through the plane of its stripe."""
+    row = {index: k for k, index in enumerate(stripes.indices)}
+    errors = np.empty(len(lines))
+    for i, (line, place) in enumerate(zip(lines, points, strict=True)):
+        plane = stripes.planes[row[line.index]]
+        ray = place - transform[:3, 3]
+        lift = -(place @ plane[:3] + plane[3]) / (ray @ plane[:3]) * ray[:, 2]
+        errors[i] = np.average(lift, weights=line.weights)
+    return errors
+
+
+def _leave_one_out(
+    lines: Sequence[PlateLine], points: Sequence[Float], plates: int, nominal: MirrorModel, transform: Float
+) -> tuple[LeaveOneOut, ...]:
+    if plates < 3:
+        return ()
+    results = []
+    for plate in range(plates):
+        kept = [i for i, line in enumerate(lines) if line.plate != plate]
+        rest, rest_points = [lines[i] for i in kept], [points[i] for i in kept]
+        stripes = fit_stripes(rest, rest_points, fit_sweep(rest, rest_points, nominal), nominal)
+        known = set(stripes.indices)
+        own = [i for i, line in enumerate(lines) if line.plate == plate and line.index in known]
+        own.sort(key=lambda i: lines[i].index)
+        errors = _line_heights([lines[i] for i in own], [points[i] for i in own], stripes, transform)
+        third = max(len(errors) // 3, 1)
+        near, far = float(errors[:third].mean()), float(errors[-third:].mean())
+        results.append(LeaveOneOut(plate, float(errors.mean()), float(errors.std()), near, far))
+    return tuple(results)
+
+
+def _uncertainty(
+    lines: Sequence[PlateLine], fit: CameraFit, stripes: StripeFit, nominal: MirrorModel, to_base: Float
+) -> HeightUncertainty:
+    """Plane covariances, and the height field by refitting the laser with each camera parameter moved."""
+    to_camera = np.asarray(np.linalg.inv(fit.transform_camera_to_footprint), dtype=np.float64)
+    planes = {}
+    for k, index in enumerate(stripes.indices):
+        bases = np.array([plane_in_frame(basis, to_camera) for basis in stripes.bases[k]])
+        planes[index] = plane_covariance(bases, stripes.covariance[k])
+
+    samples = np.unique(np.linspace(0, len(stripes.indices) - 1, FIELD_STRIPES).astype(int))
+    places, pixels, rows = [], [], []
+    for k in samples:
+        plane = stripes.planes[k]
+        for height in FIELD_HEIGHTS_M:
+            x = -(plane[1] * FIELD_Y_M + plane[2] * height + plane[3]) / plane[0]
+            level = np.column_stack((x, FIELD_Y_M))
+            pixels.append(level_pixels(fit.camera, fit.transform_camera_to_footprint, level, height))
+            places.append(np.column_stack((level, np.full(len(level), height))))
+            rows.append(np.full(len(level), k))
+    place, pixel, row = np.concatenate(places), np.concatenate(pixels), np.concatenate(rows)
+    seen = np.isfinite(pixel).all(axis=1)
+    place, pixel, row = place[seen], pixel[seen], row[seen]
+
+    errors = []
+    spread = np.sqrt(np.diag(fit.covariance))
+    for i, sigma in enumerate(spread):
+        change = np.zeros(len(spread))
+        change[i] = sigma
+        camera, transform = fit.with_parameters(change)
+        moved = [line_points(camera, transform, line) for line in lines]
+        refitted = fit_stripes(lines, moved, fit_sweep(lines, moved, nominal), nominal)
+        heights = np.empty(len(place))
+        for k in samples:
+            mine = row == k
+            heights[mine] = heights_through(pixel[mine], camera, transform, refitted.planes[k])
+        errors.append((heights - place[:, 2]) / sigma)
+    in_base = place @ to_base[:3, :3].T + to_base[:3, 3]
+    origin = in_base.mean(axis=0)
+    return HeightUncertainty(planes, origin, field_covariance(in_base - origin, errors, fit.covariance))

@@ -1,0 +1,130 @@
+"""The mirror model: one fixed laser plane, reflected in a turning mirror, gives the plane of every stripe."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.ranging.height_rows import plane_in_frame
+from guara_perception.readonly import readonly
+
+Float = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class MirrorModel:
+    """A laser plane and a mirror that turns about an axis in its own face; all in one frame.
+
+    The sheet of mirror angle theta is the laser plane reflected in the mirror with the normal
+    m = Rot(axis, gain theta) m0: n = (I - 2 m m') n0, d = d0 + 2 (n0 . m)(m . q). It turns by twice the mirror.
+
+    Attributes:
+        laser_plane: (4,) n0 . X + d0 = 0 of the light before the mirror, n0 a unit vector.
+        axis: (3,) unit vector; positive angles turn about it by the right hand.
+        point: (3,) a point q of the axis [m].
+        normal_at_zero: (3,) unit normal m0 of the mirror at theta = 0.
+        gain: true over commanded mirror angle.
+    """
+
+    laser_plane: Float
+    axis: Float
+    point: Float
+    normal_at_zero: Float
+    gain: float
+
+    def __post_init__(self) -> None:
+        """Freeze."""
+        for name in ("laser_plane", "axis", "point", "normal_at_zero"):
+            object.__setattr__(self, name, readonly(np.array(getattr(self, name), dtype=np.float64)))
+
+    def planes(self, mirror_angles: npt.ArrayLike) -> Float:
+        """Planes (n, 4) of mirror angles (n,) [rad]; the normals are unit vectors."""
+        turn = self.gain * np.asarray(mirror_angles, dtype=np.float64)
+        c, s = np.cos(turn)[:, None], np.sin(turn)[:, None]
+        m0, axis = self.normal_at_zero, self.axis
+        normal = m0 * c + np.cross(axis, m0) * s + axis * (axis @ m0) * (1 - c)
+        n0, d0 = self.laser_plane[:3], self.laser_plane[3]
+        along = normal @ n0
+        sheet = n0 - 2 * along[:, None] * normal
+        return np.column_stack((sheet, d0 + 2 * along * (normal @ self.point)))
+
+    def in_frame(self, transform: Float) -> MirrorModel:
+        """The same model in another frame, by the (4, 4) transform into it."""
+        rotation, translation = transform[:3, :3], transform[:3, 3]
+        return MirrorModel(
+            laser_plane=plane_in_frame(self.laser_plane, transform),
+            axis=rotation @ self.axis,
+            point=rotation @ self.point + translation,
+            normal_at_zero=rotation @ self.normal_at_zero,
+            gain=self.gain,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        return {
+            "laser_plane": self.laser_plane.tolist(),
+            "axis": self.axis.tolist(),
+            "point": self.point.tolist(),
+            "normal_at_zero": self.normal_at_zero.tolist(),
+            "gain": float(self.gain),
+        }
+
+
+def nominal_mirror(point: Float) -> MirrorModel:
+    """The mirror as drawn, in base_link or another level frame with x forward.
+
+    Axis through `point` parallel to y, sheet straight down at angle zero, forward for positive angles (contract,
+    section 1); the light comes in level, on to a mirror that leans by 45 degrees. Only the sheet is observed, so where
+    the light comes from is a convention.
+    """
+    half = np.sqrt(0.5)
+    return MirrorModel(
+        laser_plane=np.array([0.0, 0.0, -1.0, point[2]]),
+        axis=np.array([0.0, -1.0, 0.0]),
+        point=np.asarray(point, dtype=np.float64),
+        normal_at_zero=np.array([half, 0.0, half]),
+        gain=1.0,
+    )
+
+
+# What may differ from the nominal mirror, with a generous standard deviation of each.
+PARAMETERS = {
+    "laser_pitch": 0.15,
+    "laser_roll": 0.05,
+    "laser_offset": 0.010,
+    "axis_yaw": 0.08,
+    "axis_roll": 0.08,
+    "axis_x": 0.040,
+    "axis_z": 0.040,
+    "mirror_tilt": 0.03,
+    "gain": 0.02,
+}
+
+
+def perturbed_mirror(nominal: MirrorModel, parameters: Float) -> MirrorModel:
+    """A nominal mirror moved by the values of PARAMETERS, in that order.
+
+    laser_pitch turns the incoming plane about the axis, laser_roll out of it, laser_offset shifts it off the axis [m];
+    axis_yaw and axis_roll turn the axis about z and x [rad]; axis_x, axis_z shift it [m]; mirror_tilt leans the
+    mirror's face out of the axis [rad]; gain is relative.
+    """
+    pitch, roll, offset, yaw, tip, x, z, tilt, gain = parameters
+    axis = nominal.axis + np.cross([tip, 0.0, yaw], nominal.axis)
+    axis = axis / np.linalg.norm(axis)
+    flat = nominal.normal_at_zero - axis * (axis @ nominal.normal_at_zero)
+    flat = flat / np.linalg.norm(flat)
+    incoming = nominal.laser_plane[:3] - axis * (axis @ nominal.laser_plane[:3])
+    incoming = incoming / np.linalg.norm(incoming)
+    across = np.cross(axis, incoming)
+    normal = np.cos(roll) * (np.cos(pitch) * incoming + np.sin(pitch) * across) + np.sin(roll) * axis
+    point = nominal.point + np.array([x, 0.0, z])
+    return MirrorModel(
+        laser_plane=np.append(normal, offset - normal @ point),
+        axis=axis,
+        point=point,
+        normal_at_zero=np.cos(tilt) * flat + np.sin(tilt) * axis,
+        gain=nominal.gain * (1 + gain),
+    )

@@ -1,0 +1,189 @@
+"""Laser lines on flat plates: found, cleaned and averaged, one per stripe and plate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.floor import floor_pixels, to_floor
+from guara_perception.calibration.mirror_model import MirrorModel
+from guara_perception.calibration.session import Plate
+from guara_perception.exceptions import CalibrationMismatch
+from guara_perception.ranging.height_rows import height_rows, row_band
+from guara_perception.readonly import readonly
+from guara_perception.stripes.extract import extract_stripe
+from guara_perception.stripes.profile import StripeProfile
+
+Float = npt.NDArray[np.float64]
+
+# A laser mount this much off its nominal place (3 degrees, 20 mm) moves a stripe by this share of the picture.
+BAND_SHARE = 0.12
+# Columns averaged into one place of a line.
+BINS = 40
+# Points further from the straight line than this many standard deviations belong to dust, edge or another surface.
+OUTLIER_SIGMAS = 3.5
+MIN_COLUMNS = 30
+# A line seen on less of its length than this does not fix a plane.
+MIN_SPAN = 0.6
+SPREAD_FLOOR_M = 2e-5
+
+
+@dataclass(frozen=True, slots=True)
+class PlateLine:
+    """The line that one stripe draws on one plate.
+
+    Attributes:
+        index, mirror_angle: of the stripe.
+        plate: number of the plate in the session.
+        height: of the plate [m].
+        pixels: (n, 2) places on the line, each the mean of neighbouring columns.
+        weights: (n,) columns averaged in each.
+        span: share of the columns in which the line could be seen.
+        rms_px: scatter of single columns about the straight line, in rows.
+        sigma_px: mean predicted sigma of the columns.
+    """
+
+    index: int
+    mirror_angle: float
+    plate: int
+    height: float
+    pixels: Float
+    weights: Float
+    span: float
+    rms_px: float
+    sigma_px: float
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("pixels", "weights"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+
+@dataclass(frozen=True, slots=True)
+class LostLine:
+    """A stripe on a plate that gave no line, with the reason."""
+
+    index: int
+    plate: int
+    reason: str
+
+
+def plate_lines(
+    plate: Plate,
+    number: int,
+    camera: CameraModel,
+    transform_camera_to_footprint: Float,
+    nominal: MirrorModel,
+    on_stripe: Callable[[], None] | None = None,
+) -> tuple[list[PlateLine], list[LostLine]]:
+    """Find the line of every stripe of a plate scan.
+
+    Args:
+        plate: the scan and its height.
+        number: of the plate in the session.
+        camera: intrinsic model.
+        transform_camera_to_footprint: (4, 4).
+        nominal: mirror as drawn, in base_footprint: says roughly where each stripe is.
+        on_stripe: called after each stripe, for a progress bar.
+
+    Raises:
+        CalibrationMismatch: a frame of another size.
+        MissingFile, FileFormatError: a frame cannot be read.
+    """
+    to_camera: Float = np.asarray(np.linalg.inv(transform_camera_to_footprint), dtype=np.float64)
+    planes = nominal.in_frame(to_camera).planes([stripe.mirror_angle for stripe in plate.scan.stripes])
+    rows = height_rows(camera, transform_camera_to_footprint, planes, np.array([plate.height]))
+    width, height = camera.size
+    lines, lost = [], []
+    for (stripe, on, off), expected in zip(plate.scan.frames(), rows, strict=True):
+        if on.shape[:2] != (height, width):
+            raise CalibrationMismatch(
+                f"{plate.scan.source}: frame {stripe.on} is {on.shape[1]}x{on.shape[0]} px, the boards are "
+                f"{width}x{height}: all pictures of a session come from one camera at one setting"
+            )
+        band = row_band(expected, int(BAND_SHARE * height), height)
+        profile = extract_stripe(on, off, band=band if band[1] else None)
+        if not _is_good(profile, band, height):
+            profile = extract_stripe(on, off)
+        reason = profile.reason
+        if not reason:
+            line = _line(profile, camera, transform_camera_to_footprint, plate.height)
+            if isinstance(line, str):
+                reason = line
+            else:
+                lines.append(PlateLine(stripe.index, stripe.mirror_angle, number, plate.height, *line))
+        if reason:
+            lost.append(LostLine(stripe.index, number, reason))
+        if on_stripe is not None:
+            on_stripe()
+    return lines, lost
+
+
+def _is_good(profile: StripeProfile, band: tuple[int, int], height: int) -> bool:
+    """Whether the stripe was found over half of the columns and well inside the band."""
+    found = np.isfinite(profile.position_px)
+    if profile.is_frame_bad or found.mean() < 0.5 or not band[1]:
+        return False
+    middle = float(np.median(profile.position_px[found]))
+    margin = 0.1 * (band[1] - band[0])
+    return (band[0] == 0 or middle > band[0] + margin) and (band[1] == height or middle < band[1] - margin)
+
+
+def _line(
+    profile: StripeProfile, camera: CameraModel, transform: Float, height: float
+) -> tuple[Float, Float, float, float, float] | str:
+    """Binned places, weights, span, scatter and sigma of a straight line on a level plane, or why there is none."""
+    columns = np.flatnonzero(np.isfinite(profile.position_px))
+    if columns.size < MIN_COLUMNS:
+        return f"{columns.size} columns show it, {MIN_COLUMNS} or more are needed"
+    pixels = np.column_stack((columns, profile.position_px[columns])).astype(np.float64)
+    points = to_floor(camera, transform, pixels, height)
+    kept = np.ones(columns.size, dtype=bool)
+    for _ in range(8):
+        coefficients = np.polyfit(points[kept, 1], points[kept, 0], 1)
+        residual = points[:, 0] - np.polyval(coefficients, points[:, 1])
+        spread = max(1.4826 * float(np.median(np.abs(residual[kept]))), SPREAD_FLOOR_M)
+        narrower = np.abs(residual) < OUTLIER_SIGMAS * spread
+        if narrower.sum() < MIN_COLUMNS or (narrower == kept).all():
+            break
+        kept = narrower
+    span = kept.sum() / max(_visible_columns(camera, transform, height, coefficients), 1)
+    if span < MIN_SPAN:
+        return f"it is seen on {100 * span:.0f} % of its length, {100 * MIN_SPAN:.0f} % are needed"
+    row_step = _metres_per_row(camera, transform, height, pixels[kept])
+    rms_px = float(np.sqrt(np.mean((residual[kept] / row_step) ** 2)))
+    group = np.minimum(columns[kept] * BINS // camera.size[0], BINS - 1)
+    count = np.bincount(group, minlength=BINS).astype(np.float64)
+    used = count > 0
+    y = np.bincount(group, points[kept, 1], BINS)[used] / count[used]
+    off = np.bincount(group, residual[kept], BINS)[used] / count[used]
+    places = np.column_stack((np.polyval(coefficients, y) + off, y))
+    sigma = float(np.sqrt(np.mean(profile.sigma_px[columns[kept]] ** 2)))
+    return level_pixels(camera, transform, places, height), count[used], float(span), rms_px, sigma
+
+
+def level_pixels(camera: CameraModel, transform_camera_to_footprint: Float, points: Float, height: float) -> Float:
+    """Pixels (n, 2) of points (n, 2) on the plane z = `height`."""
+    lowered = transform_camera_to_footprint.copy()
+    lowered[2, 3] -= height
+    return floor_pixels(camera, lowered, points)
+
+
+def _visible_columns(camera: CameraModel, transform: Float, height: float, coefficients: Float) -> int:
+    """Number of columns in which the straight line x = polyval(coefficients, y) lies inside the picture."""
+    y = np.linspace(-1.0, 1.0, 201) + transform[1, 3]
+    pixels = level_pixels(camera, transform, np.column_stack((np.polyval(coefficients, y), y)), height)
+    pixels = pixels[np.isfinite(pixels[:, 0])]
+    pixels = pixels[np.argsort(pixels[:, 0])]
+    rows = np.interp(np.arange(camera.size[0]), pixels[:, 0], pixels[:, 1], left=np.nan, right=np.nan)
+    return int(((rows > 0) & (rows < camera.size[1] - 1)).sum())
+
+
+def _metres_per_row(camera: CameraModel, transform: Float, height: float, pixels: Float) -> Float:
+    """How far a point on the plane moves along x when its pixel moves down by one row."""
+    moved = to_floor(camera, transform, pixels + np.array([0.0, 1.0]), height)
+    return np.asarray((moved - to_floor(camera, transform, pixels, height))[:, 0])

@@ -1,0 +1,198 @@
+"""The plane of each stripe: its own lines on the plates, steadied by the mirror model, with a covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.mirror_model import PARAMETERS, MirrorModel, perturbed_mirror
+from guara_perception.calibration.plates import PlateLine
+from guara_perception.calibration.sweep import STEP_ERROR_SIGMA, Sweep
+from guara_perception.readonly import readonly
+
+Float = npt.NDArray[np.float64]
+
+# A sheet may wobble out of the model by at least this much: bearings and mirrors are not perfect.
+WOBBLE_FLOOR = np.array([2e-5, 1e-5])  # tilt along the stripe [rad], shift [m]
+FREE_WOBBLE = np.array([0.01, 0.005])
+# Of a normal distribution: mean square over median square.
+MEDIAN_TO_MEAN_SQUARE = 2.198
+# Repeatability of the mirror from scan to scan is estimated from the lines; it is not believed below this [rad].
+JITTER_FLOOR = float(np.deg2rad(0.0003))
+# Scatter of one averaged place of a line [m], floor of the estimate.
+PLACE_FLOOR_M = 1e-5
+
+
+@dataclass(frozen=True, slots=True)
+class StripeFit:
+    """Planes of all stripes in base_footprint.
+
+    Attributes:
+        indices: stripe indices, ascending.
+        mirror_angles: (s,) commanded [rad].
+        planes: (s, 4).
+        covariance: (s, 3, 3) of (turn about the mirror axis [rad], tilt along the stripe [rad], shift [m]) for
+            a new scan: the fit and the repeatability of the mirror together; for a camera that is exact.
+        bases: (s, 3, 4) what one unit of each of the three changes in the plane.
+        jitter: standard deviation of the sheet's angle from scan to scan [rad].
+        wobble: (2,) standard deviations of tilt and shift about the mirror model.
+        line_residual: (lines,) mean distance of each line from its stripe's plane [m].
+    """
+
+    indices: tuple[int, ...]
+    mirror_angles: Float
+    planes: Float
+    covariance: Float
+    bases: Float
+    jitter: float
+    wobble: Float
+    line_residual: Float
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("mirror_angles", "planes", "covariance", "bases", "wobble", "line_residual"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+
+def fit_stripes(lines: Sequence[PlateLine], points: Sequence[Float], sweep: Sweep, nominal: MirrorModel) -> StripeFit:
+    """Fit one plane per stripe.
+
+    Each plane has three freedoms about the model's sheet: turn about the mirror axis (free: the stepper's own error),
+    tilt along the stripe and shift (held by the model as firmly as the stripes agree with it). Each line may also be
+    turned by the mirror's jitter, which all its columns share: without it the many columns would claim too much.
+
+    Args:
+        lines: of all stripes on all plates.
+        points: (n, 3) places of each line in base_footprint.
+        sweep: the mirror model.
+        nominal: the mirror as drawn that `sweep` was fitted from.
+    """
+    model = sweep.planes
+    bases = np.array([plane_basis(plane, sweep.mirror) for plane in model])
+    from_model = _model_covariance(sweep, nominal, bases)
+    groups = [[i for i, line in enumerate(lines) if line.index == index] for index in sweep.indices]
+    solver = _Solver([[points[i] for i in group] for group in groups], model, bases, from_model[:, 1:, 1:])
+    jitter, place = 2 * JITTER_FLOOR, 3e-5
+    for _ in range(4):
+        jitter, place = solver.noise(WOBBLE_FLOOR, jitter, place)
+    wobble = solver.wobble(jitter, place)
+    for _ in range(3):
+        jitter, place = solver.noise(wobble, jitter, place)
+    solved = solver.solve(wobble, jitter, place)
+    planes = np.array([moved_plane(model[k], bases[k], fit.change) for k, fit in enumerate(solved)])
+    for_new_scan = np.array([fit.covariance for fit in solved])
+    for_new_scan[:, 0, 0] += jitter**2
+    row = {index: k for k, index in enumerate(sweep.indices)}
+    residual = np.empty(len(lines))
+    for i, line in enumerate(lines):
+        plane = planes[row[line.index]]
+        residual[i] = np.mean(points[i] @ plane[:3] + plane[3])
+    return StripeFit(
+        indices=sweep.indices,
+        mirror_angles=sweep.mirror_angles.copy(),
+        planes=planes,
+        covariance=for_new_scan,
+        bases=bases,
+        jitter=jitter,
+        wobble=wobble,
+        line_residual=residual,
+    )
+
+
+def plane_basis(plane: Float, mirror: MirrorModel) -> Float:
+    """(3, 4): change of a plane per radian of turn about the mirror axis, radian of tilt along it, metre of shift."""
+    normal, axis, point = plane[:3], mirror.axis, mirror.point
+    down = np.cross(axis, normal)
+    return np.array([np.append(down, -down @ point), np.append(axis, -axis @ point), [0.0, 0.0, 0.0, 1.0]])
+
+
+def moved_plane(plane: Float, basis: Float, change: Float) -> Float:
+    """A plane moved by (turn, tilt, shift), its normal of unit length again."""
+    moved = plane + change @ basis
+    return np.asarray(moved / np.linalg.norm(moved[:3]))
+
+
+@dataclass(frozen=True, slots=True)
+class _Solution:
+    """Change of one plane, its covariance, the turn of each of its lines and the mean square left over."""
+
+    change: Float
+    covariance: Float
+    turns: Float
+    scatter: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Solver:
+    """All stripes: places of each line, the model's planes, their bases and the model's own covariance (2 x 2)."""
+
+    places: list[list[Float]]
+    planes: Float
+    bases: Float
+    from_model: Float
+
+    def solve(self, wobble: Float, jitter: float, place: float) -> list[_Solution]:
+        return [
+            _solve(places, self.planes[k], self.bases[k], self.from_model[k] + np.diag(wobble**2), jitter, place)
+            for k, places in enumerate(self.places)
+        ]
+
+    def noise(self, wobble: Float, jitter: float, place: float) -> tuple[float, float]:
+        """Better estimates of jitter and scatter; the turn of a stripe takes one freedom of its lines."""
+        solved = self.solve(wobble, jitter, place)
+        turns = np.concatenate([fit.turns for fit in solved])
+        freedom = max(len(turns) - len(solved), 1)
+        better = max(float(np.sqrt((turns**2).sum() / freedom)), JITTER_FLOOR)
+        return better, max(float(np.sqrt(np.mean([fit.scatter for fit in solved]))), PLACE_FLOOR_M)
+
+    def wobble(self, jitter: float, place: float) -> Float:
+        """How far free planes stray from the model beyond what their own noise explains."""
+        solved = self.solve(FREE_WOBBLE, jitter, place)
+        square = np.median([fit.change[1:] ** 2 for fit in solved], axis=0) * MEDIAN_TO_MEAN_SQUARE
+        explained = np.median([np.diag(fit.covariance)[1:] for fit in solved], axis=0)
+        return np.asarray(np.sqrt(np.maximum(square - explained, WOBBLE_FLOOR**2)))
+
+
+def _solve(places: list[Float], plane: Float, basis: Float, prior: Float, jitter: float, place: float) -> _Solution:
+    """Least squares of (turn, tilt, shift) and one jitter per line."""
+    n = len(places)
+    normal = np.zeros((3 + n, 3 + n))
+    right = np.zeros(3 + n)
+    normal[0, 0] = 1 / (10 * STEP_ERROR_SIGMA) ** 2
+    normal[1:3, 1:3] = np.linalg.inv(prior)
+    normal[3:, 3:] = np.eye(n) / jitter**2
+    rows = []
+    for i, points in enumerate(places):
+        homogeneous = np.column_stack((points, np.ones(len(points))))
+        design = np.zeros((len(points), 3 + n))
+        design[:, :3] = homogeneous @ basis.T
+        design[:, 3 + i] = design[:, 0]
+        distance = homogeneous @ plane
+        normal += design.T @ design / place**2
+        right -= design.T @ distance / place**2
+        rows.append((design, distance))
+    x = np.linalg.solve(normal, right)
+    covariance = np.linalg.inv(normal)
+    left = np.concatenate([design @ x + distance for design, distance in rows])
+    return _Solution(np.array(x[:3]), np.array(covariance[:3, :3]), np.array(x[3:]), float(np.mean(left**2)))
+
+
+def _model_covariance(sweep: Sweep, nominal: MirrorModel, bases: Float) -> Float:
+    """(s, 3, 3): how far the model itself may be off, as turn, tilt and shift of each stripe."""
+    angles = sweep.mirror_angles + sweep.step_errors
+    prior = np.array(list(PARAMETERS.values()))
+    derivative = np.empty((len(angles), 4, len(prior)))
+    for i, scale in enumerate(prior):
+        step = np.zeros(len(prior))
+        step[i] = 1e-4 * scale
+        upper = perturbed_mirror(nominal, sweep.parameters + step).planes(angles)
+        lower = perturbed_mirror(nominal, sweep.parameters - step).planes(angles)
+        derivative[:, :, i] = (upper - lower) / (2 * step[i])
+    result = np.empty((len(angles), 3, 3))
+    for k, basis in enumerate(bases):
+        jacobian = np.linalg.pinv(basis.T) @ derivative[k]
+        result[k] = jacobian @ sweep.covariance @ jacobian.T
+    return result

@@ -1,0 +1,142 @@
+"""The paper's own calibration: floor homography of fiducials (eqs. 9 to 13) and n, d, k per stripe (eqs. 14 to 19)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.readonly import readonly
+
+Float = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceMap:
+    """Homography from undistorted pixels to the floor (eqs. 9 to 13, four or more marks).
+
+    Attributes:
+        homography: (3, 3), (u, v, 1) -> (x, y, 1) of base_footprint [m], last entry 1.
+        condition: condition number of the normalised linear system.
+        residual: (n, 2) floor points found minus given [m]; zero for four marks.
+    """
+
+    homography: Float
+    condition: float
+    residual: Float
+
+    def __post_init__(self) -> None:
+        """Freeze."""
+        for name in ("homography", "residual"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance of the marks from their floor points [m]."""
+        return float(np.sqrt((self.residual**2).sum(axis=1).mean()))
+
+    def to_floor(self, pixels: npt.ArrayLike) -> Float:
+        """Floor points (n, 2) [m] of undistorted pixels (n, 2)."""
+        return apply_homography(self.homography, pixels)
+
+
+def surface_map(pixels: npt.ArrayLike, points: npt.ArrayLike) -> SurfaceMap:
+    """Homography by the normalised direct linear transform.
+
+    The paper fixes i = 1 and solves eight equations; here both sides are centred and scaled first and the smallest
+    singular vector is taken, which needs no i and takes any number of marks.
+
+    Args:
+        pixels: (n, 2) undistorted pixels, n >= 4.
+        points: (n, 2) floor points [m].
+
+    Raises:
+        InvalidInput: fewer than four marks, or marks of which three lie on a line.
+    """
+    u, x = np.asarray(pixels, dtype=np.float64), np.asarray(points, dtype=np.float64)
+    if u.shape != x.shape or u.ndim != 2 or len(u) < 4:
+        raise InvalidInput(f"a surface map needs four or more marks, pixels {u.shape} and points {x.shape} were given")
+    from_pixels, from_points = _normaliser(u), _normaliser(x)
+    a = apply_homography(from_pixels, u)
+    b = apply_homography(from_points, x)
+    rows = np.zeros((2 * len(a), 9))
+    rows[0::2, 0:2], rows[0::2, 2] = a, 1
+    rows[0::2, 6:8], rows[0::2, 8] = -a * b[:, :1], -b[:, 0]
+    rows[1::2, 3:5], rows[1::2, 5] = a, 1
+    rows[1::2, 6:8], rows[1::2, 8] = -a * b[:, 1:], -b[:, 1]
+    singular, vectors = np.linalg.svd(rows)[1:]
+    condition = float(singular[0] / max(singular[7], 1e-15))
+    if condition > 1e6:
+        raise InvalidInput(f"the marks do not fix a surface map (condition number {condition:.1g}): on one line?")
+    homography = np.linalg.inv(from_points) @ vectors[-1].reshape(3, 3) @ from_pixels
+    homography = homography / homography[2, 2]
+    return SurfaceMap(homography, condition, apply_homography(homography, u) - x)
+
+
+def apply_homography(homography: Float, points: npt.ArrayLike) -> Float:
+    """Points (n, 2) through a (3, 3) homography (eqs. 9 and 10)."""
+    homogeneous = np.column_stack((np.asarray(points, dtype=np.float64), np.ones(len(np.asarray(points)))))
+    mapped = homogeneous @ homography.T
+    return np.asarray(mapped[:, :2] / mapped[:, 2:])
+
+
+@dataclass(frozen=True, slots=True)
+class StripeConstants:
+    """The paper's constants of one stripe, in rectified floor coordinates: H - h = n / (v d - k) (eqs. 17 to 19).
+
+    Attributes:
+        index: of the stripe.
+        n, d, k: constants; v is the rectified x [m] in the column through the nadir, d the difference of the
+            first and last calibrated depth as in eq. 17.
+        residual: rms error of height at the calibrated heights [m]; zero for two heights.
+    """
+
+    index: int
+    n: float
+    d: float
+    k: float
+    residual: float
+
+
+def stripe_constants(
+    index: int, height_of_camera: float, x: Sequence[float], heights: Sequence[float]
+) -> StripeConstants:
+    """Fit n, d, k to where one stripe is seen on plates of known height.
+
+    With H the height of the optical centre and rectified v, z = H - h, eq. 18 is exact: two heights solve it, more
+    give a residual. z v d - z k = n is linear in k and n once d = z_last - z_first fixes the scale.
+
+    Args:
+        index: of the stripe.
+        height_of_camera: H [m].
+        x: rectified x of the stripe on each plate [m]: where the ray through it meets the floor.
+        heights: of the plates [m].
+
+    Raises:
+        InvalidInput: fewer than two heights, or the stripe does not move between them (eq. 17 is singular).
+    """
+    v, z = np.asarray(x, dtype=np.float64), height_of_camera - np.asarray(heights, dtype=np.float64)
+    if len(v) < 2 or np.ptp(z) < 1e-6 or np.ptp(v) < 1e-6:
+        raise InvalidInput(
+            f"stripe index {index}: two or more heights at which it is seen at different places are needed (eq. 17)"
+        )
+    low, high = int(np.argmax(z)), int(np.argmin(z))
+    d = float(z[high] - z[low])
+    if len(v) == 2:
+        n = float(z[low] * z[high] * (v[low] - v[high]))
+        k = float(v[high] * z[high] - v[low] * z[low])
+    else:
+        solution = np.linalg.lstsq(np.column_stack((z, np.ones(len(z)))), z * v * d, rcond=None)[0]
+        k, n = float(solution[0]), float(solution[1])
+    error = n / (v * d - k) - z
+    return StripeConstants(index, n, d, k, float(np.sqrt(np.mean(error**2))))
+
+
+def _normaliser(points: Float) -> Float:
+    """(3, 3) that brings points to mean zero and mean distance sqrt(2)."""
+    centre = points.mean(axis=0)
+    scale = np.sqrt(2) / max(float(np.linalg.norm(points - centre, axis=1).mean()), 1e-12)
+    return np.array([[scale, 0, -scale * centre[0]], [0, scale, -scale * centre[1]], [0, 0, 1.0]])

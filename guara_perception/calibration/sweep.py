@@ -1,0 +1,128 @@
+"""Joint fit of the mirror model to the lines of all stripes on all plates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.floor import to_floor
+from guara_perception.calibration.mirror_model import PARAMETERS, MirrorModel, perturbed_mirror
+from guara_perception.calibration.plates import PlateLine
+from guara_perception.readonly import readonly
+
+Float = npt.NDArray[np.float64]
+
+# Error of one mirror position that a stepper is granted before it counts as a fault [rad]; a prior, not a limit.
+STEP_ERROR_SIGMA = float(np.deg2rad(0.02))
+# Weight of one place of a line: scatter of a few dozen columns on the plate [m].
+PLACE_SIGMA_M = 5e-5
+ROBUST_SIGMAS = 3.0
+ITERATIONS = 25
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """The mirror model in base_footprint and the angle error of each stripe.
+
+    Attributes:
+        mirror: fitted model.
+        parameters: values of PARAMETERS.
+        covariance: (9, 9) of them.
+        indices: stripe indices, ascending.
+        mirror_angles: (s,) commanded [rad].
+        step_errors: (s,) true minus commanded mirror angle, in model units [rad].
+        residual: (n lines,) mean distance of each line from its sheet [m].
+        lever: (n lines,) distance of each line from the axis [m].
+    """
+
+    mirror: MirrorModel
+    parameters: Float
+    covariance: Float
+    indices: tuple[int, ...]
+    mirror_angles: Float
+    step_errors: Float
+    residual: Float
+    lever: Float
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("parameters", "covariance", "mirror_angles", "step_errors", "residual", "lever"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @property
+    def planes(self) -> Float:
+        """(s, 4) planes in base_footprint: the model at the corrected angle of each stripe."""
+        return self.mirror.planes(self.mirror_angles + self.step_errors)
+
+
+def line_points(camera: CameraModel, transform_camera_to_footprint: Float, line: PlateLine) -> Float:
+    """Places (n, 3) of a line on its plate, in base_footprint."""
+    floor = to_floor(camera, transform_camera_to_footprint, line.pixels, line.height)
+    return np.column_stack((floor, np.full(len(floor), line.height)))
+
+
+def fit_sweep(lines: Sequence[PlateLine], points: Sequence[Float], nominal: MirrorModel) -> Sweep:
+    """Fit mirror parameters and one angle error per stripe, robustly, with the nominal mirror as a loose prior.
+
+    Args:
+        lines: of all stripes on all plates.
+        points: (n, 3) places of each line in base_footprint.
+        nominal: the mirror as drawn, in base_footprint.
+    """
+    angle_of = {line.index: line.mirror_angle for line in lines}
+    indices = tuple(sorted(angle_of))
+    angles = np.array([angle_of[index] for index in indices])
+    stripe = np.concatenate([np.full(len(p), indices.index(line.index)) for line, p in zip(lines, points, strict=True)])
+    share = np.concatenate([np.full(len(p), 1 / np.sqrt(len(p) / 10)) for p in points])
+    homogeneous = np.column_stack((np.concatenate(points), np.ones(len(stripe))))
+    prior = np.array(list(PARAMETERS.values()))
+    n, s = len(prior), len(indices)
+
+    def distance(x: Float) -> Float:
+        planes = perturbed_mirror(nominal, x[:n]).planes(angles + x[n:])
+        return np.asarray((homogeneous * planes[stripe]).sum(axis=1))
+
+    x = np.zeros(n + s)
+    nudge = np.concatenate((1e-4 * prior, np.full(s, 1e-7)))
+    normal = np.eye(n + s)
+    for _ in range(ITERATIONS):
+        residual = distance(x)
+        jacobian = np.zeros((len(residual), n + s))
+        for i in range(n):
+            moved = x.copy()
+            moved[i] += nudge[i]
+            jacobian[:, i] = (distance(moved) - residual) / nudge[i]
+        # Each angle error moves its own stripe only: all their columns come from one evaluation.
+        moved = x.copy()
+        moved[n:] += nudge[n:]
+        jacobian[np.arange(len(residual)), n + stripe] = (distance(moved) - residual) / nudge[-1]
+        scaled = residual / PLACE_SIGMA_M
+        weight = share / PLACE_SIGMA_M * (1 + (scaled / ROBUST_SIGMAS) ** 2) ** -0.25
+        rows = jacobian * weight[:, None]
+        precision = np.concatenate((1 / prior**2, np.full(s, 1 / STEP_ERROR_SIGMA**2)))
+        normal = rows.T @ rows + np.diag(precision)
+        step = np.linalg.solve(normal, -rows.T @ (residual * weight) - precision * x)
+        x = x + step
+        if float(np.abs(step * np.sqrt(np.diag(normal))).max()) < 1e-3:
+            break
+    mirror = perturbed_mirror(nominal, x[:n])
+    planes = mirror.planes(angles + x[n:])
+    means, levers = [], []
+    for line, place in zip(lines, points, strict=True):
+        plane = planes[indices.index(line.index)]
+        means.append(float(np.average(place @ plane[:3] + plane[3], weights=line.weights)))
+        levers.append(float(np.linalg.norm(np.cross(place - mirror.point, mirror.axis), axis=1).mean()))
+    return Sweep(
+        mirror=mirror,
+        parameters=x[:n].copy(),
+        covariance=np.asarray(np.linalg.inv(normal)[:n, :n], dtype=np.float64),
+        indices=indices,
+        mirror_angles=angles,
+        step_errors=x[n:].copy(),
+        residual=np.array(means),
+        lever=np.array(levers),
+    )
