@@ -1,0 +1,239 @@
+"""The simulated walk: the robot goes from stance pause to stance pause on footholds that a planner chooses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.simulation.gait import WaveGait
+from guara_perception.simulation.stand import stand_on
+from guara_perception.simulation.world import World
+from guara_perception.terrain.known_ground import KnownGround
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel, Stance
+
+Float = npt.NDArray[np.float64]
+Choice = tuple[float, float] | None
+
+# Declared around the feet of the first stance: back where a foot may slip to, ahead to where the scanned area begins.
+KNOWN_GROUND_MARGIN_M = 0.17
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WalkNoise:
+    """What is not as it should be; standard deviations.
+
+    Attributes:
+        joint: of a reported joint position [rad].
+        contact: of the height at which a sole comes to rest [m].
+        slip: of a sole's place, per axis, when it is set down [m].
+        imu: of the reported direction of gravity, per axis [rad]; None = no IMU, gravity is not reported.
+    """
+
+    joint: float = 0.0035
+    contact: float = 0.0005
+    slip: float = 0.001
+    imu: float | None = 0.00175
+
+    def __post_init__(self) -> None:
+        """Refuse what no noise can be."""
+        for name in ("joint", "contact", "slip", "imu"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value >= 0):
+                raise InvalidInput(f"walk noise: {name} is {value}, it must be finite and 0 or more")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footstep:
+    """A foot that was set down.
+
+    Attributes:
+        leg: which.
+        target_in_footprint: (2,) as chosen, in base_footprint of the pause before [m].
+        sole_in_world: (3,) where it came to rest [m].
+    """
+
+    leg: str
+    target_in_footprint: tuple[float, float]
+    sole_in_world: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WalkPause:
+    """One stance pause: what the gait controller reports, and the truth behind it.
+
+    Attributes:
+        step: number of the pause.
+        time: since the start, pauses not counted [s].
+        stance: reported: joint positions with noise, support feet, gravity with noise or None.
+        known_ground: what the gait declares, in base_footprint; at the first pause only.
+        next_leg: the leg that swings after this pause.
+        nominal: where its foot should land, x and y in base_footprint of this pause [m].
+        last_footstep: the foot set down before this pause, None at the first.
+        joint_positions: the truth, by joint [rad].
+        transform_base_to_world: the truth, (4, 4).
+        transform_footprint_to_world: the truth, (4, 4).
+        soles_in_world: the truth, (3,) by leg [m].
+    """
+
+    step: int
+    time: float
+    stance: Stance
+    known_ground: tuple[KnownGround, ...]
+    next_leg: str
+    nominal: tuple[float, float]
+    last_footstep: Footstep | None
+    joint_positions: Mapping[str, float]
+    transform_base_to_world: Float
+    transform_footprint_to_world: Float
+    soles_in_world: Mapping[str, Float]
+
+    def to_world(self, x: float, y: float) -> tuple[float, float]:
+        """X and y in the world of a point on the ground in base_footprint of this pause."""
+        point = self.transform_footprint_to_world @ (x, y, 0.0, 1.0)
+        return float(point[0]), float(point[1])
+
+
+class WalkEnded(InvalidInput):
+    """The walk cannot go on; the message says why."""
+
+
+def simulate_walk(
+    world: World,
+    robot: RobotModel,
+    choose: Callable[[WalkPause], Choice] | None = None,
+    *,
+    cycles: float = 10,
+    seed: int = 0,
+    noise: WalkNoise | None = None,
+    gait: WaveGait | None = None,
+) -> Iterator[WalkPause]:
+    """Walk along the world's x axis from the origin, kinematically.
+
+    Between two pauses the body moves forward with four feet down, then one foot swings. The caller gets a pause, scans;
+    when it asks for the next one, `choose` is called with this pause for the foothold of `next_leg`.
+
+    Args:
+        world: the terrain; level around the origin, since the gait declares it so.
+        robot: the robot.
+        choose: gives x and y of the foothold in base_footprint of the pause, or None when there is no safe one;
+            None = every foot goes where the gait would put it.
+        cycles: how far, in cycles of all legs.
+        seed: of the noise.
+        noise: None = ordinary.
+        gait: None = the robot's wave gait.
+
+    Yields:
+        The pauses, one before the first swing and one after each.
+
+    Raises:
+        WalkEnded: the planner found no foothold.
+        OutOfReach: a foothold that the legs cannot hold.
+    """
+    gait = gait or WaveGait.of(robot)
+    noise = noise or WalkNoise()
+    rng = np.random.default_rng(seed)
+    length, width = robot.sole
+
+    def set_down(x: float, y: float) -> Float:
+        x, y = x + noise.slip * rng.standard_normal(), y + noise.slip * rng.standard_normal()
+        return np.array([x, y, world.sole_height(x, y, length, width) + noise.contact * rng.standard_normal()])
+
+    soles = {leg: set_down(*place) for leg, place in gait.first_stance().items()}
+    footstep: Footstep | None = None
+    for step in range(round(cycles * len(gait.lift_order)) + 1):
+        position = (step * gait.advance, 0.0)
+        transform, joints = stand_on(robot, soles, position, gait.hip_height)
+        pause = _pause(robot, gait, step, footstep, transform, joints, soles, noise, rng)
+        yield pause
+        x, y = chosen_foothold(pause, choose)
+        leg = pause.next_leg
+        soles = {**soles, leg: set_down(*pause.to_world(x, y))}
+        sole = soles[leg]
+        footstep = Footstep(leg, (x, y), (float(sole[0]), float(sole[1]), float(sole[2])))
+
+
+def chosen_foothold(pause: WalkPause, choose: Callable[[WalkPause], Choice] | None) -> tuple[float, float]:
+    """The planner's answer for a pause, x and y in base_footprint.
+
+    Raises:
+        WalkEnded: it found none.
+    """
+    choice = pause.nominal if choose is None else choose(pause)
+    if choice is None:
+        place = f"x {pause.nominal[0]:.3f}, y {pause.nominal[1]:.3f}"
+        raise WalkEnded(
+            f"step {pause.step}: the planner found no safe foothold for leg {pause.next_leg!r} near {place}"
+        )
+    return float(choice[0]), float(choice[1])
+
+
+def true_footprint(
+    robot: RobotModel, joints: Mapping[str, float], feet: tuple[str, ...], transform_base_to_world: Float
+) -> Float:
+    """transform_footprint_to_world (4, 4), from the truth."""
+    from kinematics import Stance
+
+    down = -transform_base_to_world[2, :3]
+    pose = robot.stance_pose(Stance(joints, feet, (down[0], down[1], down[2])), find_unloaded=False)
+    return np.asarray(transform_base_to_world @ pose.transform_footprint_to_base)
+
+
+def reported_stance(
+    joints: Mapping[str, float],
+    feet: tuple[str, ...],
+    transform_base_to_world: Float,
+    noise: WalkNoise,
+    rng: np.random.Generator,
+) -> Stance:
+    """What encoders and IMU say of a stance."""
+    from kinematics import Stance
+
+    reported = {name: value + noise.joint * rng.standard_normal() for name, value in joints.items()}
+    gravity = None
+    if noise.imu is not None:
+        down = -transform_base_to_world[2, :3] + noise.imu * rng.standard_normal(3)
+        down /= np.linalg.norm(down)
+        gravity = (float(down[0]), float(down[1]), float(down[2]))
+    return Stance(reported, feet, gravity)
+
+
+def _pause(
+    robot: RobotModel,
+    gait: WaveGait,
+    step: int,
+    footstep: Footstep | None,
+    transform: Float,
+    joints: dict[str, float],
+    soles: Mapping[str, Float],
+    noise: WalkNoise,
+    rng: np.random.Generator,
+) -> WalkPause:
+    feet = tuple(robot.legs)
+    footprint = true_footprint(robot, joints, feet, transform)
+    leg = gait.leg_of_swing(step)
+    landing = gait.landing(leg)
+    # Where the foot lands once the body has advanced along x of the world, seen from this pause.
+    target = np.linalg.inv(footprint) @ ((step + 1) * gait.advance + landing[0], landing[1], 0.0, 1.0)
+    ground: tuple[KnownGround, ...] = ()
+    if step == 0:
+        ground = (KnownGround(gait.support_polygon(KNOWN_GROUND_MARGIN_M), height=0.0, sigma=0.001),)
+    return WalkPause(
+        step=step,
+        time=step * gait.swing_time,
+        stance=reported_stance(joints, feet, transform, noise, rng),
+        known_ground=ground,
+        next_leg=leg,
+        nominal=(float(target[0]), float(target[1])),
+        last_footstep=footstep,
+        joint_positions=joints,
+        transform_base_to_world=transform,
+        transform_footprint_to_world=footprint,
+        soles_in_world=soles,
+    )
