@@ -118,8 +118,8 @@ def _share(part: npt.NDArray[np.bool_], whole: npt.NDArray[np.bool_]) -> float:
 
 
 HEADER = (
-    "scan                  method   mean   p95 worst |  near   far |  bias  near   far | known%  "
-    "unseen% wrong  dark% unsafe |  time"
+    f"{'scan':<21} {'method':<7} {'mean':>6} {'p95':>5} {'worst':>5} | {'near':>5} {'far':>5} | "
+    f"{'bias':>6} {'near':>6} {'far':>6} | {'known%':>6} {'unseen%':>8} {'wrong':>5} {'dark%':>6} {'unsafe':>6} | time"
 )
 
 
@@ -128,7 +128,7 @@ def row(name: str, method: str, f: Figures, seconds: float) -> str:
     return (
         f"{name:<21} {method:<7} {f.mean:6.3f} {f.p95:5.2f} {f.worst:5.2f} | {f.near:5.3f} {f.far:5.3f} | "
         f"{f.bias:+.3f} {f.bias_near:+.3f} {f.bias_far:+.3f} | {f.known:6.2f} {f.unseen_known:8.2f} "
-        f"{f.unseen_wrong:5d} {f.dark_known:6.2f} {f.unsafe:6d} | {seconds:4.1f}s"
+        f"{f.unseen_wrong:5d} {f.dark_known:6.2f} {f.unsafe:6d} | {seconds:.1f} s"
     )
 
 

@@ -23,6 +23,12 @@ def data() -> Path:
 
 
 @pytest.fixture(scope="session")
+def root() -> Path:
+    """The checkout."""
+    return DATA.parent.parent
+
+
+@pytest.fixture(scope="session")
 def robot() -> RobotModel:
     """The Guará, immutable."""
     return load_robot("guara")
