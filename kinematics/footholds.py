@@ -2,8 +2,8 @@
 
 A foothold is four numbers: x, y, z of the sole's centre and the sole's pitch, which does not change while the foot
 stands. Each foot stands for several pauses, so its foothold is known better than from one reading. At a pause the
-footprint (heading a, place t) is the one that lays the readings p_i onto the footholds x_i of the feet that stayed. With R
-the turn by a:
+footprint (heading a, place t) is the one that lays the readings p_i onto the footholds x_i of the feet that stayed.
+With R the turn by a:
 
     e_i = x_i - (R p_i + t),   V = P_ss + R C R'          P: covariance of the footholds, C: of the readings
     S = (H' V^-1 H)^-1                                    covariance of the footprint; H: d(R p + t) / d(t, a)
@@ -25,8 +25,8 @@ from kinematics.tree import Array, read_only
 _HUBER_LIMIT = 1.5
 """Sigmas beyond which a foot's pull stops growing: costs 5 % of precision where nothing slips."""
 
-_MISFIT_LIMIT = 3.0
-"""Chi-square per degree of freedom above which noise was not the cause: below 1 % by chance."""
+_MISFIT_SPREAD = 4.6
+"""Chi-square per degree of freedom above 1 + this / sqrt(freedom) happens by chance once in 100."""
 
 _ROCKED_SIGMAS = 3.0
 """A sole whose pitch changed by more standard deviations rocked."""
@@ -95,8 +95,7 @@ class Footholds:
             shift, angle = shift + np.append(step[:3], 0.0), angle + float(step[3])
             weights = _pull(errors, prior + noise)
         left_over = inverse - inverse @ by_pose @ pose_covariance @ by_pose.T @ inverse
-        misfit = float(errors @ left_over @ errors) / (len(errors) - 4)
-        misfit = misfit if misfit > _MISFIT_LIMIT else 1.0
+        misfit = _misfit(errors, prior + _blocks(rotation @ covariances[now] @ rotation.T))
         transform = np.eye(4)
         transform[:3, :3], transform[:3, 3] = _turn(angle)[:3, :3], shift[:3]
         fit = Fit(
@@ -189,6 +188,13 @@ def _pull(errors: Array, covariance: Array) -> Array:
         for i, error in enumerate(errors.reshape(-1, 4))
     ]
     return np.asarray(np.minimum(1.0, _HUBER_LIMIT / np.maximum(distances, _HUBER_LIMIT)))
+
+
+def _misfit(errors: Array, covariance: Array) -> float:
+    """Chi-square per degree of freedom of what a fit leaves over, or 1 where noise explains it."""
+    freedom = len(errors) - 4
+    misfit = float(errors @ np.linalg.solve(covariance, errors)) / freedom
+    return misfit if misfit > 1.0 + _MISFIT_SPREAD / np.sqrt(freedom) else 1.0
 
 
 def _closed_form(soles: Array, places: Array) -> tuple[float, Array]:

@@ -1,8 +1,8 @@
 """What the joints say of the standing soles at one pause: where each centre is, and how far each sole is pitched.
 
 The pitch is read because a flat sole that carries the body keeps it: what it seems to change between two pauses is
-noise of the leg's joints, and the same noise displaces the sole. Their covariance tells by how much. A round foot (a leg of
-fewer than four joints cannot hold a flat one level) says nothing by its pitch.
+noise of the leg's joints, and the same noise displaces the sole. Their covariance tells by how much. A round foot (a
+leg of fewer than four joints cannot hold a flat one level) says nothing by its pitch.
 """
 
 from collections.abc import Sequence
