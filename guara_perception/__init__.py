@@ -30,10 +30,15 @@ if TYPE_CHECKING:
     from guara_perception.stripes.extract import extract_stripe
     from guara_perception.stripes.profile import StripeProfile, StripeStatus
     from guara_perception.terrain.assess_terrain import assess_terrain
+    from guara_perception.terrain.best_foothold import Foothold
     from guara_perception.terrain.file import load_terrain
+    from guara_perception.terrain.foothold import FootholdVerdict, FootholdVerdicts
     from guara_perception.terrain.grid import TerrainGrid
     from guara_perception.terrain.hazard import Hazard
     from guara_perception.terrain.known_ground import KnownGround
+    from guara_perception.terrain.obstacles import Obstacle
+    from guara_perception.terrain.path import PathVerdict
+    from guara_perception.terrain.reason import Reason
     from guara_perception.terrain.terrain_map import TerrainMap
     from transport.exceptions import (
         ScanBusy,
@@ -50,11 +55,17 @@ _HOME = {
     "CalibrationRefused": "exceptions",
     "CameraModel": "calibration.camera",
     "FileFormatError": "exceptions",
+    "Foothold": "terrain.best_foothold",
+    "FootholdVerdict": "terrain.foothold",
+    "FootholdVerdicts": "terrain.foothold",
     "Hazard": "terrain.hazard",
     "InvalidInput": "exceptions",
     "KnownGround": "terrain.known_ground",
     "MissingFile": "exceptions",
+    "Obstacle": "terrain.obstacles",
+    "PathVerdict": "terrain.path",
     "PerceptionError": "exceptions",
+    "Reason": "terrain.reason",
     "Scan": "scan",
     "ScanProcessor": "scan_processor",
     "ScanStripe": "scan",

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,13 @@ from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.hazard import Hazard
 from guara_perception.terrain.invariant import check_invariant, occupancy_values
 from guara_perception.terrain.layers import LAYER_NAMES, LAYERS
+
+if TYPE_CHECKING:
+    from guara_perception.terrain.best_foothold import Foothold
+    from guara_perception.terrain.foothold import FootholdVerdict, FootholdVerdicts
+    from guara_perception.terrain.obstacles import Obstacle
+    from guara_perception.terrain.path import PathVerdict
+    from kinematics import RobotModel
 
 EXTENTS = ("footprint", "map")
 
@@ -118,6 +125,132 @@ class TerrainGrid:
         score = self._look_up("traversability", x, y, np.float32(0), float)
         return score > 0
 
+    def normal_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Unit normals (..., 3) of the plane fitted around the cell under each point; NaN where no slope is known."""
+        from guara_perception.terrain.normal import normals_at
+
+        px, py = self._points(x, y)
+        return normals_at(self, px.ravel(), py.ravel()).reshape(*px.shape, 3)
+
+    @overload
+    def check_foothold(  # type: ignore[overload-overlap]
+        self, x: float, y: float, leg: str | None = None, robot: RobotModel | None = None
+    ) -> FootholdVerdict: ...
+
+    @overload
+    def check_foothold(
+        self, x: npt.ArrayLike, y: npt.ArrayLike, leg: str | None = None, robot: RobotModel | None = None
+    ) -> FootholdVerdicts: ...
+
+    def check_foothold(
+        self, x: npt.ArrayLike, y: npt.ArrayLike, leg: str | None = None, robot: RobotModel | None = None
+    ) -> FootholdVerdict | FootholdVerdicts:
+        """Whether a sole, aligned with x, may be set down centred on each point, and if not, why.
+
+        Args:
+            x, y: places in base_footprint [m].
+            leg: also ask whether this leg reaches the place with the body where it stood at the scan.
+            robot: model for `leg`; None = the one of the grid's robot name.
+
+        Returns:
+            For numbers a FootholdVerdict; for arrays FootholdVerdicts with `ok` and `score` as arrays and each
+            place's verdict by index.
+
+        Raises:
+            InvalidInput: x and y do not fit together, or the grid's metadata lacks limits, or stance where a leg is
+                given.
+            kinematics.KinematicsError: no such leg or robot.
+        """
+        from guara_perception.terrain.foothold import check_foothold
+
+        return check_foothold(self, x, y, leg, robot)
+
+    def best_foothold(
+        self,
+        x: float,
+        y: float,
+        radius: float,
+        leg: str | None = None,
+        previous: Foothold | tuple[float, float] | None = None,
+        robot: RobotModel | None = None,
+    ) -> Foothold | None:
+        """The best place for a sole near a wish; None where there is none.
+
+        Every candidate passes `check_foothold`. The value is score times nearness to the wish times clearance; ties go
+        to the nearer place, then the smaller x, then the smaller y.
+
+        Args:
+            x, y: the wish in base_footprint [m].
+            radius: of the search [m].
+            leg, robot: as in `check_foothold`.
+            previous: the last choice, in base_footprint of this grid: kept while it is allowed, within the radius,
+                and no other place is worth a third more.
+
+        Raises:
+            InvalidInput: a value that is not finite, a radius above 1 m; as `check_foothold`.
+        """
+        from guara_perception.terrain.best_foothold import best_foothold
+
+        return best_foothold(self, x, y, radius, leg, previous, robot)
+
+    def check_path(self, points: npt.ArrayLike, clearance: float) -> PathVerdict:
+        """Whether a foot may swing, or a part of the body pass, along a path over this terrain.
+
+        Every cell within `clearance` of the path, seen from above, must be known, and its height to be relied on (not
+        CONFLICT, not STALE). Points with z: the path must stay `clearance` away from the ground (highest samples plus
+        confidence), but for its ends: within `clearance` of its first and last point it may touch the ground. Points
+        without z: a track on the ground, where no cell may be hazardous.
+
+        Args:
+            points: (n, 3) or (n, 2) corners of the path in base_footprint [m].
+            clearance: [m].
+
+        Raises:
+            InvalidInput: points that are none, or reach further than 20 m; a clearance outside 0 ... 1 m.
+        """
+        from guara_perception.terrain.path import check_path
+
+        return check_path(self, points, clearance)
+
+    def check_polygon(self, corners: npt.ArrayLike) -> PathVerdict:
+        """Whether every cell that a polygon (n, 2) [m] touches is known and free of hazards (EDGE does not count).
+
+        Raises:
+            InvalidInput: fewer than three corners, values that are not finite, or an area beyond 20 m.
+        """
+        from guara_perception.terrain.path import check_polygon
+
+        return check_polygon(self, corners)
+
+    def explain(self, x: float, y: float) -> str:
+        """What is known of a place and why a foot may or may not go there, in one sentence."""
+        from guara_perception.terrain.explain import explain
+
+        return explain(self, x, y)
+
+    def coarser(self, factor: int) -> TerrainGrid:
+        """The same terrain in cells `factor` times as long, the worst of the fine cells counting.
+
+        One unknown fine cell makes a coarse one unknown; flags are joined, slope, step, roughness, variance and age
+        are the largest, score, clearance and looks the smallest.
+
+        Raises:
+            InvalidInput: a factor that does not divide the grid; the message lists those that do.
+        """
+        from guara_perception.terrain.coarser import coarser
+
+        return coarser(self, factor)
+
+    def obstacles(self) -> list[Obstacle]:
+        """Each connected thing that stands 6 mm or more above the floor, or lies as far below, sorted by x, then y.
+
+        The floor is the plane that most of the known heights agree with; what is unknown is no obstacle, but is never
+        traversable either.
+        """
+        from guara_perception.terrain.obstacles import obstacles
+
+        return obstacles(self)
+
     def to_occupancy(self, unknown: int = 100) -> npt.NDArray[np.int8]:
         """Occupancy (ny, nx) int8 as nav_msgs/OccupancyGrid counts it; its data are `.ravel()` of this.
 
@@ -141,11 +274,15 @@ class TerrainGrid:
 
         save_terrain(self, path)
 
-    def _look_up(self, layer: str, x: npt.ArrayLike, y: npt.ArrayLike, outside: Any, scalar: Any) -> Any:
+    def _points(self, x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         try:
             px, py = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
         except (ValueError, TypeError):
             raise InvalidInput("x and y must be numbers or arrays of one shape [m]") from None
+        return px, py
+
+    def _look_up(self, layer: str, x: npt.ArrayLike, y: npt.ArrayLike, outside: Any, scalar: Any) -> Any:
+        px, py = self._points(x, y)
         iy, ix = self.geometry.indices(px, py)
         inside = self.geometry.contains(iy, ix)
         values = np.full(px.shape, outside)
