@@ -1,0 +1,190 @@
+"""The wheel carries what the packages need, and the lock installs on every Python that the project allows."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+from packaging.utils import canonicalize_name
+from packaging.version import Version
+
+PACKAGES = ["guara_perception", "kinematics", "transport", "drivers"]
+LOCKS = ["requirements.lock", "requirements-extras.lock"]
+
+
+@pytest.fixture(scope="module")
+def project(root: Path) -> dict:
+    """pyproject.toml."""
+    return tomllib.loads((root / "pyproject.toml").read_text())
+
+
+@pytest.fixture(scope="module")
+def wheel(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, built from the checkout without any network."""
+    folder = tmp_path_factory.mktemp("wheel")
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    subprocess.run(command, cwd=root, check=True, capture_output=True)
+    (built,) = folder.glob("*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
+def unpacked(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel's content as an installer lays it out, outside of the checkout."""
+    folder = tmp_path_factory.mktemp("site")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder)
+    return folder
+
+
+def from_wheel(unpacked: Path, folder: Path, *words: str) -> str:
+    """Output of Python started in `folder` with the unpacked wheel before the checkout."""
+    environment = {**os.environ, "PYTHONPATH": str(unpacked)}
+    return subprocess.run(
+        [sys.executable, *words], cwd=folder, env=environment, check=True, capture_output=True, text=True
+    ).stdout
+
+
+def tracked(root: Path, folder: str) -> set[str]:
+    """Files below a folder of the checkout, without what Python makes."""
+    files = (path.relative_to(root) for path in (root / folder).rglob("*") if path.is_file())
+    return {str(path) for path in files if "__pycache__" not in path.parts and path.suffix != ".pyc"}
+
+
+def test_wheel_carries_every_file_of_the_packages(root: Path, wheel: Path):
+    """Modules, types, message definitions, the robot: all that stands in the packages is in the wheel."""
+    names = set(zipfile.ZipFile(wheel).namelist())
+    for folder in (*PACKAGES, "robots"):
+        assert tracked(root, folder) <= names
+    for package in PACKAGES:
+        assert f"{package}/py.typed" in names
+    for name in ("robots/guara/robot.toml", "robots/guara/urdf/guara.urdf", "robots/guara/srdf/guara.srdf"):
+        assert name in names
+    assert "transport/msg/Terrain.msg" in names
+
+
+def test_wheel_carries_nothing_else(wheel: Path):
+    """No tests, data, benchmarks or caches travel along."""
+    tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
+    assert {top for top in tops if not top.endswith(".dist-info")} == {*PACKAGES, "robots"}
+    assert not [name for name in zipfile.ZipFile(wheel).namelist() if "__pycache__" in name]
+
+
+def test_robot_loads_from_the_wheel(unpacked: Path, tmp_path: Path):
+    """In a fresh process outside of the checkout `load_robot("guara")` finds the folder of the wheel."""
+    code = (
+        "import json, kinematics; r = kinematics.load_robot('guara'); "
+        "print(json.dumps([kinematics.__file__, str(r.folder), r.name, len(r.joint_names)]))"
+    )
+    module, folder, name, joints = json.loads(from_wheel(unpacked, tmp_path, "-c", code))
+    assert Path(module).is_relative_to(unpacked) and Path(folder) == unpacked / "robots" / "guara"
+    assert (name, joints) == ("guara", 16)
+
+
+def test_messages_encode_from_the_wheel(unpacked: Path, tmp_path: Path):
+    """The message definitions are found where the wheel puts them."""
+    code = "import transport.typestore as t; print(t.__file__); print(t.message_class(t.TERRAIN).__msgtype__)"
+    module, name = from_wheel(unpacked, tmp_path, "-c", code).split()
+    assert Path(module).is_relative_to(unpacked) and name == "guara_msgs/msg/Terrain"
+
+
+def test_command_works_from_the_wheel(unpacked: Path, tmp_path: Path, data: Path, calibration_file: Path):
+    """A recorded scan is processed by the wheel alone, in any folder."""
+    scan = str(data / "scans" / "paper")
+    words = ["-m", "guara_perception.app.main", "process", scan, "-c", str(calibration_file), "-o", "out.npz"]
+    assert from_wheel(unpacked, tmp_path, *words).startswith("out.npz: step 0, coarse, 90x108 cells")
+    assert (tmp_path / "out.npz").is_file()
+
+
+def test_wheel_says_what_it_is(unpacked: Path, project: dict):
+    """Name, version, Python, licence and the console command stand in its metadata."""
+    (info,) = unpacked.glob("*.dist-info")
+    metadata = (info / "METADATA").read_text()
+    assert f"Version: {project['project']['version']}" in metadata
+    assert "License-Expression: BSD-3-Clause" in metadata and (info / "licenses" / "LICENSE").is_file()
+    allowed = re.search(r"^Requires-Python: (.*)$", metadata, re.MULTILINE).group(1)
+    assert SpecifierSet(allowed) == SpecifierSet(project["project"]["requires-python"])
+    assert "guara = guara_perception.app.main:main" in (info / "entry_points.txt").read_text()
+
+
+def pythons(project: dict) -> list[str]:
+    """Minor versions that `requires-python` allows."""
+    allowed = SpecifierSet(project["project"]["requires-python"])
+    return [f"3.{minor}" for minor in range(30) if f"3.{minor}.5" in allowed]
+
+
+def test_classifiers_and_the_makefile_name_the_same_pythons(root: Path, project: dict):
+    """requires-python, the classifiers and the check in the Makefile agree."""
+    listed = re.findall(r"Python :: (3\.\d+)", " ".join(project["project"]["classifiers"]))
+    assert listed == pythons(project)
+    low, high = re.search(r"\((3, \d+)\) <= .* < \((3, \d+)\)", (root / "Makefile").read_text()).groups()
+    bounds = SpecifierSet(f">={low.replace(', ', '.')},<{high.replace(', ', '.')}")
+    assert bounds == SpecifierSet(project["project"]["requires-python"])
+
+
+def locked(path: Path) -> list[tuple[Requirement, int]]:
+    """Requirements of a lock file, each with the number of its hashes."""
+    entries = re.split(r"\n(?=\S)", re.sub(r"^\s*#.*\n", "", path.read_text(), flags=re.MULTILINE).strip())
+    return [(Requirement(entry.split("\\")[0].strip()), entry.count("--hash=sha256:")) for entry in entries]
+
+
+def wanted(project: dict, lock: str) -> list[Requirement]:
+    """What a lock must hold."""
+    extras = project["project"]["optional-dependencies"]
+    names = ["dev"] if lock == "requirements.lock" else list(extras)
+    listed = [*project["project"]["dependencies"], *project["build-system"]["requires"]]
+    return [Requirement(text) for text in (*listed, *(text for name in names for text in extras[name]))]
+
+
+@pytest.mark.parametrize("lock", LOCKS)
+def test_lock_covers_every_dependency_on_every_python(root: Path, project: dict, lock: str):
+    """On each allowed Python exactly one locked version applies to each dependency, within its bounds."""
+    entries = [requirement for requirement, _ in locked(root / lock)]
+    for python in pythons(project):
+        environment = {
+            "python_version": python,
+            "python_full_version": f"{python}.5",
+            "sys_platform": "linux",
+            "platform_python_implementation": "CPython",
+            "implementation_name": "cpython",
+        }
+        versions: dict[str, list[str]] = {}
+        for entry in entries:
+            if entry.marker is None or entry.marker.evaluate(environment):
+                (pin,) = entry.specifier
+                assert pin.operator == "=="
+                versions.setdefault(canonicalize_name(entry.name), []).append(pin.version)
+        assert all(len(found) == 1 for found in versions.values()), python
+        for requirement in wanted(project, lock):
+            (version,) = versions[canonicalize_name(requirement.name)]
+            assert Version(version) in requirement.specifier, f"{requirement} on {python}: {version}"
+
+
+@pytest.mark.parametrize("lock", LOCKS)
+def test_lock_pins_content_and_names_no_place(root: Path, lock: str):
+    """Every entry has hashes; where packages come from is the machine's own business."""
+    assert all(hashes > 0 for _, hashes in locked(root / lock))
+    text = (root / lock).read_text()
+    for word in ("http", "://", "--index", "--extra-index", "--find-links", "--trusted", " @ ", "file:"):
+        assert word not in text
+
+
+def test_both_locks_agree(root: Path):
+    """What both hold, they hold in the same version: `make install-extras` changes nothing that `make install` did."""
+    small, large = ({str(r) for r, _ in locked(root / lock)} for lock in LOCKS)
+    assert small <= large
+
+
+def test_every_dependency_has_bounds(project: dict):
+    """Lower and upper bound, so that a later major version does not break an installation."""
+    extras = project["project"]["optional-dependencies"].values()
+    for text in (*project["project"]["dependencies"], *(text for extra in extras for text in extra)):
+        operators = {specifier.operator for specifier in Requirement(text).specifier}
+        assert operators == {">=", "<"}, text
