@@ -133,7 +133,7 @@ class TerrainGrid:
         return normals_at(self, px.ravel(), py.ravel()).reshape(*px.shape, 3)
 
     @overload
-    def check_foothold(  # type: ignore[overload-overlap]
+    def check_foothold(
         self, x: float, y: float, leg: str | None = None, robot: RobotModel | None = None
     ) -> FootholdVerdict: ...
 
