@@ -25,6 +25,9 @@ from kinematics.urdf import Joint
 _GEOMETRY_TOLERANCE = 1e-9
 """Of lengths [m] and axes [-] when a leg is recognised: the closed form must agree with the URDF to rounding."""
 
+_ROUNDING = 1e-12
+"""By so much the cosine of a straight knee may exceed 1."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegGeometry:
@@ -75,7 +78,9 @@ class LegGeometry:
         one, two = np.linalg.norm(self.thigh), np.linalg.norm(self.shank)
         cosine = (np.einsum("ni,ni->n", ankle, ankle) - one**2 - two**2) / (2.0 * one * two)
         with np.errstate(invalid="ignore"):
-            bend = self.knee_sign * np.arccos(np.where(np.abs(cosine) <= 1.0, cosine, np.nan))
+            bend = self.knee_sign * np.arccos(
+                np.where(np.abs(cosine) <= 1.0 + _ROUNDING, np.clip(cosine, -1.0, 1.0), np.nan)
+            )
         thigh = _angle(ankle) - np.arctan2(two * np.sin(bend), one + two * np.cos(bend))
         hip_pitch = thigh - _angle(self.thigh)
         knee = bend + _angle(self.thigh) - _angle(self.shank)
