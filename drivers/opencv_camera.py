@@ -6,6 +6,7 @@ camera, like the one of the original robot, needs another way in; see docs/drive
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from pathlib import Path
@@ -23,6 +24,8 @@ from drivers.errors import (
 from drivers.frame import Frame, read_only
 from drivers.opencv_settings import lock_settings
 
+_log = logging.getLogger(__name__)
+_LONGEST_READ = 15.0  # s; V4L2 gives a read up after 10 s
 _BACKENDS = {"any": "CAP_ANY", "v4l2": "CAP_V4L2", "gstreamer": "CAP_GSTREAMER", "ffmpeg": "CAP_FFMPEG"}
 _BACKENDS |= {"images": "CAP_IMAGES", "firewire": "CAP_FIREWIRE"}
 _FIREWIRE_HELP = (
@@ -113,7 +116,11 @@ class OpenCvCamera(Camera):
         """Stop reading and give the source back."""
         self._stop.set()
         if self._reader is not None:
-            self._reader.join()
+            self._reader.join(_LONGEST_READ)
+            if self._reader.is_alive():
+                # Releasing a capture that another thread still reads crashes the process.
+                _log.error("%s does not return from a read; it is left to the end of the program", self.name)
+                self._capture = None
             self._reader = None
         if self._capture is not None:
             self._capture.release()
@@ -167,8 +174,13 @@ class OpenCvCamera(Camera):
         return frame
 
     def _read_forever(self) -> None:
+        capture = self._capture
         while not self._stop.is_set():
-            frame = self._read(self._capture)
+            try:
+                frame = self._read(capture)
+            except Exception:
+                _log.exception("%s: OpenCV failed to read", self.name)
+                frame = None
             with self._changed:
                 self._newest = frame
                 self._failed = frame is None

@@ -145,13 +145,18 @@ class _Seen:
         return float(np.median(self.rows[both] - before.rows[both]))
 
 
-def _difference(on: Image, reference: Image) -> tuple[npt.NDArray[np.float32], int]:
-    """Return on - reference on sampled rows and columns, channels summed, and the step between rows."""
+def _difference(on: Image, reference: Image) -> tuple[npt.NDArray[np.int32], int]:
+    """Return on - reference on sampled rows and columns, channels summed, and the step between rows.
+
+    The sum sees a laser of any colour, and keeps the sign, which the strongest channel would not.
+    """
     row_step = max(1, on.shape[0] // _ROWS)
     column_step = max(1, on.shape[1] // _COLUMNS)
-    a = on[::row_step, ::column_step].astype(np.float32)
-    a -= reference[::row_step, ::column_step]
-    if a.ndim == 3:
-        # The sum sees a laser of any colour, and keeps the sign, which the strongest channel would not.
-        return a.sum(axis=2), row_step
-    return a, row_step
+    places = (slice(None, None, row_step), slice(None, None, column_step))
+    if on.ndim == 2:
+        return np.subtract(on[places], reference[places], dtype=np.int32), row_step
+    # Channel by channel: four times quicker than summing over an axis of three.
+    total = np.subtract(on[..., 0][places], reference[..., 0][places], dtype=np.int32)
+    for channel in range(1, on.shape[2]):
+        total += np.subtract(on[..., channel][places], reference[..., channel][places], dtype=np.int32)
+    return total, row_step

@@ -56,6 +56,8 @@ def _problems(worker: ScanWorker, verdicts: tuple[tuple[int, StripeVerdict], ...
         problems.append("the first stripe is dark and the second is not: frames may lag behind the commands")
     if worker.switch.interruptions:
         problems.append(f"the board put the laser out {worker.switch.interruptions} times during the scan")
+    if worker.off_frames_lost:
+        problems.append(f"{worker.off_frames_lost} off frames did not come")
     if worker.grabber.dropped:
         problems.append(f"{worker.grabber.dropped} frames were dropped on their way from the camera")
     if worker.grabber.repeated:

@@ -41,6 +41,7 @@ class ScanWorker(threading.Thread):
         fired: indices for which the laser was on.
         failure: the error that ended the scan, or None.
         stopped_early: whether `should_stop` ended it.
+        off_frames_lost: off frames that did not come; their stripes are compared with the one before.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class ScanWorker(threading.Thread):
         self.fired: list[int] = []
         self.failure: Exception | None = None
         self.stopped_early = False
+        self.off_frames_lost = 0
         self.begun = time.monotonic()
 
     def cancel(self) -> None:
@@ -99,13 +101,13 @@ class ScanWorker(threading.Thread):
             dark = time.monotonic()
             here, reached = reached, self._move_on(place, reached)
             # The off frame does not care where the mirror is, so the mirror turns meanwhile.
-            off = self.grabber.after(dark)
+            off = self._off_frame(dark)
             self._hand_over(RawStripe(stripe, here, on, off))
 
     def _take_sweep(self) -> None:
         self.switch.off()
         reached = self._board.go_to_angle(self._pattern[0].mirror_angle, wait=False)
-        off = self._frame() if self._options.off is OffFrames.ONE else None
+        off = self._off_frame(time.monotonic()) if self._options.off is OffFrames.ONE else None
         for place, stripe in enumerate(self._pattern):
             status = self._board.wait_until_still()
             self._check()
@@ -121,6 +123,11 @@ class ScanWorker(threading.Thread):
         if place + 1 < len(self._pattern):
             return self._board.go_to_angle(self._pattern[place + 1].mirror_angle, wait=False)
         return reached
+
+    def _off_frame(self, dark_since: float) -> Frame | None:
+        frame = self.grabber.after(dark_since)
+        self.off_frames_lost += frame is None
+        return frame
 
     def _frame(self) -> Frame | None:
         frame = self.grabber.after(time.monotonic())

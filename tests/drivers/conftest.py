@@ -51,7 +51,7 @@ def scene() -> Scene:
 
 def patient_config(**changes: object) -> EmulatorConfig:
     """A board whose watchdog waits longer, so that a loaded machine does not trip it in tests of other things."""
-    config = EmulatorConfig()
+    config = EmulatorConfig(settle=0.001, mirror_speed=40.0)
     identity = dataclasses.replace(config.identity, watchdog=20.0)
     return dataclasses.replace(config, identity=identity, **changes)
 
@@ -74,7 +74,7 @@ def board(emulated: EmulatedBoard) -> Iterator[LaserBoard]:
 
 @pytest.fixture
 def camera(emulated: EmulatedBoard, scene: Scene) -> Iterator[EmulatedCamera]:
-    with EmulatedCamera(emulated, scene, fps=200.0, exposure=0.002, latency=0.0005) as device:
+    with EmulatedCamera(emulated, scene, fps=300.0, exposure=0.002, latency=0.0005) as device:
         yield device
 
 

@@ -193,6 +193,33 @@ def test_silent_camera_ends_the_scan(quick_board: LaserBoard, camera: EmulatedCa
     next_scan_is_whole(quick_board, camera, emulated)
 
 
+@pytest.mark.parametrize("off", [OffFrames.ONE, OffFrames.PER_STRIPE])
+def test_lost_off_frame_is_said(
+    quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, off: OffFrames
+) -> None:
+    """A stripe without its off frame is compared with the one before, comes without, and the report says so."""
+    quick_board.ensure_ready()
+    real, lost = camera.grab, []
+
+    def grab(timeout: float):
+        frame = real(timeout)
+        fired = stream._worker.fired
+        dark = not emulated.view().laser_on
+        if dark and len(fired) == (0 if off is OffFrames.ONE else 3):
+            lost.append(frame.counter)
+            raise CameraTimeout("nothing")
+        return frame
+
+    camera.grab = grab  # type: ignore[method-assign]
+    stream = acquire(quick_board, camera, PATTERN, AcquireOptions(off=off, frame_timeout=0.1))
+    with stream as stripes:
+        taken = list(stripes)
+    assert lost and any("1 off frames did not come" in problem for problem in stripes.report.problems)
+    without = [stripe.index for stripe in taken if stripe.off is None]
+    assert without == (list(range(12)) if off is OffFrames.ONE else [2])
+    assert all(stripe.verdict.in_step for stripe in taken)
+
+
 @pytest.mark.parametrize("off", list(OffFrames))
 def test_changed_size_is_not_handed_out(
     quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, off: OffFrames

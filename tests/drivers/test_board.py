@@ -1,6 +1,8 @@
 """Laser and mirror, through the real driver and the real pyusb on an emulated board."""
 
 import math
+import time
+from collections.abc import Iterator
 
 import pytest
 
@@ -85,11 +87,40 @@ def test_mirror_goes_to_the_step_nearest_to_the_angle(board: LaserBoard, emulate
         assert not emulated.view().moving
 
 
-def test_motion_without_waiting_is_waited_for_later(board: LaserBoard, emulated: EmulatedBoard) -> None:
+class Clock:
+    """The emulated board's time, which the test stops and lets run."""
+
+    def __init__(self) -> None:
+        self.running = True
+        self._now = self._seen = time.monotonic()
+
+    def __call__(self) -> float:
+        now = time.monotonic()
+        self._now += (now - self._seen) if self.running else 0.0
+        self._seen = now
+        return self._now
+
+    def step(self, seconds: float) -> None:
+        self._now += seconds
+
+
+@pytest.fixture
+def stopped() -> Iterator[tuple[LaserBoard, EmulatedBoard, Clock]]:
+    """A homed board whose time stands still."""
+    clock = Clock()
+    emulated = EmulatedBoard(clock=clock)
+    with LaserBoard(BoardConfig(motion_timeout=20.0), backend=emulated_backend(emulated)) as board:
+        board.home()
+        clock.running = False
+        yield board, emulated, clock
+
+
+def test_motion_without_waiting_is_waited_for_later(stopped: tuple[LaserBoard, EmulatedBoard, Clock]) -> None:
     """`wait=False` returns while the mirror moves, `wait_until_still` when it rests."""
-    board.home()
+    board, emulated, clock = stopped
     reached = board.go_to_angle(0.4, wait=False)
     assert emulated.view().moving
+    clock.running = True
     status = board.wait_until_still()
     assert not status.moving
     assert emulated.view().mirror_angle == pytest.approx(reached, abs=1e-9)
@@ -139,8 +170,9 @@ def test_missing_home_switch_is_said(board: LaserBoard, emulated: EmulatedBoard)
     assert not board.status().homed
 
 
-def test_commands_while_homing_are_refused(board: LaserBoard) -> None:
+def test_commands_while_homing_are_refused(stopped: tuple[LaserBoard, EmulatedBoard, Clock]) -> None:
     """A board on its way home says so instead of mixing two motions."""
+    board, _, _ = stopped
     board._command(Request.HOME)
     with pytest.raises(MirrorTimeout, match="still on its way home"):
         board._command(Request.HOME)
@@ -155,13 +187,16 @@ def test_jammed_mirror_times_out(emulated: EmulatedBoard) -> None:
             board.home()
 
 
-def test_halt_stops_the_mirror_on_its_way(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_halt_stops_the_mirror_on_its_way(stopped: tuple[LaserBoard, EmulatedBoard, Clock]) -> None:
     """After a halt the mirror rests short of where it was sent, and can be sent again."""
-    board.home()
+    board, emulated, clock = stopped
+    begin = emulated.view().mirror_angle
     goal = board.go_to_angle(0.4, wait=False)
+    clock.step(0.05)
     board.halt()
-    stopped = emulated.view().mirror_angle
-    assert stopped < goal - 0.01
+    clock.step(1.0)
+    assert emulated.view().mirror_angle == pytest.approx(begin + 0.05 * emulated.config.mirror_speed, abs=1e-6)
+    clock.running = True
     assert board.go_to_angle(0.4) == pytest.approx(goal)
     assert emulated.view().mirror_angle == pytest.approx(goal, abs=1e-9)
 

@@ -194,6 +194,33 @@ def test_live_camera_that_stops_is_said(live: LiveCapture) -> None:
             camera.grab(5.0)
 
 
+def test_a_read_that_raises_ends_the_camera(live: LiveCapture, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An exception inside OpenCV does not leave a thread dead and the caller waiting."""
+
+    def fail() -> tuple[bool, np.ndarray]:
+        raise cv2.error("corrupt frame")
+
+    monkeypatch.setattr(live, "retrieve", fail)
+    with OpenCvCamera(0) as camera:
+        live.gate.release()
+        with pytest.raises(CameraEnded, match="stopped delivering"):
+            camera.grab(5.0)
+
+
+def test_a_read_that_never_returns_does_not_keep_the_program(
+    live: LiveCapture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Closing gives up on a driver that hangs, and does not release what is still being read."""
+    monkeypatch.setattr("drivers.opencv_camera._LONGEST_READ", 0.05)
+    camera = OpenCvCamera(0)
+    camera.open()
+    camera.close()
+    assert not live.released
+    live.alive = False
+    with pytest.raises(CameraNotOpen):
+        camera.grab(0.1)
+
+
 def test_size_is_read_back(live: LiveCapture) -> None:
     """A camera that delivers another size than asked for is refused and closed."""
     with pytest.raises(CameraSettingRefused, match="asked for 640 x 480 pixels and delivers 64 x 48"):
