@@ -1,0 +1,159 @@
+"""Writes the report of a calibration: one HTML file that needs nothing beside it."""
+
+from __future__ import annotations
+
+from html import escape
+from pathlib import Path
+
+from guara_perception.app.calibration_report import camera_pictures, laser_pictures
+from guara_perception.app.calibration_report.drawing import data_url
+from guara_perception.app.calibration_report.summary import MOUNTS, limits_text, value_text
+from guara_perception.calibration.result import CalibrationResult
+from guara_perception.exceptions import InvalidInput
+from guara_perception.whole_file import whole_file
+
+REPORT_FILE = "report.html"
+SAYINGS = {
+    "good": "This calibration is good. Use it.",
+    "usable": "This calibration can be used, but something could be better. The reasons are below.",
+    "refused": "Do not use this calibration: heights measured with it cannot be trusted. The reasons are below.",
+}
+STYLE = """
+body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 60rem; margin: 2rem auto; padding: 0 1rem }
+h2 { margin-top: 2.2rem; border-bottom: 1px solid #ccc } img { max-width: 100%; display: block; margin: .6rem 0 }
+table { border-collapse: collapse; font-size: .92rem } td, th { padding: .25rem .6rem; text-align: left;
+vertical-align: top; border-bottom: 1px solid #ddd } td.number { white-space: nowrap; text-align: right }
+.verdict { padding: .8rem 1rem; border-radius: .4rem; color: white; font-size: 1.15rem }
+.good { background: #00805a } .usable { background: #b37400 } .refused { background: #b3330e }
+td span { color: white; border-radius: .3rem; padding: 0 .4rem } .note { color: #555 }
+"""
+
+
+def write_report(result: CalibrationResult, folder: str | Path) -> Path:
+    """Draw and write `report.html` into a folder, which is made when it is not there; return its path.
+
+    Raises:
+        InvalidInput: `folder` is a file.
+    """
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise InvalidInput(f"--report is {folder}, a file; it must be a folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / REPORT_FILE
+    with whole_file(path) as temporary:
+        temporary.write_text(report_page(result), encoding="utf-8")
+    return path
+
+
+def report_page(result: CalibrationResult) -> str:
+    """The whole page."""
+    parts = [
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Calibration report</title><style>{STYLE}</style>',
+        f"<h1>Calibration of {escape(result.session.robot)}</h1>",
+        f'<p class="verdict {result.verdict}"><b>{result.verdict}</b>: {SAYINGS[result.verdict]}</p>',
+        _reasons(result),
+        "<h2>The figures behind the verdict</h2>",
+        _figures(result),
+        _found(result),
+        "<h2>The board, before and after</h2>",
+        "<p>A lens bends straight lines and a tilted view makes far squares small. If lens and mount are right, the "
+        "board turns into even squares when it is drawn as seen straight from above.</p>",
+        _image(camera_pictures.board_before_after(result), "board before and after correction"),
+        "<h2>Does the lens model fit?</h2>",
+        "<p>Each arrow shows how far a corner of the board lies from where the lens model puts it, enlarged. Arrows in "
+        "all directions are noise; a pattern (all outward in one corner, say) means a bent board or a wrong model. A "
+        "picture whose bar sticks out was blurred or moved.</p>",
+        _image(camera_pictures.corner_residuals(result), "corner errors"),
+        "<h2>Was the whole picture used?</h2>",
+        "<p>The lens is only known where the board was seen. On the right is what that means on the floor: how far a "
+        "point of it may be misplaced.</p>",
+        _image(camera_pictures.coverage_and_sigma(result), "coverage and uncertainty"),
+    ]
+    halves = camera_pictures.halves(result)
+    if halves is not None:
+        parts += [
+            "<p>A small error proves little: a wrong model can fit its own pictures well. So the lens is calibrated "
+            "twice, from every other picture, and the two must agree:</p>",
+            _image(halves, "difference between the two halves"),
+        ]
+    parts += [
+        "<h2>Where the camera sits: the crosses on the floor</h2>",
+        "<p>The crosses lie at places measured with a tape. Found and expected place should coincide.</p>",
+        _image(camera_pictures.fiducials(result), "fiducials"),
+        "<h2>The laser sheets</h2>",
+        "<p>A turning mirror throws the laser on to the floor as one line after the other. Scans of a flat plate at "
+        "known heights tell where each sheet of light lies in space.</p>",
+        _image(laser_pictures.side_view(result), "sheets from the side"),
+        _image(laser_pictures.stripes_over_plate(result), "stripes over plates"),
+        "<h2>How well heights are measured</h2>",
+        "<p>Left: the plates measured again; anything near zero is good, a slope or a step is not. Right, the honest "
+        "test: each plate measured with sheets found from the other plates only.</p>",
+        _image(laser_pictures.plate_errors(result), "height errors on the plates"),
+        "<p>What to expect of a scan (one standard deviation):</p>",
+        _image(laser_pictures.height_sigma(result), "predicted sigma of heights"),
+        _paper(result),
+        "<h2>The mirror</h2>",
+        "<p>A regular wave is the motor's own; a jump would be a missed step.</p>",
+        _image(laser_pictures.mirror_steps(result), "mirror steps"),
+        "</html>",
+    ]
+    return "\n".join(parts)
+
+
+def _image(png: bytes, text: str) -> str:
+    return f'<img alt="{escape(text)}" src="{data_url(png)}">'
+
+
+def _reasons(result: CalibrationResult) -> str:
+    if not result.reasons:
+        return "<p>Nothing to complain about.</p>"
+    return "<ul>" + "".join(f"<li>{escape(reason)}</li>" for reason in result.reasons) + "</ul>"
+
+
+def _figures(result: CalibrationResult) -> str:
+    rows = [
+        f'<tr><td>{escape(check.name)}</td><td class="number">{escape(value_text(check))}</td>'
+        f'<td class="number">{escape(limits_text(check))}</td>'
+        f'<td><span class="{check.verdict}">{check.verdict}</span></td><td>{escape(check.meaning)}</td></tr>'
+        for check in result.checks
+    ]
+    head = "<tr><th>figure</th><th>found</th><th>limits: good, refused</th><th></th><th>what it means</th></tr>"
+    return f"<table>{head}{''.join(rows)}</table>"
+
+
+def _found(result: CalibrationResult) -> str:
+    camera, fit = result.fit.camera, result.fit
+    matrix = camera.matrix
+    sigma = dict(zip(fit.free, fit.covariance.diagonal() ** 0.5, strict=False))
+    eye = result.calibration.transform_camera_to_base[:3, 3]
+    lens = ", ".join(f"{name} {value:+.5f}" for name, value in zip(fit.free[4:], fit.lens[4:], strict=True))
+    rows = (
+        ("picture", f"{camera.size[0]} x {camera.size[1]} px"),
+        (
+            "focal lengths",
+            f"{matrix[0, 0]:.2f} +- {sigma['fx']:.2f} px, {matrix[1, 1]:.2f} +- {sigma['fy']:.2f} px",
+        ),
+        ("principal point", f"{matrix[0, 2]:.2f} +- {sigma['cx']:.2f} px, {matrix[1, 2]:.2f} +- {sigma['cy']:.2f} px"),
+        ("distortion", lens),
+        ("mount", MOUNTS[result.floor.mount]),
+        ("optical centre in base_link", f"{eye[0]:.4f}, {eye[1]:.4f}, {eye[2]:.4f} m"),
+        ("height above the floor (H)", f"{1e3 * fit.transform_camera_to_footprint[2, 3]:.2f} mm"),
+        (
+            "floor homography",
+            f"condition number {result.surface.condition:.1f}, misfit {1e3 * result.surface.rms:.3f} mm",
+        ),
+        ("stripes", str(len(result.calibration.stripes))),
+    )
+    cells = "".join(f"<tr><td>{name}</td><td>{escape(text)}</td></tr>" for name, text in rows)
+    return f"<h2>What was found</h2><table>{cells}</table>"
+
+
+def _paper(result: CalibrationResult) -> str:
+    """The paper's way to state an error: per cent of the surface's size, near and far."""
+    by_name = {check.name: check.value for check in result.checks}
+    depth = 1e3 * (camera_pictures.AREA_X[1] - camera_pictures.AREA_X[0])
+    near, far = (100 * 2 * by_name[f"height sigma {where}"] / depth for where in ("near", "far"))
+    return (
+        f'<p class="note">In the words of the paper, as per cent of the {depth:.0f} mm deep surface (two '
+        f"standard deviations): +-{near:.2f} % for near objects, +-{far:.2f} % for far ones (paper: 0.5 %, 2.5 %).</p>"
+    )

@@ -1,0 +1,68 @@
+"""`guara calibrate`: a session folder into a calibration with a verdict and a report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from guara_perception.app.progress import progress
+from guara_perception.exceptions import InvalidInput
+
+
+@click.command(name="calibrate")
+@click.argument("session", type=click.Path(path_type=Path))
+@click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="calibration file to write, .json")
+@click.option("--report", type=click.Path(path_type=Path), help="folder for the report, report.html")
+@click.option("--force", is_flag=True, help="write the calibration even when its verdict is `refused`")
+@click.option("--robot", help="name or folder of the robot; default: the session's")
+@click.option("--distortion", default="k1k2", show_default=True, help="lens coefficients: k1k2, k1k2p1p2 or k1k2p1p2k3")
+@click.option("--camera-info", type=click.Path(path_type=Path), help="also write the lens as ROS camera_info, .yaml")
+def command(
+    session: Path,
+    out: Path,
+    report: Path | None,
+    force: bool,
+    robot: str | None,
+    distortion: str,
+    camera_info: Path | None,
+) -> None:
+    r"""Calibrate camera, mount and laser from the pictures of one SESSION folder.
+
+    Writes nothing and exits 1 when the verdict is `refused`; the report is written all the same.
+
+    \b
+    Example:
+      guara calibrate sessions/monday -o calibration.json --report calibration-report
+    """
+    from guara_perception.app.calibrate import refuse
+    from guara_perception.app.calibration_report.html import write_report
+    from guara_perception.app.calibration_report.summary import summary
+    from guara_perception.app.calibration_session import open_session
+    from guara_perception.app.camera_info import write_camera_info
+    from guara_perception.calibration.calibrate import calibrate_session, session_pictures
+    from guara_perception.calibration.file import save_calibration
+    from guara_perception.whole_file import check_target
+    from kinematics import load_robot
+
+    if out.suffix != ".json":
+        raise InvalidInput(f"--out is {out}, it must end in .json")
+    check_target(out)
+    if camera_info is not None:
+        if camera_info.suffix not in (".yaml", ".yml"):
+            raise InvalidInput(f"--camera-info is {camera_info}, it must end in .yaml or .yml")
+        check_target(camera_info)
+    opened = open_session(session)
+    model = load_robot(robot if robot is not None else opened.robot)
+    with progress("Calibrating", session_pictures(opened)) as advance:
+        result = calibrate_session(opened, model, distortion=distortion, progress=advance)
+    click.echo(summary(result))
+    if report is not None:
+        click.echo(f"report: {write_report(result, report)}")
+    if not force:
+        refuse(result)
+    written = save_calibration(result.calibration, out)
+    click.echo(f"{out}: {len(written.stripes)} stripes, verdict {written.quality['verdict']}, hash {written.hash}")
+    if camera_info is not None:
+        write_camera_info(written.camera, camera_info)
+        click.echo(str(camera_info))
