@@ -9,6 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from guara_perception.app.calibrate import calibrate
     from guara_perception.app.client import TerrainClient
     from guara_perception.app.open_scan import open_scan
     from guara_perception.calibration.calibration import Calibration, StripePlane
@@ -78,6 +79,7 @@ _HOME = {
     "TraversabilityLimits": "settings",
     "UnsafeGrid": "exceptions",
     "assess_terrain": "terrain.assess_terrain",
+    "calibrate": "app.calibrate",
     "extract_stripe": "stripes.extract",
     "load_calibration": "calibration.file",
     "load_terrain": "terrain.file",

@@ -14,6 +14,7 @@ import click
 COMMANDS = {
     name: name
     for name in (
+        "calibrate",
         "convert",
         "doctor",
         "listen",
