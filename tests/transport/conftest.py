@@ -31,12 +31,17 @@ def peer():
     return _load_peer()
 
 
-@pytest.fixture
-def endpoint() -> str:
+def free_endpoint() -> str:
     """An endpoint on this machine that nobody uses."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@pytest.fixture
+def endpoint() -> str:
+    """An endpoint on this machine that nobody uses."""
+    return free_endpoint()
 
 
 class Process:
@@ -98,9 +103,7 @@ class Process:
         return code
 
 
-@pytest.fixture
-def start() -> Iterator[Callable[..., Process]]:
-    """Starts a process of `peer.py` and waits until it is ready; all are ended with the test."""
+def _starter() -> Iterator[Callable[..., Process]]:
     started: list[Process] = []
 
     def begin(*words: str) -> Process:
@@ -113,6 +116,20 @@ def start() -> Iterator[Callable[..., Process]]:
     for process in started:
         if process.popen.poll() is None:
             process.kill()
+
+
+@pytest.fixture
+def start() -> Iterator[Callable[..., Process]]:
+    """Starts a process of `peer.py` and waits until it is ready; all are ended with the test."""
+    yield from _starter()
+
+
+@pytest.fixture(scope="module")
+def shared_node() -> Iterator[tuple[Process, str]]:
+    """A node for all tests of a file that do it no harm, and its endpoint."""
+    for begin in _starter():
+        endpoint = free_endpoint()
+        yield begin("node", endpoint), endpoint
 
 
 @pytest.fixture

@@ -104,11 +104,13 @@ def say(*words: object) -> None:
     print(*words, flush=True)
 
 
-def scan_handler(server: transport.PerceptionServer, behaviour: str):
-    """A scanner that does as its name says."""
+def scan_handler(server: transport.PerceptionServer):
+    """A scanner that does as the id of the request says."""
 
     def scan(job: transport.ScanJob) -> transport.TerrainMessage:
         say("scanning", job.request.id)
+        # A request may ask for a behaviour by its id, as `fail-1`.
+        behaviour = job.request.id.partition("-")[0]
         for stripe in range(3):
             job.progress(stripe + 1, 3)
             time.sleep(0.02)
@@ -125,17 +127,17 @@ def scan_handler(server: transport.PerceptionServer, behaviour: str):
     return scan
 
 
-def run_node(endpoint: str, behaviour: str = "scan", mode: str = "listen", security: str = "") -> None:
+def run_node(endpoint: str, mode: str = "listen", security: str = "") -> None:
     """A node; `publish N`, `stream N PERIOD ROWS`, `map N`, `quit`, `crash`."""
     place = {"listen": endpoint} if mode == "listen" else {"connect": endpoint, "timeout": 20.0}
     with transport.open_node(**place, security=security or None) as session:
         server = transport.PerceptionServer(session, ros2_domain=0 if mode == "listen" else None)
 
         def admit(request: transport.ScanRequest) -> None:
-            if behaviour == "walking":
+            if request.id.startswith("walking"):
                 raise transport.ScanFailed("the robot walks", "not_stationary")
 
-        server.serve_scans(scan_handler(server, behaviour), admission=admit)
+        server.serve_scans(scan_handler(server), admission=admit)
         pauses = transport.StanceReceiver(session, on_pause=lambda p: say("pause", p.step, p.phase.name))
         say("ready")
         for line in sys.stdin:
@@ -205,7 +207,7 @@ def run_exit(endpoint: str, how: str) -> None:
     if how == "wait_grid":
         client.wait_for_step(10**6, timeout=120.0)
     if how == "wait_scan":
-        client.request_scan(timeout=120.0)
+        client.request_scan(timeout=120.0, request_id="slow-exit")
     if how == "wait_connect":
         transport.open_client("tcp/127.0.0.1:1", timeout=120.0)
     if how == "thread":

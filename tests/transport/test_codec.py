@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import transport
-from transport import MessageError, codec
+from transport import MessageError, codec, terrain_codec
 from transport.scan_messages import (
     decode_query_request,
     decode_refusal,
@@ -23,7 +23,14 @@ from transport.scan_messages import (
     encode_scan_reply,
     encode_scan_request,
 )
-from transport.typestore import dds_type_name, message_class, message_definition, message_files, type_hash
+from transport.typestore import (
+    dds_type_name,
+    message_class,
+    message_definition,
+    message_files,
+    type_hash,
+    typestore,
+)
 
 MSG = Path(transport.__file__).with_name("msg")
 _SPEC = importlib.util.spec_from_file_location("independent_cdr", Path(__file__).with_name("independent_cdr.py"))
@@ -178,6 +185,17 @@ def test_an_independent_reader_reads_every_message(payloads, peer) -> None:
     np.testing.assert_allclose([transform["rotation"][n] for n in "xyzw"], [0, 0, half, half], atol=1e-15)
     assert found["transforms"][0]["covariance"][::7] == [1, 2, 3, 4, 5, 6]
     assert found["stage_names"] == ["stripes", "finish"] and found["stage_ms"] == [12.5, 30.0]
+
+
+def test_big_endian_payloads_are_read_too(peer) -> None:
+    """A machine of the other byte order is understood: the header says which order it is."""
+    terrain = peer.make_terrain(5, shape=(2, 3))
+    message = terrain_codec.make_terrain(terrain)
+    payload = bytes(typestore().serialize_cdr(message, message.__msgtype__, little_endian=False))
+    assert payload[:2] == b"\x00\x00"
+    back = transport.decode_terrain(payload)
+    for name, array in terrain.layers.items():
+        assert back.layers[name].tobytes() == array.tobytes(), name
 
 
 def test_type_hashes_are_those_of_ros() -> None:

@@ -17,9 +17,9 @@ import pytest
         ("thread", 0),
     ],
 )
-def test_a_script_that_closes_nothing_ends(start, endpoint: str, how: str, code: int) -> None:
+def test_a_script_that_closes_nothing_ends(start, shared_node, how: str, code: int) -> None:
     """With an open session, a subscription and a callback, the interpreter still ends, with its own code."""
-    node = start("node", endpoint)
+    node, endpoint = shared_node
     node.tell("publish 1")
     script = start("exit", endpoint, how)
     assert script.wait() == code
@@ -28,9 +28,9 @@ def test_a_script_that_closes_nothing_ends(start, endpoint: str, how: str, code:
 
 
 @pytest.mark.parametrize("how", ["wait_grid", "wait_scan", "wait_connect"])
-def test_ctrl_c_ends_every_wait(start, endpoint: str, how: str) -> None:
+def test_ctrl_c_ends_every_wait(start, shared_node, how: str) -> None:
     """A keyboard interrupt gets through while waiting for a grid, a scan or a connection."""
-    node = start("node", endpoint, "slow")
+    node, endpoint = shared_node
     node.tell("publish 1")
     script = start("exit", endpoint, how)
     if how == "wait_scan":

@@ -179,7 +179,7 @@ def test_without_a_node_the_scanner_is_unavailable(endpoint: str) -> None:
 def test_nothing_in_time_is_a_timeout_and_a_death_is_told(start, endpoint: str, eventually) -> None:
     """Waiting in vain says whether the node lives; its killing is seen."""
     router = start("router", endpoint)
-    node = start("node", endpoint, "scan", "connect")
+    node = start("node", endpoint, "connect")
     with _client(endpoint) as client:
         assert client.wait_until_alive(30.0)
         with pytest.raises(transport.ReceiveTimeout, match="no message on"):
@@ -194,7 +194,7 @@ def test_nothing_in_time_is_a_timeout_and_a_death_is_told(start, endpoint: str, 
 def test_a_hung_node_is_noticed(start, endpoint: str, eventually) -> None:
     """A stopped node loses its sign of life, though nothing closed its links."""
     start("router", endpoint)
-    node = start("node", endpoint, "scan", "connect")
+    node = start("node", endpoint, "connect")
     with _client(endpoint) as client:
         assert client.wait_until_alive(30.0)
         node.send(signal.SIGSTOP)
@@ -204,7 +204,7 @@ def test_a_hung_node_is_noticed(start, endpoint: str, eventually) -> None:
 def test_the_newest_grid_arrives_after_the_router_was_killed(start, endpoint: str) -> None:
     """What was published while the router was dead arrives when it is back; twice."""
     router = start("router", endpoint)
-    node = start("node", endpoint, "scan", "connect")
+    node = start("node", endpoint, "connect")
     with _client(endpoint) as client:
         node.tell("publish 1")
         client.wait_for(lambda grid: grid.sequence == 1, timeout=30.0)
@@ -239,7 +239,7 @@ def test_a_node_killed_while_it_publishes_leaves_no_partial_grid(start, endpoint
         receiver = transport.NewestReceiver(session, keys.terrain_key(), transport.decode_terrain)
         receiver.on_newest(lambda received: arrived.append(peer.is_whole(received.message)))
         for _ in range(3):
-            node = start("node", endpoint, "scan", "connect")
+            node = start("node", endpoint, "connect")
             before = receiver.received
             node.tell("stream 60 0 250")
             deadline = time.monotonic() + 30.0

@@ -76,7 +76,7 @@ def test_the_check_finds_a_door_left_open(tmp_path: Path) -> None:
 def test_roles_work_end_to_end(start, endpoint: str, folder: Path, peer) -> None:
     """Over TLS a planner gets history and scans, a viewer queries, gait announces, each with its own folder."""
     secure = _secure(endpoint)
-    node = start("node", secure, "scan", "listen", str(folder))
+    node = start("node", secure, "listen", str(folder))
     node.tell("publish 1")
     with transport.open_client(secure, security=folder / "planner", timeout=30.0) as session:
         client = transport.PerceptionClient(session)
