@@ -1,6 +1,6 @@
 """Every example of README and docs is run as a reader would, in a folder that holds the recorded data.
 
-`sh` blocks run line by line, `python` blocks as scripts, all blocks of one file in order in one folder. The folder holds
+`sh` blocks run line by line, `python` blocks as scripts, all blocks of a page in order in one folder. The folder holds
 links `scans/paper`, `scans/dark`, `scans/tilt`, `session`, and `calibration.json`. A block that talks to the default
 endpoint gets a node that publishes the paper scan, unless the page started one itself (`guara run --simulated`, stopped
 at the end of the page). What cannot be run here is checked as far as it goes: `make` lines against the Makefile,
