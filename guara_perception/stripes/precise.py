@@ -8,29 +8,32 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.stripes.centre import centres, stripe_sigma
+from guara_perception.stripes.choose import choose_peaks
+from guara_perception.stripes.peaks import highest_peaks
 from guara_perception.stripes.profile import StripeProfile, StripeStatus, bad_frame
-from guara_perception.stripes.signal import laser_light
+from guara_perception.stripes.signal import SAMPLE_COLUMNS, SAMPLE_ROWS, Light, fused_light, laser_light
 from guara_perception.stripes.smooth_line import smooth_line
 
 Float32 = npt.NDArray[np.float32]
+Index = npt.NDArray[np.intp]
 
 # Averaging three columns before looking for the peak halves the noise of a dim stripe.
 COLUMN_MEAN_PX = 3
+# Smoothing across the stripe before the peak is sought; a wide stripe is smoothed again to its own width.
 ROW_SMOOTHING_SIGMA_PX = 1.0
-ROW_SMOOTHING_SIZE_PX = 5
+WIDE_SIGMA_PX = 2.5
 # 5 sigma lets 0.1 % false columns through; the relative floor keeps a faint halo out of the gaps of a bright stripe.
 THRESHOLD_SIGMAS = 5.0
 THRESHOLD_OF_MEDIAN_PEAK = 0.05
-# Centre of gravity over +-3 rows, above 5 % of the peak: the least error of the widths and floors tried.
-CENTRE_HALF_WINDOW_PX = 3
-CENTRE_FLOOR = 0.05
-# A second peak this strong, further off than a stripe is wide, makes the column ambiguous.
-RIVAL_OF_PEAK = 0.5
-RIVAL_DISTANCE_PX = 8
-# A clipped core wider than this hides its shoulders from the centre window.
-MAX_CLIPPED_RUN_PX = 5
-# Speckle and model error that no averaging removes.
-SIGMA_FLOOR_PX = 0.03
+# From this share of clipped tops on, the channels are fused.
+FUSE_FROM_CLIPPED = 0.02
+# A clipped core wider than so many sigmas of the stripe leaves no shoulders to judge by.
+MAX_CLIPPED_SIGMAS = 5.0
+# Speckle moves the centre of a stripe by this share of its sigma, whatever the light.
+SPECKLE_OF_SIGMA = 0.06
+# A surface that is brighter on one side of the stripe pulls its centre over: share of the first-order shift.
+ALBEDO_SHARE = 0.5
 
 
 def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_row: int = 0) -> StripeProfile:
@@ -48,61 +51,97 @@ def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_ro
     signal = laser_light(on, off)
     if signal.reason:
         return bad_frame(columns, signal.reason)
-    mean = cv2.blur(signal.light, (COLUMN_MEAN_PX, 1))
-    size = (1, min(ROW_SMOOTHING_SIZE_PX, rows - 1 + rows % 2))
-    smooth: Float32 = np.asarray(
-        cv2.GaussianBlur(mean, size, ROW_SMOOTHING_SIGMA_PX, borderType=cv2.BORDER_REPLICATE), dtype=np.float32
-    )
-    sample = smooth[::2, ::3]
-    noise = max(1.4826 * float(np.median(np.abs(sample - np.median(sample)))), 1e-3)
-    if -smooth.min() > 2 * smooth.max() and -np.median(smooth.min(axis=0)) > 2 * THRESHOLD_SIGMAS * noise:
+    every = np.arange(columns)
+    light = _mean_of_columns(signal.light)
+    smooth = _smooth_rows(light, ROW_SMOOTHING_SIGMA_PX)
+    peaks = highest_peaks(smooth)
+    noise = _noise(smooth)
+    strong = peaks.height > THRESHOLD_SIGMAS * noise
+    swapped = -float(smooth.min()) > 2 * float(peaks.height.max())
+    if swapped and -np.median(smooth.min(axis=0)) > 2 * THRESHOLD_SIGMAS * noise:
         return bad_frame(
             columns, "the stripe is darker than its surroundings: laser-on and laser-off frames are swapped"
         )
+    is_clipped = signal.plane[peaks.top, every] >= signal.clipped_from
+    has_colour = on.ndim == 3 and on.shape[2] == 3
+    is_fused = has_colour and strong.any() and float(np.mean(is_clipped[strong])) > FUSE_FROM_CLIPPED
+    if is_fused:
+        light = _mean_of_columns(fused_light(on, off, peaks.top[strong], every[strong]))
+        smooth = _smooth_rows(light, ROW_SMOOTHING_SIGMA_PX)
+        peaks = highest_peaks(smooth)
+        noise = _noise(smooth)
+        strong = peaks.height > THRESHOLD_SIGMAS * noise
+    some = np.flatnonzero(strong)[::4]
+    sigma = round(stripe_sigma(light, peaks.top[some], some, peaks.height[some]), 1)
+    if sigma > WIDE_SIGMA_PX:
+        smooth = _smooth_rows(light, sigma)
+        peaks = highest_peaks(smooth)
+        noise = _noise(smooth)
+        strong = peaks.height > THRESHOLD_SIGMAS * noise
+    median_peak = float(np.median(peaks.height[strong])) if strong.any() else 0.0
+    threshold = max(THRESHOLD_SIGMAS * noise, THRESHOLD_OF_MEDIAN_PEAK * median_peak)
+    choice = choose_peaks(smooth, peaks, threshold, sigma)
+    is_found = choice.height > threshold
 
-    every = np.arange(columns)
-    top = smooth.argmax(axis=0)
-    peak = smooth[top, every]
-    strong = peak > THRESHOLD_SIGMAS * noise
-    median_peak = float(np.median(peak[strong])) if strong.any() else 0.0
-    is_found = strong & (peak > THRESHOLD_OF_MEDIAN_PEAK * median_peak)
-
-    offsets = np.arange(-CENTRE_HALF_WINDOW_PX, CENTRE_HALF_WINDOW_PX + 1)
-    window_rows = np.clip(top + offsets[:, None], 0, rows - 1)
-    window = np.maximum(smooth[window_rows, every] - CENTRE_FLOOR * peak, 0)
-    weight = window.sum(axis=0)
-    shift = (window * offsets[:, None]).sum(axis=0) / np.maximum(weight, 1e-9)
-    position = (first_row + top + shift).astype(np.float32)
-
-    status = np.where(is_found, StripeStatus.OK, StripeStatus.DROPOUT).astype(np.uint8)
-    # Centre of gravity: variance = noise^2 sum(offset^2) / weight^2; smoothing correlates neighbours, hence the factor.
-    spread = np.sqrt(float((offsets**2).sum()))
-    sigma = np.sqrt((1.5 * noise * spread / np.maximum(weight, 1e-9)) ** 2 + SIGMA_FLOOR_PX**2)
-
-    is_cut = (top < 2) | (top > rows - 3)
+    row, per_grey_level = centres(light, choice.top, every, round(float(np.hypot(0.85 * sigma, 1.3)), 1))
+    is_found &= np.isfinite(row)
+    reach = np.arange(-int(3 * sigma), int(3 * sigma) + 1)[:, None]
+    window_rows = np.clip(choice.top + reach, 0, rows - 1)
+    clipped = (signal.plane[window_rows, every] >= signal.clipped_from).sum(axis=0)
+    is_cut = (choice.top < 2) | (choice.top > rows - 3)
+    drowned = clipped
+    if is_fused:
+        # With several channels the core is lost only where all of them are clipped.
+        drowned = (on[window_rows, every].min(axis=-1) >= signal.clipped_from).sum(axis=0)
+    is_drowned = drowned > MAX_CLIPPED_SIGMAS * sigma
+    status = np.full(columns, StripeStatus.DROPOUT, dtype=np.uint8)
+    status[is_found] = StripeStatus.OK
+    status[is_found & (clipped > 0)] = StripeStatus.SATURATED
+    status[is_found & (choice.is_ambiguous | is_drowned)] = StripeStatus.AMBIGUOUS
     status[is_found & is_cut] = StripeStatus.OUT_OF_BAND
-    clipped = signal.is_clipped[window_rows, every].sum(axis=0)
-    status[is_found & ~is_cut & (clipped > 0)] = StripeStatus.SATURATED
-    sigma = np.where(clipped > 0, 1.5 * sigma, sigma)
-    is_rivalled = is_found & (_second_peak(smooth, top) > RIVAL_OF_PEAK * peak)
-    is_drowned = is_found & (clipped > MAX_CLIPPED_RUN_PX)
-    status[(is_rivalled | is_drowned) & ~is_cut] = StripeStatus.AMBIGUOUS
 
-    smoothed, shrink = smooth_line(np.where(is_found, position, np.nan).astype(np.float32), peak**2)
-    position = np.where(is_found, smoothed, position)
+    row, shrink = smooth_line(np.where(is_found, row, np.nan).astype(np.float32), choice.height)
     usable = (status == StripeStatus.OK) | (status == StripeStatus.SATURATED)
+    variance = (_noise(light) * per_grey_level * shrink) ** 2 + (SPECKLE_OF_SIGMA * sigma) ** 2 * shrink
+    if off is not None:
+        variance += _albedo_shift(off, signal.channel, choice.top, sigma) ** 2
     nan = np.float32(np.nan)
+    position = (first_row + row).astype(np.float32)
     return StripeProfile(
         position_px=np.where(usable, position, nan),
-        sigma_px=np.where(usable, sigma, nan).astype(np.float32),
+        sigma_px=np.where(usable, np.sqrt(variance), nan).astype(np.float32),
         status=status,
-        peak=peak.astype(np.float32),
+        peak=choice.height,
         doubtful_px=np.where(is_found & ~usable, position, nan),
     )
 
 
-def _second_peak(smooth: Float32, top: npt.NDArray[np.intp]) -> Float32:
-    """Height of the highest peak further than RIVAL_DISTANCE_PX from the first, per column."""
-    rows = np.arange(smooth.shape[0])[:, None]
-    far = np.abs(rows - top) > RIVAL_DISTANCE_PX
-    return np.asarray(np.where(far, smooth, -np.inf).max(axis=0), dtype=np.float32)
+def _mean_of_columns(light: Light) -> Light:
+    mean: Light = cv2.blur(light, (COLUMN_MEAN_PX, 1))  # type: ignore[assignment]
+    return mean
+
+
+def _smooth_rows(light: Light, sigma: float) -> Light:
+    size = 2 * int(np.ceil(2 * sigma)) + 1
+    smooth: Light = cv2.GaussianBlur(light, (1, size), sigma, borderType=cv2.BORDER_REPLICATE)  # type: ignore[assignment]
+    return smooth
+
+
+def _noise(light: Light) -> float:
+    sample = light[::SAMPLE_ROWS, ::SAMPLE_COLUMNS]
+    return max(1.4826 * float(np.median(np.abs(sample - np.median(sample)))), 0.3)
+
+
+def _albedo_shift(off: npt.NDArray[Any], channel: int, top: Index, sigma: float) -> Float32:
+    """How far the brightness gradient of the surface may have pulled the centre, per column [px].
+
+    Reflectance that changes by a factor exp(g) per row shifts a Gaussian stripe by g sigma^2 rows. The laser-off
+    picture shows the reflectance under ambient light, noise included, hence only a share of it.
+    """
+    step = max(int(round(sigma)), 1)
+    every = np.arange(off.shape[1])
+    plane = off if off.ndim == 2 else off[:, :, channel]
+    above = plane[np.clip(top - step, 0, len(plane) - 1), every].astype(np.float32)
+    below = plane[np.clip(top + step, 0, len(plane) - 1), every].astype(np.float32)
+    gradient = (below - above) / (np.maximum(above + below, 1.0) * step)
+    return np.asarray(ALBEDO_SHARE * gradient * sigma**2, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Turns a pair of frames into one picture of laser light: background removed, channels fused by signal and noise."""
+"""Turns a pair of frames into one picture of laser light: background removed, one channel or several fused."""
 
 from __future__ import annotations
 
@@ -10,11 +10,19 @@ import numpy as np
 import numpy.typing as npt
 
 Float32 = npt.NDArray[np.float32]
+Light = npt.NDArray[np.int16] | Float32
+Plane = npt.NDArray[Any]
 
 # Half the height of the opening that stands in for a missing off frame: wider than any stripe, narrower than texture.
 BACKGROUND_HALF_HEIGHT_PX = 12
 # A frame whose brightness away from the stripe moved by more than this share of full scale is not a pair.
 MAX_AMBIENT_CHANGE = 0.15
+# From this share of full scale a pixel counts as clipped; JPEG and demosaicing keep it from reaching 1.
+CLIPPED = 0.98
+# Statistics of a band are taken from every so many rows and columns.
+SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 8
+# Even a channel that is clipped throughout says where the stripe's shoulders are.
+LEAST_HEADROOM = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,63 +30,121 @@ class LaserLight:
     """The laser's own light in a band of rows.
 
     Attributes:
-        light: (rows, columns) float32, grey levels above background.
-        is_clipped: (rows, columns) bool, where the brightest channel is at full scale.
-        noise: standard deviation of `light` where there is no laser [grey levels].
+        light: (rows, columns) int16 or float32, grey levels above background, negative where noise makes it so.
+        plane: (rows, columns) the channel that the laser lights most, as delivered.
+        full_scale: value at which that channel is clipped for certain.
+        channel: number of that channel.
         reason: why the pair cannot be used, empty when it can.
     """
 
-    light: Float32
-    is_clipped: npt.NDArray[np.bool_]
-    noise: float
+    light: Light
+    plane: Plane
+    full_scale: float
+    channel: int
     reason: str = ""
+
+    @property
+    def clipped_from(self) -> float:
+        """Grey level from which a pixel counts as clipped."""
+        return CLIPPED * self.full_scale
 
 
 def laser_light(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> LaserLight:
-    """Subtract the background and fuse the channels.
-
-    Each channel is weighted by its signal over its noise variance, both taken from the data, so a line of any colour
-    and a mono camera work alike; the result is scaled back to the grey levels of the strongest channel.
+    """Subtract the background in the channel that the laser lights most.
 
     Args:
-        on: (rows, columns) or (rows, columns, 3), uint8 or uint16, laser on.
+        on: (rows, columns) or (rows, columns, channels), uint8 or uint16, laser on.
         off: the same with the laser off, or None: the background is then a vertical grey opening of `on`.
     """
     full_scale = float(np.iinfo(on.dtype).max)
-    lit = on.reshape(on.shape[0], on.shape[1], -1)
-    differences, gains, noises = [], [], []
-    for channel in range(lit.shape[2]):
-        plane = np.ascontiguousarray(lit[:, :, channel]).astype(np.float32)
-        background = _opening(plane) if off is None else _channel(off, channel)
-        difference = plane - background
-        sample = difference[::2, ::3]
-        offset = float(np.median(sample))
-        if abs(offset) > MAX_AMBIENT_CHANGE * full_scale:
-            reason = (
-                f"brightness away from the stripe changed by {offset:+.0f} of {full_scale:.0f} between laser off and on"
-            )
-            return LaserLight(difference, np.zeros(difference.shape, bool), np.nan, reason)
-        difference -= offset
-        noise = max(1.4826 * float(np.median(np.abs(sample - offset))), full_scale / 512)
-        differences.append(difference)
-        noises.append(noise)
-        gains.append(max(float(np.median(difference.max(axis=0))) - 2.5 * noise, 0.0))
-    strongest = int(np.argmax(gains))
-    is_clipped = lit[:, :, strongest] >= 0.98 * full_scale
-    if gains[strongest] <= 0:
-        return LaserLight(differences[strongest], is_clipped, noises[strongest])
-    weights = np.array([gain / noise**2 for gain, noise in zip(gains, noises, strict=True)])
-    weights *= gains[strongest] / float(np.dot(weights, gains))
-    light = sum(weight * plane for weight, plane in zip(weights, differences, strict=True) if weight > 0)
-    noise = float(np.sqrt(np.sum((weights * np.array(noises)) ** 2)))
-    return LaserLight(np.asarray(light, dtype=np.float32), is_clipped, noise)
+    channel = strongest_channel(on, off)
+    plane = channel_of(on, channel)
+    light = difference(plane, None if off is None else channel_of(off, channel))
+    offset = float(np.median(light[::SAMPLE_ROWS, ::SAMPLE_COLUMNS]))
+    reason = ""
+    if abs(offset) > MAX_AMBIENT_CHANGE * full_scale:
+        reason = f"brightness beside the stripe changed by {offset:+.0f} of {full_scale:.0f} between laser off and on"
+    elif offset:
+        light = light - light.dtype.type(offset)
+    return LaserLight(light, plane, full_scale, channel, reason)
 
 
-def _channel(frame: npt.NDArray[Any], channel: int) -> Float32:
-    plane = frame if frame.ndim == 2 else frame[:, :, channel]
-    return np.ascontiguousarray(plane).astype(np.float32)
+def fused_light(
+    on: npt.NDArray[Any], off: npt.NDArray[Any] | None, top: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]
+) -> Float32:
+    """Light of all channels together, for stripes whose core clips the strongest one.
+
+    Each channel is weighted by its headroom (the share of stripe tops at which it is not clipped) times its signal
+    over its noise variance, all taken from the data, so a line of any colour works alike.
+
+    Args:
+        on, off: as in `laser_light`; three channels.
+        top: (n,) rows of stripe tops.
+        columns: (n,) their columns.
+
+    Returns:
+        (rows, columns) float32, in grey levels of the strongest channel.
+    """
+    full_scale = float(np.iinfo(on.dtype).max)
+    planes, gains, weights = [], [], []
+    for channel in range(on.shape[2]):
+        plane = channel_of(on, channel)
+        light = difference(plane, None if off is None else channel_of(off, channel)).astype(np.float32)
+        sample = light[::SAMPLE_ROWS, ::SAMPLE_COLUMNS]
+        light -= np.float32(np.median(sample))
+        noise = spread(sample, full_scale)
+        headroom = max(float(np.mean(plane[top, columns] < CLIPPED * full_scale)), LEAST_HEADROOM)
+        gain = max(float(np.median(light[top, columns])) - noise, 0.0)
+        planes.append(light)
+        gains.append(gain)
+        weights.append(headroom**2 * gain / noise**2)
+    scale = max(gains) / max(float(np.dot(weights, gains)), 1e-12)
+    fused = np.zeros(planes[0].shape, dtype=np.float32)
+    for weight, light in zip(weights, planes, strict=True):
+        fused += np.float32(weight * scale) * light
+    return fused
 
 
-def _opening(plane: Float32) -> Float32:
+def strongest_channel(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> int:
+    """Number of the channel in which the stripe stands out most from the noise, judged on some columns; 0 for mono."""
+    if on.ndim == 2 or on.shape[2] == 1:
+        return 0
+    columns = on[:, :: 2 * SAMPLE_COLUMNS].astype(np.float32)
+    if off is not None:
+        columns -= off[:, :: 2 * SAMPLE_COLUMNS]
+    else:
+        columns -= np.median(columns, axis=0)
+    peaks = np.median(columns.max(axis=0), axis=0)
+    noise = [spread(columns[:, :, channel], float(np.iinfo(on.dtype).max)) for channel in range(on.shape[2])]
+    return int(np.argmax(peaks - 3 * np.array(noise)))
+
+
+def channel_of(frame: npt.NDArray[Any], channel: int) -> Plane:
+    """One channel as a contiguous picture."""
+    if frame.ndim == 2:
+        return np.ascontiguousarray(frame)
+    if frame.shape[2] == 1:
+        return np.ascontiguousarray(frame[:, :, 0])
+    plane = np.empty(frame.shape[:2], dtype=frame.dtype)
+    cv2.mixChannels([np.ascontiguousarray(frame)], [plane], [channel, 0])
+    return plane
+
+
+def difference(plane: Plane, background: Plane | None) -> Light:
+    """Plane minus background, not saturating: negative values carry the noise."""
+    background = opening(plane) if background is None else background
+    kind = cv2.CV_16S if plane.dtype == np.uint8 else cv2.CV_32F
+    light: Light = cv2.subtract(plane, background, dtype=kind)  # type: ignore[assignment]
+    return light
+
+
+def opening(plane: Plane) -> Plane:
+    """Vertical grey opening: the picture without anything as narrow as a stripe."""
     kernel = np.ones((2 * BACKGROUND_HALF_HEIGHT_PX + 1, 1), np.uint8)
-    return np.asarray(cv2.morphologyEx(plane, cv2.MORPH_OPEN, kernel), dtype=np.float32)
+    return np.asarray(cv2.morphologyEx(plane, cv2.MORPH_OPEN, kernel))
+
+
+def spread(sample: npt.NDArray[Any], full_scale: float) -> float:
+    """Robust standard deviation, at least half a quantum of eight bits."""
+    centred = np.abs(sample - np.median(sample))
+    return max(1.4826 * float(np.median(centred)), full_scale / 512)

@@ -1,0 +1,85 @@
+"""Finds the highest peak of every column, and all peaks of the columns that have more than one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Index = npt.NDArray[np.intp]
+Float32 = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+# Maxima of blocks of rows are quick to take; the argmax is then sought in one block only.
+BLOCK_ROWS = 8
+MAX_CANDIDATES = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Peaks:
+    """The highest peak per column.
+
+    Attributes:
+        top: (columns,) row.
+        height: (columns,) float32 value there.
+        second: (columns,) float32 highest value at least one block away from the peak's block; -inf where none.
+    """
+
+    top: Index
+    height: Float32
+    second: Float32
+
+
+def highest_peaks(smooth: npt.NDArray[Any]) -> Peaks:
+    """Highest value per column of a band (rows, columns)."""
+    rows, columns = smooth.shape
+    blocks = _block_maxima(smooth)
+    best = blocks.argmax(axis=0)
+    every = np.arange(columns)
+    inside = np.minimum(best * BLOCK_ROWS + np.arange(BLOCK_ROWS)[:, None], rows - 1)
+    window = smooth[inside, every]
+    within = window.argmax(axis=0)
+    top = inside[within, every]
+    others = blocks.astype(np.float32)
+    for shift in (-1, 0, 1):
+        others[np.clip(best + shift, 0, len(blocks) - 1), every] = -np.inf
+    return Peaks(top, window[within, every].astype(np.float32), others.max(axis=0))
+
+
+def _block_maxima(smooth: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Maxima (blocks, columns) of every BLOCK_ROWS rows; the last block may be shorter."""
+    whole = smooth.shape[0] // BLOCK_ROWS * BLOCK_ROWS
+    blocks = smooth[:whole].reshape(-1, BLOCK_ROWS, smooth.shape[1]).max(axis=1)
+    if whole == smooth.shape[0]:
+        return np.asarray(blocks)
+    return np.concatenate((blocks, smooth[whole:].max(axis=0, keepdims=True)))
+
+
+def candidates(smooth: npt.NDArray[Any], columns: Index, threshold: float, distance: int) -> tuple[Index, Float32]:
+    """Up to MAX_CANDIDATES local maxima of some columns, highest first.
+
+    Args:
+        smooth: (rows, all columns) smoothed light.
+        columns: (n,) columns asked about.
+        threshold: least height of a candidate.
+        distance: candidates of one column are further apart than this [px].
+
+    Returns:
+        Rows (MAX_CANDIDATES, n) and heights (MAX_CANDIDATES, n); height 0 where a column has fewer.
+    """
+    part = smooth[:, columns].astype(np.float32)
+    peak = part.copy()
+    peak[1:][part[1:] < part[:-1]] = 0
+    peak[:-1][part[:-1] < part[1:]] = 0
+    peak[peak < threshold] = 0
+    every = np.arange(columns.size)
+    rows = np.zeros((MAX_CANDIDATES, columns.size), dtype=np.intp)
+    heights = np.zeros((MAX_CANDIDATES, columns.size), dtype=np.float32)
+    around = np.arange(-distance, distance + 1)[:, None]
+    for i in range(MAX_CANDIDATES):
+        rows[i] = peak.argmax(axis=0)
+        heights[i] = peak[rows[i], every]
+        peak[np.clip(rows[i] + around, 0, len(peak) - 1), every] = 0
+    return rows, heights
