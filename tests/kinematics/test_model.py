@@ -170,3 +170,15 @@ def test_a_scan_needs_feet(robot: RobotModel) -> None:
     for count in (0, 1, 2):
         with pytest.raises(StanceError, match=rf"support_feet: {count} given .* needs 3 or more, or gravity_in_base"):
             robot.stance_pose(Stance(robot.posture("scan"), robot.legs[:count]))
+
+
+def test_second_robot_sees_the_floor_as_the_first(guara: RobotModel, tapir: RobotModel) -> None:
+    """Camera and mirror of both robots stand alike over the floor: one's scan can be processed with the other."""
+    poses = [robot.stance_pose(Stance(robot.posture("scan"), robot.legs)) for robot in (guara, tapir)]
+    camera, other_camera = (pose.transform_camera_to_footprint for pose in poses)
+    np.testing.assert_allclose(camera, other_camera, atol=1e-9)
+    laser, other_laser = (
+        pose.transform_base_to_footprint @ robot.transform_laser_to_base
+        for robot, pose in zip((guara, tapir), poses, strict=True)
+    )
+    np.testing.assert_allclose(laser, other_laser, atol=1e-9)
