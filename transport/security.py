@@ -182,6 +182,20 @@ def _existing(folder: Path, name: str) -> Path:
         return path
 
 
+def configured_robot(folder: Path) -> str:
+    """The instance name for which the access rules of a node's folder were made.
+
+    Raises:
+        SecurityError: The configuration cannot be read, or holds no rules.
+    """
+    try:
+        text = (folder / CONFIGURATION).read_text(encoding="utf-8")
+        rules = zenoh_api.configuration_value(text, "access_control/rules") or []
+        return str(rules[0]["key_exprs"][0]).partition("/")[0]
+    except (OSError, ValueError, LookupError, TypeError, zenoh_api.zenoh_error()) as error:
+        raise SecurityError(f"cannot find the access rules in {folder / CONFIGURATION}: {error}") from error
+
+
 def configured_endpoints(folder: Path, kind: str) -> tuple[str, ...]:
     """The endpoints of a role's folder; kind is "listen" or "connect".
 

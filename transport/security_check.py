@@ -13,9 +13,9 @@ from transport import zenoh_api
 from transport.access_rules import ROLES
 from transport.configuration import client_configuration
 from transport.exceptions import ConnectionFailed
-from transport.keys import DEFAULT_ROBOT, check_name, scan_key, stance_key, terrain_key
+from transport.keys import check_name, scan_key, stance_key, terrain_key
 from transport.publisher import Publisher
-from transport.security import role_folder
+from transport.security import configured_robot, role_folder
 from transport.session import Session, connect_with, open_client, open_node
 
 ACTIONS: Final = (
@@ -100,7 +100,7 @@ class _Probe:
         query.drop()
 
 
-def check_security(folder: str | Path, *, robot: str = DEFAULT_ROBOT) -> tuple[Permission, ...]:
+def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Permission, ...]:
     """Connect as each role, and as nobody, and try every action.
 
     A node with the folder's own configuration is opened on a free port of this machine for the time of the
@@ -108,7 +108,7 @@ def check_security(folder: str | Path, *, robot: str = DEFAULT_ROBOT) -> tuple[P
 
     Args:
         folder: Made by `init_security`, with the folders of all roles.
-        robot: Instance name for which it was made.
+        robot: Instance name; None takes the one for which the folder was made.
 
     Returns:
         One entry per role and action.
@@ -117,17 +117,17 @@ def check_security(folder: str | Path, *, robot: str = DEFAULT_ROBOT) -> tuple[P
         SecurityError: A role's folder is missing.
         ConnectionFailed: The node does not start with its certificate.
     """
-    check_name(robot)
     for role in ROLES:
         role_folder(Path(folder) / role, role)
+    name = check_name(robot or configured_robot(Path(folder) / "node"))
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         endpoint = f"tls/localhost:{probe.getsockname()[1]}"
     found: list[Permission] = []
     with open_node(listen=endpoint, security=Path(folder) / "node", shared_memory=False) as session:
-        node = _Probe(session, robot)
+        node = _Probe(session, name)
         with open_client(endpoint, security=Path(folder) / "viewer", shared_memory=False) as witness:
-            witness_ear = _Ear(witness, terrain_key(robot))
+            witness_ear = _Ear(witness, terrain_key(name))
             for role in EXPECTED:
                 allowed = _try_role(Path(folder), role, endpoint, node, witness_ear)
                 found += [Permission(role, action, action in allowed, action in EXPECTED[role]) for action in ACTIONS]

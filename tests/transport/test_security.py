@@ -11,7 +11,7 @@ import transport
 from transport import ConfigurationError, SecurityError
 from transport.access_rules import ROLES
 from transport.authority import Credentials, make_authority, make_certificate
-from transport.security import load_configuration, role_folder
+from transport.security import configured_robot, load_configuration, role_folder
 from transport.security_check import EXPECTED, check_security, format_matrix
 
 
@@ -60,8 +60,11 @@ def test_the_matrix_is_as_meant(folder: Path) -> None:
 
 
 def test_the_check_finds_a_door_left_open(tmp_path: Path) -> None:
-    """With the access rules switched off the matrix shows what should not be possible."""
-    made = transport.init_security(tmp_path / "s")
+    """With the access rules switched off the matrix shows what should not be possible, for any robot's name."""
+    made = transport.init_security(tmp_path / "s", robot="rex")
+    assert configured_robot(made / "node") == "rex"
+    with pytest.raises(SecurityError, match="cannot find the access rules"):
+        configured_robot(made / "viewer")
     path = made / "node" / "zenoh.json5"
     configuration = json.loads(path.read_text())
     configuration["access_control"]["enabled"] = False
