@@ -1,0 +1,88 @@
+"""`guara view`: terrain on the robot, in a browser, live or from a file."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from guara_perception.terrain.grid import TerrainGrid
+    from guara_perception.view.moment import Moment
+    from kinematics import RobotModel
+
+
+@click.command(name="view")
+@click.argument("file", type=click.Path(path_type=Path), required=False)
+@click.option("-c", "--calibration", type=click.Path(path_type=Path), help="process the scans of FILE, show stripes")
+@click.option("--robot", default="guara", show_default=True, help="name of a robot, or its folder")
+@click.option("--connect", "endpoint", help="live: where the node listens; default: tcp/127.0.0.1:7447")
+@click.option("--instance", default="guara", show_default=True, help="live: instance name of the robot")
+@click.option("--security", type=click.Path(path_type=Path), help="live: folder of a role of `guara security init`")
+@click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="of the page")
+def command(
+    file: Path | None,
+    calibration: Path | None = None,
+    robot: str = "guara",
+    endpoint: str | None = None,
+    instance: str = "guara",
+    security: Path | None = None,
+    port: int = 8080,
+) -> None:
+    r"""Show terrain, robot, stripes and planned footholds in a browser until Ctrl-C.
+
+    FILE is a grid (.npz), a recording (.mcap) or a scan folder; without it, what a running node publishes is shown.
+    The page is served to this machine only.
+
+    \b
+    Example:
+      guara view out/demo/walk.mcap
+    """
+    from guara_perception.app.until_stopped import stop_event
+    from guara_perception.app.view_moments import load_moments
+    from guara_perception.calibration.file import load_calibration
+    from guara_perception.view.browser import BrowserView
+    from kinematics import load_robot
+
+    model = load_robot(robot)
+    known = None if calibration is None else load_calibration(calibration)
+    moments = [] if file is None else load_moments(file, model, known)
+    with stop_event() as stop, BrowserView(model, port=port) as view:
+        if file is not None:
+            view.show_recording(moments)
+            click.echo(f"{len(moments)} scans of {file}: open {view.address} (Ctrl-C ends)")
+            stop.wait()
+        else:
+            show_live(view.show, model, endpoint, instance, security, stop, view.address)
+
+
+def show_live(
+    show: Callable[[Moment], None],
+    model: RobotModel,
+    endpoint: str | None,
+    instance: str,
+    security: Path | None,
+    stop: threading.Event,
+    address: str,
+) -> None:
+    """Show every new grid until told to stop."""
+    from guara_perception.app.client import TerrainClient
+    from guara_perception.app.view_moments import live_moment
+
+    grids: dict[str, TerrainGrid] = {}
+    lock = threading.Lock()
+
+    def take(terrain: TerrainGrid) -> None:
+        with lock:
+            grids[terrain.extent] = terrain
+            moment = live_moment(model, grids)
+        show(moment)
+
+    with TerrainClient(endpoint, robot=instance, security=security) as client:
+        for extent in ("footprint", "map"):
+            client.on_terrain(take, extent)
+        click.echo(f"live view of {instance}: open {address} (Ctrl-C ends)")
+        stop.wait()

@@ -1,0 +1,133 @@
+"""Moments for the view from files: a grid, a recorded scan, a recorded walk."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.app.messages import message_to_terrain
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.view.moment import Moment
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from guara_perception.scan import Scan
+    from guara_perception.terrain.grid import TerrainGrid
+    from kinematics import RobotModel
+
+Float = npt.NDArray[np.float64]
+
+
+def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration | None = None) -> list[Moment]:
+    """What a file or folder has to show.
+
+    Args:
+        path: a grid (.npz), a recording (.mcap) or a scan folder.
+        robot: that recorded it.
+        calibration: with it, scans are processed anew and their stripes are shown.
+
+    Raises:
+        MissingFile: nothing there.
+        InvalidInput: a scan folder without calibration; a file of another kind.
+        FileFormatError: the file is broken, or holds neither grids nor scans.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise MissingFile(f"{path}: no such file or folder")
+    if path.is_dir():
+        if calibration is None:
+            raise InvalidInput(f"{path} is a scan folder: give the calibration that belongs to it with -c")
+        from guara_perception.app.open_scan import open_scans
+
+        return [_processed(scan, robot, calibration) for scan in open_scans(path)]
+    if path.suffix == ".npz":
+        from guara_perception.terrain.file import load_terrain
+
+        terrain = load_terrain(path)
+        return [Moment({terrain.extent: terrain}, footholds=planned_footholds(robot, terrain))]
+    if path.suffix == ".mcap":
+        return _recorded(path, robot, calibration)
+    raise InvalidInput(f"{path}: a grid (.npz), a recording (.mcap) or a scan folder can be shown")
+
+
+def live_moment(robot: RobotModel, grids: dict[str, TerrainGrid]) -> Moment:
+    """The newest grids, by extent."""
+    terrain = grids.get("map") or grids["footprint"]
+    return Moment(dict(grids), footholds=planned_footholds(robot, terrain))
+
+
+def planned_footholds(robot: RobotModel, terrain: TerrainGrid) -> dict[str, tuple[float, float, float]]:
+    """Where a simple planner would set each foot next on this grid, where it finds a place.
+
+    Empty for a grid that does not say how the robot stands.
+    """
+    from guara_perception.simulation.gait import WaveGait
+    from guara_perception.simulation.planner import plan_foothold
+
+    if any(name not in terrain.metadata for name in ("robot", "stance", "transform_base_to_footprint", "limits")):
+        return {}
+    gait = WaveGait.of(robot)
+    planned = {}
+    for leg in robot.legs:
+        x, y = gait.landing(leg)
+        found = plan_foothold(terrain, leg, (x + gait.advance, y), robot=robot)
+        if found is not None:
+            planned[leg] = (found.x, found.y, found.z)
+    return planned
+
+
+def _processed(scan: Scan, robot: RobotModel, calibration: Calibration) -> Moment:
+    from guara_perception.process import run_scan
+
+    processor = run_scan(scan, calibration, robot)
+    terrain = processor.finish()
+    points = [stripe.points for stripe in processor.points.values()]
+    return Moment({"footprint": terrain}, lambda: points, planned_footholds(robot, terrain))
+
+
+def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) -> list[Moment]:
+    """Moments of a recording: its grids by step; scans without grids are processed."""
+    from guara_perception.app.open_scan import open_scans
+    from transport import TransportError
+    from transport.recording import open_recording
+
+    try:
+        with open_recording(path) as recording:
+            grids: dict[int, dict[str, TerrainGrid]] = {}
+            for extent in ("footprint", "map"):
+                for message in recording.terrains(extent):
+                    grids.setdefault(message.step, {})[extent] = message_to_terrain(message)
+    except TransportError as error:
+        raise FileFormatError(str(error)) from None
+    scans = {scan.step: scan for scan in open_scans(path)}
+    if not grids and calibration is None and scans:
+        raise InvalidInput(f"{path} holds scans but no grids: give the calibration that belongs to it with -c")
+    if not grids and not scans:
+        raise FileFormatError(f"{path} holds neither grids nor scans: there is nothing to show")
+    moments = []
+    for step in sorted({*grids, *(scans if calibration is not None else ())}):
+        if step not in grids and calibration is not None:
+            moments.append(_processed(scans[step], robot, calibration))
+            continue
+        stripes = _measured(scans[step], robot, calibration) if step in scans and calibration is not None else None
+        planned = planned_footholds(robot, grids[step].get("map") or grids[step]["footprint"])
+        moments.append(Moment(grids[step], footholds=planned, **({} if stripes is None else {"stripes": stripes})))
+    return moments
+
+
+def _measured(scan: Scan, robot: RobotModel, calibration: Calibration) -> Callable[[], list[Float]]:
+    """The points of a scan, processed when they are first asked for."""
+
+    @lru_cache(maxsize=1)
+    def points() -> list[Float]:
+        from guara_perception.process import run_scan
+
+        return [stripe.points for stripe in run_scan(scan, calibration, robot).points.values()]
+
+    return points

@@ -1,0 +1,98 @@
+"""A terrain grid as textured triangles between the centres of its cells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.view.style import HEIGHT_COLOURS, TRAVERSABILITY_COLOURS, hazard_picture
+
+COLOURINGS = ("hazard", "elevation", "traversability")
+# Heights beyond these have the colour of the end [m].
+HEIGHT_RANGE_M = (-0.06, 0.09)
+# Neighbouring cells further apart in height than this are not joined: a wall that nobody measured is not drawn.
+JOIN_HEIGHT_M = 0.030
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TerrainMesh:
+    """Triangles of a grid.
+
+    Attributes:
+        vertices: (n, 3) float32 in base_footprint [m].
+        faces: (m, 3) uint32, facing up.
+        picture: (ny, nx, 3) uint8, red, green, blue of each cell.
+        texture_positions: (n, 2) float32, where in the picture each vertex lies: to the right and upwards, 0 ... 1,
+            the picture's first row on top.
+        legend: (name, colour) of what is shown, for the hazard colouring; empty otherwise.
+    """
+
+    vertices: npt.NDArray[np.float32]
+    faces: npt.NDArray[np.uint32]
+    picture: npt.NDArray[np.uint8]
+    texture_positions: npt.NDArray[np.float32]
+    legend: tuple[tuple[str, str], ...]
+
+
+def terrain_mesh(terrain: TerrainGrid, colouring: str = "hazard") -> TerrainMesh:
+    """Triangles over all known cells; with the colouring "hazard" also of unknown ones that were looked at, by cause.
+
+    Unknown cells have no height: they are drawn at that of the nearest known cell, in the colour of their cause.
+
+    Raises:
+        InvalidInput: no such colouring.
+    """
+    if colouring not in COLOURINGS:
+        raise InvalidInput(f"colouring is {colouring!r}, allowed: {', '.join(COLOURINGS)}")
+    elevation = terrain.elevation
+    known = np.isfinite(elevation)
+    drawn = known
+    legend: tuple[tuple[str, str], ...] = ()
+    if colouring == "hazard":
+        picture, shown = hazard_picture(terrain.hazard)
+        drawn = known | ((terrain.hazard & (UNKNOWN_MASK & ~np.uint16(Hazard.UNSCANNED))) != 0)
+        legend = tuple(item for item in shown if item[0] != "unscanned")
+    elif colouring == "elevation":
+        low, high = HEIGHT_RANGE_M
+        picture = _coloured(np.nan_to_num((elevation - low) / (high - low)), HEIGHT_COLOURS)
+    else:
+        picture = _coloured(terrain.traversability, TRAVERSABILITY_COLOURS)
+    heights = _filled(elevation)
+    x, y = terrain.geometry.centres()
+    ny, nx = terrain.shape
+    iy, ix = np.nonzero(drawn)
+    vertices = np.column_stack((x[ix], y[iy], heights[drawn])).astype(np.float32)
+    texture_positions = np.column_stack(((ix + 0.5) / nx, 1 - (iy + 0.5) / ny)).astype(np.float32)
+    number = np.full(terrain.shape, -1, dtype=np.int64)
+    number[drawn] = np.arange(len(ix))
+    corners = np.stack((number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]), axis=-1).reshape(-1, 4)
+    corners = corners[(corners >= 0).all(axis=1)]
+    corners = corners[np.ptp(vertices[corners, 2], axis=1) < JOIN_HEIGHT_M]
+    faces = np.vstack((corners[:, [0, 1, 2]], corners[:, [0, 2, 3]])).astype(np.uint32)
+    return TerrainMesh(vertices, faces, np.round(picture * 255).astype(np.uint8), texture_positions, legend)
+
+
+def _coloured(values: npt.NDArray[np.floating], name: str) -> npt.NDArray[np.float32]:
+    """Colours (..., 3) 0 ... 1 of values 0 ... 1."""
+    import matplotlib
+
+    return np.asarray(matplotlib.colormaps[name](np.clip(values, 0, 1))[..., :3], dtype=np.float32)
+
+
+def _filled(elevation: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Unknown cells at the height of the nearest known one; 0 when nothing is known."""
+    known = np.isfinite(elevation)
+    if not known.any():
+        return np.zeros_like(elevation)
+    labels = cv2.distanceTransformWithLabels((~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)[
+        1
+    ]
+    by_label = np.zeros(int(labels.max()) + 1, dtype=np.float32)
+    by_label[labels[known]] = elevation[known]
+    return np.asarray(by_label[labels], dtype=np.float32)

@@ -1,0 +1,74 @@
+"""Tests of what is drawn in 3-D."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.exceptions import InvalidInput
+from guara_perception.view import style
+from guara_perception.view.robot_mesh import robot_meshes
+from guara_perception.view.terrain_mesh import terrain_mesh
+from kinematics import load_robot
+
+ROBOTS = ("guara", str(Path(__file__).parents[2] / "robots" / "tapir"))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_shape_is_drawn_where_it_is(name: str) -> None:
+    """The drawn robot stands on its soles, as wide as its hips; each mesh is closed and faces outwards."""
+    robot = load_robot(name)
+    posture = robot.posture(robot.config.scan_posture)
+    meshes = robot_meshes(robot, posture)
+    assert set(meshes) == {link for link, description in robot.tree.links.items() if description.shapes}
+    lowest = min(vertices[:, 2].min() for vertices, _ in meshes.values())
+    assert lowest == pytest.approx(robot.state(posture).soles_in_base()[:, 2].mean(), abs=0.02)
+    for vertices, faces in meshes.values():
+        assert faces.max() == len(vertices) - 1
+        one, two, three = (vertices[faces[:, i]] for i in range(3))
+        # The sum of signed volumes against the origin is the volume of a closed surface that faces outwards.
+        assert np.einsum("ij,ij->i", one, np.cross(two, three)).sum() > 0
+        np.testing.assert_allclose(np.cross(two - one, three - one).sum(axis=0), 0, atol=1e-9)
+
+
+def test_the_mesh_lies_on_the_grid(grid: gp.TerrainGrid) -> None:
+    """Vertices are centres of known cells at their height; triangles face up and cross no wall."""
+    mesh = terrain_mesh(grid, "elevation")
+    known = np.isfinite(grid.elevation)
+    assert len(mesh.vertices) == known.sum()
+    np.testing.assert_allclose(grid.height_at(mesh.vertices[:, 0], mesh.vertices[:, 1]), mesh.vertices[:, 2], atol=1e-6)
+    one, two, three = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    assert (np.cross(two - one, three - one)[:, 2] > 0).all()
+    assert np.ptp(mesh.vertices[mesh.faces, 2], axis=1).max() < 0.03
+
+
+def test_a_vertex_has_the_colour_of_its_cell(grid: gp.TerrainGrid) -> None:
+    """The texture's place of a vertex is the cell it stands for; unknown cells show their cause in hazard colours."""
+    mesh = terrain_mesh(grid, "hazard")
+    ny, nx = grid.shape
+    column = np.floor(mesh.texture_positions[:, 0] * nx).astype(int)
+    row = np.floor((1 - mesh.texture_positions[:, 1]) * ny).astype(int)
+    iy, ix = grid.geometry.indices(mesh.vertices[:, 0], mesh.vertices[:, 1])
+    np.testing.assert_array_equal(row, iy)
+    np.testing.assert_array_equal(column, ix)
+    wanted = np.round(style.hazard_picture(grid.hazard)[0] * 255)
+    np.testing.assert_array_equal(mesh.picture, wanted)
+    assert "free" in dict(mesh.legend)
+    assert "unscanned" not in dict(mesh.legend)
+
+
+def test_other_colourings_have_no_legend_and_unknown_ones_are_refused(grid: gp.TerrainGrid) -> None:
+    """Traversability and elevation are colour scales; anything else is refused with what there is."""
+    assert terrain_mesh(grid, "traversability").legend == ()
+    with pytest.raises(InvalidInput, match="colouring is 'slope', allowed: hazard, elevation, traversability"):
+        terrain_mesh(grid, "slope")
+
+
+def test_an_unknown_grid_has_an_empty_mesh() -> None:
+    """Where nothing is known nothing is drawn."""
+    mesh = terrain_mesh(gp.assess_terrain(np.full((5, 6), np.nan), 0.01), "elevation")
+    assert mesh.vertices.shape == (0, 3)
+    assert mesh.faces.shape == (0, 3)
