@@ -11,6 +11,7 @@ import numpy.typing as npt
 from guara_perception.settings import Settings, limits_to_dict
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.height_anchor import HeightAnchor
 
 # Fields of a scan's metadata that also hold for the map of the same pause.
 FROM_SCAN = (
@@ -37,6 +38,7 @@ def map_report(
     covariance: npt.NDArray[np.float64],
     scans: int,
     rejected: int,
+    anchor: HeightAnchor,
     residuals: Mapping[str, float | None],
     known_ground: Sequence[Mapping[str, Any]],
 ) -> dict[str, Any]:
@@ -50,16 +52,15 @@ def map_report(
         transform_footprint_to_odom, covariance: of this pause.
         scans: number of scans fused so far.
         rejected: heights of the last scan that disagreed with the map.
+        anchor: of the walk's height to the map.
         residuals: leg -> height of its sole over the map [m], None where the map does not know the ground there.
         known_ground: patches declared so far, with the number of cells that each filled.
     """
     hazard = np.asarray(layers["hazard"], np.uint16)
     unknown = (hazard & UNKNOWN_MASK) != 0
     reasons = [str(reason) for reason in terrain.metadata.get("health", {}).get("reasons", ())]
-    # A foot that stands further off the map than the map may be unsure: it, or the odometry, is wrong there.
-    for leg, residual in residuals.items():
-        if residual is not None and abs(residual) > settings.limits.sigma:
-            reasons.append(f"the sole of {leg} stands {residual * 1e3:+.1f} mm off the map")
+    for leg in anchor.rejected:
+        reasons.append(f"the sole of {leg} stands {1e3 * (residuals[leg] or 0.0):+.1f} mm off the map: not used")
     return {
         **{name: terrain.metadata[name] for name in FROM_SCAN if name in terrain.metadata},
         "robot": robot,
@@ -71,6 +72,8 @@ def map_report(
         "scans": scans,
         "disagreeing_cells": rejected,
         "support_residuals": dict(residuals),
+        "height_correction": anchor.offset,
+        "height_correction_sigma": float(np.sqrt(anchor.variance)),
         "known_ground": [dict(patch) for patch in known_ground],
         "coverage": float((~unknown).mean()),
         "known": float((~unknown).mean()),

@@ -1,4 +1,4 @@
-"""Feet on the ground measure it: each supporting sole corrects, confirms or disputes the cells under it."""
+"""Feet on the ground measure its height: what supporting soles say of the map, and of ground that no scan saw."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy.typing as npt
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.fuse_heights import Drift, Heights, fuse_heights
 from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.height_anchor import SoleError
 from guara_perception.terrain.look import LOOKED_AT
 from guara_perception.terrain.odom_cells import Index, OdomCells
 
@@ -19,8 +20,8 @@ if TYPE_CHECKING:
 
 Float = npt.NDArray[np.float64]
 
-# A sole stands on the highest ground under it; what lies deeper than this below the top does not carry it.
-BEARING_M = 0.004
+# A level sole stands on the highest ground under it; one cell in ten may be higher by noise.
+BEARING_QUANTILE = 0.9
 # Ground under a sole that no scan saw may lie lower than the sole by so much (a sigma).
 UNSEEN_RELIEF_M = 0.003
 # From this share of the sole known on, its height can be compared with the map's.
@@ -85,27 +86,25 @@ def support_feet(
     return feet
 
 
-def apply_foot(cells: OdomCells, foot: FootMeasurement, drift: Drift, pause: int, stamp: int) -> float | None:
-    """Bring one sole into the map.
+def sole_error(cells: OdomCells, foot: FootMeasurement) -> SoleError | None:
+    """Height of a sole over the ground that scans saw under it; None where the map knows too little of that ground."""
+    memory = cells.memory
+    place = foot.place[_scanned(cells, foot)]
+    if not foot.place.size or place.size < COMPARED_SHARE * foot.place.size:
+        return None
+    bearing = float(np.quantile(memory["height"][place], BEARING_QUANTILE))
+    return SoleError(float(foot.centre[2]) - bearing, foot.variance + float(memory["variance"][place].mean()))
 
-    Where the map knows most of the ground under the sole, the top of that ground is compared with the sole: all cells
-    are moved by what a Kalman filter makes of the difference, so their relief stays; beyond the gate they are in
-    conflict. Cells that no scan saw, and that were not found empty, get the sole's height.
 
-    Returns:
-        Height of the sole over the map's top under it [m], None where the map does not know enough.
+def fill_under_foot(cells: OdomCells, foot: FootMeasurement, drift: Drift, pause: int, stamp: int) -> None:
+    """Give cells under a sole that no scan saw, and that were not found empty, the sole's height.
+
+    Ground that scans saw keeps its own: one sole tells nothing of the relief under it, and what all soles say of the
+    height of the walk is taken into account by the height anchor.
     """
     memory = cells.memory
-    height = memory["height"][foot.place]
-    known = np.isfinite(height)
-    scanned = known & (memory["looks"][foot.place] > 0)
-    residual = None
-    if foot.place.size and scanned.mean() >= COMPARED_SHARE:
-        bearing = scanned & (height > height[scanned].max() - BEARING_M)
-        residual = float(foot.centre[2] - height[bearing].mean())
-        _correct(cells, foot, foot.place[scanned], foot.distance[scanned], residual, drift, pause, stamp)
-    unseen = ~scanned & ((memory["cause"][foot.place] & LOOKED_AT) == 0)
-    place = foot.place[unseen]
+    is_free = ~_scanned(cells, foot) & ((memory["cause"][foot.place] & LOOKED_AT) == 0)
+    place = foot.place[is_free]
     nothing = np.zeros(place.size)
     heights = Heights(
         place=place,
@@ -115,27 +114,10 @@ def apply_foot(cells: OdomCells, foot: FootMeasurement, drift: Drift, pause: int
         above=nothing,
         steepness=nothing,
     )
-    fuse_heights(cells, heights, drift, foot.distance[unseen], pause, stamp, is_look=False)
-    return residual
+    fuse_heights(cells, heights, drift, foot.distance[is_free], pause, stamp, is_look=False)
 
 
-def _correct(
-    cells: OdomCells,
-    foot: FootMeasurement,
-    place: Index,
-    distance: Float,
-    residual: float,
-    drift: Drift,
-    pause: int,
-    stamp: int,
-) -> None:
+def _scanned(cells: OdomCells, foot: FootMeasurement) -> npt.NDArray[np.bool_]:
     memory = cells.memory
-    heights = Heights(
-        place=place,
-        height=memory["height"][place] + residual,
-        variance=np.full(place.size, foot.variance),
-        below=memory["below"][place],
-        above=memory["above"][place],
-        steepness=memory["steepness"][place],
-    )
-    fuse_heights(cells, heights, drift, distance, pause, stamp, is_look=False)
+    known = np.isfinite(memory["height"][foot.place]) & ~memory["conflict"][foot.place]
+    return np.asarray(known & (memory["looks"][foot.place] > 0))

@@ -14,12 +14,13 @@ from guara_perception.terrain.fuse_heights import Drift, forget_heights, fuse_he
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.height_anchor import HeightAnchor, SoleError
 from guara_perception.terrain.known_ground import KnownGround, declared_heights
 from guara_perception.terrain.look import LOOKED_AT, look_at
 from guara_perception.terrain.map_report import map_report
 from guara_perception.terrain.odom_cells import OdomCells
 from guara_perception.terrain.snapshot import Moment, snapshot_layers
-from guara_perception.terrain.support_feet import apply_foot, support_feet
+from guara_perception.terrain.support_feet import FootMeasurement, fill_under_foot, sole_error, support_feet
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
@@ -68,6 +69,7 @@ class TerrainMap:
         self._pause = 0
         self._step: int | None = None
         self._drift = Drift(0.0, 0.0, 0.0, (0.0, 0.0))
+        self._anchor = HeightAnchor()
         self._ground: list[dict[str, Any]] = []
         self._scans = 0
 
@@ -109,16 +111,19 @@ class TerrainMap:
         if self._middle is None or np.abs(position - self._middle).max() > MARGIN_M:
             self._cells.centre_on(float(position[0]), float(position[1]))
             self._middle = position.copy()
+        self._anchor, errors = self._anchored(terrain, transform, float(spread[2, 2]))
+        transform[2, 3] += self._anchor.offset
         last = self._drift
         self._drift = Drift(
-            rise=max(last.rise, float(spread[2, 2])),
+            rise=self._anchor.rise,
             shift=max(last.shift, float(spread[0, 0]), float(spread[1, 1])),
             turn=max(last.turn, float(spread[5, 5])),
             position=(float(position[0]), float(position[1])),
         )
         moment = Moment(self._pause, terrain.stamp, self._drift, transform)
         rejected = self._look(terrain, moment)
-        residuals = self._feet(terrain, moment)
+        for foot in self._feet(terrain, transform):
+            fill_under_foot(self._cells, foot, self._drift, self._pause, terrain.stamp)
         for ground in known_ground:
             self._declare(ground, moment)
         self._scans += 1
@@ -132,7 +137,8 @@ class TerrainMap:
             covariance=spread,
             scans=self._scans,
             rejected=rejected,
-            residuals=residuals,
+            anchor=self._anchor,
+            residuals={leg: None if error is None else error.residual for leg, error in errors.items()},
             known_ground=self._ground,
         )
         return TerrainGrid(
@@ -157,9 +163,17 @@ class TerrainMap:
         memory["cause"][look.unseen[better]] = look.unseen_cause[better] & UNKNOWN_MASK
         return int((~accepted).sum())
 
-    def _feet(self, terrain: TerrainGrid, now: Moment) -> dict[str, float | None]:
-        feet = support_feet(self._cells, self._robot, terrain, now.transform_footprint_to_odom, self._settings.limits)
-        return {foot.leg: apply_foot(self._cells, foot, now.drift, now.pause, now.stamp) for foot in feet}
+    def _feet(self, terrain: TerrainGrid, transform: Float) -> list[FootMeasurement]:
+        return support_feet(self._cells, self._robot, terrain, transform, self._settings.limits)
+
+    def _anchored(
+        self, terrain: TerrainGrid, transform: Float, variance: float
+    ) -> tuple[HeightAnchor, dict[str, SoleError | None]]:
+        """The height anchor of this pause, and how far each sole stood off the map before it was applied."""
+        here = transform.copy()
+        here[2, 3] += self._anchor.offset
+        errors = {foot.leg: sole_error(self._cells, foot) for foot in self._feet(terrain, here)}
+        return self._anchor.after(variance, {leg: e for leg, e in errors.items() if e is not None}), errors
 
     def _declare(self, ground: KnownGround, now: Moment) -> None:
         heights, distance = declared_heights(self._cells, ground, now.transform_footprint_to_odom)

@@ -1,0 +1,232 @@
+"""A walk over analytic ground with joint and contact noise: true heights in, synthetic scans out, for the fused map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+import guara_perception as gp
+from guara_perception.settings import Settings, limits_to_dict
+from guara_perception.terrain.assess import assess_layers
+from guara_perception.terrain.geometry import GridGeometry
+from kinematics import RobotModel, Stance
+
+Float = npt.NDArray[np.float64]
+
+LIFT_ORDER = ("rh", "rf", "lh", "lf")
+CYCLE_M = 0.140
+ADVANCE_M = CYCLE_M / len(LIFT_ORDER)
+HIP_HEIGHT_M = 0.360
+# A leg that stands lowest must still reach half a stride aside.
+LONGEST_LEG_M = 0.375
+PAUSE_NS = 4_675_000_000
+# Where camera and laser are in base_link (nominal), for occlusion.
+CAMERA_IN_BASE = np.array([0.400, 0.0, 0.140])
+LASER_IN_BASE = np.array([0.600, 0.0, 0.110])
+SENSOR_SIGMA_M = (0.0001, 0.0002)
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Mixed terrain: boxes, a ramp up and down, a rough stretch, a trench, and dark patches that return nothing."""
+
+    boxes: Float
+    dark: Float
+    phases: Float
+
+    @staticmethod
+    def random(seed: int) -> Ground:
+        """Ground of a seed; the first 0.45 m, where the robot stands, are flat."""
+        rng = np.random.default_rng(seed)
+        boxes = np.column_stack(
+            (
+                rng.uniform(0.5, 2.8, 14),
+                rng.uniform(-0.30, 0.30, 14),
+                rng.uniform(0.04, 0.12, 14),
+                rng.uniform(0.04, 0.12, 14),
+                rng.choice([0.010, 0.020, 0.030, 0.040], 14),
+            )
+        )
+        dark = np.column_stack((rng.uniform(0.5, 2.8, 6), rng.uniform(-0.25, 0.25, 6), rng.uniform(0.015, 0.035, 6)))
+        return Ground(boxes, dark, rng.uniform(0, 2 * np.pi, (3, 2)))
+
+    def height_at(self, x: Float, y: Float) -> Float:
+        """True height in the world [m]."""
+        ramp = 0.030 * np.clip((x - 0.8) / 0.4, 0, 1) - 0.030 * np.clip((x - 1.7) / 0.4, 0, 1)
+        rough = np.zeros(np.shape(x))
+        for (px, py), length, height in zip(self.phases, (0.05, 0.08, 0.13), (0.0006, 0.001, 0.0015), strict=True):
+            rough = rough + height * np.sin(2 * np.pi * x / length + px) * np.sin(2 * np.pi * y / length + py)
+        rough = rough * ((x > 1.25) & (x < 1.65))
+        height = ramp + rough
+        for bx, by, length, width, top in self.boxes:
+            on = (np.abs(x - bx) < length / 2) & (np.abs(y - by) < width / 2)
+            height = np.where(on, height + top, height)
+        return np.where((x > 2.2) & (x < 2.26) & (np.abs(y) < 0.12), height - 0.05, height)
+
+    def is_dark(self, x: Float, y: Float) -> npt.NDArray[np.bool_]:
+        """Whether the ground swallows the laser."""
+        dark = np.zeros(np.shape(x), dtype=bool)
+        for dx, dy, radius in self.dark:
+            dark |= np.hypot(x - dx, y - dy) < radius
+        return dark
+
+
+@dataclass(frozen=True)
+class Pause:
+    """One stance pause of a walk.
+
+    Attributes:
+        step: its number.
+        stance: as measured, with noise.
+        transform_base_to_world: the truth, (4, 4).
+        soles_in_world: leg -> (3,), true.
+        next_footholds: leg -> (3,) true places of the next swing of each leg.
+        next_leg: the leg that swings next.
+    """
+
+    step: int
+    stance: Stance
+    transform_base_to_world: Float
+    soles_in_world: dict[str, Float]
+    next_footholds: dict[str, Float]
+    next_leg: str
+
+
+def walk(robot: RobotModel, ground: Ground, cycles: int, seed: int, *, has_gravity: bool = True) -> Iterator[Pause]:
+    """Pauses of a walk: four swings a cycle, the body level but for a degree, noise as in the robot's stance table."""
+    rng = np.random.default_rng(1000 + seed)
+    noise = robot.noise
+    hips = {leg: robot.state(robot.posture("scan")).position_in_base(robot.tree.leg(leg).hip) for leg in robot.legs}
+    feet = {}
+    for turn, leg in enumerate(LIFT_ORDER):
+        feet[leg] = _foothold(ground, hips[leg][0] + (turn - 1.5) * ADVANCE_M, hips[leg][1])
+    for step in range(4 * cycles + 1):
+        body_x = step * ADVANCE_M
+        roll, pitch, yaw = rng.normal(0, np.radians(1.0), 3) * (1, 1, 0.5)
+        soles = {leg: foot + rng.normal(0, noise.contact_sigma, 3) for leg, foot in feet.items()}
+        transform = np.eye(4)
+        transform[:3, :3] = _rotation(roll, pitch, yaw)
+        heights = [foot[2] for foot in feet.values()]
+        transform[:3, 3] = (body_x, 0.0, min(np.mean(heights) + HIP_HEIGHT_M, min(heights) + LONGEST_LEG_M))
+        stance = _measured(robot, transform, soles, rng, has_gravity)
+        upcoming = {
+            leg: _foothold(ground, hips[leg][0] + body_x + ADVANCE_M * (1.5 + (turn - step) % 4 + 1), hips[leg][1])
+            for turn, leg in enumerate(LIFT_ORDER)
+        }
+        next_leg = LIFT_ORDER[step % 4]
+        yield Pause(step, stance, transform, soles, upcoming, next_leg)
+        feet[next_leg] = upcoming[next_leg]
+
+
+def scan(robot: RobotModel, ground: Ground, pause: Pause, seed: int) -> gp.TerrainGrid:
+    """The grid that a scan of this pause would give: true heights with noise, hidden and dark cells unknown."""
+    settings = Settings.of(robot)
+    grid = GridGeometry.over(settings.footprint_x, settings.footprint_y, settings.resolution)
+    pose = robot.stance_pose(pause.stance)
+    rng = np.random.default_rng(5000 + 100 * seed + pause.step)
+    x, y = (a.ravel() for a in np.meshgrid(*grid.centres()))
+    to_world = pause.transform_base_to_world @ np.linalg.inv(pose.transform_base_to_footprint)
+    samples = []
+    for dx, dy in ((0, 0), (-0.45, -0.45), (-0.45, 0.45), (0.45, -0.45), (0.45, 0.45)):
+        samples.append(_seen_height(ground, to_world, x + dx * grid.resolution, y + dy * grid.resolution))
+    heights = np.array([height for height, _ in samples])
+    world = samples[0][1]
+    hidden = np.zeros(x.size, dtype=bool)
+    for eye in (CAMERA_IN_BASE, LASER_IN_BASE):
+        eye_in_world = pause.transform_base_to_world[:3, :3] @ eye + pause.transform_base_to_world[:3, 3]
+        hidden |= _hidden(ground, world, eye_in_world)
+    dropped = ground.is_dark(world[:, 0], world[:, 1]) | (rng.random(x.size) < 0.0005)
+    sigma = np.interp(x, settings.footprint_x, SENSOR_SIGMA_M)
+    top = heights.max(axis=0)
+    on_top = heights > top - 0.004
+    mean = np.where(on_top, heights, 0).sum(axis=0) / on_top.sum(axis=0) + rng.normal(0, sigma)
+    unknown = hidden | dropped
+    flags = np.where(hidden, gp.Hazard.OCCLUDED, np.where(dropped, gp.Hazard.DROPOUT, 0)).astype(np.uint16)
+
+    def layer(values: Float) -> Float:
+        return np.where(unknown, np.nan, values).reshape(grid.shape)
+
+    low, high = np.minimum(heights.min(axis=0), mean), np.maximum(top, mean)
+    layers = assess_layers(
+        layer(mean),
+        layer(sigma**2),
+        layer(low),
+        layer(high),
+        flags.reshape(grid.shape),
+        grid.resolution,
+        settings.limits,
+    )
+    layers["age"] = np.where(unknown, 255, 0).astype(np.uint8).reshape(grid.shape)
+    layers["looks"] = (~unknown).astype(np.uint8).reshape(grid.shape)
+    metadata = {
+        "robot": robot.name,
+        "stance": pause.stance.to_dict(),
+        "support_feet_used": list(pose.support_feet_used),
+        "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),
+        "pose_covariance": pose.covariance.tolist(),
+        "limits": limits_to_dict(settings.limits),
+    }
+    return gp.TerrainGrid(
+        layers=layers, geometry=grid, stamp=(pause.step + 1) * PAUSE_NS, step=pause.step, metadata=metadata
+    )
+
+
+def _measured(
+    robot: RobotModel, transform: Float, soles: dict[str, Float], rng: np.random.Generator, has_gravity: bool
+) -> Stance:
+    rotation = transform[:3, :3]
+    joints: dict[str, float] = {}
+    for leg in robot.legs:
+        in_base = rotation.T @ (soles[leg] - transform[:3, 3])
+        reach = robot.reach(leg, in_base)
+        if not reach.is_reachable:
+            raise SystemExit(f"the walk is out of reach of {leg}: {in_base}")
+        joints.update(zip(robot.tree.leg(leg).joints, reach.joint_positions.tolist(), strict=True))
+    joints = {name: angle + rng.normal(0, robot.noise.encoder_sigma) for name, angle in joints.items()}
+    down = rotation.T @ np.array([0.0, 0.0, -1.0]) + rng.normal(0, robot.noise.imu_sigma, 3)
+    gravity = (float(down[0]), float(down[1]), float(down[2])) if has_gravity else None
+    return Stance(joints, robot.legs, gravity)
+
+
+def _foothold(ground: Ground, x: float, y: float) -> Float:
+    """The flattest place for a sole near a wish, and its height."""
+    best = None
+    for dx in np.arange(-0.03, 0.031, 0.01):
+        for dy in np.arange(-0.02, 0.021, 0.01):
+            sx, sy = np.meshgrid(np.linspace(-0.045, 0.045, 10), np.linspace(-0.035, 0.035, 8))
+            heights = ground.height_at(x + dx + sx, y + dy + sy)
+            cost = (round(float(np.ptp(heights)), 4), float(np.hypot(dx, dy)))
+            if best is None or cost < best[0]:
+                best = (cost, np.array([x + dx, y + dy, float(heights.max())]))
+    assert best is not None
+    return best[1]
+
+
+def _rotation(roll: float, pitch: float, yaw: float) -> Float:
+    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(a), np.sin(a)) for a in (roll, pitch, yaw))
+    about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    return np.asarray(about_z @ about_y @ about_x)
+
+
+def _seen_height(ground: Ground, to_world: Float, x: Float, y: Float) -> tuple[Float, Float]:
+    """Height at which the vertical of the measured footprint meets the true ground, and that point in the world."""
+    z = np.zeros(x.size)
+    for _ in range(4):
+        world = np.column_stack((x, y, z)) @ to_world[:3, :3].T + to_world[:3, 3]
+        z = z + (ground.height_at(world[:, 0], world[:, 1]) - world[:, 2]) / to_world[2, 2]
+    world = np.column_stack((x, y, z)) @ to_world[:3, :3].T + to_world[:3, 3]
+    return z, world
+
+
+def _hidden(ground: Ground, points: Float, eye: Float) -> npt.NDArray[np.bool_]:
+    """Whether the true ground stands between points (n, 3) and an eye."""
+    hidden = np.zeros(len(points), dtype=bool)
+    for share in np.linspace(0.005, 0.35, 60):
+        at = points + share * (eye - points)
+        hidden |= ground.height_at(at[:, 0], at[:, 1]) > at[:, 2] + 0.001
+    return hidden
