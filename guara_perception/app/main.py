@@ -16,10 +16,12 @@ COMMANDS = {
     for name in (
         "calibrate",
         "convert",
+        "demo",
         "doctor",
         "listen",
         "process",
         "recover",
+        "run",
         "security",
     )
 }

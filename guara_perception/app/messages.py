@@ -14,7 +14,7 @@ from guara_perception.exceptions import UnsafeGrid
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.invariant import check_invariant
-from transport import Health, StanceMessage, TerrainMessage, TransformMessage
+from transport import Health, ObstacleMessage, StanceMessage, TerrainMessage, TransformMessage
 
 HEALTH = {"ok": Health.OK, "degraded": Health.WARN, "failed": Health.ERROR}
 
@@ -66,6 +66,7 @@ def terrain_to_message(
         ),
         attitude_source=str(data.get("attitude_source", "level")),
         transforms=_transforms(data),
+        obstacles=_obstacles(terrain),
         point_counts=data.get("points", {}),
         stage_ms={name: 1e3 * seconds for name, seconds in data.get("seconds", {}).items()},
         coverage=float(data.get("coverage", 0.0)),
@@ -122,4 +123,17 @@ def _transforms(data: Mapping[str, Any]) -> tuple[TransformMessage, ...]:
         )
         for source, destination, name, spread in pairs
         if data.get(name) is not None
+    )
+
+
+def _obstacles(terrain: TerrainGrid) -> tuple[ObstacleMessage, ...]:
+    return tuple(
+        ObstacleMessage(
+            outline=np.asarray(item.outline),
+            height=item.height,
+            position=tuple(item.position),
+            sigma=item.sigma,
+            hazard=int(item.hazard),
+        )
+        for item in terrain.obstacles()
     )

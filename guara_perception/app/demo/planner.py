@@ -1,7 +1,7 @@
 """The demo's planner: its own process, with nothing but the public client; told on stdin which foot moves next.
 
 Each line of standard input is a JSON object {step, leg, x, y, radius, extent}; each answer is a JSON line with the
-foothold that was chosen on the grid of that step, or with the reason why there is none.
+foothold that was chosen on the grid of that step, or with the reasons why there is none.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 from guara_perception.app.client import TerrainClient
 
-GRID_TIMEOUT_S = 20.0
+GRID_TIMEOUT_S = 60.0
 
 
 def main() -> int:
@@ -26,14 +26,20 @@ def main() -> int:
 
 
 def answer(client: TerrainClient, request: dict[str, Any]) -> dict[str, Any]:
-    """Wait for the grid of the step and choose a foothold on it."""
-    extent = request["extent"]
-    terrain = client.wait_for_step(request["step"], timeout=GRID_TIMEOUT_S, extent=extent)
-    found = terrain.best_foothold(request["x"], request["y"], request["radius"], leg=request.get("leg"))
-    reply: dict[str, Any] = {"step": terrain.step, "leg": request.get("leg"), "counts": client.counts(extent)}
+    """Wait for the grids of the step and choose a foothold on the one that is asked for."""
+    client.wait_for_step(request["step"], timeout=GRID_TIMEOUT_S)
+    terrain = client.wait_for_step(request["step"], timeout=GRID_TIMEOUT_S, extent=request["extent"])
+    x, y, leg = request["x"], request["y"], request["leg"]
+    found = terrain.best_foothold(x, y, request["radius"], leg=leg)
+    reply: dict[str, Any] = {
+        "step": terrain.step,
+        "leg": leg,
+        "received": client.counts()["received"],
+        "foothold": None,
+        "reasons": [],
+    }
     if found is None:
-        verdict = terrain.check_foothold(request["x"], request["y"], leg=request.get("leg"))
-        reply.update(foothold=None, reasons=list(map(str, verdict.reasons)))
+        reply["reasons"] = [str(reason) for reason in terrain.check_foothold(x, y, leg=leg).reasons]
     else:
         reply.update(foothold=[found.x, found.y, found.z], score=found.score)
     return reply

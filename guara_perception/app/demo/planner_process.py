@@ -26,7 +26,7 @@ class PlannerProcess:
             PlannerFailed: it did not come up.
         """
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "guara_perception.app.demo_planner", endpoint, robot],
+            [sys.executable, "-m", "guara_perception.app.demo.planner", endpoint, robot],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -46,7 +46,7 @@ class PlannerProcess:
     def choose(
         self, *, step: int, leg: str, x: float, y: float, radius: float, extent: str = "footprint"
     ) -> dict[str, Any]:
-        """Ask for a foothold near (x, y) [m in base_footprint of that step]; see `demo_planner` for the answer.
+        """Ask for a foothold near (x, y) [m in base_footprint of that step]; see `planner` for the answer.
 
         Raises:
             PlannerFailed: the process died or does not answer.

@@ -16,6 +16,7 @@ from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput, PerceptionError
 from guara_perception.settings import MODES
+from guara_perception.terrain.grid import TerrainGrid
 from kinematics import KinematicsError, RobotModel, Stance
 from transport import PausePhase, ScanFailed, ScanRequest, StancePause, TerrainMessage, TransportError
 from transport.server import PerceptionServer
@@ -76,6 +77,7 @@ class PerceptionNode:
         self._pause: Pause | None = None
         self._to_scan: Pause | None = None
         self._job: tuple[ScanJob, list[TerrainMessage | Exception]] | None = None
+        self._done = -1
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="guara-scans", daemon=True)
         server.serve_scans(self._serve, admission=self._admit)
@@ -117,6 +119,16 @@ class PerceptionNode:
         self.status.solved("stance")
         self._server.begin_step(announcement.step)
 
+    @property
+    def latest_map(self) -> TerrainGrid | None:
+        """The map as it was fused last, None before the first pause."""
+        return self._scanner.latest_map
+
+    def wait_for_step(self, step: int, timeout: float) -> bool:
+        """Wait until the scan of a pause is done, or given up; False when `timeout` [s] passed before."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._done >= step or self._closing.is_set(), timeout)
+
     def close(self) -> None:
         """End the scan under way, laser off, and the thread; safe to call twice."""
         self._closing.set()
@@ -157,6 +169,9 @@ class PerceptionNode:
                 job, self._job = (self._job, None) if pause is None else (None, self._job)
             if pause is not None:
                 self._scan(pause, self._mode, lambda: False, None)
+                with self._changed:
+                    self._done = pause.step
+                    self._changed.notify_all()
             elif job is not None:
                 self._run_job(*job)
 

@@ -52,6 +52,11 @@ class PauseScanner:
         self._settings = Settings.of(robot)
         self._map = WalkMap(robot, calibration)
 
+    @property
+    def latest_map(self) -> TerrainGrid | None:
+        """The map as it was fused last, None before the first pause."""
+        return self._map.latest
+
     def scan(
         self, pause: Pause, mode: str, should_stop: Callable[[], bool], progress: Progress | None = None
     ) -> TerrainMessage:

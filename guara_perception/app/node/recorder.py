@@ -5,7 +5,10 @@ from __future__ import annotations
 import time
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
+
+import cv2
+import numpy.typing as npt
 
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import to_json
@@ -15,6 +18,8 @@ from transport.recording import Frame, FrameReference, RecordingWriter, ScanReco
 
 if TYPE_CHECKING:
     from drivers import StripeCapture
+
+JPEG_444 = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
 
 
 def stance_message(stance: Stance) -> StanceMessage:
@@ -29,13 +34,21 @@ def stance_message(stance: Stance) -> StanceMessage:
 class ScanRecorder:
     """An MCAP file that grows with every scan; what was acknowledged survives the end of the process."""
 
-    def __init__(self, path: str | Path, *, robot: str, calibration: Calibration) -> None:
+    def __init__(
+        self, path: str | Path, *, robot: str, calibration: Calibration, jpeg_quality: int | None = None
+    ) -> None:
         """Create the file.
+
+        Args:
+            path: new .mcap file.
+            robot: instance name.
+            calibration: in use; attached to the file.
+            jpeg_quality: 1 ... 100 compresses frames with loss, to a tenth of the size; None keeps every bit.
 
         Raises:
             transport.RecordingError: it exists, or cannot be written.
         """
-        self._robot, self._hash = robot, calibration.hash
+        self._robot, self._hash, self._quality = robot, calibration.hash, jpeg_quality
         self._writer = RecordingWriter(path, robot=robot, calibration=to_json(calibration).encode())
 
     def __enter__(self) -> Self:
@@ -50,28 +63,26 @@ class ScanRecorder:
 
     def begin(self, step: int, mode: str, stance: Stance) -> ScanRecording:
         """Start a scan."""
-        return ScanRecording(self._writer, self._robot, self._hash, step, mode, stance)
+        record = ScanRecord(
+            robot=self._robot,
+            mode=mode,
+            stamp=time.time_ns(),
+            step=step,
+            stance=stance_message(stance),
+            calibration_hash=self._hash,
+        )
+        return ScanRecording(self._writer, record, self._quality)
 
 
 class ScanRecording:
     """One scan being recorded; an error of the disk is kept until `finish`, so that the scan itself goes on."""
 
-    def __init__(
-        self, writer: RecordingWriter, robot: str, calibration_hash: str, step: int, mode: str, stance: Stance
-    ) -> None:
+    def __init__(self, writer: RecordingWriter, record: ScanRecord, jpeg_quality: int | None) -> None:
         """Begin; made by `ScanRecorder.begin`."""
-        self._writer = writer
+        self._writer, self._quality = writer, jpeg_quality
         self._error: Exception | None = None
         self._last_off: tuple[int, FrameReference] | None = None
         self._is_open = False
-        record = ScanRecord(
-            robot=robot,
-            mode=mode,
-            stamp=time.time_ns(),
-            step=step,
-            stance=stance_message(stance),
-            calibration_hash=calibration_hash,
-        )
         try:
             writer.begin_scan(record)
             self._is_open = True
@@ -87,13 +98,20 @@ class ScanRecording:
             off: FrameReference | None = None
             if capture.off is not None:
                 if self._last_off is None or self._last_off[0] != id(capture.off):
-                    reference = self._writer.add_frame(Frame(pixels=capture.off, stamp=now), laser_on=False)
+                    reference = self._writer.add_frame(self._frame(capture.off, now), laser_on=False)
                     self._last_off = (id(capture.off), reference)
                 off = self._last_off[1]
-            on = None if capture.on is None else Frame(pixels=capture.on, stamp=now)
+            on = None if capture.on is None else self._frame(capture.on, now)
             self._writer.add_stripe(capture.index, capture.mirror_angle, on, off, stamp=now)
         except (TransportError, OSError) as error:
             self._error = error
+
+    def _frame(self, pixels: npt.NDArray[Any], stamp: int) -> Frame:
+        if self._quality is None:
+            return Frame(pixels=pixels, stamp=stamp)
+        # 4:4:4, since the red stripe lives in the colour planes that 4:2:0 would halve.
+        options = (cv2.IMWRITE_JPEG_QUALITY, self._quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, JPEG_444)
+        return Frame(data=cv2.imencode(".jpg", pixels, options)[1].tobytes(), format="jpeg", stamp=stamp)
 
     def finish(self, terrains: tuple[TerrainMessage, ...], stance_end: Stance | None) -> None:
         """End the scan and add its grids; when this returns they are safe.

@@ -28,6 +28,11 @@ class WalkMap:
         self._restarts: list[str] = []
 
     @property
+    def latest(self) -> TerrainGrid | None:
+        """The map as it was fused last."""
+        return self._last
+
+    @property
     def restarts(self) -> tuple[str, ...]:
         """Why the map was started anew, each time."""
         return tuple(self._restarts)

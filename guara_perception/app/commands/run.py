@@ -1,0 +1,102 @@
+"""`guara run`: the node; scans at each stance pause and publishes until stopped."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import click
+
+
+@click.command(name="run")
+@click.option("-c", "--calibration", type=click.Path(path_type=Path), help="calibration.json of this rangefinder")
+@click.option("--simulated", is_flag=True, help="simulated robot, world and devices; walks by itself")
+@click.option("--record", type=click.Path(path_type=Path), help="record every scan into this new .mcap file")
+@click.option("--jpeg", type=click.IntRange(1, 100), help="record frames as JPEG of this quality; default: lossless")
+@click.option("--ros2", is_flag=True, help="mirror occupancy and grid map for ROS 2 (rmw_zenoh)")
+@click.option("--domain", type=click.IntRange(0, 232), default=0, show_default=True, help="ROS 2 domain")
+@click.option("--listen", help="where clients connect; default: tcp/127.0.0.1:7447, or the security folder's")
+@click.option("--connect", help="use an external Zenoh router instead of being one")
+@click.option("--security", type=click.Path(path_type=Path), help="folder made by `guara security init`")
+@click.option("--allow-insecure", is_flag=True, help="listen beyond this machine without security")
+@click.option("--robot", help="name or folder of the robot; default: the calibration's")
+@click.option("--name", help="instance name in the keys; default: the robot's")
+@click.option("--mode", type=click.Choice(["standard", "coarse"]), default="standard", show_default=True)
+@click.option("--camera", default="0", show_default=True, help="number, device path or GStreamer pipeline")
+@click.option("--fps", type=click.FloatRange(min=0.1), help="frames per second to ask of the camera")
+@click.option("--off-frames", type=click.Choice(["one", "per stripe", "none"]), default="one", show_default=True)
+def command(
+    calibration: Path | None,
+    simulated: bool,
+    record: Path | None,
+    jpeg: int | None,
+    ros2: bool,
+    domain: int,
+    listen: str | None,
+    connect: str | None,
+    security: Path | None,
+    allow_insecure: bool,
+    robot: str | None,
+    name: str | None,
+    mode: str,
+    camera: str,
+    fps: float | None,
+    off_frames: str,
+) -> None:
+    r"""Scan at each stance pause that the gait announces, and publish, until Ctrl-C.
+
+    \b
+    Example:
+      guara run -c calibration.json --record walk.mcap
+      guara run --simulated
+    """
+    from guara_perception.app.node.devices import real_rangefinder
+    from guara_perception.app.node.node import PerceptionNode
+    from guara_perception.app.node.node_status import NodeStatus
+    from guara_perception.app.node.recorder import ScanRecorder
+    from guara_perception.app.until_stopped import stop_event
+    from guara_perception.calibration.file import load_calibration
+    from guara_perception.exceptions import InvalidInput
+    from kinematics import load_robot
+    from transport import open_node
+    from transport.server import PerceptionServer
+    from transport.stance_link import StanceReceiver
+
+    with ExitStack() as stack:
+        stop = stack.enter_context(stop_event())
+        if simulated:
+            from guara_perception.app.node.simulated import SimulatedRobot
+
+            simulation = SimulatedRobot(robot or "guara", calibration)
+            model, calibrated, rangefinder = simulation.robot, simulation.calibration, simulation.rangefinder
+        elif calibration is None:
+            raise InvalidInput("no calibration: give -c calibration.json (`guara calibrate` makes it), or --simulated")
+        else:
+            calibrated = load_calibration(calibration)
+            model = load_robot(robot or calibrated.robot)
+            rangefinder = real_rangefinder(calibrated, camera=camera, fps=fps, lag=None, off_frames=off_frames)
+        instance = name or model.name
+        stack.enter_context(rangefinder)
+        session = stack.enter_context(
+            open_node(listen=listen, connect=connect, security=security, allow_insecure=allow_insecure)
+        )
+        status = NodeStatus(calibrated)
+        server = PerceptionServer(
+            session, robot=instance, collect_status=status.items, ros2_domain=domain if ros2 else None
+        )
+        recorder = None
+        if record is not None:
+            recorder = stack.enter_context(
+                ScanRecorder(record, robot=instance, calibration=calibrated, jpeg_quality=jpeg)
+            )
+        node = stack.enter_context(
+            PerceptionNode(model, calibrated, rangefinder, server, mode=mode, recorder=recorder, status=status)
+        )
+        StanceReceiver(session, robot=instance, on_pause=node.on_pause)
+        click.echo(f"{instance}: listening on {', '.join(session.endpoints)}; Ctrl-C stops")
+        if simulated:
+            from guara_perception.app.node.simulated_walk import walk_until_stopped
+
+            walk_until_stopped(simulation, node, session, instance, stop)
+        stop.wait()
+    click.echo("stopped, laser off")

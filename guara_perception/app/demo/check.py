@@ -1,0 +1,134 @@
+"""The demo's own check: what the planner and the grids said, against the world as it truly is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.simulation.walk import WalkPause
+from guara_perception.simulation.world import World
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.hazard import UNKNOWN_MASK
+
+Float = npt.NDArray[np.float64]
+
+# The issue of the walk: hind feet must have trodden on ground that was scanned before.
+HIND_FOOTHOLDS_WANTED = 8
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedFoothold:
+    """One foothold that the planner chose.
+
+    Attributes:
+        step: pause at which it was chosen.
+        leg: that goes there.
+        is_hind: whether it is a hind leg.
+        is_scanned: whether a scan had seen the cell (otherwise the gait or a foot vouched for it).
+        is_hazard: whether the grid, as published, calls the cell hazardous.
+        height_error: elevation of the grid less the true height under it [m], NaN when unknown.
+    """
+
+    step: int
+    leg: str
+    is_hind: bool
+    is_scanned: bool
+    is_hazard: bool
+    height_error: float
+
+
+@dataclass
+class DemoCheck:
+    """Collects what happened over a walk.
+
+    Attributes:
+        footholds: every one that was chosen.
+        errors: |elevation - truth| of every known cell of every scan [m].
+        unknown_called_safe: cells that are unknown and traversable; must stay 0.
+        grids_published, grids_received: of the scans, by node and planner.
+    """
+
+    footholds: list[CheckedFoothold] = field(default_factory=list)
+    errors: list[Float] = field(default_factory=list)
+    unknown_called_safe: int = 0
+    grids_published: int = 0
+    grids_received: int = 0
+
+    def scanned(self, world: World, pause: WalkPause, *grids: TerrainGrid) -> float:
+        """Take note of the grids of a pause; return the median error of the first [m]."""
+        for grid in grids:
+            unknown = (np.asarray(grid.hazard) & UNKNOWN_MASK) != 0
+            self.unknown_called_safe += int(np.count_nonzero(unknown & (np.asarray(grid.traversability) > 0)))
+        terrain = grids[0]
+        error = np.abs(np.asarray(terrain.elevation) - true_elevation(world, pause, terrain))
+        known = error[np.isfinite(error)].astype(np.float64)
+        self.errors.append(known)
+        self.grids_published += 1
+        return float(np.median(known)) if known.size else float("nan")
+
+    def chosen(self, world: World, pause: WalkPause, fused: TerrainGrid, x: float, y: float) -> CheckedFoothold:
+        """Take note of the foothold that the planner chose on the fused map of a pause."""
+        iy, ix = fused.geometry.indices(x, y)
+        inside = bool(fused.geometry.contains(iy, ix))
+        world_x, world_y = pause.to_world(x, y)
+        truth = float(world.height(world_x, world_y)) - pause.transform_footprint_to_world[2, 3]
+        checked = CheckedFoothold(
+            step=pause.step,
+            leg=pause.next_leg,
+            is_hind=pause.nominal[0] < 0,
+            is_scanned=inside and bool(np.asarray(fused.looks)[iy, ix] > 0),
+            is_hazard=not inside or bool(np.asarray(fused.hazard)[iy, ix] != 0),
+            height_error=float(fused.height_at(x, y)) - truth,
+        )
+        self.footholds.append(checked)
+        return checked
+
+    def failures(self, pauses_wanted: int) -> list[str]:
+        """What is not as promised, in words; empty when the demo did what it should."""
+        problems = []
+        hind = [foot for foot in self.footholds if foot.is_hind and foot.is_scanned]
+        on_hazard = [foot for foot in self.footholds if foot.is_hazard]
+        if self.grids_published < pauses_wanted:
+            problems.append(f"{self.grids_published} of {pauses_wanted} pauses gave a grid")
+        if self.grids_received < self.grids_published:
+            problems.append(f"the planner received {self.grids_received} of {self.grids_published} grids")
+        if len(hind) < HIND_FOOTHOLDS_WANTED:
+            problems.append(f"{len(hind)} hind footholds on scanned ground, {HIND_FOOTHOLDS_WANTED} are wanted")
+        if on_hazard:
+            problems.append(f"{len(on_hazard)} footholds on a hazard, the first at step {on_hazard[0].step}")
+        if self.unknown_called_safe:
+            problems.append(f"{self.unknown_called_safe} unknown cells were called traversable")
+        return problems
+
+    def lines(self) -> list[str]:
+        """The figures, for people."""
+        errors = 1e3 * np.concatenate(self.errors) if self.errors else np.empty(0)
+        under_feet = 1e3 * np.array([foot.height_error for foot in self.footholds if foot.is_scanned])
+        declared = sum(not foot.is_scanned for foot in self.footholds)
+        front = sum(foot.is_scanned and not foot.is_hind for foot in self.footholds)
+        hind = sum(foot.is_scanned and foot.is_hind for foot in self.footholds)
+        lines = [
+            f"grids: {self.grids_published} published, {self.grids_received} received by the planner",
+            f"footholds: {declared} on declared ground, {front} front and {hind} hind on scanned ground, "
+            f"{sum(foot.is_hazard for foot in self.footholds)} on a hazard",
+            f"unknown cells called traversable: {self.unknown_called_safe}",
+        ]
+        if errors.size:
+            lines.append(
+                f"height error of the scans against the world: median {np.median(errors):.2f} mm, "
+                f"95 % below {np.percentile(errors, 95):.2f} mm (with joint noise and an IMU of 0.1 degrees)"
+            )
+        if under_feet.size:
+            lines.append(f"height error of the map under the feet: {np.sqrt(np.nanmean(under_feet**2)):.2f} mm rms")
+        return lines
+
+
+def true_elevation(world: World, pause: WalkPause, grid: TerrainGrid) -> Float:
+    """True height (ny, nx) of every cell centre in base_footprint of the pause [m]."""
+    x, y = (axis.ravel() for axis in np.meshgrid(*grid.geometry.centres()))
+    points = np.column_stack((x, y, np.zeros(x.size), np.ones(x.size))) @ pause.transform_footprint_to_world.T
+    heights = world.height(points[:, 0], points[:, 1])
+    # The footprint's plane is level in the world but for rounding: the height of its z = 0 is that of the points.
+    return np.asarray(heights - points[:, 2], dtype=np.float64).reshape(grid.shape)

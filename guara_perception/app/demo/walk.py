@@ -1,0 +1,115 @@
+"""The demo's walk: node, simulated robot, gait and a planner in a second process, pause by pause."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from guara_perception.app.client import TerrainClient
+from guara_perception.app.demo.check import CheckedFoothold, DemoCheck
+from guara_perception.app.demo.planner_process import PlannerProcess
+from guara_perception.app.node.node import PerceptionNode
+from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.app.node.recorder import ScanRecorder
+from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
+from guara_perception.simulation.walk import Choice, WalkPause
+from guara_perception.terrain.grid import TerrainGrid
+from transport import DEFAULT_ROBOT, open_client, open_node
+from transport.server import PerceptionServer
+from transport.stance_link import StancePublisher, StanceReceiver
+
+# A scan of 70 stripes takes 1.2 s at the demo's frame rate; a machine that is busy may take many times that.
+GRID_TIMEOUT_S = 60.0
+# How far from where the gait would put a foot the planner may look.
+SEARCH_RADIUS_M = 0.06
+FPS = 60.0
+# Keeps the recording of a whole walk near 100 MB; costs about 0.02 px.
+JPEG_QUALITY = 85
+PAUSES_PER_CYCLE = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DemoPause:
+    """What one pause of the demo gave.
+
+    Attributes:
+        pause: the walk's truth.
+        terrain: the scan, as the planner received it.
+        fused: the map, likewise.
+        foothold: of the next leg, None when the walk ends here.
+        answer: what the planner said.
+        error: median height error of the scan [m].
+    """
+
+    pause: WalkPause
+    terrain: TerrainGrid
+    fused: TerrainGrid
+    foothold: CheckedFoothold | None
+    answer: dict[str, Any]
+    error: float
+
+
+def demo_walk(check: DemoCheck, *, recording: Path | None, cycles: float, seed: int = 0) -> Iterator[DemoPause]:
+    """Walk; every grid, request and answer goes over Zenoh on this machine.
+
+    Args:
+        check: takes note of everything.
+        recording: MCAP file to write, or None.
+        cycles: of the gait, 140 mm each.
+        seed: of specimen and noise.
+
+    Yields:
+        One DemoPause per stance pause.
+
+    Raises:
+        PlannerFailed: the planner process died.
+        WalkEnded: the planner found no foothold.
+    """
+    endpoint = free_endpoint()
+    with ExitStack() as stack:
+        robot = SimulatedRobot(DEFAULT_ROBOT, fps=FPS, seed=seed)
+        stack.enter_context(robot.rangefinder)
+        session = stack.enter_context(open_node(listen=endpoint))
+        status = NodeStatus(robot.calibration)
+        server = PerceptionServer(session, collect_status=status.items)
+        recorder = None
+        if recording is not None:
+            recorder = stack.enter_context(ScanRecorder(recording, robot=DEFAULT_ROBOT, calibration=robot.calibration))
+        node = stack.enter_context(
+            PerceptionNode(robot.robot, robot.calibration, robot.rangefinder, server, recorder=recorder, status=status)
+        )
+        StanceReceiver(session, on_pause=node.on_pause)
+        gait = SimulatedGait(StancePublisher(stack.enter_context(open_client(endpoint))), DEFAULT_ROBOT)
+        client = stack.enter_context(TerrainClient(endpoint))
+        planner = stack.enter_context(PlannerProcess(endpoint, DEFAULT_ROBOT))
+        choices: dict[int, Choice] = {}
+        last = round(cycles * PAUSES_PER_CYCLE)
+        for pause in robot.walk(lambda pause: choices[pause.step], cycles=cycles):
+            robot.place(pause)
+            gait.begin(pause)
+            fused = client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S, extent="map")
+            terrain = client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S)
+            x, y = pause.nominal
+            answer = planner.choose(step=pause.step, leg=pause.next_leg, x=x, y=y, radius=SEARCH_RADIUS_M, extent="map")
+            check.grids_received = answer["received"]
+            error = check.scanned(robot.world, pause, terrain, fused)
+            choice = answer["foothold"]
+            choices[pause.step] = None if choice is None else (choice[0], choice[1])
+            foothold = None
+            if choice is not None and pause.step < last:
+                foothold = check.chosen(robot.world, pause, fused, choice[0], choice[1])
+            gait.end(pause)
+            yield DemoPause(pause, terrain, fused, foothold, answer, error)
+            if pause.step == last:
+                return
+
+
+def free_endpoint() -> str:
+    """An endpoint on this machine that nobody uses."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"

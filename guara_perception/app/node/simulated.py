@@ -1,0 +1,109 @@
+"""A simulated robot as the node sees it: emulated laser board, simulated camera, a walk with stance pauses."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from guara_perception.app.node.rangefinder import Rangefinder
+from guara_perception.app.node.recorder import stance_message
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.file import load_calibration
+from guara_perception.simulation.camera import simulated_camera
+from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.specimen import specimen
+from guara_perception.simulation.walk import Choice, WalkPause, simulate_walk
+from guara_perception.simulation.world import World
+from guara_perception.simulation.world_file import load_world
+from kinematics import RobotModel, load_robot
+from transport import GroundPatch, PausePhase, StancePause
+from transport.stance_link import StancePublisher
+
+# The terrain that comes with the package.
+DEMO_WORLD = Path(__file__).parents[2] / "simulation" / "worlds" / "demo.toml"
+
+
+class SimulatedRobot:
+    """Robot, world and rangefinder, all simulated; laser and mirror are those of the emulated board.
+
+    Attributes:
+        robot: the model.
+        world: the terrain.
+        calibration: what the rangefinder truly is.
+        rangefinder: emulated board through the real driver, and the simulated camera.
+    """
+
+    def __init__(
+        self,
+        robot: str | Path = "guara",
+        calibration: Path | None = None,
+        *,
+        world: World | Path = DEMO_WORLD,
+        size: tuple[int, int] = (640, 512),
+        fps: float = 30.0,
+        seed: int = 0,
+    ) -> None:
+        """Build it, standing at the world's origin.
+
+        Args:
+            robot: name or folder.
+            calibration: of the rangefinder; None = a specimen with the errors of careful assembly.
+            world: terrain, or the file that describes it.
+            size: picture size when no calibration is given [px].
+            fps: frames per second of the camera.
+            seed: of specimen and noise.
+        """
+        from drivers import LaserBoard
+        from drivers.emulator import EmulatedBoard, emulated_backend
+
+        self.robot: RobotModel = load_robot(robot)
+        self.world = load_world(world) if isinstance(world, Path) else world
+        self.calibration: Calibration = (
+            specimen(self.robot, size, seed) if calibration is None else load_calibration(calibration)
+        )
+        self._rig = SimulatedRangefinder(self.world, self.calibration, self.robot, seed)
+        self._seed = seed
+        board = EmulatedBoard()
+        camera = simulated_camera(self._rig, board, fps=fps)
+        self.rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
+        self.place(next(self.walk(cycles=0)))
+
+    def place(self, pause: WalkPause) -> None:
+        """Put the robot where it stands at a pause; only between scans."""
+        self._rig.place(pause.transform_base_to_world, pause.joint_positions)
+
+    def walk(self, choose: Callable[[WalkPause], Choice] | None = None, *, cycles: float = 10) -> Iterator[WalkPause]:
+        """The pauses of a walk along x; the robot is not placed by this. See `simulate_walk`."""
+        return simulate_walk(self.world, self.robot, choose, cycles=cycles, seed=self._seed)
+
+
+class SimulatedGait:
+    """Announces the pauses of a simulated walk as a gait controller would."""
+
+    def __init__(self, publisher: StancePublisher, instance: str) -> None:
+        """Send through `publisher` as the robot `instance`."""
+        self._publisher, self._instance = publisher, instance
+
+    def begin(self, pause: WalkPause) -> None:
+        """The robot stands."""
+        self._say(pause, PausePhase.BEGIN)
+
+    def end(self, pause: WalkPause) -> None:
+        """The robot moves on."""
+        self._say(pause, PausePhase.END)
+
+    def _say(self, pause: WalkPause, phase: PausePhase) -> None:
+        self._publisher.publish(
+            StancePause(
+                robot=self._instance,
+                step=pause.step,
+                phase=phase,
+                stamp=time.time_ns(),
+                stance=stance_message(pause.stance),
+                known_ground=tuple(
+                    GroundPatch(outline=ground.outline, height=ground.height, sigma=ground.sigma)
+                    for ground in pause.known_ground
+                ),
+            )
+        )
