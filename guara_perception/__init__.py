@@ -39,7 +39,9 @@ if TYPE_CHECKING:
     from guara_perception.terrain.known_ground import KnownGround
     from guara_perception.terrain.obstacles import Obstacle
     from guara_perception.terrain.path import PathVerdict
+    from guara_perception.terrain.policy import ScanDecision, ScanPolicy
     from guara_perception.terrain.reason import Reason
+    from guara_perception.terrain.refined import refined
     from guara_perception.terrain.terrain_map import TerrainMap
     from transport.exceptions import (
         ScanBusy,
@@ -68,6 +70,8 @@ _HOME = {
     "PerceptionError": "exceptions",
     "Reason": "terrain.reason",
     "Scan": "scan",
+    "ScanDecision": "terrain.policy",
+    "ScanPolicy": "terrain.policy",
     "ScanProcessor": "scan_processor",
     "ScanStripe": "scan",
     "StripePlane": "calibration.calibration",
@@ -85,6 +89,7 @@ _HOME = {
     "load_terrain": "terrain.file",
     "open_scan": "app.open_scan",
     "process_scan": "process",
+    "refined": "terrain.refined",
     "save_calibration": "calibration.file",
 }
 

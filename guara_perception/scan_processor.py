@@ -206,6 +206,36 @@ class ScanProcessor:
             raise CalibrationMismatch(f"stripe index {index} is not in the {self._mode} pattern")
         return self._geometry.stripes[index].band
 
+    @property
+    def pairs(self) -> npt.NDArray[np.int64]:
+        """(ny, nx) index of the first stripe of the pair that passes over each cell on flat ground, -1 where none."""
+        order = np.append(np.array(self._order, dtype=np.int64), -1)
+        return np.asarray(np.where(self._plan.pair >= 0, order[self._plan.pair], -1))
+
+    def extended(self) -> ScanProcessor:
+        """A standard scan that takes over what this coarse one has: only the stripes between are still to be added.
+
+        Raises:
+            InvalidInput: this scan is not coarse.
+        """
+        if self._mode != "coarse":
+            raise InvalidInput(f"a scan of mode {self._mode!r} cannot be extended, only a coarse one")
+        standard = ScanProcessor(
+            self._calibration,
+            self._robot,
+            self._stance,
+            "standard",
+            method=self._method,
+            resolution=self._grid.resolution,
+            stamp=self._stamp,
+            step=self._step,
+        )
+        standard._profiles.update(self._profiles)
+        for index, points in self.points.items():
+            standard._surface.add(index, points)
+        standard._seconds.update(self._seconds)
+        return standard
+
     def finish(self) -> TerrainGrid:
         """The terrain of what was added so far; at any time, and again after more stripes.
 
