@@ -12,6 +12,9 @@ Mask = npt.NDArray[np.bool_]
 JUMP_M = 0.004
 # So many columns beside a jump or a gap hold light of both sides, or light that the lens and the column mean spilt.
 END_COLUMNS = 2
+# A run as short as this and weaker throughout than this share of the stripe is what an edge left of a cut stripe.
+SHORT_RUN_COLUMNS = 12
+WEAK_OF_STRIPE = 0.5
 # A run that fades towards its end is cut by a shadow edge: what is left of the stripe there lies in the wrong place.
 FADED_OF_LEVEL = 0.6
 LEVEL_COLUMNS = 12
@@ -29,7 +32,8 @@ def run_ends(height: Float, strength: Float) -> Mask:
         strength: (w,) heights of the returns above background [grey levels].
 
     Returns:
-        (w,) bool: within END_COLUMNS of a gap or a jump, or in the faded end of a run.
+        (w,) bool: within END_COLUMNS of a gap or a jump, in the faded end of a run, or in a run
+        that is short and weak.
     """
     breaks = run_breaks(height)
     ends = np.zeros(height.size, dtype=bool)
@@ -50,12 +54,16 @@ def run_breaks(height: Float) -> npt.NDArray[np.intp]:
 def _faded(strength: Float, breaks: npt.NDArray[np.intp]) -> Mask:
     """Columns at the ends of runs from which the strength rises inwards before it reaches the level of the run."""
     faded = np.zeros(strength.size, dtype=bool)
+    returns = strength[np.isfinite(strength)]
+    weak = WEAK_OF_STRIPE * float(np.median(returns)) if returns.size else 0.0
     first = np.append(0, breaks + 1)
     last = np.append(breaks, strength.size - 1)
-    for begin, end in zip(first, last, strict=True):
-        if end - begin < 2 * END_COLUMNS or not np.isfinite(strength[begin]):
-            continue
+    is_run = np.isfinite(strength[first])
+    for begin, end in zip(first[is_run], last[is_run], strict=True):
         run = strength[begin : end + 1]
+        if run.size < SHORT_RUN_COLUMNS and run.max() < weak and begin > 0 and end < strength.size - 1:
+            faded[begin : end + 1] = True
+            continue
         if begin > 0:
             faded[begin : begin + _fade_length(run)] = True
         if end < strength.size - 1:

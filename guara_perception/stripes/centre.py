@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.stripes.middle import middle
+
 Float32 = npt.NDArray[np.float32]
 Index = npt.NDArray[np.intp]
 
 # The crossing is sought this far from the top, on a grid so fine that a straight line in between is exact enough.
 SEARCH_PX = 1.5
-GRID_PX = 0.25
+GRID_PX = 0.5
 # The filter is cut where it has fallen to 4 %.
 FILTER_SIGMAS = 2.5
 # Widths of stripes that make sense: the lens never images a line sharper than the first.
@@ -35,7 +37,7 @@ def stripe_sigma(light: npt.NDArray[Any], top: Index, columns: Index, height: Fl
     # Only the unbroken stretch around the top counts, not a second stripe further off.
     down = np.cumprod(above[reach:], axis=0).sum(axis=0)
     up = np.cumprod(above[reach::-1], axis=0).sum(axis=0)
-    width = float(np.median(up + down - 1)) if top.size else FWHM_PER_SIGMA * LEAST_SIGMA_PX
+    width = middle(up + down - 1) if top.size else FWHM_PER_SIGMA * LEAST_SIGMA_PX
     return float(np.clip(width / FWHM_PER_SIGMA, LEAST_SIGMA_PX, LARGEST_SIGMA_PX))
 
 

@@ -19,6 +19,8 @@ Mask = npt.NDArray[np.bool_]
 RIVAL_OF_PEAK = 0.35
 # So many columns without a rival lead in and out of every run of columns with one.
 CONTEXT_COLUMNS = 6
+# A run of so few columns with two peaks is where the stripe jumps.
+EDGE_COLUMNS = 4
 # A choice that costs less than this more to make otherwise is no choice.
 LEAST_MARGIN = 1.5
 # Peaks of one column nearer than so many sigmas of the stripe are one peak.
@@ -57,6 +59,10 @@ def choose_peaks(smooth: npt.NDArray[Any], peaks: Peaks, threshold: float, sigma
         return Choice(top, height, ambiguous)
     distance = max(int(np.ceil(APART_SIGMAS * sigma)), APART_PX)
     for begin, end in _runs(rival):
+        if end - begin <= EDGE_COLUMNS:
+            # Where the stripe jumps, the mean of three columns holds light of both sides: no choice is right.
+            ambiguous[begin:end] = rival[begin:end]
+            continue
         columns = np.arange(max(begin - CONTEXT_COLUMNS, 0), min(end + CONTEXT_COLUMNS, top.size))
         rows, heights = candidates(smooth, columns, threshold, distance)
         heights[heights < RIVAL_OF_PEAK * heights.max(axis=0)] = 0

@@ -24,7 +24,7 @@ class Peaks:
     Attributes:
         top: (columns,) row.
         height: (columns,) float32 value there.
-        second: (columns,) float32 highest value at least one block away from the peak's block; -inf where none.
+        second: (columns,) float32 highest value at least one block away from the peak's block; very low where none.
     """
 
     top: Index
@@ -42,10 +42,10 @@ def highest_peaks(smooth: npt.NDArray[Any]) -> Peaks:
     window = smooth[inside, every]
     within = window.argmax(axis=0)
     top = inside[within, every]
-    others = blocks.astype(np.float32)
+    lowest = np.finfo(blocks.dtype).min if blocks.dtype.kind == "f" else np.iinfo(blocks.dtype).min
     for shift in (-1, 0, 1):
-        others[np.clip(best + shift, 0, len(blocks) - 1), every] = -np.inf
-    return Peaks(top, window[within, every].astype(np.float32), others.max(axis=0))
+        blocks[np.clip(best + shift, 0, len(blocks) - 1), every] = lowest
+    return Peaks(top, window[within, every].astype(np.float32), blocks.max(axis=0).astype(np.float32))
 
 
 def _block_maxima(smooth: npt.NDArray[Any]) -> npt.NDArray[Any]:

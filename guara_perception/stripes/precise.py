@@ -10,9 +10,10 @@ import numpy.typing as npt
 
 from guara_perception.stripes.centre import centres, stripe_sigma
 from guara_perception.stripes.choose import choose_peaks
+from guara_perception.stripes.middle import middle, spread
 from guara_perception.stripes.peaks import highest_peaks
 from guara_perception.stripes.profile import StripeProfile, StripeStatus, bad_frame
-from guara_perception.stripes.signal import SAMPLE_COLUMNS, SAMPLE_ROWS, Light, fused_light, laser_light
+from guara_perception.stripes.signal import SAMPLE_COLUMNS, SAMPLE_ROWS, LaserLight, Light, fused_light, laser_light
 from guara_perception.stripes.smooth_line import smooth_line
 
 Float32 = npt.NDArray[np.float32]
@@ -23,9 +24,13 @@ COLUMN_MEAN_PX = 3
 # Smoothing across the stripe before the peak is sought; a wide stripe is smoothed again to its own width.
 ROW_SMOOTHING_SIGMA_PX = 1.0
 WIDE_SIGMA_PX = 2.5
+# Noise below a third of a quantum cannot be seen in whole grey levels.
+LEAST_NOISE = 0.3
 # 5 sigma lets 0.1 % false columns through; the relative floor keeps a faint halo out of the gaps of a bright stripe.
 THRESHOLD_SIGMAS = 5.0
 THRESHOLD_OF_MEDIAN_PEAK = 0.05
+# The width of the stripe is taken from every so many columns.
+WIDTH_COLUMNS = 16
 # From this share of clipped tops on, the channels are fused.
 FUSE_FROM_CLIPPED = 0.02
 # A clipped core wider than so many sigmas of the stripe leaves no shoulders to judge by.
@@ -57,42 +62,39 @@ def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_ro
     peaks = highest_peaks(smooth)
     noise = _noise(smooth)
     strong = peaks.height > THRESHOLD_SIGMAS * noise
-    swapped = -float(smooth.min()) > 2 * float(peaks.height.max())
-    if swapped and -np.median(smooth.min(axis=0)) > 2 * THRESHOLD_SIGMAS * noise:
+    if _is_swapped(smooth, peaks.height, noise):
         return bad_frame(
             columns, "the stripe is darker than its surroundings: laser-on and laser-off frames are swapped"
         )
     is_clipped = signal.plane[peaks.top, every] >= signal.clipped_from
     has_colour = on.ndim == 3 and on.shape[2] == 3
-    is_fused = has_colour and strong.any() and float(np.mean(is_clipped[strong])) > FUSE_FROM_CLIPPED
+    is_fused = (
+        has_colour
+        and strong.any()
+        and np.count_nonzero(is_clipped & strong) / np.count_nonzero(strong) > FUSE_FROM_CLIPPED
+    )
     if is_fused:
         light = _mean_of_columns(fused_light(on, off, peaks.top[strong], every[strong]))
         smooth = _smooth_rows(light, ROW_SMOOTHING_SIGMA_PX)
         peaks = highest_peaks(smooth)
         noise = _noise(smooth)
         strong = peaks.height > THRESHOLD_SIGMAS * noise
-    some = np.flatnonzero(strong)[::4]
+    some = np.flatnonzero(strong)[::WIDTH_COLUMNS]
     sigma = round(stripe_sigma(light, peaks.top[some], some, peaks.height[some]), 1)
     if sigma > WIDE_SIGMA_PX:
         smooth = _smooth_rows(light, sigma)
         peaks = highest_peaks(smooth)
         noise = _noise(smooth)
         strong = peaks.height > THRESHOLD_SIGMAS * noise
-    median_peak = float(np.median(peaks.height[strong])) if strong.any() else 0.0
+    median_peak = middle(peaks.height[strong]) if strong.any() else 0.0
     threshold = max(THRESHOLD_SIGMAS * noise, THRESHOLD_OF_MEDIAN_PEAK * median_peak)
     choice = choose_peaks(smooth, peaks, threshold, sigma)
     is_found = choice.height > threshold
 
     row, per_grey_level = centres(light, choice.top, every, round(float(np.hypot(0.85 * sigma, 1.3)), 1))
     is_found &= np.isfinite(row)
-    reach = np.arange(-int(3 * sigma), int(3 * sigma) + 1)[:, None]
-    window_rows = np.clip(choice.top + reach, 0, rows - 1)
-    clipped = (signal.plane[window_rows, every] >= signal.clipped_from).sum(axis=0)
+    clipped, drowned = _clipped_rows(on if is_fused else signal.plane, signal, choice.top, sigma)
     is_cut = (choice.top < 2) | (choice.top > rows - 3)
-    drowned = clipped
-    if is_fused:
-        # With several channels the core is lost only where all of them are clipped.
-        drowned = (on[window_rows, every].min(axis=-1) >= signal.clipped_from).sum(axis=0)
     is_drowned = drowned > MAX_CLIPPED_SIGMAS * sigma
     status = np.full(columns, StripeStatus.DROPOUT, dtype=np.uint8)
     status[is_found] = StripeStatus.OK
@@ -116,6 +118,29 @@ def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_ro
     )
 
 
+def _clipped_rows(frame: npt.NDArray[Any], signal: LaserLight, top: Index, sigma: float) -> tuple[Index, Index]:
+    """How many rows around the top are clipped: in the strongest channel, and in all channels of `frame`.
+
+    With several channels the core is lost only where all of them are clipped.
+    """
+    nothing = np.zeros(top.size, dtype=np.intp)
+    if signal.plane.max() < signal.clipped_from:
+        return nothing, nothing
+    reach = int(3 * sigma)
+    rows = np.clip(top + np.arange(-reach, reach + 1)[:, None], 0, len(frame) - 1)
+    every = np.arange(top.size)
+    strongest = (signal.plane[rows, every] >= signal.clipped_from).sum(axis=0)
+    if frame.ndim == 2:
+        return strongest, strongest
+    return strongest, (frame[rows, every].min(axis=-1) >= signal.clipped_from).sum(axis=0)
+
+
+def _is_swapped(smooth: Light, height: Float32, noise: float) -> bool:
+    """Whether the dark side of the difference looks like a stripe and the bright side does not."""
+    lowest = -smooth[:, ::WIDTH_COLUMNS].min(axis=0).astype(np.float32)
+    return bool(lowest.max() > 2 * height.max() and middle(lowest) > 2 * THRESHOLD_SIGMAS * noise)
+
+
 def _mean_of_columns(light: Light) -> Light:
     mean: Light = cv2.blur(light, (COLUMN_MEAN_PX, 1))  # type: ignore[assignment]
     return mean
@@ -129,7 +154,7 @@ def _smooth_rows(light: Light, sigma: float) -> Light:
 
 def _noise(light: Light) -> float:
     sample = light[::SAMPLE_ROWS, ::SAMPLE_COLUMNS]
-    return max(1.4826 * float(np.median(np.abs(sample - np.median(sample)))), 0.3)
+    return max(spread(sample), LEAST_NOISE)
 
 
 def _albedo_shift(off: npt.NDArray[Any], channel: int, top: Index, sigma: float) -> Float32:

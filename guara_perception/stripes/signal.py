@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.stripes.middle import middle, spread
+
 Float32 = npt.NDArray[np.float32]
 Light = npt.NDArray[np.int16] | Float32
 Plane = npt.NDArray[Any]
@@ -20,9 +22,10 @@ MAX_AMBIENT_CHANGE = 0.15
 # From this share of full scale a pixel counts as clipped; JPEG and demosaicing keep it from reaching 1.
 CLIPPED = 0.98
 # Statistics of a band are taken from every so many rows and columns.
-SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 8
-# Even a channel that is clipped throughout says where the stripe's shoulders are.
-LEAST_HEADROOM = 0.05
+SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 24
+JUDGED_COLUMNS = 64
+# Even a channel that is clipped throughout says where the shoulders of the stripe are.
+LEAST_HEADROOM = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +63,11 @@ def laser_light(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> LaserLigh
     channel = strongest_channel(on, off)
     plane = channel_of(on, channel)
     light = difference(plane, None if off is None else channel_of(off, channel))
-    offset = float(np.median(light[::SAMPLE_ROWS, ::SAMPLE_COLUMNS]))
+    offset = middle(light[::SAMPLE_ROWS, ::SAMPLE_COLUMNS])
     reason = ""
     if abs(offset) > MAX_AMBIENT_CHANGE * full_scale:
         reason = f"brightness beside the stripe changed by {offset:+.0f} of {full_scale:.0f} between laser off and on"
-    elif offset:
+    elif abs(offset) > full_scale / 256:
         light = light - light.dtype.type(offset)
     return LaserLight(light, plane, full_scale, channel, reason)
 
@@ -91,10 +94,10 @@ def fused_light(
         plane = channel_of(on, channel)
         light = difference(plane, None if off is None else channel_of(off, channel)).astype(np.float32)
         sample = light[::SAMPLE_ROWS, ::SAMPLE_COLUMNS]
-        light -= np.float32(np.median(sample))
-        noise = spread(sample, full_scale)
+        light -= np.float32(middle(sample))
+        noise = max(spread(sample), full_scale / 512)
         headroom = max(float(np.mean(plane[top, columns] < CLIPPED * full_scale)), LEAST_HEADROOM)
-        gain = max(float(np.median(light[top, columns])) - noise, 0.0)
+        gain = max(middle(light[top, columns]) - noise, 0.0)
         planes.append(light)
         gains.append(gain)
         weights.append(headroom**2 * gain / noise**2)
@@ -109,14 +112,11 @@ def strongest_channel(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> int
     """Number of the channel in which the stripe stands out most from the noise, judged on some columns; 0 for mono."""
     if on.ndim == 2 or on.shape[2] == 1:
         return 0
-    columns = on[:, :: 2 * SAMPLE_COLUMNS].astype(np.float32)
-    if off is not None:
-        columns -= off[:, :: 2 * SAMPLE_COLUMNS]
-    else:
-        columns -= np.median(columns, axis=0)
-    peaks = np.median(columns.max(axis=0), axis=0)
-    noise = [spread(columns[:, :, channel], float(np.iinfo(on.dtype).max)) for channel in range(on.shape[2])]
-    return int(np.argmax(peaks - 3 * np.array(noise)))
+    columns = on[:, ::JUDGED_COLUMNS].astype(np.float32)
+    columns -= off[:, ::JUDGED_COLUMNS] if off is not None else np.median(columns, axis=0)
+    # Mean absolute value instead of a robust spread: the stripe is a small part of a column and raises it alike.
+    noise = np.abs(columns).mean(axis=(0, 1))
+    return int(np.argmax(columns.max(axis=0).mean(axis=0) - 4 * noise))
 
 
 def channel_of(frame: npt.NDArray[Any], channel: int) -> Plane:
@@ -142,9 +142,3 @@ def opening(plane: Plane) -> Plane:
     """Vertical grey opening: the picture without anything as narrow as a stripe."""
     kernel = np.ones((2 * BACKGROUND_HALF_HEIGHT_PX + 1, 1), np.uint8)
     return np.asarray(cv2.morphologyEx(plane, cv2.MORPH_OPEN, kernel))
-
-
-def spread(sample: npt.NDArray[Any], full_scale: float) -> float:
-    """Robust standard deviation, at least half a quantum of eight bits."""
-    centred = np.abs(sample - np.median(sample))
-    return max(1.4826 * float(np.median(centred)), full_scale / 512)
