@@ -23,8 +23,9 @@ from transport.status_message import STATUS_NAME, Status, decode_status
 from transport.terrain_codec import decode_terrain
 from transport.terrain_message import EXTENTS, TerrainMessage
 
-SETTLE: Final = 1.0
-"""[s] After subscribing, the last grid and the node's sign of life are there within this time."""
+SETTLE: Final = 2.0
+"""[s] After subscribing, the last grid and the node's sign of life are there within this time: measured below
+0.1 s on a free machine, the rest is for a busy one. Only who asks in vain waits so long."""
 
 _NS: Final = 1e-9
 
