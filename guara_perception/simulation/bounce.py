@@ -11,8 +11,8 @@ from guara_perception.simulation.scene_view import SceneView
 Float32 = npt.NDArray[np.float32]
 
 # Bounced light is smooth: one receiver for so many pixels each way, and so many sources per stripe.
-RECEIVER_PX_OF_WIDTH = 1 / 80
-SOURCES = 48
+RECEIVER_PX_OF_WIDTH = 1 / 64
+SOURCES = 32
 # Level ground cannot light level ground; only where one of the two leans by more than this is it worth looking.
 LEVEL_COSINE = 0.97
 NEAREST_M = 0.004

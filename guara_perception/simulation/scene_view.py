@@ -198,6 +198,8 @@ def _shade(body: Body, laser: Float, points: Float32, lit: npt.NDArray[np.bool_]
     """Take the laser's light from points behind the robot's own shapes, in place."""
     flat, is_lit = points.reshape(-1, 3), lit.reshape(-1)
     floor = float(points[..., 2].min())
+    x, y = np.ascontiguousarray(flat[:, 0]), np.ascontiguousarray(flat[:, 1])
+    seen_low, seen_high = np.array([x.min(), y.min()]), np.array([x.max(), y.max()])
     for number, corners in enumerate(body.corners()):
         depth = laser[2] - corners[:, 2]
         if depth.max() <= 0.01:
@@ -206,7 +208,9 @@ def _shade(body: Body, laser: Float, points: Float32, lit: npt.NDArray[np.bool_]
         stretch = np.maximum((laser[2] - floor) / np.maximum(depth, 0.01), 1.0)
         shadow = np.vstack((corners[:, :2], laser[:2] + (corners[:, :2] - laser[:2]) * stretch[:, None]))
         low, high = shadow.min(axis=0), shadow.max(axis=0)
-        inside = np.flatnonzero(((flat[:, :2] >= low) & (flat[:, :2] <= high)).all(axis=1) & is_lit)
+        if (low > seen_high).any() or (high < seen_low).any():
+            continue
+        inside = np.flatnonzero((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]) & is_lit)
         if not inside.size:
             continue
         enter, _ = body.meets(number, laser, flat[inside] - laser.astype(np.float32))
