@@ -54,6 +54,17 @@ def test_transforms_carry_their_frames_and_covariance(paper_terrain: gp.TerrainG
     assert camera.covariance is None and len(message.transforms) == 2
 
 
+def test_obstacles_come_along(paper_terrain: gp.TerrainGrid, message: TerrainMessage):
+    """The five boxes of the scan are obstacles of the message, after the wire too, with the grid's own figures."""
+    held = decode_terrain(encode_terrain(message)).obstacles
+    expected = paper_terrain.obstacles()
+    assert len(held) == len(expected) >= 4
+    for sent, known in zip(held, expected, strict=True):
+        np.testing.assert_array_equal(sent.outline, known.outline)
+        assert sent.height == known.height and sent.sigma == known.sigma
+        assert sent.position == pytest.approx(tuple(known.position)) and sent.hazard == int(known.hazard)
+
+
 def test_times_default_to_the_grids_stamp(paper_terrain: gp.TerrainGrid):
     """Without times of the first and last frame the grid's own stamp stands for both."""
     message = terrain_to_message(paper_terrain, robot="guara", sequence=1)

@@ -1,0 +1,54 @@
+"""The progress bar: there for a person at a terminal, not there for a file or a pipe."""
+
+import os
+import pty
+import subprocess
+import sys
+
+from guara_perception.app.progress import progress
+
+SCRIPT = """
+from guara_perception.app.progress import progress
+with progress("Counting sheep", 3) as advance:
+    for _ in range(3):
+        advance()
+print("done")
+"""
+
+
+def test_nothing_is_shown_without_a_terminal(capfd):
+    """Standard output and standard error stay empty, and advancing by one or by several is allowed."""
+    with progress("Counting", 5) as advance:
+        advance()
+        advance(4)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_pipe_gets_the_output_only():
+    """A command whose output goes through a pipe says what it says, without a bar."""
+    done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("done\n", "")
+
+
+def test_a_terminal_gets_a_bar():
+    """On a terminal the words appear, and the bar is gone when the work is done."""
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-c", SCRIPT],
+        stdout=theirs,
+        stderr=theirs,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
+    )
+    os.close(theirs)
+    shown = b""
+    while True:
+        try:
+            part = os.read(ours, 4096)
+        except OSError:  # Linux says so when the last writer has gone
+            break
+        if not part:
+            break
+        shown += part
+    os.close(ours)
+    assert process.wait(60) == 0
+    assert b"Counting sheep" in shown and b"done" in shown
