@@ -24,6 +24,10 @@ BORDER_PX = 40
 BLUR_SIGMA_PX = 0.8
 # Half the window of the sub-pixel step as a share of the smallest square: as much edge as can be had of one corner.
 WINDOW_OF_SQUARE = 0.35
+# A line beyond the rim of the board is no line of corners when it crosses black and white by less than this share.
+CROSSING_SHARE = 0.5
+# Lens distortion bends a board by a few per cent of a square.
+MAX_GRID_MISFIT = 0.2
 # Sizes this much away from the given one are tried to say what the board really has.
 SIZE_SEARCH = 2
 SEARCH_WIDTH_PX = 800
@@ -97,6 +101,9 @@ def find_board(picture: Picture, board: BoardSpec, name: str = "") -> BoardView:
     if corners is None:
         reason = f"no board of {board.columns}x{board.rows} inner corners was found (hidden, blurred, cut or another?)"
         return BoardView(name, nothing, np.nan, reason)
+    if wrong_grid(grey, corners, size):
+        reason = f"the board has other inner corners than {board.columns}x{board.rows}: wrong corner count"
+        return BoardView(name, nothing, np.nan, reason)
     width = edge_width(grey, corners, size)
     if width > MAX_EDGE_WIDTH_PX:
         reason = f"blurred: black-white edges are {width:.1f} px wide, {MAX_EDGE_WIDTH_PX:.0f} px are allowed"
@@ -117,6 +124,45 @@ def refine_corners(grey: Picture, corners: Float, size: tuple[int, int]) -> Floa
     return np.asarray(found, dtype=np.float64).reshape(-1, 2)
 
 
+def wrong_grid(grey: Picture, corners: Float, size: tuple[int, int]) -> bool:
+    """Whether the corners are only a part of the board's, or no even grid: both detectors return such things.
+
+    Asked for too few corners they return a part of the board, or every second line of it. So the grid is laid over the
+    picture by a homography, and where more corners would be, between lines and one line outside, nothing may look like
+    one.
+    """
+    grid = np.mgrid[0 : size[0], 0 : size[1]].T.reshape(-1, 2).astype(np.float64)
+    homography = np.asarray(cv2.findHomography(grid, corners)[0], dtype=np.float64)
+    laid = cv2.perspectiveTransform(grid.reshape(-1, 1, 2), homography).reshape(-1, 2)
+    spacing = float(np.linalg.norm(np.diff(corners.reshape(size[1], size[0], 2), axis=1), axis=2).min())
+    if float(np.abs(laid - corners).max()) > MAX_GRID_MISFIT * spacing:
+        return True
+    columns, rows = np.arange(size[0], dtype=np.float64), np.arange(size[1], dtype=np.float64)
+    outside = [np.column_stack((columns, np.full(size[0], place))) for place in (-1.0, float(size[1]))]
+    outside += [np.column_stack((np.full(size[1], place), rows)) for place in (-1.0, float(size[0]))]
+    between = [grid[grid[:, axis] < size[axis] - 1] + 0.5 * np.eye(2)[axis] for axis in (0, 1)]
+    for places, radius in [*((line, 0.35) for line in outside), *((line, 0.2) for line in between)]:
+        usual = float(np.median(_crossing(grey, homography, grid, radius)))
+        strength = _crossing(grey, homography, places, radius)
+        seen = strength[np.isfinite(strength)]
+        if len(seen) >= len(places) / 2 and float(np.median(seen)) > CROSSING_SHARE * usual:
+            return True
+    return False
+
+
+def _crossing(grey: Picture, homography: Float, places: Float, radius: float) -> Float:
+    """How much a ring about each place (n, 2) of a grid crosses black, white, black, white; NaN off the picture."""
+    angle = np.deg2rad(np.arange(0, 360, 15) + 7.5)
+    ring = radius * np.column_stack((np.cos(angle), np.sin(angle)))
+    points = (places[:, None] + ring[None]).reshape(-1, 1, 2)
+    pixels = cv2.perspectiveTransform(points, homography).astype(np.float32).reshape(len(places), len(angle), 2)
+    levels = cv2.remap(grey.astype(np.float32), pixels[:, :, 0], pixels[:, :, 1], cv2.INTER_LINEAR, borderValue=np.nan)
+    quarter = len(angle) // 4
+    turned = np.abs(levels - np.roll(levels, quarter, axis=1)).mean(axis=1)
+    opposite = np.abs(levels - np.roll(levels, 2 * quarter, axis=1)).mean(axis=1)
+    return np.asarray(turned - opposite, dtype=np.float64)
+
+
 def edge_width(grey: Picture, corners: Float, size: tuple[int, int]) -> float:
     """Mean width of the black-white edges [px]."""
     points = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
@@ -127,11 +173,13 @@ def other_size(picture: Picture, board: BoardSpec) -> tuple[int, int] | None:
     """Which other number of inner corners the board in this picture has, if one close to the given one fits."""
     grey = to_grey(picture)
     scale = min(SEARCH_WIDTH_PX / grey.shape[1], 1.0)
-    small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    resized = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    small = np.asarray(resized, dtype=np.uint8)
     steps = range(-SIZE_SEARCH, SIZE_SEARCH + 1)
     sizes = [(board.columns + dc, board.rows + dr) for dc in steps for dr in steps if (dc, dr) != (0, 0)]
     for size in sorted(sizes, key=lambda s: abs(s[0] - board.columns) + abs(s[1] - board.rows)):
-        if min(size) >= 3 and cv2.findChessboardCornersSB(small, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)[0]:
+        corners = _detect(small, size) if min(size) >= 3 else None
+        if corners is not None and not wrong_grid(small, corners, size):
             return size
     return None
 

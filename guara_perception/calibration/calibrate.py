@@ -13,13 +13,13 @@ from guara_perception.calibration.board import to_grey
 from guara_perception.calibration.bundle import fit_camera
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.camera_quality import coverage, cross_validation, projection_uncertainty
-from guara_perception.calibration.checks import camera_checks, laser_checks
-from guara_perception.calibration.faults import check_heights, check_mirror
+from guara_perception.calibration.checks import LEFT_OUT, camera_checks, laser_checks
+from guara_perception.calibration.faults import check_heights, check_mirror, suspect_plate
 from guara_perception.calibration.intrinsics import DISTORTIONS
 from guara_perception.calibration.laser import fit_laser, height_sigmas
 from guara_perception.calibration.mirror_model import nominal_mirror
 from guara_perception.calibration.mount import check_ground_board, locate_camera, measured_square
-from guara_perception.calibration.quality import quality_record, verdict_of
+from guara_perception.calibration.quality import GOOD, quality_record, verdict_of
 from guara_perception.calibration.records import (
     covariance_record,
     mirror_record,
@@ -113,6 +113,8 @@ def calibrate_session(
         intrinsics, fit, floor, square / session.board.square, cells, halves[1] if halves else None, floor_sigma[1]
     ) + laser_checks(laser, near, far, len(missing), len(wanted))
     verdict, reasons = verdict_of(checks, warnings(session, views, intrinsics, lost, missing))
+    if laser.leave_one_out and any(check.name == LEFT_OUT and check.verdict != GOOD for check in checks):
+        reasons = (suspect_plate(laser.leave_one_out, session.plates), *reasons)
     surface = surface_map(undistorted(fit.camera, np.array([mark.centre_px for mark in floor.marks])), points)
     to_base = np.asarray(np.linalg.inv(to_footprint))
     calibration = Calibration(

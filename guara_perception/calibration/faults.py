@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.calibration.laser import LeaveOneOut
 from guara_perception.calibration.mirror_model import PARAMETERS
 from guara_perception.calibration.plates import PlateLine
 from guara_perception.calibration.session import Plate
@@ -157,6 +158,26 @@ def check_mirror(sweep: Sweep) -> None:
             f"{limits[worst]:.4f} is allowed (metres, radians, ratio): wrong plate heights, another robot, wrong steps "
             "per turn of the mirror, or a mount that came loose"
         )
+
+
+def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> str:
+    """Which plate the others contradict, in words.
+
+    Leaving any plate out changes all heights, so the largest error names the wrong one as often as not. But only
+    without the wrong one does the mirror turn evenly.
+
+    Args:
+        entries: three or more.
+        plates: of the session.
+    """
+    worst = min(entries, key=lambda entry: entry.irregularity)
+    plate = plates[worst.plate]
+    measured = 1e3 * (plate.height + worst.mean)
+    return (
+        f"plate {plate.name} contradicts the others: they put its top at {measured:.1f} mm "
+        f"({1e3 * (plate.height + worst.near):.1f} near, {1e3 * (plate.height + worst.far):.1f} far) instead of "
+        f"{1e3 * plate.height:.1f} mm: its height is wrong, or camera or laser mount slipped between the scans"
+    )
 
 
 def _direction(lines: Sequence[PlateLine]) -> float:

@@ -37,6 +37,7 @@ class LeaveOneOut:
         mean: measured minus given height, mean of its lines [m].
         scatter: standard deviation of the same over its lines [m].
         near, far: mean of the nearest and of the farthest third of the lines [m].
+        irregularity: how unevenly the mirror turns by the other plates alone [rad]: small when these agree.
     """
 
     plate: int
@@ -44,6 +45,7 @@ class LeaveOneOut:
     scatter: float
     near: float
     far: float
+    irregularity: float
 
     @property
     def rms(self) -> float:
@@ -175,14 +177,17 @@ def _leave_one_out(
     for plate in range(plates):
         kept = [i for i, line in enumerate(lines) if line.plate != plate]
         rest, rest_points = [lines[i] for i in kept], [points[i] for i in kept]
-        stripes = fit_stripes(rest, rest_points, fit_sweep(rest, rest_points, nominal), nominal)
+        sweep = fit_sweep(rest, rest_points, nominal)
+        stripes = fit_stripes(rest, rest_points, sweep, nominal)
         known = set(stripes.indices)
         own = [i for i, line in enumerate(lines) if line.plate == plate and line.index in known]
         own.sort(key=lambda i: lines[i].index)
         errors = _line_heights([lines[i] for i in own], [points[i] for i in own], stripes, transform)
         third = max(len(errors) // 3, 1)
         near, far = float(errors[:third].mean()), float(errors[-third:].mean())
-        results.append(LeaveOneOut(plate, float(errors.mean()), float(errors.std()), near, far))
+        results.append(
+            LeaveOneOut(plate, float(errors.mean()), float(errors.std()), near, far, float(np.std(sweep.step_errors)))
+        )
     return tuple(results)
 
 
@@ -217,7 +222,7 @@ def _uncertainty(
         change[i] = sigma
         camera, transform = fit.with_parameters(change)
         moved = [line_points(camera, transform, line) for line in lines]
-        refitted = fit_stripes(lines, moved, fit_sweep(lines, moved, nominal), nominal)
+        refitted = fit_stripes(lines, moved, fit_sweep(lines, moved, nominal), nominal, noise_of=stripes)
         heights = np.empty(len(place))
         for k in samples:
             mine = row == k

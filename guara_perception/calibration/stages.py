@@ -64,10 +64,9 @@ def calibrate_boards(
     """
     usable = [view for view in views if view.is_usable]
     if len(usable) < MIN_VIEWS:
-        faults = "; ".join(f"{view.name}: {view.reason}" for view in views if not view.is_usable)
         raise CalibrationRefused(
-            f"{len(usable)} of {len(views)} board views are usable, {MIN_VIEWS} or more are needed: "
-            f"{_hint(session, views)}{faults}"
+            f"{len(usable)} of {len(views)} board views are usable, {MIN_VIEWS} or more are needed"
+            f"{_hint(session, views)}{_faults(views)}"
         )
     ground = next(view for view in views if view.name == session.ground_board_image)
     if not ground.is_usable:
@@ -111,9 +110,19 @@ def check_lines_and_plates(
 def _hint(session: CalibrationSession, views: Sequence[BoardView]) -> str:
     """Whether the first picture without a board shows one of another size."""
     for view in views:
-        if view.reason.startswith("no board"):
+        if "inner corners" in view.reason:
             size = other_size(session.read_picture(view.name), session.board)
-            if size is not None:
-                return f"{view.name} shows a board of {size[0]}x{size[1]} inner corners, wrong corner count? "
-            return ""
+            if size is None:
+                return ""
+            given = f"{session.board.columns}x{session.board.rows}"
+            return (
+                f"; wrong corner count: {view.name} shows {size[0]}x{size[1]} inner corners, the session says {given}"
+            )
     return ""
+
+
+def _faults(views: Sequence[BoardView]) -> str:
+    """The first few views that cannot be used, with their reasons."""
+    bad = [f"{view.name}: {view.reason}" for view in views if not view.is_usable]
+    more = f"; and {len(bad) - 3} more" if len(bad) > 3 else ""
+    return f"; {'; '.join(bad[:3])}{more}" if bad else ": take more pictures of the board"

@@ -38,6 +38,7 @@ class StripeFit:
             a new scan: the fit and the repeatability of the mirror together; for a camera that is exact.
         bases: (s, 3, 4) what one unit of each of the three changes in the plane.
         jitter: standard deviation of the sheet's angle from scan to scan [rad].
+        place: scatter of one averaged place of a line [m].
         wobble: (2,) standard deviations of tilt and shift about the mirror model.
         line_residual: (lines,) mean distance of each line from its stripe's plane [m].
     """
@@ -48,6 +49,7 @@ class StripeFit:
     covariance: Float
     bases: Float
     jitter: float
+    place: float
     wobble: Float
     line_residual: Float
 
@@ -57,7 +59,13 @@ class StripeFit:
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
 
-def fit_stripes(lines: Sequence[PlateLine], points: Sequence[Float], sweep: Sweep, nominal: MirrorModel) -> StripeFit:
+def fit_stripes(
+    lines: Sequence[PlateLine],
+    points: Sequence[Float],
+    sweep: Sweep,
+    nominal: MirrorModel,
+    noise_of: StripeFit | None = None,
+) -> StripeFit:
     """Fit one plane per stripe.
 
     Each plane has three freedoms about the model's sheet: turn about the mirror axis (free: the stepper's own error),
@@ -69,18 +77,16 @@ def fit_stripes(lines: Sequence[PlateLine], points: Sequence[Float], sweep: Swee
         points: (n, 3) places of each line in base_footprint.
         sweep: the mirror model.
         nominal: the mirror as drawn that `sweep` was fitted from.
+        noise_of: an earlier fit whose jitter, scatter and wobble are taken; None = they are estimated.
     """
     model = sweep.planes
     bases = np.array([plane_basis(plane, sweep.mirror) for plane in model])
     from_model = _model_covariance(sweep, nominal, bases)
     groups = [[i for i, line in enumerate(lines) if line.index == index] for index in sweep.indices]
     solver = _Solver([[points[i] for i in group] for group in groups], model, bases, from_model[:, 1:, 1:])
-    jitter, place = 2 * JITTER_FLOOR, 3e-5
-    for _ in range(4):
-        jitter, place = solver.noise(WOBBLE_FLOOR, jitter, place)
-    wobble = solver.wobble(jitter, place)
-    for _ in range(3):
-        jitter, place = solver.noise(wobble, jitter, place)
+    jitter, place, wobble = (
+        solver.estimate() if noise_of is None else (noise_of.jitter, noise_of.place, noise_of.wobble)
+    )
     solved = solver.solve(wobble, jitter, place)
     planes = np.array([moved_plane(model[k], bases[k], fit.change) for k, fit in enumerate(solved)])
     for_new_scan = np.array([fit.covariance for fit in solved])
@@ -97,7 +103,8 @@ def fit_stripes(lines: Sequence[PlateLine], points: Sequence[Float], sweep: Swee
         covariance=for_new_scan,
         bases=bases,
         jitter=jitter,
-        wobble=wobble,
+        place=place,
+        wobble=np.array(wobble),
         line_residual=residual,
     )
 
@@ -139,6 +146,16 @@ class _Solver:
             _solve(places, self.planes[k], self.bases[k], self.from_model[k] + np.diag(wobble**2), jitter, place)
             for k, places in enumerate(self.places)
         ]
+
+    def estimate(self) -> tuple[float, float, Float]:
+        """Jitter, scatter and wobble from the lines themselves."""
+        jitter, place = 2 * JITTER_FLOOR, 3e-5
+        for _ in range(4):
+            jitter, place = self.noise(WOBBLE_FLOOR, jitter, place)
+        wobble = self.wobble(jitter, place)
+        for _ in range(3):
+            jitter, place = self.noise(wobble, jitter, place)
+        return jitter, place, wobble
 
     def noise(self, wobble: Float, jitter: float, place: float) -> tuple[float, float]:
         """Better estimates of jitter and scatter; the turn of a stripe takes one freedom of its lines."""
