@@ -108,8 +108,6 @@ class _Levels:
         """Return by what to multiply the exposure; 1 when it is right."""
         if math.isnan(self.ridge):
             return 2.0 if self.background < levels[1] else 0.5
-        if self.clipped > 0.5:
-            return 0.5
         if levels[0] <= self.ridge <= levels[1]:
             return 1.0
         wanted = 0.5 * (levels[0] + levels[1])

@@ -52,7 +52,7 @@ def scene() -> Scene:
 def patient_config(**changes: object) -> EmulatorConfig:
     """A board whose watchdog waits longer, so that a loaded machine does not trip it in tests of other things."""
     config = EmulatorConfig(settle=0.001, mirror_speed=40.0)
-    identity = dataclasses.replace(config.identity, watchdog=20.0)
+    identity = dataclasses.replace(config.identity, watchdog=60.0)
     return dataclasses.replace(config, identity=identity, **changes)
 
 

@@ -122,6 +122,47 @@ def test_an_exception_in_the_loop_puts_the_laser_out(
     assert len(emulated.switchings()) == events
 
 
+def test_laser_is_out_as_soon_as_the_scan_has_ended(
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list
+) -> None:
+    """Not only when the block is left: the caller may take its time over the last stripe."""
+    streams: list[StripeStream] = []
+    scan = acquire(
+        board,
+        camera,
+        pattern,
+        options(OffFrames.ONE),
+        should_stop=lambda: bool(streams) and len(streams[0]._worker.fired) > 3,
+    )
+    streams.append(scan)
+    with scan as stripes:
+        assert len(list(stripes)) == 3
+        assert not emulated.view().laser_on
+
+
+def test_laser_goes_out_although_the_camera_hangs(
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list
+) -> None:
+    """The thread of the scan sits in a grab; leaving the block puts the laser out without waiting for it."""
+    real, outcome = camera.grab, []
+
+    def grab(timeout: float):
+        if not outcome and emulated.view().laser_on:
+            deadline = time.monotonic() + 10.0
+            while emulated.view().laser_on and time.monotonic() < deadline:
+                time.sleep(0.002)
+            outcome.append(not emulated.view().laser_on)
+        return real(timeout)
+
+    camera.grab = grab  # type: ignore[method-assign]
+    with pytest.raises(ZeroDivisionError), acquire(board, camera, pattern, options(OffFrames.ONE)):
+        while not emulated.view().laser_on:
+            time.sleep(0.002)
+        raise ZeroDivisionError
+    assert not emulated.view().laser_on
+    assert outcome == [True]
+
+
 def test_leaving_the_loop_early_ends_the_scan(
     board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list
 ) -> None:

@@ -130,12 +130,12 @@ def test_dead_laser_behind_a_blind_sensor_shows_in_the_pictures(
 def test_stuck_laser_behind_a_blind_sensor_shows_in_the_pictures(
     quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard
 ) -> None:
-    """Off frames with a stripe in them are leaks; no such stripe counts as in step."""
+    """Off frames with a stripe in them are leaks (or hide the stripe, before the mirror turned): none is in step."""
     emulated.inject(Fault(FaultKind.BLIND_SENSOR))
     emulated.inject(Fault(FaultKind.LASER_STUCK_ON))
     taken, report, _ = scan(quick_board, camera, OffFrames.PER_STRIPE)
     kinds = [stripe.verdict for stripe in taken]
-    assert set(kinds[:-1]) == {StripeVerdict.LEAK} and kinds[-1] is not StripeVerdict.OK
+    assert StripeVerdict.LEAK in kinds and set(kinds) <= {StripeVerdict.LEAK, StripeVerdict.DARK}
     assert not report.in_step and any("light in the off frame" in problem for problem in report.problems)
 
 

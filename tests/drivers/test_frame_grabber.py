@@ -94,6 +94,13 @@ def test_no_frame_in_time_is_none(grabber_of) -> None:
     assert grabber_of(Script()).after(NOW) is None
 
 
+def test_the_board_is_spoken_to_while_a_frame_is_awaited(grabber_of, board: LaserBoard) -> None:
+    """Each wait in vain feeds the watchdog, so that a slow camera does not put the laser out."""
+    before = board.status().sequence
+    grabber_of(Script(None, None, None, (1, NOW))).after(0.0)
+    assert board.status().sequence == before + 4
+
+
 def test_giving_up_comes_from_the_check(grabber_of) -> None:
     """Whoever asks may stop the wait between two grabs."""
 
