@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -59,6 +60,7 @@ def unknown_causes(
     marks: Flags,
     eyes: tuple[Float, ...],
     geometry: GridGeometry,
+    in_own_shadow: Callable[[Float], npt.NDArray[np.bool_]] | None = None,
 ) -> Flags:
     """Give every unknown cell its cause.
 
@@ -69,6 +71,7 @@ def unknown_causes(
         marks: (ny, nx) flags of returns that were seen here and may not be used.
         eyes: positions (3,) of camera and laser in base_footprint.
         geometry: the grid.
+        in_own_shadow: tells which points (n, 3) the robot hides from its own camera or laser; None = none.
 
     Returns:
         (ny, nx) uint16, one or more unknown flags where the elevation is NaN, 0 elsewhere.
@@ -78,6 +81,12 @@ def unknown_causes(
     looked_at = np.append(pair_usable, False)[plan.pair] & (plan.pair >= 0) & plan.in_view
     flags[unknown & ~looked_at & (flags == 0)] = np.uint16(Hazard.UNSCANNED)
     open_cells = unknown & (flags == 0)
+    if in_own_shadow is not None and open_cells.any():
+        iy, ix = np.nonzero(open_cells)
+        x, y = geometry.centres()
+        own = in_own_shadow(np.column_stack((x[ix], y[iy], _ground_height(elevation)[iy, ix])))
+        flags[iy[own], ix[own]] = np.uint16(Hazard.SELF)
+        open_cells = unknown & (flags == 0)
     hidden = np.zeros_like(open_cells)
     for eye in eyes:
         hidden |= is_hidden(elevation, open_cells, eye, geometry)

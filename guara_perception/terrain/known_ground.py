@@ -13,6 +13,7 @@ from guara_perception.terrain.fuse_heights import Heights
 from guara_perception.terrain.look import LOOKED_AT
 from guara_perception.terrain.odom_cells import OdomCells
 from guara_perception.terrain.polygon import inside_polygon
+from guara_perception.terrain.touched import SHRUNK_M
 
 Float = npt.NDArray[np.float64]
 
@@ -59,7 +60,7 @@ def declared_heights(
     Returns:
         The heights, and the distance of their cells from the robot [m].
     """
-    transform, half = transform_footprint_to_odom, cells.resolution / 2
+    transform, half = transform_footprint_to_odom, cells.resolution / 2 - SHRUNK_M
     outline = ground.outline @ transform[:2, :2].T + transform[:2, 3]
     (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)
     cy, cx = cells.cells_between((x0, y0), (x1, y1))

@@ -1,0 +1,209 @@
+"""Slope, step, roughness, edges and clearance against values known from first principles."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import guara_perception as gp
+from guara_perception.settings import TraversabilityLimits
+from guara_perception.terrain.disc import disc_kernel, fit_disc
+from guara_perception.terrain.hazard import Hazard
+
+RESOLUTION = 0.005
+PROPERTY = settings(max_examples=40, deadline=None, derandomize=True)
+
+
+def plane(a: float, b: float, shape: tuple[int, int] = (40, 50)) -> np.ndarray:
+    """Heights of z = a x + b y at cell centres."""
+    y, x = ((np.mgrid[: shape[0], : shape[1]] + 0.5) * RESOLUTION).astype(np.float64)
+    return a * x + b * y
+
+
+@PROPERTY
+@given(st.floats(-1, 1), st.floats(-1, 1))
+def test_slope_of_a_plane_is_exact(a: float, b: float) -> None:
+    """On a plane the slope is the plane's angle and the roughness zero, in every cell with a whole disc."""
+    terrain = gp.assess_terrain(plane(a, b), RESOLUTION)
+    inner = np.s_[3:-3, 3:-3]
+    np.testing.assert_allclose(terrain.slope[inner], np.arctan(np.hypot(a, b)), atol=1e-6)
+    assert np.nanmax(terrain.roughness[inner]) < 1e-6
+
+
+@PROPERTY
+@given(st.floats(0.1, 1.4), st.integers(0, 3))
+def test_slope_does_not_depend_on_the_heading(tangent: float, quarter: int) -> None:
+    """A ramp turned by quarter turns keeps its slope."""
+    ramp = np.rot90(plane(tangent, 0.0, (40, 40)), quarter)
+    slope = gp.assess_terrain(ramp, RESOLUTION).slope[10:30, 10:30]
+    np.testing.assert_allclose(slope, np.arctan(tangent), atol=1e-6)
+
+
+def test_roughness_is_the_standard_deviation_about_the_plane() -> None:
+    """Noise on a ramp: the roughness is what a plane fitted by hand to the disc leaves, at right angles to it."""
+    rng = np.random.default_rng(1)
+    ground = plane(0.3, -0.2) + rng.normal(0, 0.002, (40, 50))
+    kernel = disc_kernel(3.0).astype(bool)
+    fit = fit_disc(ground, np.zeros_like(ground), disc_kernel(3.0), RESOLUTION)
+    for iy, ix in ((10, 10), (20, 31), (33, 44)):
+        window = ground[iy - 3 : iy + 4, ix - 3 : ix + 4]
+        dy, dx = (np.mgrid[-3:4, -3:4] * RESOLUTION)[:, kernel]
+        design = np.column_stack((dx, dy, np.ones(dx.size)))
+        solution, *_ = np.linalg.lstsq(design, window[kernel], rcond=None)
+        residual = (window[kernel] - design @ solution) / np.sqrt(1 + solution[0] ** 2 + solution[1] ** 2)
+        assert fit.roughness[iy, ix] == pytest.approx(np.sqrt((residual**2).sum() / (dx.size - 1)), rel=1e-9)
+        assert fit.slope[iy, ix] == pytest.approx(np.arctan(np.hypot(solution[0], solution[1])), rel=1e-9)
+
+
+def test_sigma_of_the_slope_is_what_noise_makes_of_it() -> None:
+    """Monte Carlo: flat ground with noise; the spread of the fitted gradient is the one predicted."""
+    rng = np.random.default_rng(2)
+    sigma = 0.001
+    ground = plane(0.5, 0.0, (300, 300)) + rng.normal(0, sigma, (300, 300))
+    fit = fit_disc(ground, np.full(ground.shape, sigma**2), disc_kernel(3.0), RESOLUTION)
+    inner = np.s_[5:-5, 5:-5]
+    # Along the ramp's own direction the slope varies by the sigma of one gradient component.
+    assert np.std(fit.slope[inner]) == pytest.approx(float(np.mean(fit.slope_sigma[inner])), rel=0.05)
+
+
+def test_a_step_is_measured_to_the_height_of_the_box() -> None:
+    """Beside and on a box the step height is the box's, within the disc's reach and nowhere else."""
+    ground = np.zeros((40, 40))
+    ground[:, 20:] = 0.045
+    terrain = gp.assess_terrain(ground, RESOLUTION)
+    np.testing.assert_allclose(terrain.step_height[5:-5, 17:23], 0.045, atol=1e-7)
+    np.testing.assert_allclose(terrain.step_height[5:-5, :17], 0.0, atol=1e-7)
+    np.testing.assert_allclose(terrain.step_height[5:-5, 23:], 0.0, atol=1e-7)
+
+
+def test_up_and_down_are_told_apart() -> None:
+    """Below a box of 45 mm there is a step, on it a drop; a fall of 25 mm is too deep, a rise of 25 mm is not."""
+    ground = np.zeros((40, 40))
+    ground[:, 20:] = 0.045
+    high = gp.assess_terrain(ground, RESOLUTION)
+    assert (high.hazard[20, 17:20] & Hazard.STEP).all()
+    assert not (high.hazard[20, 17:20] & Hazard.DROP).any()
+    assert (high.hazard[20, 20:23] & Hazard.DROP).all()
+    assert not (high.hazard[20, 20:23] & Hazard.STEP).any()
+    ground[:, 20:] = 0.025
+    low = gp.assess_terrain(ground, RESOLUTION)
+    assert not (low.hazard & Hazard.STEP).any()
+    assert (low.hazard[20, 20:23] & Hazard.DROP).all()
+
+
+def test_a_step_inside_one_cell_counts() -> None:
+    """Lowest and highest samples of one cell that are 35 mm apart make a step, though the mean heights are flat."""
+    from guara_perception.terrain.assess import assess_layers
+    from guara_perception.terrain.assess_terrain import default_limits
+
+    flat, high = np.zeros((40, 40)), np.zeros((40, 40))
+    high[20, 20] = 0.035
+    layers = assess_layers(flat, flat, flat, high, flat.astype(np.uint16), RESOLUTION, default_limits())
+    assert layers["hazard"][20, 20] & Hazard.STEP
+    assert layers["step_height"][20, 20] == np.float32(0.035)
+
+
+@pytest.mark.parametrize(
+    ("limit", "flag"),
+    [("slope", Hazard.STEEP), ("step", Hazard.STEP), ("drop", Hazard.DROP), ("roughness", Hazard.ROUGH)],
+)
+def test_the_upper_confidence_bound_is_tested(limits: TraversabilityLimits, limit: str, flag: Hazard) -> None:
+    """Ground just below a limit is allowed when known exactly, and a hazard when its height is uncertain."""
+    y, x = np.mgrid[:40, :40] * RESOLUTION
+    ground = {
+        "slope": x * np.tan(0.95 * limits.slope),
+        "step": np.where(x > 0.1, 0.95 * limits.step, 0.0),
+        "drop": np.where(x > 0.1, 0.95 * limits.drop, 0.0),
+        "roughness": 0.0030 * np.where((np.arange(40)[:, None] + np.arange(40)) % 2, 1.0, -1.0),
+    }[limit]
+    loose = {name: 10.0 if name != "slope" else 1.5 for name in ("slope", "step", "drop", "roughness")}
+    loose = {name: min(value, 1.0) if name != "slope" else value for name, value in loose.items() if name != limit}
+    only = dataclasses.replace(limits, **loose)
+    exact = gp.assess_terrain(ground, RESOLUTION, limits=only)
+    unsure = gp.assess_terrain(ground, RESOLUTION, variance=np.full(ground.shape, 0.003**2), limits=only)
+    assert not (exact.hazard & flag).any()
+    assert (unsure.hazard & flag).any()
+
+
+def test_a_height_that_is_too_unsure_is_uncertain(limits: TraversabilityLimits) -> None:
+    """UNCERTAIN stands exactly where the standard deviation exceeds its limit."""
+    variance = np.full((40, 40), (0.99 * limits.sigma) ** 2)
+    variance[20, 20] = (1.01 * limits.sigma) ** 2
+    terrain = gp.assess_terrain(np.zeros((40, 40)), RESOLUTION, variance=variance)
+    assert np.argwhere(terrain.hazard & Hazard.UNCERTAIN).tolist() == [[20, 20]]
+
+
+def test_score_falls_with_every_test_and_is_one_on_perfect_ground() -> None:
+    """Flat and exactly known is 1; a slope of half the limit is half; products, never means."""
+    flat = gp.assess_terrain(np.zeros((60, 60)), RESOLUTION)
+    assert flat.traversability[30, 30] == 1.0
+    limit = 0.35
+    ramp = gp.assess_terrain(plane(np.tan(limit / 2), 0.0, (60, 60)), RESOLUTION)
+    rise = 3 * RESOLUTION * np.tan(limit / 2)
+    expected = 0.5 * (1 - rise / 0.030) * (1 - rise / 0.020)
+    assert ramp.traversability[30, 30] == pytest.approx(expected, rel=1e-5)
+
+
+def test_deeper_than_60_mm_everything_empty_is_traversable(scan_grid: gp.TerrainGrid) -> None:
+    """On known, flat ground exactly the cells whose centre is nearer than 60 mm to the front or rear are EDGE."""
+    ny, nx = scan_grid.shape
+    terrain = gp.assess_terrain(np.zeros((ny, nx)), RESOLUTION)
+    depth_x = (np.minimum(np.arange(nx), nx - 1 - np.arange(nx)) + 0.5) * RESOLUTION
+    depth_y = (np.minimum(np.arange(ny), ny - 1 - np.arange(ny)) + 0.5) * RESOLUTION
+    deep = (depth_y[:, None] > 0.060) & (depth_x[None, :] > 0.060)
+    assert (terrain.hazard[deep] == 0).all()
+    # And the border is not free for nothing: half a sole (40 mm) at least.
+    assert (terrain.hazard[:, depth_x < 0.040] == Hazard.EDGE).all()
+    assert (terrain.hazard[depth_y < 0.030] == Hazard.EDGE).all()
+
+
+def test_the_sole_must_fit(limits: TraversabilityLimits) -> None:
+    """An unknown cell takes those from which the 80 x 60 mm sole or a test would reach it, and no others."""
+    ground = np.zeros((80, 80))
+    ground[40, 40] = np.nan
+    terrain = gp.assess_terrain(ground, RESOLUTION)
+    edge = (terrain.hazard[13:-13, 13:-13] & Hazard.EDGE) != 0
+    offsets = np.argwhere(edge) + 13 - 40
+    assert np.abs(offsets[:, 1]).max() * RESOLUTION == pytest.approx(0.060)
+    assert np.abs(offsets[:, 0]).max() * RESOLUTION == pytest.approx(0.050)
+    for dy, dx in ((0, 8), (6, 0), (6, 8)):
+        assert terrain.hazard[40 + dy, 40 + dx] & Hazard.EDGE
+
+
+def test_clearance_is_the_distance_to_the_nearest_hazard_or_the_border() -> None:
+    """From a cell centre to the near face of the unknown cell; negative inside; to the border where that is nearer."""
+    ground = np.zeros((40, 60))
+    ground[20, 30] = np.nan
+    terrain = gp.assess_terrain(ground, RESOLUTION)
+    assert terrain.clearance[20, 35] == pytest.approx(4.5 * RESOLUTION)
+    assert terrain.clearance[23, 34] == pytest.approx((np.hypot(3, 4) - 0.5) * RESOLUTION)
+    assert terrain.clearance[20, 30] == pytest.approx(-0.5 * RESOLUTION)
+    assert terrain.clearance[0, 5] == pytest.approx(0.5 * RESOLUTION)
+    assert terrain.clearance[10, 2] == pytest.approx(2.5 * RESOLUTION)
+
+
+def test_clearance_where_all_is_hazard_is_never_positive() -> None:
+    """An unknown grid has no clearance anywhere."""
+    terrain = gp.assess_terrain(np.full((10, 12), np.nan), RESOLUTION)
+    assert (terrain.clearance < 0).all()
+
+
+def test_values_need_most_of_the_disc_on_all_sides() -> None:
+    """With 60 % of the disc known a slope is given; beside a wide gap on one side it is NaN, and the cell EDGE."""
+    ground = plane(0.1, 0.0)
+    ground[:, 20:] = np.nan
+    terrain = gp.assess_terrain(ground, RESOLUTION)
+    assert np.isnan(terrain.slope[20, 19])
+    assert np.isfinite(terrain.slope[20, 17])
+    assert terrain.slope[20, 17] == pytest.approx(np.arctan(0.1), abs=1e-6)
+    assert (terrain.hazard[20, 17:20] & Hazard.EDGE).all()
+
+
+def test_too_fine_a_grid_for_the_disc_is_refused() -> None:
+    """A disc of more cells than can be summed exactly is refused with what to do."""
+    with pytest.raises(gp.InvalidInput, match="150 cells, at most 24 are allowed: take a larger resolution"):
+        gp.assess_terrain(np.zeros((10, 10)), 0.0001)

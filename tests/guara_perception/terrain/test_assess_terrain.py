@@ -1,0 +1,104 @@
+"""`assess_terrain` from the user's side: meaning of NaN, and every refusal."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.terrain.hazard import Hazard
+
+
+def test_nan_becomes_unscanned_and_origin_is_the_corner() -> None:
+    """An unknown height is UNSCANNED; cell (0, 0) is the corner at minimum x and y; x runs fastest."""
+    heights = np.arange(12, dtype=float).reshape(3, 4) / 1000
+    heights[2, 1] = np.nan
+    terrain = gp.assess_terrain(heights, 0.01, origin=(0.5, -0.2))
+    assert terrain.hazard[2, 1] & Hazard.UNSCANNED
+    assert terrain.height_at(0.505, -0.195) == 0.0
+    assert terrain.height_at(0.535, -0.195) == pytest.approx(0.003)
+    assert terrain.height_at(0.505, -0.185) == pytest.approx(0.004)
+    assert np.isnan(terrain.height_at(0.515, -0.175))
+    assert terrain.age[2, 1] == 255
+    assert terrain.looks[2, 1] == 0
+    assert terrain.looks[0, 0] == 1
+
+
+def test_its_input_is_not_kept() -> None:
+    """Changing the array afterwards changes nothing."""
+    heights = np.zeros((30, 30))
+    terrain = gp.assess_terrain(heights, 0.005)
+    heights[:] = 1.0
+    assert terrain.height_at(0.05, 0.05) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"elevation": np.zeros(5)}, r"shape \(5,\), it must be \(ny, nx\)"),
+        ({"elevation": np.zeros((0, 3))}, r"shape \(0, 3\)"),
+        ({"elevation": np.zeros((2, 2, 2))}, r"shape \(2, 2, 2\)"),
+        ({"elevation": [["a"]]}, "no array of numbers"),
+        ({"elevation": [[0.0, 1.0], [0.0]]}, "no array of numbers"),
+        ({"elevation": [[np.inf, 0.0]]}, "infinite heights, use NaN"),
+        ({"elevation": [[2e4, 0.0]]}, "at most 10000 m is allowed"),
+        ({"resolution": 0.0}, "resolution is 0.0, it must be a positive"),
+        ({"resolution": -0.01}, "resolution is -0.01"),
+        ({"resolution": np.nan}, "resolution is nan"),
+        ({"resolution": [0.01, 0.01]}, "one number"),
+        ({"origin": (0.0, np.nan)}, "two finite numbers"),
+        ({"origin": (0.0,)}, "pair"),
+        ({"variance": np.zeros((2, 3))}, r"variance has shape \(2, 3\), elevation has \(2, 2\)"),
+        ({"variance": np.full((2, 2), np.nan)}, "NaN, infinite or negative at a known height"),
+        ({"variance": np.full((2, 2), -1.0)}, "NaN, infinite or negative"),
+        ({"variance": np.full((2, 2), np.inf)}, "NaN, infinite or negative"),
+    ],
+)
+def test_bad_input_is_refused(arguments: dict[str, object], message: str) -> None:
+    """Every wrong argument is named, with what is allowed; none reaches numpy."""
+    given: dict[str, object] = {"elevation": np.zeros((2, 2)), "resolution": 0.005, **arguments}
+    with pytest.raises(gp.InvalidInput, match=message):
+        gp.assess_terrain(**given)
+
+
+def test_variance_may_be_nan_where_the_height_is() -> None:
+    """An unknown cell needs no variance, and whatever is given there does not count."""
+    heights, variance = np.zeros((30, 30)), np.zeros((30, 30))
+    heights[3, 3], variance[3, 3] = np.nan, np.nan
+    assert np.isnan(gp.assess_terrain(heights, 0.005, variance=variance).variance[3, 3])
+
+
+def test_an_empty_map_is_a_map() -> None:
+    """All unknown: nothing traversable, every question answered."""
+    terrain = gp.assess_terrain(np.full((40, 40), np.nan), 0.005)
+    assert not (terrain.traversability > 0).any()
+    assert (terrain.to_occupancy() == 100).all()
+    assert terrain.obstacles() == []
+    assert terrain.best_foothold(0.1, 0.1, 0.1) is None
+    assert not terrain.check_path([[0.05, 0.05, 0.3], [0.1, 0.1, 0.3]], 0.02).ok
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"slope": 20.0}, "limit slope is 20.0"),
+        ({"step": 0.0}, "limit step is 0.0"),
+        ({"sigma": -1.0}, "limit sigma is -1.0"),
+        ({"disc_radius": 15.0}, "limit disc_radius is 15.0"),
+        ({"sole_length": np.nan}, "limit sole_length is nan"),
+        ({"confidence": "2"}, "limit confidence is '2'"),
+    ],
+)
+def test_absurd_limits_are_refused(limits: gp.TraversabilityLimits, change: dict[str, float], message: str) -> None:
+    """Degrees for radians, millimetres for metres, zero, NaN: refused with what is allowed."""
+    import dataclasses
+
+    with pytest.raises(gp.InvalidInput, match=message):
+        dataclasses.replace(limits, **change)
+
+
+def test_confidence_may_be_zero(limits: gp.TraversabilityLimits) -> None:
+    """Who trusts the values as they are may say so."""
+    import dataclasses
+
+    assert dataclasses.replace(limits, confidence=0).confidence == 0
