@@ -93,6 +93,19 @@ class HeightUncertainty:
         smooth = np.einsum("ni,ij,nj->n", terms, self.field, terms)
         return np.asarray(gain**2 * off_plane + smooth)
 
+    def variance_of_scan(
+        self,
+        index: int,
+        plane: Float,
+        points_in_footprint: Float,
+        transform_camera_to_footprint: Float,
+        transform_camera_to_base: Float,
+    ) -> Float:
+        """As `variance`, of points (n, 3) in base_footprint with heights along its z."""
+        rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
+        in_camera = (points_in_footprint - translation) @ rotation
+        return self.variance(index, plane, in_camera, transform_camera_to_base, rotation[2])
+
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON values, as `of` reads them."""
         return {

@@ -1,0 +1,134 @@
+"""Stripes that were not calibrated, from those that were: the standard pattern from a coarse calibration, and back."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.calibration import Calibration, StripePlane, format_indices
+from guara_perception.calibration.height_sigma import HeightUncertainty
+from guara_perception.calibration.mirror_model import MirrorModel
+from guara_perception.calibration.stripe_planes import plane_basis
+from guara_perception.exceptions import CalibrationMismatch, FileFormatError
+
+Float = npt.NDArray[np.float64]
+
+# Periods of a stepper's own error that are tried, in stripes of the standard pattern. With every second stripe
+# calibrated nothing shorter than four can be told apart.
+PERIODS = np.arange(4.0, 40.0, 0.25)
+# A wave that explains this much of the errors is the motor's; less is noise and errors are interpolated instead.
+MIN_EXPLAINED = 0.8
+
+
+def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Calibration:
+    """A calibration with exactly these stripes.
+
+    A stripe that was calibrated keeps its plane. Any other gets that of the mirror model at its own angle, corrected
+    by the stepper's periodic error where the calibrated stripes show one, with a larger covariance.
+
+    Args:
+        calibration: with a mirror model (made by `calibrate`).
+        indices: of the standard pattern; beyond the calibrated ones by at most their spacing.
+
+    Raises:
+        CalibrationMismatch: an index too far outside, or a calibration without mirror model.
+        FileFormatError: the mirror model is not as documented.
+    """
+    wanted = sorted(set(indices))
+    known = np.array(calibration.indices)
+    spacing = int(np.diff(known).max())
+    outside = tuple(i for i in wanted if i < known[0] - spacing or i > known[-1] + spacing)
+    if outside or not wanted:
+        raise CalibrationMismatch(
+            f"stripe index {format_indices(outside) if outside else '(none)'} cannot be derived from a calibration of "
+            f"{format_indices(calibration.indices)}: at most {spacing} beyond it"
+        )
+    missing = [i for i in wanted if i not in set(calibration.indices)]
+    kept = [stripe for stripe in calibration.stripes if stripe.index in set(wanted)]
+    uncertainty = HeightUncertainty.of(calibration)
+    planes = (
+        {}
+        if uncertainty is None
+        else {s.index: uncertainty.planes[s.index] for s in kept if s.index in uncertainty.planes}
+    )
+    if missing:
+        mirror, indices_of_errors, errors = stored_mirror(calibration)
+        commanded = np.array([stripe.mirror_angle for stripe in calibration.stripes])
+        angles = _extended(np.array(missing, dtype=float), known, commanded)
+        guessed, sigma = step_errors(np.array(missing, dtype=float), indices_of_errors, errors)
+        for index, angle, plane in zip(missing, angles, mirror.planes(angles + guessed), strict=True):
+            kept.append(StripePlane(index, float(angle), plane))
+            if uncertainty is not None:
+                nearest = min(uncertainty.planes, key=lambda other: abs(other - index))
+                turn = plane_basis(plane, mirror)[0]
+                # The sheet turns by twice the mirror.
+                planes[index] = uncertainty.planes[nearest] + (2 * sigma) ** 2 * np.outer(turn, turn)
+    covariance = calibration.covariance
+    if uncertainty is not None:
+        covariance = {**(covariance or {}), **dataclasses.replace(uncertainty, planes=planes).to_dict()}
+    record = dict(calibration.mirror or {})
+    record["filled_in"] = sorted({*record.get("filled_in", []), *missing} & set(wanted))
+    return dataclasses.replace(
+        calibration, stripes=tuple(kept), covariance=covariance, mirror=record, hash="", created=""
+    )
+
+
+def stored_mirror(calibration: Calibration) -> tuple[MirrorModel, Float, Float]:
+    """Mirror model in the camera frame, indices and step errors [rad] that a calibration holds.
+
+    Raises:
+        CalibrationMismatch: it holds none.
+        FileFormatError: it is not as documented.
+    """
+    stored = calibration.mirror
+    if not stored:
+        raise CalibrationMismatch("the calibration holds no mirror model: make it with `guara calibrate`")
+    try:
+        mirror = MirrorModel(
+            laser_plane=np.array(stored["laser_plane"], dtype=float).reshape(4),
+            axis=np.array(stored["axis"], dtype=float).reshape(3),
+            point=np.array(stored["point"], dtype=float).reshape(3),
+            normal_at_zero=np.array(stored["normal_at_zero"], dtype=float).reshape(3),
+            gain=float(stored["gain"]),
+        )
+        pairs = np.array([[item["index"], item["error"]] for item in stored["step_errors"]], dtype=float)
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileFormatError(f"mirror of the calibration is not as documented: {error!r}") from None
+    return mirror, pairs[:, 0], pairs[:, 1]
+
+
+def step_errors(wanted: Float, indices: Float, errors: Float) -> tuple[Float, float]:
+    """Errors of the mirror's position at other stripes [rad], and their standard deviation.
+
+    A stepper's error is a wave over its steps: when one wave explains the errors it is evaluated, else neighbours are
+    interpolated.
+    """
+    spread = float(np.var(errors))
+    if len(indices) > 8 and spread > 0:
+        fits = [(_wave(indices, errors, period), period) for period in PERIODS]
+        (coefficients, left), period = min(fits, key=lambda fit: fit[0][1])
+        if left < (1 - MIN_EXPLAINED) * spread:
+            return np.asarray(_wave_terms(wanted, period) @ coefficients), float(np.sqrt(left))
+    return np.asarray(np.interp(wanted, indices, errors)), float(np.sqrt(2 * spread))
+
+
+def _wave(indices: Float, errors: Float, period: float) -> tuple[Float, float]:
+    terms = _wave_terms(indices, period)
+    coefficients = np.linalg.lstsq(terms, errors, rcond=None)[0]
+    return np.asarray(coefficients), float(np.var(errors - terms @ coefficients))
+
+
+def _wave_terms(indices: Float, period: float) -> Float:
+    phase = 2 * np.pi * indices / period
+    return np.column_stack((np.ones(len(indices)), np.cos(phase), np.sin(phase)))
+
+
+def _extended(wanted: Float, indices: npt.NDArray[np.int64], angles: Float) -> Float:
+    """Commanded angles between the known ones, and just beyond them at the same pace."""
+    inside = np.interp(wanted, indices, angles)
+    pace = (angles[1] - angles[0]) / (indices[1] - indices[0]), (angles[-1] - angles[-2]) / (indices[-1] - indices[-2])
+    below = np.minimum(wanted - indices[0], 0) * pace[0]
+    return np.asarray(inside + below + np.maximum(wanted - indices[-1], 0) * pace[1])
