@@ -22,6 +22,8 @@ def open_scan(path: str | Path, step: int | None = None) -> Scan:
         InvalidInput: the recording holds several scans and `step` does not say which.
     """
     scans = open_scans(path)
+    # A pause may hold two scans, the coarse one and the same with the stripes between: the later has more.
+    scans = list({scan.step: scan for scan in scans}.values())
     chosen = scans if step is None else [scan for scan in scans if scan.step == step]
     if len(chosen) == 1:
         return chosen[0]

@@ -21,7 +21,7 @@ import click
 @click.option("--allow-insecure", is_flag=True, help="listen beyond this machine without security")
 @click.option("--robot", help="name or folder of the robot; default: the calibration's")
 @click.option("--name", help="instance name in the keys; default: the robot's")
-@click.option("--mode", type=click.Choice(["standard", "coarse"]), default="standard", show_default=True)
+@click.option("--mode", type=click.Choice(["adaptive", "standard", "coarse"]), default="adaptive", show_default=True)
 @click.option("--camera", default="0", show_default=True, help="number, device path or GStreamer pipeline")
 @click.option("--fps", type=click.FloatRange(min=0.1), help="frames per second to ask of the camera")
 @click.option("--off-frames", type=click.Choice(["one", "per stripe", "none"]), default="one", show_default=True)

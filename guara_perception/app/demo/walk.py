@@ -80,7 +80,15 @@ def demo_walk(check: DemoCheck, *, recording: Path | None, cycles: float, seed: 
         if recording is not None:
             recorder = stack.enter_context(ScanRecorder(recording, robot=DEFAULT_ROBOT, calibration=robot.calibration))
         node = stack.enter_context(
-            PerceptionNode(robot.robot, robot.calibration, robot.rangefinder, server, recorder=recorder, status=status)
+            PerceptionNode(
+                robot.robot,
+                robot.calibration,
+                robot.rangefinder,
+                server,
+                mode="adaptive",
+                recorder=recorder,
+                status=status,
+            )
         )
         StanceReceiver(session, on_pause=node.on_pause)
         gait = SimulatedGait(StancePublisher(stack.enter_context(open_client(endpoint))), DEFAULT_ROBOT)

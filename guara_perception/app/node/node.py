@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Self
 
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause import Pause, stance_of
-from guara_perception.app.node.pause_scanner import PauseScanner, Progress
+from guara_perception.app.node.pause_scanner import PauseScanner
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorder import ScanRecorder
+from guara_perception.app.node.sweep import SWEEPS, Progress
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput, PerceptionError
 from guara_perception.settings import MODES
@@ -58,7 +59,8 @@ class PerceptionNode:
             calibration: of this rangefinder.
             rangefinder: open devices.
             server: the node's side of the transport.
-            mode: of the scans at pauses, "coarse" or "standard".
+            mode: of the scans at pauses: "coarse", "standard", or "adaptive" (coarse, and the stripes between where
+                there is an obstacle).
             method: stripe extraction.
             recorder: writes every scan, or None.
             status: keeps what the status says, or None for one of its own.
@@ -66,8 +68,8 @@ class PerceptionNode:
         Raises:
             InvalidInput: unknown mode.
         """
-        if mode not in MODES:
-            raise InvalidInput(f"mode is {mode!r}, allowed: {', '.join(MODES)}")
+        if mode not in SWEEPS:
+            raise InvalidInput(f"mode is {mode!r}, allowed: {', '.join(SWEEPS)}")
         self.status = status or NodeStatus(calibration)
         self._mode, self._server = mode, server
         self._scanner = PauseScanner(
@@ -114,7 +116,9 @@ class PerceptionNode:
                 if current.step == announcement.step and not current.ended.is_set():
                     return
                 current.ended.set()
-            self._pause = self._to_scan = Pause(announcement.step, stance, announcement.known_ground)
+            self._pause = self._to_scan = Pause(
+                announcement.step, stance, announcement.known_ground, announcement.time_available
+            )
             self._changed.notify_all()
         self.status.solved("stance")
         self._server.begin_step(announcement.step)

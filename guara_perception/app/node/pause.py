@@ -17,6 +17,7 @@ class Pause:
         step: number of the pause.
         stance: at its beginning.
         known_ground: what the gait declares, in base_footprint of this pause.
+        time_available: from its beginning to its planned end [s]; 0 when not known.
         ended: set when the gait moves on.
         end_stance: read again at the end, None until then or when it was not told.
     """
@@ -24,6 +25,7 @@ class Pause:
     step: int
     stance: Stance
     known_ground: tuple[GroundPatch, ...] = ()
+    time_available: float = 0.0
     ended: threading.Event = field(default_factory=threading.Event)
     end_stance: Stance | None = None
 

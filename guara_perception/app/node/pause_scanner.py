@@ -6,13 +6,13 @@ import dataclasses
 import logging
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
-from guara_perception.app.node.live_scan import LiveScan, live_scan
+from guara_perception.app.node.live_scan import LiveScan
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause import Pause
-from guara_perception.app.node.rangefinder import Pattern, Rangefinder
+from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorder import ScanRecorder, ScanRecording
+from guara_perception.app.node.sweep import ADAPTIVE, Progress, Sweeper, SweepJob
 from guara_perception.app.node.walk_map import WalkMap
 from guara_perception.app.publisher import publish_terrain
 from guara_perception.app.summary import summary
@@ -21,15 +21,12 @@ from guara_perception.exceptions import MirrorSlipped
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.policy import ScanPolicy
 from kinematics import RobotModel, Stance, check_camera_still
 from transport import TerrainMessage, TransportError
 from transport.server import PerceptionServer
 
-if TYPE_CHECKING:
-    from drivers import StripeCapture
-
 logger = logging.getLogger(__name__)
-Progress = Callable[[int, int], None]
 
 
 class PauseScanner:
@@ -51,6 +48,7 @@ class PauseScanner:
         self._server, self._status, self._method, self._recorder = server, status, method, recorder
         self._settings = Settings.of(robot)
         self._map = WalkMap(robot, calibration)
+        self._sweeper = Sweeper(calibration, rangefinder, self._settings, ScanPolicy(robot))
 
     @property
     def latest_map(self) -> TerrainGrid | None:
@@ -64,7 +62,7 @@ class PauseScanner:
 
         Args:
             pause: the gait is in.
-            mode: "coarse" or "standard".
+            mode: one of SWEEPS.
             should_stop: True ends the scan early; what was not fired stays unscanned.
             progress: called with (stripes done, stripes in all).
 
@@ -76,21 +74,21 @@ class PauseScanner:
             MirrorSlipped: the mirror lost steps; the grid was published and withdrawn, and is not in the map.
             KinematicsError: the stance does not fit the robot.
         """
-        wanted = self._settings.pattern(mode)
-        pattern = [(s.index, s.mirror_angle) for s in self._calibration.stripes if s.index in wanted]
-        processor = self._processor(pause, mode)
-        recording = None if self._recorder is None else self._recorder.begin(pause.step, mode, pause.stance)
-
-        def on_stripe(capture: StripeCapture) -> None:
-            if progress is not None:
-                progress(len(processor.profiles), len(pattern))
-            if recording is not None:
-                recording.add(capture)
-
+        recording = None
+        if self._recorder is not None:
+            first = "coarse" if mode == ADAPTIVE else mode
+            recording = self._recorder.begin(pause.step, first, pause.stance)
+        job = SweepJob(
+            processor=lambda of_mode: self._processor(pause, of_mode),
+            should_stop=should_stop,
+            time_available=pause.time_available,
+            progress=progress,
+            recording=recording,
+        )
         try:
-            scan = live_scan(self._rangefinder, processor, pattern, should_stop=should_stop, on_stripe=on_stripe)
+            terrain, scan = self._sweeper.sweep(mode, job)
             self._check_still(pause)
-            terrain = with_problems(processor.finish(), scan)
+            terrain = with_problems(terrain, scan)
         except BaseException:
             if recording is not None:
                 recording.abandon()
@@ -99,9 +97,9 @@ class PauseScanner:
         self._status.scanned(terrain, scan, time.monotonic() - scan.last_frame)
         logger.info("%s", summary(terrain))
         try:
-            self._check_steps(pattern)
+            self._check_steps()
         except MirrorSlipped as error:
-            withdrawn = publish_terrain(self._server, self._nothing_seen(pause, mode, str(error)))
+            withdrawn = publish_terrain(self._server, self._nothing_seen(pause, str(error)))
             self._finish(recording, (message, withdrawn), pause.end_stance)
             raise
         fused = self._map.update(pause.step, pause.stance, terrain, pause.known_ground)
@@ -120,9 +118,9 @@ class PauseScanner:
             step=pause.step,
         )
 
-    def _nothing_seen(self, pause: Pause, mode: str, reason: str) -> TerrainGrid:
+    def _nothing_seen(self, pause: Pause, reason: str) -> TerrainGrid:
         """The grid that takes another one back: nothing known, and why."""
-        empty = self._processor(pause, mode).finish()
+        empty = self._processor(pause, "standard").finish()
         health = {"level": "failed", "reasons": [reason]}
         return dataclasses.replace(empty, metadata={**empty.metadata, "health": health})
 
@@ -135,7 +133,7 @@ class PauseScanner:
                 transform_camera_to_base=self._calibration.transform_camera_to_base,
             )
 
-    def _check_steps(self, pattern: Pattern) -> None:
+    def _check_steps(self) -> None:
         """Count the steps that the mirror lost: only now is it known that every stripe lay where it was commanded.
 
         Homing takes a tenth of a second, so the grid is published before and withdrawn when it was wrong. Nothing
@@ -144,7 +142,7 @@ class PauseScanner:
         from drivers import DriverError
 
         try:
-            lost = self._rangefinder.lost_steps(pattern)
+            lost = self._rangefinder.lost_steps(self._sweeper.pattern(self._settings.pattern("standard")))
         except DriverError as error:
             # A board that is gone said nothing false about the scan before; the next scan finds it again or fails.
             self._status.problem("board", str(error))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -79,30 +81,54 @@ class ScanRecording:
 
     def __init__(self, writer: RecordingWriter, record: ScanRecord, jpeg_quality: int | None) -> None:
         """Begin; made by `ScanRecorder.begin`."""
-        self._writer, self._quality = writer, jpeg_quality
+        self._writer, self._record, self._quality = writer, record, jpeg_quality
         self._error: Exception | None = None
         self._last_off: tuple[int, FrameReference] | None = None
-        self._is_open = False
-        try:
-            writer.begin_scan(record)
-            self._is_open = True
-        except (TransportError, OSError) as error:
-            self._error = error
+        self._stripes: list[tuple[int, float, FrameReference | None, FrameReference | None, int]] = []
+        self._is_open = self._is_full = False
+        self._guarded(lambda: writer.begin_scan(record))
+        self._is_open = self._error is None
 
     def add(self, capture: StripeCapture) -> None:
         """Record one stripe; an off frame that several stripes share is written once."""
-        if self._error is not None:
+        if self._error is None and self._is_open and not self._is_full:
+            self._guarded(lambda: self._add(capture))
+
+    def extend(self, mode: str | None) -> None:
+        """The scan goes on with the stripes between.
+
+        Args:
+            mode: of the whole scan, which is then recorded as a second one of this pause over the frames that are
+                already there; None when it will not be whole: what follows is then not recorded as frames.
+        """
+        if mode is None or self._error is not None:
+            self._is_full = True
             return
+        self._guarded(lambda: self._begin_again(mode))
+
+    def _begin_again(self, mode: str) -> None:
+        self._writer.end_scan(stamp=time.time_ns())
+        self._writer.begin_scan(dataclasses.replace(self._record, mode=mode))
+        for index, angle, on, off, stamp in self._stripes:
+            self._writer.add_stripe(index, angle, on, off, stamp=stamp)
+
+    def _add(self, capture: StripeCapture) -> None:
         now = time.time_ns()
+        off: FrameReference | None = None
+        if capture.off is not None:
+            if self._last_off is None or self._last_off[0] != id(capture.off):
+                reference = self._writer.add_frame(self._frame(capture.off, now), laser_on=False)
+                self._last_off = (id(capture.off), reference)
+            off = self._last_off[1]
+        on = None
+        if capture.on is not None:
+            on = self._writer.add_frame(self._frame(capture.on, now), laser_on=True)
+        self._writer.add_stripe(capture.index, capture.mirror_angle, on, off, stamp=now)
+        self._stripes.append((capture.index, capture.mirror_angle, on, off, now))
+
+    def _guarded(self, action: Callable[[], None]) -> None:
         try:
-            off: FrameReference | None = None
-            if capture.off is not None:
-                if self._last_off is None or self._last_off[0] != id(capture.off):
-                    reference = self._writer.add_frame(self._frame(capture.off, now), laser_on=False)
-                    self._last_off = (id(capture.off), reference)
-                off = self._last_off[1]
-            on = None if capture.on is None else self._frame(capture.on, now)
-            self._writer.add_stripe(capture.index, capture.mirror_angle, on, off, stamp=now)
+            action()
         except (TransportError, OSError) as error:
             self._error = error
 
@@ -132,7 +158,4 @@ class ScanRecording:
         """End a scan that came to nothing, so that the next can begin."""
         if self._is_open:
             self._is_open = False
-            try:
-                self._writer.end_scan(stamp=time.time_ns())
-            except (TransportError, OSError) as error:
-                self._error = error
+            self._guarded(lambda: self._writer.end_scan(stamp=time.time_ns()))

@@ -1,0 +1,101 @@
+"""The sweep of one pause: a fixed pattern, or coarse first and the stripes between where there is an obstacle."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from guara_perception.app.node.live_scan import LiveScan, live_scan
+from guara_perception.app.node.rangefinder import Pattern, Rangefinder
+from guara_perception.app.node.recorder import ScanRecording
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.scan_processor import ScanProcessor
+from guara_perception.settings import MODES, Settings
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.policy import ScanPolicy
+from guara_perception.terrain.refined import refined
+
+if TYPE_CHECKING:
+    from drivers import StripeCapture
+
+logger = logging.getLogger(__name__)
+ADAPTIVE = "adaptive"
+SWEEPS = (*MODES, ADAPTIVE)
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepJob:
+    """What a sweep needs to know of its pause.
+
+    Attributes:
+        processor: makes the ScanProcessor of a mode.
+        should_stop: True ends the sweep.
+        time_available: of the pause, from now on [s]; 0 when it is not known.
+        progress: called with (stripes done, stripes in all), or None.
+        recording: takes every stripe, or None.
+    """
+
+    processor: Callable[[str], ScanProcessor]
+    should_stop: Callable[[], bool]
+    time_available: float = 0.0
+    progress: Progress | None = None
+    recording: ScanRecording | None = None
+
+
+class Sweeper:
+    """Sweeps pause after pause; remembers how long the way has been clear."""
+
+    def __init__(self, calibration: Calibration, rangefinder: Rangefinder, settings: Settings, policy: ScanPolicy):
+        """Sweep with `rangefinder`, whose `calibration` knows the mirror angles."""
+        self._angles = {stripe.index: stripe.mirror_angle for stripe in calibration.stripes}
+        self._rangefinder, self._settings, self._policy = rangefinder, settings, policy
+
+    def pattern(self, indices: Iterable[int]) -> Pattern:
+        """Calibrated stripes among `indices` with their mirror angles, in firing order."""
+        return [(index, self._angles[index]) for index in sorted(indices) if index in self._angles]
+
+    def sweep(self, mode: str, job: SweepJob) -> tuple[TerrainGrid, LiveScan]:
+        """Sweep once in a mode of SWEEPS; the grid and how the devices did."""
+        if mode == ADAPTIVE:
+            return self._adaptive(job)
+        processor = job.processor(mode)
+        scan = self._run(processor, self.pattern(self._settings.pattern(mode)), job)
+        return processor.finish(), scan
+
+    def _adaptive(self, job: SweepJob) -> tuple[TerrainGrid, LiveScan]:
+        start = time.monotonic()
+        processor = job.processor("coarse")
+        pattern = self.pattern(self._policy.first_stripes)
+        first = self._run(processor, pattern, job)
+        coarse = processor.finish()
+        if first.stopped_early or first.failed:
+            return coarse, first
+        spent = time.monotonic() - start
+        left = None if job.time_available <= 0 else max(job.time_available - spent, 0.0)
+        decision = self._policy.decide(coarse, processor.pairs, time_left=left, stripe_time=spent / len(pattern))
+        between = self.pattern(decision.stripes)
+        if not between:
+            return coarse, first
+        logger.info("stripes between: %s", "; ".join(decision.reasons) or "the way was not clear of late")
+        if job.recording is not None:
+            job.recording.extend("standard" if decision.is_whole else None)
+        processor = processor.extended()
+        second = self._run(processor, between, job)
+        both = dataclasses.replace(second, start=first.start, problems=(*first.problems, *second.problems))
+        return refined(coarse, processor.finish()), both
+
+    def _run(self, processor: ScanProcessor, pattern: Pattern, job: SweepJob) -> LiveScan:
+        done = len(processor.profiles)
+
+        def on_stripe(capture: StripeCapture) -> None:
+            if job.progress is not None:
+                job.progress(len(processor.profiles), done + len(pattern))
+            if job.recording is not None:
+                job.recording.add(capture)
+
+        return live_scan(self._rangefinder, processor, pattern, should_stop=job.should_stop, on_stripe=on_stripe)

@@ -1,0 +1,87 @@
+"""The simulated robot under a running node: adaptive scans, the walk of `guara run --simulated`."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.demo.check import true_elevation
+from guara_perception.app.node.node import PerceptionNode
+from guara_perception.app.node.recorder import ScanRecorder
+from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
+from guara_perception.app.node.simulated_walk import walk_until_stopped
+from guara_perception.app.open_scan import open_scan
+from guara_perception.terrain.hazard import UNKNOWN_MASK
+from transport import Session, open_client, open_node
+from transport.server import PerceptionServer
+from transport.stance_link import StancePublisher, StanceReceiver
+
+TIMEOUT = 60.0
+FLAT = """
+x = [-1.0, 3.0]
+y = [-0.8, 0.8]
+"""
+
+
+@contextmanager
+def walking(
+    robot: SimulatedRobot, endpoint: str, recorder: ScanRecorder | None = None
+) -> Iterator[tuple[PerceptionNode, SimulatedGait, gp.TerrainClient, Session]]:
+    with robot.rangefinder, open_node(listen=endpoint) as session:
+        server = PerceptionServer(session)
+        node = PerceptionNode(
+            robot.robot, robot.calibration, robot.rangefinder, server, mode="adaptive", recorder=recorder
+        )
+        with node:
+            StanceReceiver(session, on_pause=node.on_pause)
+            with open_client(endpoint) as client_session, gp.TerrainClient(endpoint) as client:
+                yield node, SimulatedGait(StancePublisher(client_session), "guara"), client, session
+
+
+def test_clear_ground_is_scanned_coarsely(free_endpoint: str, tmp_path: Path) -> None:
+    """With no obstacle in the corridor 35 stripes do."""
+    world = tmp_path / "flat.toml"
+    world.write_text(FLAT)
+    robot = SimulatedRobot(world=world, fps=120.0)
+    with walking(robot, free_endpoint) as (_, gait, client, _):
+        gait.begin(next(robot.walk(cycles=0)))
+        terrain = client.wait_for_step(0, timeout=TIMEOUT)
+    assert (terrain.metadata["mode"], terrain.metadata["stripes_used"]) == ("coarse", 35)
+    assert np.isfinite(terrain.elevation).mean() > 0.97
+
+
+def test_an_obstacle_brings_the_stripes_between_within_the_pause(free_endpoint: str, tmp_path: Path) -> None:
+    """The dark patch of the demo's terrain: 70 stripes, heights as in the world, the recording holds all of them."""
+    robot = SimulatedRobot(fps=120.0)
+    path = tmp_path / "walk.mcap"
+    recorder = ScanRecorder(path, robot="guara", calibration=robot.calibration)
+    pause = next(robot.walk(cycles=0))
+    with recorder, walking(robot, free_endpoint, recorder) as (node, gait, client, _):
+        gait.begin(pause)
+        terrain = client.wait_for_step(0, timeout=TIMEOUT)
+        assert node.wait_for_step(0, TIMEOUT)
+    assert (terrain.metadata["mode"], terrain.metadata["stripes_used"]) == ("standard", 70)
+    error = np.abs(terrain.elevation - true_elevation(robot.world, pause, terrain))
+    assert np.nanmedian(error) < 0.003
+    assert not np.any((terrain.traversability > 0) & ((terrain.hazard & UNKNOWN_MASK) != 0))
+    again = gp.process_scan(open_scan(path), robot.calibration, robot.robot, pictures=False)
+    np.testing.assert_array_equal(again.hazard, terrain.hazard)
+
+
+def test_the_simulated_walk_goes_on_until_it_is_stopped(free_endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pause after pause is published, and the walk ends when told to."""
+    monkeypatch.setattr("guara_perception.app.node.simulated_walk.REST_S", 0.0)
+    robot = SimulatedRobot(fps=120.0)
+    stop = threading.Event()
+    with walking(robot, free_endpoint) as (node, _, client, session):
+        walk = threading.Thread(target=lambda: walk_until_stopped(robot, node, session, "guara", stop), daemon=True)
+        walk.start()
+        fused = client.wait_for_step(1, timeout=TIMEOUT, extent="map")
+        stop.set()
+        walk.join(TIMEOUT)
+    assert not walk.is_alive()
+    assert fused.step >= 1
