@@ -11,6 +11,8 @@ import sys
 from typing import Any
 
 from guara_perception.app.client import TerrainClient
+from guara_perception.exceptions import PerceptionError
+from transport import TransportError
 
 GRID_TIMEOUT_S = 60.0
 
@@ -18,10 +20,17 @@ GRID_TIMEOUT_S = 60.0
 def main() -> int:
     """Answer requests until standard input ends. Arguments: endpoint and instance name of the robot."""
     endpoint, robot = sys.argv[1], sys.argv[2]
-    with TerrainClient(endpoint, robot=robot) as client:
-        print(json.dumps({"ready": True}), flush=True)
-        for line in sys.stdin:
-            print(json.dumps(answer(client, json.loads(line))), flush=True)
+    try:
+        with TerrainClient(endpoint, robot=robot) as client:
+            print(json.dumps({"ready": True}), flush=True)
+            for line in sys.stdin:
+                print(json.dumps(answer(client, json.loads(line))), flush=True)
+    except (PerceptionError, TransportError) as error:
+        print(f"planner: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        # Ctrl-C at a terminal reaches this process too; the demo says that it stops.
+        return 130
     return 0
 
 

@@ -12,7 +12,8 @@ from typing import Any, Self
 from guara_perception.exceptions import PlannerFailed
 
 START_TIMEOUT_S = 60.0
-ANSWER_TIMEOUT_S = 60.0
+# Longer than the planner itself waits for the two grids of a step, so that its own words are heard.
+ANSWER_TIMEOUT_S = 130.0
 STOP_TIMEOUT_S = 10.0
 
 
@@ -31,7 +32,11 @@ class PlannerProcess:
             stdout=subprocess.PIPE,
             text=True,
         )
-        self._read(START_TIMEOUT_S)
+        try:
+            self._read(START_TIMEOUT_S)
+        except BaseException:
+            self.close()
+            raise
 
     def __enter__(self) -> Self:
         """The process itself."""
@@ -57,7 +62,7 @@ class PlannerProcess:
             if pipe is not None:
                 pipe.write(json.dumps(request) + "\n")
                 pipe.flush()
-        except (BrokenPipeError, OSError):
+        except (OSError, ValueError):  # the pipe is broken, or was closed
             raise PlannerFailed(f"the planner process ended (exit code {self._process.poll()})") from None
         return self._read(ANSWER_TIMEOUT_S)
 

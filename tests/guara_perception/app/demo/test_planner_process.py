@@ -1,0 +1,64 @@
+"""The demo's planner in its own process: it answers from the grid that it received, and its end is told."""
+
+from pathlib import Path
+
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.demo.planner_process import PlannerProcess
+from guara_perception.exceptions import PlannerFailed
+
+NODE = Path(__file__).parent.parent / "publishing_node.py"
+
+
+@pytest.fixture
+def node(start, free_endpoint: str, terrain_file: Path):
+    """A node that has published both grids of step 5."""
+    process = start(NODE, free_endpoint, "guara", terrain_file)
+    assert process.line() == "ready"
+    process.tell("publish 5")
+    process.tell("map 5")
+    return process
+
+
+def test_foothold_is_that_of_the_grid(node, free_endpoint: str, paper_terrain: gp.TerrainGrid):
+    """The planner answers what the grid itself answers, over Zenoh and from another process."""
+    x, y, radius = 0.72, 0.0, 0.4
+    expected = paper_terrain.best_foothold(x, y, radius, leg="lf")
+    with PlannerProcess(free_endpoint, "guara") as planner:
+        reply = planner.choose(step=5, leg="lf", x=x, y=y, radius=radius)
+        far = planner.choose(step=5, leg="lf", x=5.0, y=5.0, radius=0.05)
+    assert reply["step"] == 5 and reply["leg"] == "lf" and reply["received"] >= 1
+    if expected is None:
+        assert reply["foothold"] is None and reply["reasons"]
+    else:
+        assert reply["foothold"] == pytest.approx([expected.x, expected.y, expected.z])
+    assert far["foothold"] is None and far["reasons"]
+
+
+def test_no_node_is_told_and_nothing_is_left_behind(free_endpoint: str, capfd):
+    """A planner that cannot connect ends with one line of its own, and the demo says that it ended."""
+    with pytest.raises(PlannerFailed, match=r"the planner process ended \(exit code 1\)"):
+        PlannerProcess(free_endpoint, "guara")
+    said = capfd.readouterr().err
+    assert said.startswith("planner: cannot connect to") and "Traceback" not in said
+
+
+def test_planner_that_died_is_told(node, free_endpoint: str):
+    """Asking a dead planner is an error at once, and closing it twice is none."""
+    planner = PlannerProcess(free_endpoint, "guara")
+    planner._process.kill()
+    planner._process.wait(60)
+    with pytest.raises(PlannerFailed, match="the planner process ended"):
+        planner.choose(step=5, leg="lf", x=0.7, y=0.0, radius=0.1)
+    planner.close()
+    planner.close()
+
+
+def test_closing_ends_the_process(node, free_endpoint: str):
+    """Leaving the block ends the planner by itself, without a signal; asking it afterwards is an error."""
+    with PlannerProcess(free_endpoint, "guara") as planner:
+        process = planner._process
+    assert process.returncode == 0
+    with pytest.raises(PlannerFailed):
+        planner.choose(step=5, leg="lf", x=0.7, y=0.0, radius=0.1)
