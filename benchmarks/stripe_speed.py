@@ -121,7 +121,8 @@ def main() -> None:
     for name, times in seconds.items():
         ratio = np.array(times) / reference
         print(
-            f"{name:<36} {np.median(times) * 1e3:7.3f} ms  {np.median(ratio):6.2f} [{ratio.min():.2f} {ratio.max():.2f}]"
+            f"{name:<36} {np.median(times) * 1e3:7.3f} ms  "
+            f"{np.median(ratio):6.2f} [{ratio.min():.2f} {ratio.max():.2f}]"
         )
 
 

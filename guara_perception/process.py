@@ -41,7 +41,7 @@ def process_scan(
         scan: from `open_scan`.
         calibration: of the rangefinder that recorded it.
         robot: model of the robot that carried it.
-        method: stripe extraction method.
+        method: one of `guara_perception.methods.METHODS`.
         resolution: cell edge [m]; None = the robot's default.
         pictures: also draw the range images (`terrain.pictures`).
         strict: refuse a scan with a frame that cannot be used; otherwise such a stripe is left unknown.
@@ -137,6 +137,7 @@ def _check_fit(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
             f"{scan.source}: stripe index {format_indices(foreign)} is not in the {scan.mode} pattern of "
             f"{robot.name}: {format_indices(tuple(pattern))}"
         )
+
     missing = tuple(sorted({stripe.index for stripe in scan.stripes} - set(calibration.indices)))
     if missing:
         raise CalibrationMismatch(

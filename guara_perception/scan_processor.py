@@ -11,12 +11,15 @@ import numpy.typing as npt
 
 from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
+from guara_perception.methods import check_method
+from guara_perception.own_body import OwnBody
+from guara_perception.ranging.locate import locator
 from guara_perception.ranging.scan_geometry import scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints, stripe_points
 from guara_perception.ranging.surface_raster import SurfaceRaster
 from guara_perception.scan_report import scan_report
 from guara_perception.settings import Settings
-from guara_perception.stripes.extract import METHODS, unusable_frame
+from guara_perception.stripe_finder import StripeFinder
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 from guara_perception.terrain.assess import assess_layers
 from guara_perception.terrain.causes import plan_looks, unknown_causes
@@ -62,7 +65,7 @@ class ScanProcessor:
             robot: model of the robot that carries it.
             stance: joint positions, support feet and gravity at this pause.
             mode: "coarse" or "standard".
-            method: stripe extraction, one of `guara_perception.stripes.METHODS`.
+            method: one of `guara_perception.methods.METHODS`.
             resolution: cell edge [m]; None = the robot's default. It must divide the area.
             stamp: time of the scan [ns since the epoch].
             step: number of the stance pause.
@@ -74,8 +77,7 @@ class ScanProcessor:
         """
         from kinematics import Stance
 
-        if method not in METHODS:
-            raise InvalidInput(f"method is {method!r}, allowed: {', '.join(METHODS)}")
+        check_method(method)
         if calibration.robot != robot.name:
             raise CalibrationMismatch(
                 f"the calibration belongs to robot {calibration.robot!r}, the robot is {robot.name!r}: use its own"
@@ -105,6 +107,16 @@ class ScanProcessor:
             self._geometry.pixels(calibration, ground),
             calibration.camera.size,
         )
+        self._locator = locator(
+            method,
+            calibration.camera,
+            self._geometry.transform_camera_to_footprint,
+            (self._settings.footprint_x, self._settings.footprint_y),
+        )
+        self._finder = StripeFinder(method, calibration.camera.size, self._pattern.step)
+        self._body = OwnBody(
+            robot.state(self._stance.joint_positions), self._pose.transform_base_to_footprint, self._geometry.eyes
+        )
         self._order = list(self._geometry.stripes)
         self._profiles: dict[int, StripeProfile] = {}
         self._surface = SurfaceRaster(self._grid.refined(self._pooling), self._pattern, self._settings.join_height)
@@ -127,8 +139,11 @@ class ScanProcessor:
 
     @property
     def camera_position(self) -> npt.NDArray[np.float64]:
-        """Optical centre (3,) in base_footprint: its height is the paper's H, its x and y the nadir."""
-        return self._geometry.eyes[0]
+        """Optical centre (3,) in base_footprint: its height is the paper's H, its x and y the nadir.
+
+        With `paper-literal-ortho` its x and y are the middle of the picture, about which that method orthorectifies.
+        """
+        return self._locator.view_point
 
     @property
     def points(self) -> Mapping[int, StripePoints]:
@@ -141,7 +156,10 @@ class ScanProcessor:
         return dict(sorted(self._profiles.items()))
 
     def add(self, index: int, on: Frame, off: Frame | None = None) -> StripeProfile:
-        """Process one frame pair; in any order. Nothing of the frames is kept.
+        """Process one frame pair; in any order. No pair is kept.
+
+        Without laser-off frames one channel of the last few frames is kept instead: the darker of two of them is the
+        background. A sweep in order is served best; when one of the two was lost, the stripe is given up.
 
         A frame that cannot be used (blank, of another size, swapped, no array at all) marks its stripe as bad; the
         scan goes on and its report says so.
@@ -162,7 +180,7 @@ class ScanProcessor:
         self._calibration.stripe(index)
         stripe = self._geometry.stripes[index]
         start = time.perf_counter()
-        profile = self._extract(stripe.band, on, off)
+        profile = self._finder.find(index, stripe.band, on, off)
         self._profiles[index] = profile
         extracted = time.perf_counter()
         self._seconds["extract"] += extracted - start
@@ -171,10 +189,10 @@ class ScanProcessor:
         settings = self._settings
         points = stripe_points(
             profile,
-            self._calibration.camera,
+            self._locator,
             stripe.plane_in_camera,
-            self._geometry.transform_camera_to_footprint,
             (settings.minimum_height, settings.maximum_height),
+            self._body.contains,
         )
         triangulated = time.perf_counter()
         self._seconds["triangulate"] += triangulated - extracted
@@ -248,7 +266,9 @@ class ScanProcessor:
         elevation = raster.elevation
         usable = np.array([index in self.points for index in self._order])
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
-        causes = unknown_causes(elevation, self._plan, pair_usable, marks, self._geometry.eyes, self._grid)
+        causes = unknown_causes(
+            elevation, self._plan, pair_usable, marks, self._geometry.eyes, self._grid, self._body.hides
+        )
         variance = raster.variance + np.where(np.isfinite(elevation), 0.0, np.nan)
         layers = assess_layers(
             elevation, variance, raster.low, raster.high, causes, self._grid.resolution, self._settings.limits
@@ -291,24 +311,6 @@ class ScanProcessor:
             )
         if index in self._profiles:
             raise InvalidInput(f"stripe index {index} was added before; a scan takes each stripe once")
-
-    def _extract(self, band: tuple[int, int], on: Frame, off: Frame | None) -> StripeProfile:
-        width, height = self._calibration.camera.size
-        if not isinstance(on, np.ndarray) or on.dtype not in (np.uint8, np.uint16) or on.ndim not in (2, 3):
-            given = f"{on.dtype} {on.shape}" if isinstance(on, np.ndarray) else type(on).__name__
-            return bad_frame(width, f"the frame is {given}, it must be a uint8 or uint16 picture")
-        if on.shape[:2] != (height, width):
-            return bad_frame(
-                width,
-                f"the frame is {on.shape[1]}x{on.shape[0]} px, the calibrated camera gives {width}x{height}",
-            )
-        first, end = band
-        if end <= first:
-            return bad_frame(width, "the stripe lies outside the camera's view at this stance")
-        reason = unusable_frame(on[first:end], off, on.shape)
-        if reason:
-            return bad_frame(width, reason)
-        return METHODS[self._method](on[first:end], None if off is None else off[first:end], first)
 
     def _pooled_marks(self) -> npt.NDArray[np.uint16]:
         ny, nx = self._grid.shape

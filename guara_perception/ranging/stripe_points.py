@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.ranging.locate import Locator
 from guara_perception.ranging.run_ends import run_ends
-from guara_perception.ranging.triangulate import triangulate
 from guara_perception.readonly import readonly
 from guara_perception.stripes.profile import StripeProfile, StripeStatus
 
 Float = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,29 +46,31 @@ class StripePoints:
 
 def stripe_points(
     profile: StripeProfile,
-    camera: CameraModel,
+    locator: Locator,
     plane_in_camera: Float,
-    transform_camera_to_footprint: Float,
     gates: tuple[float, float],
+    on_robot: Callable[[Float], Mask] | None = None,
 ) -> StripePoints:
-    """Triangulate a profile and sort its points.
+    """Locate the points of a profile and sort them.
 
     Args:
         profile: stripe along the columns of the whole picture.
-        camera: intrinsic model.
+        locator: makes points of rows.
         plane_in_camera: (4,) calibrated sheet.
-        transform_camera_to_footprint: (4, 4).
         gates: lowest and highest height that counts as terrain [m].
+        on_robot: tells which points (n, 3) in base_footprint lie on the robot itself; None = none does.
     """
-    rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
-    in_camera, spread = triangulate(camera, plane_in_camera, profile.position_px, profile.sigma_px)
-    points = in_camera @ rotation.T + translation
-    variance = (spread @ rotation[2]) ** 2
+    points = locator.points(plane_in_camera, profile.position_px)
+    sigma = locator.height_sigma(plane_in_camera, profile.position_px, profile.sigma_px)
+    doubtful = locator.points(plane_in_camera, profile.doubtful_px)
     status = profile.status.copy()
+    own = np.zeros(len(points), dtype=bool)
+    if on_robot is not None:
+        own = on_robot(points)
+        doubtful[on_robot(doubtful)] = np.nan
+    points[own] = np.nan
 
     mixed = run_ends(points[:, 2], profile.peak.astype(np.float64))
-    doubtful_in_camera, _ = triangulate(camera, plane_in_camera, profile.doubtful_px, np.zeros(len(points)))
-    doubtful = doubtful_in_camera @ rotation.T + translation
     doubtful[mixed] = points[mixed]
     with np.errstate(invalid="ignore"):
         outside = (points[:, 2] < gates[0]) | (points[:, 2] > gates[1])
@@ -79,7 +82,7 @@ def stripe_points(
     kept = np.isfinite(points[:, 2]) & ~outside & ~mixed
     return StripePoints(
         points=np.where(kept[:, None], points, np.nan),
-        variance=np.where(kept, variance, np.nan),
+        variance=np.where(kept, sigma**2, np.nan),
         strength=np.where(kept, profile.peak, np.nan),
         status=status,
         out_of_range=out_of_range,

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.exceptions import InvalidInput
+from guara_perception.stripes.paper import extract_paper
 from guara_perception.stripes.precise import extract_precise
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 
-METHODS = {"precise": extract_precise}
+Extract = Callable[[npt.NDArray[Any], npt.NDArray[Any] | None, int], StripeProfile]
+METHODS: dict[str, Extract] = {"precise": extract_precise, "paper": extract_paper}
 
 
 def extract_stripe(

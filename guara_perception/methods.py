@@ -1,0 +1,51 @@
+"""The methods by which a scan can be processed: how stripes are found and how points are made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.ranging.paper.rangefinder import Literal
+from guara_perception.stripes.paper import extract_paper
+from guara_perception.stripes.precise import extract_precise
+from guara_perception.stripes.profile import StripeProfile
+
+Extract = Callable[[npt.NDArray[Any], npt.NDArray[Any] | None, int], StripeProfile]
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """One method.
+
+    Attributes:
+        extract: finds a stripe in a band: (on, off or None, first row) -> profile.
+        literal: what the paper's chain takes as printed; None = triangulation instead of the paper's chain.
+        meaning: in words.
+    """
+
+    extract: Extract
+    literal: Literal | None
+    meaning: str
+
+
+METHODS = {
+    "precise": Method(extract_precise, None, "matched filter, triangulation with the calibrated sheets"),
+    "paper": Method(extract_paper, Literal(), "the paper's chain, eqs. 7 to 21, corrected"),
+    "paper-literal-lens": Method(extract_paper, Literal(lens=True), "the same, eq. 8 in one step"),
+    "paper-literal-ortho": Method(extract_paper, Literal(ortho=True), "the same, eqs. 20, 21 about the image centre"),
+}
+
+
+def check_method(name: str) -> str:
+    """The name itself when there is such a method.
+
+    Raises:
+        InvalidInput: there is none; the message lists those there are.
+    """
+    if name not in METHODS:
+        raise InvalidInput(f"method is {name!r}, allowed: {', '.join(METHODS)}")
+    return name

@@ -1,0 +1,47 @@
+"""The robot's own body in the scan: points that lie on it, and places that it hides from its camera or laser."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from kinematics import RobotState
+
+Float = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+
+class OwnBody:
+    """The robot's shapes at one stance, asked in base_footprint."""
+
+    def __init__(self, state: RobotState, transform_base_to_footprint: Float, eyes: tuple[Float, ...]) -> None:
+        """Place the shapes.
+
+        Args:
+            state: of the robot at the stance.
+            transform_base_to_footprint: (4, 4).
+            eyes: positions (3,) of camera and laser in base_footprint.
+        """
+        from kinematics.self_filter import SelfFilter
+
+        self._filter = SelfFilter(state)
+        self._transform = transform_base_to_footprint
+        self._eyes = eyes
+
+    def contains(self, points: Float) -> Mask:
+        """Which points (n, 3) lie on the robot; NaN points do not."""
+        return np.asarray(self._filter.contains(self._to_base(points)))
+
+    def hides(self, points: Float) -> Mask:
+        """Which points (n, 3) the robot hides from its camera or its laser."""
+        in_base = self._to_base(points)
+        hidden = np.zeros(len(points), dtype=bool)
+        for eye in self._eyes:
+            hidden |= self._filter.blocks(self._to_base(eye[None])[0], in_base)
+        return hidden
+
+    def _to_base(self, points: Float) -> Float:
+        return np.asarray((points - self._transform[:3, 3]) @ self._transform[:3, :3])

@@ -1,0 +1,74 @@
+"""Two ways from a stripe profile to points in base_footprint: triangulation, and the paper's equations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.camera import CameraModel
+from guara_perception.ranging.paper.rangefinder import PaperRangefinder
+from guara_perception.ranging.triangulate import triangulate
+
+Float = npt.NDArray[np.float64]
+
+
+class Locator(Protocol):
+    """Finds the points of a stripe."""
+
+    @property
+    def view_point(self) -> Float:
+        """(3,) point in base_footprint about which heights are orthorectified: the optical centre, if all is right."""
+
+    def points(self, plane_in_camera: Float, position_px: npt.ArrayLike) -> Float:
+        """Points (w, 3) in base_footprint of a stripe at these rows; NaN where there is none."""
+
+    def height_sigma(self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike) -> Float:
+        """Standard deviations (w,) of their heights [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Triangulator:
+    """Each ray meets the calibrated sheet: no step that is not exact.
+
+    Attributes:
+        camera: intrinsic model.
+        transform_camera_to_footprint: (4, 4).
+    """
+
+    camera: CameraModel
+    transform_camera_to_footprint: Float
+
+    @property
+    def view_point(self) -> Float:
+        """Optical centre (3,)."""
+        return np.array(self.transform_camera_to_footprint[:3, 3])
+
+    def points(self, plane_in_camera: Float, position_px: npt.ArrayLike) -> Float:
+        """Points (w, 3) in base_footprint."""
+        positions = np.asarray(position_px, dtype=np.float64)
+        in_camera, _ = triangulate(self.camera, plane_in_camera, positions, np.zeros(positions.size))
+        rotation, translation = self.transform_camera_to_footprint[:3, :3], self.transform_camera_to_footprint[:3, 3]
+        return np.asarray(in_camera @ rotation.T + translation)
+
+    def height_sigma(self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike) -> Float:
+        """Standard deviations (w,) of the heights [m], by the derivative of the ray's meeting with the sheet."""
+        _, spread = triangulate(self.camera, plane_in_camera, position_px, sigma_px)
+        return np.asarray(np.abs(spread @ self.transform_camera_to_footprint[2, :3]))
+
+
+def locator(
+    method: str,
+    camera: CameraModel,
+    transform_camera_to_footprint: Float,
+    area: tuple[tuple[float, float], tuple[float, float]],
+) -> Locator:
+    """The way that belongs to a method of `guara_perception.methods`."""
+    from guara_perception.methods import METHODS
+
+    literal = METHODS[method].literal
+    if literal is None:
+        return Triangulator(camera, transform_camera_to_footprint)
+    return PaperRangefinder(camera, transform_camera_to_footprint, area, literal)

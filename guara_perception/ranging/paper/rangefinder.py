@@ -1,0 +1,130 @@
+"""The paper's chain for one scan: stripe position, lens, surface map, height, orthorectification."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.camera import CameraModel
+from guara_perception.ranging.height_rows import plane_in_frame
+from guara_perception.ranging.paper.camera import undistort
+from guara_perception.ranging.paper.height import StripeConstants, depth_from_constants, height, stripe_constants
+from guara_perception.ranging.paper.ortho import ortho_u, ortho_v
+from guara_perception.ranging.paper.surface import surface_coefficients, surface_x, surface_y
+
+Float = npt.NDArray[np.float64]
+
+# Heights of the plates that the constants of a stripe are taken at [m].
+PLATE_HEIGHTS_M = (0.0, 0.08)
+# Pixels from which the one radial coefficient is fitted to the calibrated lens, across and along.
+LENS_GRID = (17, 13)
+# Step of the finite difference that gives the sigma of a height [px].
+STEP_PX = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Literal:
+    """What is taken as printed although it is wrong, to show the difference.
+
+    Attributes:
+        lens: eq. 8 in one step.
+        ortho: eqs. 20 and 21 about the middle of the picture instead of the nadir.
+    """
+
+    lens: bool = False
+    ortho: bool = False
+
+
+class PaperRangefinder:
+    """Everything that the paper calibrates, for one stance, derived from a calibration."""
+
+    def __init__(
+        self,
+        camera: CameraModel,
+        transform_camera_to_footprint: Float,
+        area: tuple[tuple[float, float], tuple[float, float]],
+        literal: Literal,
+    ) -> None:
+        """Solve lens and surface map.
+
+        Args:
+            camera: intrinsic model; of its distortion only one radial coefficient is kept, as in eq. 8.
+            transform_camera_to_footprint: (4, 4).
+            area: x and y range of the surface [m]; its corners are the four marks.
+            literal: what is taken as printed.
+        """
+        self._camera = camera
+        self._transform = transform_camera_to_footprint
+        self._literal = literal
+        self.lens_k = radial_coefficient(camera)
+        (x0, x1), (y0, y1) = area
+        marks = np.array([(x0, y0), (x0, y1), (x1, y1), (x1, y0)])
+        self._coefficients = surface_coefficients(self._seen_by_pinhole(marks), marks)
+        self.camera_height = float(transform_camera_to_footprint[2, 3])
+        self.nadir = transform_camera_to_footprint[:2, 3].copy()
+        self.middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
+
+    @property
+    def view_point(self) -> Float:
+        """(3,) the point about which heights are moved, at the height of the optical centre."""
+        return np.append(self.middle if self._literal.ortho else self.nadir, self.camera_height)
+
+    def stripe(self, plane_in_camera: Float) -> tuple[StripeConstants, Float]:
+        """Constants of a stripe and the horizontal direction across it, in which its v is measured.
+
+        The paper's stripes are parallel to the rows of its picture; a real one is turned by a little, so v is
+        measured across the stripe itself: that keeps eqs. 17 and 18 exact.
+        """
+        plane = plane_in_frame(plane_in_camera, self._transform)
+        steepness = float(np.linalg.norm(plane[:2]))
+        across = plane[:2] / steepness
+        z = [self.camera_height - h for h in PLATE_HEIGHTS_M]
+        nadir = float(across @ self.nadir)
+        # Where the sheet meets each plate, seen from the optical centre on the floor.
+        v = [
+            nadir + (-(plane[2] * h + plane[3]) / steepness - nadir) * self.camera_height / (self.camera_height - h)
+            for h in PLATE_HEIGHTS_M
+        ]
+        return stripe_constants(v[0], z[0], v[1], z[1]), across
+
+    def points(self, plane_in_camera: Float, position_px: npt.ArrayLike) -> Float:
+        """Points (w, 3) in base_footprint of a stripe seen at these rows, NaN where there is none."""
+        rows = np.asarray(position_px, dtype=np.float64)
+        matrix = self._camera.matrix
+        u_r = (np.arange(rows.size) - matrix[0, 2]) / matrix[0, 0]
+        v_r = (rows - matrix[1, 2]) / matrix[1, 1]
+        u, v = undistort(u_r, v_r, self.lens_k, literal=self._literal.lens)
+        x, y = surface_x(self._coefficients, u, v), surface_y(self._coefficients, u, v)
+        constants, across = self.stripe(plane_in_camera)
+        h = height(depth_from_constants(across[0] * x + across[1] * y, constants), self.camera_height)
+        centre = self.view_point
+        return np.column_stack(
+            (ortho_v(x, h, self.camera_height, centre[0]), ortho_u(y, h, self.camera_height, centre[1]), h)
+        )
+
+    def height_sigma(self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike) -> Float:
+        """Standard deviation (w,) of the heights [m] for standard deviations of the rows."""
+        rows = np.asarray(position_px, dtype=np.float64)
+        above = self.points(plane_in_camera, rows - STEP_PX)[:, 2]
+        below = self.points(plane_in_camera, rows + STEP_PX)[:, 2]
+        return np.abs(below - above) / (2 * STEP_PX) * np.asarray(sigma_px, dtype=np.float64)
+
+    def _seen_by_pinhole(self, marks: Float) -> Float:
+        """Distortion-free image coordinates (n, 2) of floor marks (n, 2)."""
+        rotation, translation = self._transform[:3, :3], self._transform[:3, 3]
+        in_camera = (np.column_stack((marks, np.zeros(len(marks)))) - translation) @ rotation
+        return np.asarray(in_camera[:, :2] / in_camera[:, 2:])
+
+
+def radial_coefficient(camera: CameraModel) -> float:
+    """The one coefficient k of eq. 7 that is nearest to the calibrated lens over the picture (least squares)."""
+    u = np.linspace(0, camera.size[0] - 1, LENS_GRID[0])
+    v = np.linspace(0, camera.size[1] - 1, LENS_GRID[1])
+    pixels = np.array([(a, b) for b in v for a in u])
+    free = camera.rays(pixels)[:, :2]
+    seen = (pixels - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
+    # Eq. 7 is linear in k: seen - free = k r^2 free.
+    bend = free * (free**2).sum(axis=1, keepdims=True)
+    return float((bend * (seen - free)).sum() / max(float((bend**2).sum()), 1e-12))
