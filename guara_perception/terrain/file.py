@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import json
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from guara_perception.exceptions import FileFormatError, MissingFile, PerceptionError
+from guara_perception.fields import refuse_not_finite
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers import LAYERS
 from guara_perception.whole_file import whole_file
 
+# What NumPy and zipfile raise on damaged files; RuntimeError: a flipped bit says "encrypted" or "unknown method".
+UNREADABLE = (ValueError, TypeError, OSError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
 PICTURES = ("ortho_image_mm", "range_image_mm")
 
 
@@ -53,24 +58,52 @@ def load_terrain(path: str | Path) -> TerrainGrid:
     try:
         with np.load(path, allow_pickle=False) as content:
             data: dict[str, Any] = {name: content[name] for name in content.files}
-    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         raise FileFormatError(f"{path}: not a terrain file ({error})") from None
     wanted = [layer.name for layer in LAYERS] + ["origin", "resolution", "frame", "stamp", "step", "metadata"]
     missing = [name for name in wanted if name not in data]
     if missing:
         raise FileFormatError(f"{path}: {', '.join(missing)} missing, it is not a terrain file")
+    x, y = (float(v) for v in _checked(data, path, "origin", "fiu", (2,)))
+    metadata = _metadata(path, str(_checked(data, path, "metadata", "U", ())))
     try:
-        metadata = json.loads(str(data["metadata"]))
-        x, y = (float(v) for v in data["origin"])
         return TerrainGrid(
             layers={layer.name: data[layer.name] for layer in LAYERS},
-            geometry=GridGeometry((x, y), float(data["resolution"]), data["elevation"].shape),
-            frame=str(data["frame"]),
-            stamp=int(data["stamp"]),
-            step=int(data["step"]),
+            geometry=GridGeometry(
+                (x, y), float(_checked(data, path, "resolution", "fiu", ())), data["elevation"].shape
+            ),
+            frame=str(_checked(data, path, "frame", "U", ())),
+            stamp=int(_checked(data, path, "stamp", "iu", ())),
+            step=int(_checked(data, path, "step", "iu", ())),
             extent=metadata.pop("extent", "footprint"),
             metadata=metadata,
-            pictures={name: data[name] for name in PICTURES if name in data},
+            pictures={name: _checked(data, path, name, "f", (None, None)) for name in PICTURES if name in data},
         )
-    except (PerceptionError, ValueError, TypeError, AttributeError) as error:
+    except FileFormatError:
+        raise
+    except PerceptionError as error:
         raise FileFormatError(f"{path}: {error}") from None
+
+
+def _checked(
+    data: dict[str, Any], path: Path, name: str, kinds: str, shape: tuple[int | None, ...]
+) -> npt.NDArray[Any]:
+    """An array of the file, if its type is of `kinds` (NumPy's letters) and its shape is `shape` (None = any)."""
+    array = np.asarray(data[name])
+    fits = len(array.shape) == len(shape) and all(w in (None, n) for w, n in zip(shape, array.shape, strict=True))
+    if array.dtype.kind not in kinds or not fits:
+        sides = " x ".join("n" if n is None else str(n) for n in shape)
+        wanted = f"{sides or 'one'} {'text' if kinds == 'U' else 'number'}{'s' if shape else ''}"
+        raise FileFormatError(f"{path}: {name} is {array.dtype} of shape {array.shape}, it must be {wanted}")
+    return array
+
+
+def _metadata(path: Path, text: str) -> dict[str, Any]:
+    try:
+        metadata = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise FileFormatError(f"{path}: metadata is not JSON ({error})") from None
+    if not isinstance(metadata, dict):
+        raise FileFormatError(f"{path}: metadata is {type(metadata).__name__}, it must be a JSON object")
+    refuse_not_finite(metadata, str(path), "metadata")
+    return metadata

@@ -1,0 +1,280 @@
+"""Footholds: every failed test is told, nothing unknown is accepted, and the best one is the same every time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import guara_perception as gp
+from guara_perception.terrain.hazard import Hazard
+from kinematics import KinematicsError, RobotModel, Stance
+
+PROPERTY = settings(max_examples=40, deadline=None, derandomize=True)
+ORIGIN = (0.4, -0.3)
+
+
+def grid(heights: np.ndarray, **keywords: Any) -> gp.TerrainGrid:
+    """Any heights before the robot."""
+    return gp.assess_terrain(heights, 0.005, origin=ORIGIN, **keywords)
+
+
+def world(seed: int) -> gp.TerrainGrid:
+    """Flat ground with boxes and holes."""
+    rng = np.random.default_rng(seed)
+    heights = np.zeros((120, 120))
+    for _ in range(int(rng.integers(0, 6))):
+        iy, ix = rng.integers(0, 110, 2)
+        heights[iy : iy + 8, ix : ix + 10] = rng.choice([0.02, 0.05, -0.03, np.nan])
+    return grid(heights)
+
+
+def sole_cells(terrain: gp.TerrainGrid, x: float, y: float) -> tuple[np.ndarray, bool]:
+    """Flags of every cell that the 80 x 60 mm rectangle overlaps, by brute force; whether it is all on the grid."""
+    cx, cy = terrain.geometry.centres()
+    half = 0.0025
+    columns = np.abs(cx - x) < 0.040 + half - 1e-8
+    rows = np.abs(cy - y) < 0.030 + half - 1e-8
+    on_x = x - 0.040 >= cx[0] - half - 1e-8 and x + 0.040 <= cx[-1] + half + 1e-8
+    on_y = y - 0.030 >= cy[0] - half - 1e-8 and y + 0.030 <= cy[-1] + half + 1e-8
+    return terrain.hazard[np.ix_(rows, columns)], bool(on_x and on_y)
+
+
+@PROPERTY
+@given(st.integers(0, 500), st.lists(st.tuples(st.floats(0.35, 1.05), st.floats(-0.35, 0.35)), min_size=1, max_size=30))
+def test_a_foothold_is_accepted_only_where_the_whole_sole_is_known_and_safe(
+    seed: int, places: list[tuple[float, float]]
+) -> None:
+    """Brute force over the cells of the sole: no accepted foothold touches an unknown, hazardous or missing cell."""
+    terrain = world(seed)
+    x, y = np.array(places).T
+    verdicts = terrain.check_foothold(x, y)
+    for i, (px, py) in enumerate(places):
+        flags, on_grid = sole_cells(terrain, px, py)
+        clean = on_grid and not (flags & np.uint16(0xFFFF & ~Hazard.EDGE)).any()
+        expected = clean and bool(terrain.is_traversable(px, py))
+        assert bool(verdicts.ok[i]) == expected
+        assert verdicts[i].ok == expected
+        assert bool(verdicts[i].reasons) == (not expected)
+        assert (verdicts.score[i] > 0) == expected
+
+
+def test_numbers_and_arrays_agree() -> None:
+    """One place asked alone gets the verdict that it gets among others, reasons too."""
+    terrain = world(3)
+    x, y = np.meshgrid(np.linspace(0.4, 1.0, 9), np.linspace(-0.3, 0.3, 7))
+    verdicts = terrain.check_foothold(x, y)
+    assert verdicts.ok.shape == verdicts.score.shape == (7, 9)
+    assert len(verdicts) == 63
+    for i, verdict in enumerate(verdicts):
+        assert terrain.check_foothold(float(x.flat[i]), float(y.flat[i])) == verdict
+
+
+def reasons(terrain: gp.TerrainGrid, x: float, y: float) -> dict[str, gp.Reason]:
+    """Failed tests by name."""
+    verdict = terrain.check_foothold(x, y)
+    assert not verdict
+    return {reason.test: reason for reason in verdict.reasons}
+
+
+def test_every_failed_test_has_its_value_and_limit() -> None:
+    """A box of 50 mm under the sole: step, drop and slope fail with the values of the layers and the robot's limits."""
+    heights = np.zeros((120, 120))
+    heights[:, 60:] = 0.05
+    failed = reasons(grid(heights), 0.7, 0.0)
+    assert failed["step"].value == pytest.approx(0.05)
+    assert failed["step"].limit == 0.030
+    assert failed["drop"].limit == 0.020
+    assert failed["slope"].value > failed["slope"].limit == 0.35
+    assert failed["roughness"].value > failed["roughness"].limit
+    assert str(failed["step"]) == "step 50 mm, allowed 30 mm (plus 2 sigma)"
+
+
+def test_unknown_reasons_name_cause_and_share() -> None:
+    """One unknown column of the 17 that the sole touches: its share, its cause; off the grid is said as well."""
+    heights = np.zeros((120, 120))
+    heights[:, 62] = np.nan
+    failed = reasons(grid(heights), 0.7025, 0.0025)
+    assert failed["unknown"].value == pytest.approx(1 / 17)
+    assert "UNSCANNED" in failed["unknown"].detail
+    assert "off the grid" in reasons(grid(heights), 0.41, 0.0)["unknown"].detail
+    assert reasons(grid(heights), 5.0, 0.0)["unknown"].value == 1.0
+    assert reasons(grid(heights), np.nan, 0.0)["unknown"].value == 1.0
+
+
+def test_uncertain_conflicting_and_stale_ground_is_told(robot: RobotModel) -> None:
+    """The flags that fusion sets are reasons of their own."""
+    from guara_perception.settings import Settings
+    from guara_perception.terrain.assess import assess_layers
+
+    limits = Settings.of(robot).limits
+    flat = np.zeros((120, 120))
+    hazard = np.full(flat.shape, np.uint16(Hazard.CONFLICT | Hazard.STALE))
+    layers = assess_layers(flat, np.full(flat.shape, 1e-4), flat, flat, hazard, 0.005, limits)
+    layers["age"] = np.full(flat.shape, 77, np.uint8)
+    layers["looks"] = np.ones(flat.shape, np.uint8)
+    base = grid(flat)
+    metadata = {**base.metadata, "validity_pauses": 40}
+    terrain = gp.TerrainGrid(layers=layers, geometry=base.geometry, metadata=metadata)
+    failed = reasons(terrain, 0.7, 0.0)
+    assert failed["sigma"].value == pytest.approx(0.01)
+    assert failed["sigma"].limit == 0.005
+    assert failed["conflict"].value == 16 * 12
+    assert (failed["age"].value, failed["age"].limit) == (77, 40)
+
+
+def test_ground_beside_something_unknown_says_how_much_clearance_is_enough() -> None:
+    """The sole fits, but the tests around it read an unknown cell: EDGE, with the clearance that always suffices."""
+    heights = np.zeros((120, 120))
+    heights[60, 70] = np.nan
+    terrain = grid(heights)
+    x, y = terrain.geometry.centres()
+    failed = reasons(terrain, x[60], y[60])
+    assert set(failed) == {"edge"}
+    assert failed["edge"].value == pytest.approx(9.5 * 0.005)
+    enough = failed["edge"].limit
+    open_ground = (terrain.clearance > enough) & (terrain.hazard & ~np.uint16(Hazard.EDGE) == 0)
+    assert open_ground.any()
+    assert not (terrain.hazard[open_ground] & Hazard.EDGE).any()
+
+
+@pytest.fixture
+def standing(robot: RobotModel) -> gp.TerrainGrid:
+    """Flat known ground under and before the robot in its scan posture."""
+    stance = Stance(robot.posture("scan"), robot.legs, (0, 0, -1))
+    pose = robot.stance_pose(stance)
+    base = gp.assess_terrain(np.zeros((200, 400)), 0.005, origin=(-1.0, -0.5))
+    metadata = {
+        **base.metadata,
+        "robot": "guara",
+        "stance": stance.to_dict(),
+        "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),
+    }
+    return gp.TerrainGrid(layers=base.layers, geometry=base.geometry, metadata=metadata)
+
+
+def test_reach_is_that_of_the_leg(standing: gp.TerrainGrid, robot: RobotModel) -> None:
+    """Below its hip a leg stands; half a metre further on it does not, and the reason names the leg."""
+    assert standing.check_foothold(0.3, 0.18, leg="lf")
+    assert standing.check_foothold(0.8, 0.18)
+    far = standing.check_foothold(0.8, 0.18, leg="lf")
+    assert not far
+    assert [reason.test for reason in far.reasons] == ["reach"]
+    assert "lf" in far.reasons[0].detail
+    assert not standing.check_foothold(0.3, 0.18, leg="rh")
+    assert standing.check_foothold(0.3, 0.18, leg="lf", robot=robot)
+
+
+def test_reach_agrees_with_the_kinematics(standing: gp.TerrainGrid, robot: RobotModel) -> None:
+    """Over an area, what is accepted on perfect ground is what inverse kinematics reaches."""
+    x, y = np.meshgrid(np.linspace(0.1, 0.5, 21), np.linspace(0.05, 0.35, 13))
+    verdicts = standing.check_foothold(x, y, leg="lf")
+    pose = robot.stance_pose(Stance.from_dict(standing.metadata["stance"]))
+    in_base = np.stack((x, y, np.zeros_like(x)), axis=-1) - pose.transform_base_to_footprint[:3, 3]
+    np.testing.assert_array_equal(verdicts.ok, robot.reachable("lf", in_base))
+    assert verdicts.ok.any()
+    assert not verdicts.ok.all()
+
+
+def test_asking_for_a_leg_needs_a_stance(standing: gp.TerrainGrid) -> None:
+    """Without a stance in the grid, or with a leg that the robot does not have, the question is refused in words."""
+    with pytest.raises(gp.InvalidInput, match="holds no robot, stance, transform_base_to_footprint.*leg=None"):
+        world(0).check_foothold(0.7, 0.0, leg="lf")
+    with pytest.raises(KinematicsError, match="lf"):
+        standing.check_foothold(0.3, 0.18, leg="left")
+
+
+def test_a_grid_without_limits_is_refused_in_words() -> None:
+    """Layers alone do not say by what they were judged."""
+    import dataclasses
+
+    bare = dataclasses.replace(world(0), metadata={})
+    with pytest.raises(gp.InvalidInput, match="limits = None; a grid made by process_scan"):
+        bare.check_foothold(0.7, 0.0)
+
+
+def test_on_perfect_ground_the_wish_itself_is_best() -> None:
+    """Nothing is better than the wish where all is alike, whether or not it is a cell centre."""
+    terrain = gp.assess_terrain(np.zeros((300, 300)), 0.005)
+    best = terrain.best_foothold(0.7512, 0.7498, 0.05)
+    assert best is not None
+    assert (best.x, best.y) == (0.7512, 0.7498)
+    assert best.z == 0.0
+    np.testing.assert_allclose(best.normal, [0, 0, 1])
+    assert best.score == 1.0
+
+
+@PROPERTY
+@given(st.integers(0, 500), st.floats(0.45, 0.95), st.floats(-0.25, 0.25), st.floats(0.0, 0.12))
+def test_the_best_foothold_is_allowed_near_and_the_same_every_time(
+    seed: int, x: float, y: float, radius: float
+) -> None:
+    """It passes check_foothold, lies within the radius, and asking again gives the same; None where nothing passes."""
+    terrain = world(seed)
+    best = terrain.best_foothold(x, y, radius)
+    cx, cy = (a.ravel() for a in np.meshgrid(*terrain.geometry.centres()))
+    near = np.hypot(cx - x, cy - y) <= radius
+    any_ok = terrain.check_foothold(cx[near], cy[near]).ok.any() if near.any() else False
+    if best is None:
+        assert not any_ok
+        return
+    assert terrain.check_foothold(best.x, best.y).ok
+    assert np.hypot(best.x - x, best.y - y) <= radius + 1e-9
+    again = terrain.best_foothold(x, y, radius)
+    assert again is not None
+    assert (again.x, again.y, again.value) == (best.x, best.y, best.value)
+
+
+def test_ties_go_to_the_smaller_x_then_y() -> None:
+    """Four equal places about the wish: the first by x, then by y."""
+    heights = np.full((121, 121), np.nan)
+    for iy, ix in ((60, 30), (60, 90), (30, 60), (90, 60)):
+        heights[iy - 12 : iy + 13, ix - 14 : ix + 15] = 0.0
+    terrain = gp.assess_terrain(heights, 0.005)
+    centre = 60.5 * 0.005
+    best = terrain.best_foothold(centre, centre, 0.16)
+    assert best is not None
+    assert best.x < centre
+    assert best.y == pytest.approx(centre)
+
+
+def test_the_previous_choice_is_kept_until_another_is_worth_a_third_more() -> None:
+    """Two ledges beside a gap: the choice stays on its side as the wish moves over the middle, then changes once."""
+    heights = np.zeros((120, 160))
+    heights[:, 78:82] = np.nan
+    terrain = gp.assess_terrain(heights, 0.005)
+    wishes = np.linspace(0.33, 0.47, 29)
+    free = [terrain.best_foothold(x, 0.3, 0.1) for x in wishes]
+    previous, chosen = None, []
+    for x in wishes:
+        previous = terrain.best_foothold(x, 0.3, 0.1, previous=previous)
+        assert previous is not None
+        chosen.append(previous.x > 0.4)
+    sides = [bool(foothold is not None and foothold.x > 0.4) for foothold in free]
+    assert sides != chosen
+    assert chosen == sorted(chosen)
+    assert chosen[-1]
+    # A place that is no longer allowed, or out of the radius, is not kept.
+    gap = terrain.best_foothold(0.33, 0.3, 0.1, previous=(0.4, 0.3))
+    assert gap is not None
+    assert gap.x < 0.38
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((np.nan, 0.0, 0.1), "the wish is"),
+        ((0.0, 0.0, -0.1), "radius is -0.1, it must be 0 ... 1 m"),
+        ((0.0, 0.0, 50.0), "radius is 50.0"),
+        ((0.0, 0.0, np.inf), "radius is inf"),
+    ],
+)
+def test_bad_questions_are_refused(arguments: tuple[float, float, float], message: str) -> None:
+    """NaN, negative or absurd radius; a previous choice that is none."""
+    with pytest.raises(gp.InvalidInput, match=message):
+        world(0).best_foothold(*arguments)
+    with pytest.raises(gp.InvalidInput, match="must be a Foothold or a pair"):
+        world(0).best_foothold(0.6, 0.0, 0.1, previous="left")  # type: ignore[arg-type]

@@ -1,0 +1,185 @@
+"""Paths and polygons: nothing unknown is ever crossed, and clearance is measured to the highest ground."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import guara_perception as gp
+from guara_perception.terrain.polygon import distance_to_segment, inside_polygon, touched_cells
+
+PROPERTY = settings(max_examples=60, deadline=None, derandomize=True)
+
+
+def holed(seed: int) -> gp.TerrainGrid:
+    """Flat ground of 0.5 x 0.5 m at z = 0 with random unknown cells."""
+    rng = np.random.default_rng(seed)
+    heights = np.where(rng.random((100, 100)) < 0.002, np.nan, 0.0)
+    return gp.assess_terrain(heights, 0.005)
+
+
+def swing(x0: float, x1: float, y: float, top: float) -> list[list[float]]:
+    """Up, over, down."""
+    return [[x0, y, 0.0], [x0 + 0.02, y, top], [x1 - 0.02, y, top], [x1, y, 0.0]]
+
+
+place = st.floats(0.02, 0.48)
+
+
+@PROPERTY
+@given(st.integers(0, 300), place, place, place, place, st.floats(0.0, 0.03))
+def test_a_path_that_comes_near_an_unknown_cell_is_never_accepted(
+    seed: int, x0: float, y0: float, x1: float, y1: float, clearance: float
+) -> None:
+    """Exact distance of the segment from each unknown square, by brute force, against the verdict."""
+    terrain = holed(seed)
+    verdict = terrain.check_path([[x0, y0, 0.2], [x1, y1, 0.2]], clearance)
+    iy, ix = np.nonzero(np.isnan(terrain.elevation))
+    cx, cy = terrain.geometry.centres()
+    along = np.linspace(0, 1, 2000)[:, None]
+    px, py = x0 + along * (x1 - x0), y0 + along * (y1 - y0)
+    aside = np.hypot(np.maximum(np.abs(px - cx[ix]) - 0.0025, 0), np.maximum(np.abs(py - cy[iy]) - 0.0025, 0))
+    nearest = aside.min() if iy.size else np.inf
+    margin = min(x0, x1, y0, y1, 0.5 - max(x0, x1), 0.5 - max(y0, y1))
+    if nearest < clearance or nearest == 0:
+        assert not verdict.ok
+        assert "unknown" in {reason.test for reason in verdict.reasons}
+    if nearest > clearance + 0.003 and margin > clearance + 0.003:
+        assert verdict.ok
+
+
+@PROPERTY
+@given(st.integers(0, 300), st.lists(st.tuples(place, place), min_size=3, max_size=6))
+def test_a_polygon_that_touches_an_unknown_cell_is_never_accepted(
+    seed: int, corners: list[tuple[float, float]]
+) -> None:
+    """Any polygon, convex or not: with the centre of an unknown cell inside it is refused."""
+    terrain = holed(seed)
+    verdict = terrain.check_polygon(corners)
+    iy, ix = np.nonzero(np.isnan(terrain.elevation))
+    cx, cy = terrain.geometry.centres()
+    if inside_polygon(np.array(corners), cx[ix], cy[iy]).any():
+        assert not verdict.ok
+    assert verdict.ok == (not verdict.reasons)
+
+
+def test_touched_cells_miss_none() -> None:
+    """Every cell that holds a random point of a triangle is among the touched ones."""
+    rng = np.random.default_rng(0)
+    terrain = holed(0)
+    corners = np.array([[0.1, 0.1], [0.4, 0.17], [0.2, 0.4]])
+    share = rng.dirichlet([1, 1, 1], 5000)
+    points = share @ corners
+    iy, ix = terrain.geometry.indices(points[:, 0], points[:, 1])
+    touched = set(zip(*(a.tolist() for a in touched_cells(corners, terrain.geometry)), strict=True))
+    assert set(zip(iy.tolist(), ix.tolist(), strict=True)) <= touched
+
+
+def test_distance_to_a_segment() -> None:
+    """Beside it at right angles, beyond its ends to the end, for a point to the point."""
+    start, stop = np.array([0.0, 0.0]), np.array([2.0, 0.0])
+    x, y = np.array([1.0, 3.0, -1.0]), np.array([0.5, 0.0, 1.0])
+    np.testing.assert_allclose(distance_to_segment(start, stop, x, y), [0.5, 1.0, np.sqrt(2)])
+    np.testing.assert_allclose(distance_to_segment(start, start, x, y), np.hypot(x, y))
+
+
+def test_clearance_is_measured_over_an_obstacle() -> None:
+    """Over a box of 30 mm a path at 60 mm has 30 mm; the verdict says so, and with what limit it would fail."""
+    heights = np.zeros((100, 100))
+    heights[40:60, 45:55] = 0.03
+    terrain = gp.assess_terrain(heights, 0.005)
+    assert terrain.check_path(swing(0.15, 0.35, 0.25, 0.06), 0.02)
+    over = [[0.1, 0.25, 0.06], [0.4, 0.25, 0.06]]
+    passed = terrain.check_path(over, 0.02)
+    assert passed
+    assert passed.clearance == pytest.approx(0.03, abs=1e-6)
+    failed = terrain.check_path(over, 0.035)
+    assert not failed
+    (reason,) = failed.reasons
+    assert reason.test == "clearance"
+    assert reason.value == pytest.approx(0.03, abs=1e-6)
+    assert reason.limit == 0.035
+    assert "at x=0." in reason.detail
+
+
+def test_uncertain_heights_take_clearance_away() -> None:
+    """Two sigmas of 4 mm leave 8 mm less."""
+    flat = gp.assess_terrain(np.zeros((100, 100)), 0.005, variance=np.full((100, 100), 0.004**2))
+    verdict = flat.check_path(swing(0.15, 0.35, 0.25, 0.06), 0.02)
+    assert verdict.clearance < 0.06 - 0.008 + 1e-6
+
+
+def test_beside_a_wall_the_distance_counts_sideways() -> None:
+    """A path 20 mm beside a box that is higher than the path: 20 mm of clearance, not more."""
+    heights = np.zeros((100, 100))
+    heights[60:80, :] = 0.10
+    terrain = gp.assess_terrain(heights, 0.005)
+    level = [[0.1, 0.28, 0.05], [0.4, 0.28, 0.05]]
+    verdict = terrain.check_path(level, 0.019)
+    assert verdict.ok
+    assert verdict.clearance == pytest.approx(0.02, abs=1e-6)
+    assert not terrain.check_path(level, 0.025).ok
+
+
+def test_the_ends_may_touch_the_ground_but_not_dive_into_it() -> None:
+    """A swing begins and ends at z = 0; one that ends 20 mm deep is refused for its depth."""
+    flat = gp.assess_terrain(np.zeros((100, 100)), 0.005)
+    assert flat.check_path(swing(0.15, 0.35, 0.25, 0.06), 0.02).ok
+    deep = swing(0.15, 0.35, 0.25, 0.06)
+    deep[-1][2] = -0.02
+    assert "depth" in {reason.test for reason in flat.check_path(deep, 0.02).reasons}
+    through = [[0.1, 0.25, 0.0], [0.25, 0.25, -0.05], [0.4, 0.25, 0.0]]
+    assert "clearance" in {reason.test for reason in flat.check_path(through, 0.01).reasons}
+
+
+def test_a_track_on_the_ground_needs_safe_cells() -> None:
+    """Points without z: a track along flat ground is accepted, one over an edge is not."""
+    heights = np.zeros((100, 100))
+    heights[:, 60:] = 0.05
+    terrain = gp.assess_terrain(heights, 0.005)
+    assert terrain.check_path([[0.05, 0.2], [0.2, 0.3]], 0.02).ok
+    failed = terrain.check_path([[0.05, 0.2], [0.4, 0.2]], 0.02)
+    assert not failed
+    assert failed.reasons[0].test == "hazard"
+    assert "STEP" in failed.reasons[0].detail
+    assert terrain.check_polygon([[0.05, 0.1], [0.2, 0.1], [0.2, 0.3]]).ok
+    assert not terrain.check_polygon([[0.05, 0.1], [0.4, 0.1], [0.2, 0.3]]).ok
+
+
+def test_off_the_grid_is_unknown() -> None:
+    """A path or polygon that leaves the grid is refused, however high."""
+    flat = gp.assess_terrain(np.zeros((100, 100)), 0.005)
+    for verdict in (
+        flat.check_path([[0.25, 0.25, 1.0], [0.25, 0.6, 1.0]], 0.0),
+        flat.check_path([[9.0, 9.0, 1.0]], 0.01),
+        flat.check_polygon([[0.4, 0.4], [0.6, 0.4], [0.6, 0.6]]),
+    ):
+        assert not verdict.ok
+        assert "off the grid" in verdict.reasons[0].detail
+
+
+@pytest.mark.parametrize(
+    ("points", "clearance", "message"),
+    [
+        ([[0.0, 0.0, np.nan]], 0.01, "finite points"),
+        ([0.0, 0.0, 0.0], 0.01, r"shape \(3,\)"),
+        ([[0.0]], 0.01, r"shape \(1, 1\)"),
+        (np.empty((0, 3)), 0.01, r"shape \(0, 3\)"),
+        ("over there", 0.01, "no array of numbers"),
+        ([[0, 0, 0], [1000, 0, 0]], 0.01, "allowed: 20 m"),
+        ([[0, 0, 0]], -0.01, "clearance is -0.01, it must be 0 ... 1 m"),
+        ([[0, 0, 0]], np.nan, "clearance is nan"),
+    ],
+)
+def test_bad_paths_are_refused(points: object, clearance: float, message: str) -> None:
+    """What is no path is refused with what is needed."""
+    with pytest.raises(gp.InvalidInput, match=message):
+        holed(0).check_path(points, clearance)  # type: ignore[arg-type]
+
+
+def test_bad_polygons_are_refused() -> None:
+    """Two corners are no polygon."""
+    with pytest.raises(gp.InvalidInput, match="3 or more finite points"):
+        holed(0).check_polygon([[0, 0], [1, 1]])

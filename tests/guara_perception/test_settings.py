@@ -1,0 +1,63 @@
+"""What perception reads from robot.toml: the Guará's values, and every refusal."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+import guara_perception as gp
+from guara_perception.settings import Settings, limits_to_dict
+from kinematics import RobotModel, load_robot
+
+
+def test_areas_and_patterns_of_the_guara(robot: RobotModel) -> None:
+    """Extents, resolution and patterns are those that the documents promise."""
+    settings = Settings.of(robot)
+    assert (settings.footprint_x, settings.footprint_y) == ((0.50, 0.95), (-0.27, 0.27))
+    assert (settings.map_x, settings.map_y) == ((-0.60, 1.00), (-0.35, 0.35))
+    assert settings.resolution == 0.005
+    assert list(settings.pattern("standard")) == list(range(70))
+    assert list(settings.pattern("coarse")) == list(range(0, 70, 2))
+    with pytest.raises(gp.InvalidInput, match="mode is 'fine', allowed: coarse, standard"):
+        settings.pattern("fine")
+
+
+def test_the_edge_costs_60_mm_at_most(robot: RobotModel) -> None:
+    """Half a sole, the disc and one cell: more would take too much of the scanned area."""
+    settings = Settings.of(robot)
+    limits = settings.limits
+    assert limits.sole_length / 2 + limits.disc_radius + settings.resolution <= 0.060 + 1e-12
+
+
+def test_limits_go_through_plain_values(robot: RobotModel) -> None:
+    """What stands in a grid's metadata gives the very limits back."""
+    limits = Settings.of(robot).limits
+    assert gp.TraversabilityLimits(**limits_to_dict(limits)) == limits
+
+
+@pytest.mark.parametrize(
+    ("line", "instead", "message"),
+    [
+        ("resolution = 0.005", "resolution = 0.0", "grid.resolution is 0.0"),
+        ("resolution = 0.005", 'resolution = "5 mm"', "grid.resolution is a text"),
+        ("x = [0.50, 0.95]", "x = [0.95, 0.50]", "the first must be below the second"),
+        ("x = [0.50, 0.95]", "x = [0.50]", "grid.footprint.x"),
+        ("slope_limit = 0.35", "slope_limit = 20.0", r"\[traversability\] limit slope is 20.0"),
+        ("drop_limit = 0.020", "", "traversability.drop_limit is missing"),
+        ("pauses = 40", "pauses = 0", "validity.pauses is 0, allowed: 1"),
+        ("stripes = 70", "stripes = 70.5", "scan.stripes"),
+        ("minimum = -0.080", "minimum = 0.2", "heights.minimum is 0.2"),
+    ],
+)
+def test_wrong_values_are_refused_with_table_and_field(
+    robot: RobotModel, tmp_path: Path, line: str, instead: str, message: str
+) -> None:
+    """A robot.toml with one impossible value: the message names robot, table, field, value and what is allowed."""
+    folder = Path(shutil.copytree(robot.folder, tmp_path / "guara"))
+    text = (folder / "robot.toml").read_text()
+    assert line in text
+    (folder / "robot.toml").write_text(text.replace(line, instead, 1))
+    with pytest.raises(gp.FileFormatError, match=message):
+        Settings.of(load_robot(folder))
