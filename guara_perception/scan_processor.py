@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
-from guara_perception.methods import check_method
+from guara_perception.methods import METHODS, check_method
 from guara_perception.own_body import OwnBody
 from guara_perception.ranging.locate import locator
 from guara_perception.ranging.scan_geometry import scan_geometry
@@ -26,7 +26,7 @@ from guara_perception.terrain.causes import plan_looks, unknown_causes
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.lost_cells import lost_cells
-from guara_perception.terrain.raster import pool
+from guara_perception.terrain.raster import pool, pool_flags
 
 if TYPE_CHECKING:
     from kinematics import RobotModel, Stance
@@ -108,7 +108,7 @@ class ScanProcessor:
             calibration.camera.size,
         )
         self._locator = locator(
-            method,
+            METHODS[method].literal,
             calibration.camera,
             self._geometry.transform_camera_to_footprint,
             (self._settings.footprint_x, self._settings.footprint_y),
@@ -144,6 +144,11 @@ class ScanProcessor:
         With `paper-literal-ortho` its x and y are the middle of the picture, about which that method orthorectifies.
         """
         return self._locator.view_point
+
+    @property
+    def transform_camera_to_footprint(self) -> npt.NDArray[np.float64]:
+        """Placement (4, 4) of the camera at this stance."""
+        return self._geometry.transform_camera_to_footprint
 
     @property
     def points(self) -> Mapping[int, StripePoints]:
@@ -262,7 +267,7 @@ class ScanProcessor:
         """
         start = time.perf_counter()
         raster = pool(self._surface.raster(), self._pooling)
-        marks = self._pooled_marks()
+        marks = pool_flags(self._surface.marks(), self._pooling)
         elevation = raster.elevation
         usable = np.array([index in self.points for index in self._order])
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
@@ -311,8 +316,3 @@ class ScanProcessor:
             )
         if index in self._profiles:
             raise InvalidInput(f"stripe index {index} was added before; a scan takes each stripe once")
-
-    def _pooled_marks(self) -> npt.NDArray[np.uint16]:
-        ny, nx = self._grid.shape
-        blocks = self._surface.marks().reshape(ny, self._pooling, nx, self._pooling).swapaxes(1, 2).reshape(ny, nx, -1)
-        return np.asarray(np.bitwise_or.reduce(blocks, axis=-1), dtype=np.uint16)

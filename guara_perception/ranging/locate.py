@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.calibration.camera import CameraModel
-from guara_perception.ranging.paper.rangefinder import PaperRangefinder
+from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder
 from guara_perception.ranging.triangulate import triangulate
 
 Float = npt.NDArray[np.float64]
@@ -60,15 +60,12 @@ class Triangulator:
 
 
 def locator(
-    method: str,
+    literal: Literal | None,
     camera: CameraModel,
     transform_camera_to_footprint: Float,
     area: tuple[tuple[float, float], tuple[float, float]],
 ) -> Locator:
-    """The way that belongs to a method of `guara_perception.methods`."""
-    from guara_perception.methods import METHODS
-
-    literal = METHODS[method].literal
+    """The paper's equations with what they take as printed, or triangulation when there is nothing of the paper."""
     if literal is None:
         return Triangulator(camera, transform_camera_to_footprint)
     return PaperRangefinder(camera, transform_camera_to_footprint, area, literal)

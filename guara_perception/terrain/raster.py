@@ -148,3 +148,10 @@ def pool(raster: Raster, factor: int) -> Raster:
         high=blocks(raster.high).max(axis=-1),
         count=np.where(np.isfinite(blocks(raster.elevation)).all(axis=-1), blocks(raster.count).sum(axis=-1), 0),
     )
+
+
+def pool_flags(flags: npt.NDArray[np.uint16], factor: int) -> npt.NDArray[np.uint16]:
+    """Flags of coarser cells: those of any of their `factor` x `factor` fine ones."""
+    ny, nx = (n // factor for n in flags.shape)
+    blocks = flags.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1)
+    return np.asarray(np.bitwise_or.reduce(blocks, axis=-1), dtype=np.uint16)

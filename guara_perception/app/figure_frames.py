@@ -1,0 +1,69 @@
+"""Camera frames for pictures: the middle one of a scan, all stripes in one, and either seen from above."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.camera import CameraModel
+from guara_perception.exceptions import FileFormatError, MissingFile
+from guara_perception.ranging.range_images import COLUMNS, ROWS
+from guara_perception.scan import Frame, Scan
+
+Grey = npt.NDArray[np.uint8]
+Float = npt.NDArray[np.float64]
+Range = tuple[float, float]
+
+
+def middle_frame(scan: Scan) -> Grey:
+    """Grey laser-on frame of the stripe in the middle of the scan."""
+    stripe = sorted(scan.stripes, key=lambda each: each.index)[len(scan.stripes) // 2]
+    return as_grey(scan.read_frame(stripe.on))
+
+
+def stripes_together(scan: Scan) -> Grey:
+    """The brightest of all laser-on frames at every pixel: all stripes in one picture; unreadable frames left out."""
+    brightest: Grey | None = None
+    for stripe in scan.stripes:
+        try:
+            frame = as_grey(scan.read_frame(stripe.on))
+        except (FileFormatError, MissingFile):
+            continue
+        if brightest is None:
+            brightest = frame
+        elif frame.shape == brightest.shape:
+            brightest = np.maximum(brightest, frame)
+    if brightest is None:
+        raise FileFormatError(f"{scan.source}: no laser-on frame can be read")
+    return brightest
+
+
+def as_grey(frame: Frame) -> Grey:
+    """Grey picture of 8 bits; of a colour picture the brightest channel, which shows a laser of any colour."""
+    grey = frame.max(axis=2) if frame.ndim == 3 else frame
+    return np.asarray(grey >> 8 if grey.dtype == np.uint16 else grey, dtype=np.uint8)
+
+
+def corrected_frame(
+    frame: Grey, camera: CameraModel, transform_camera_to_footprint: Float, area: tuple[Range, Range]
+) -> Grey:
+    """The frame as if seen from straight above the floor: distortion and perspective removed.
+
+    Args:
+        frame: (h, w) of the calibrated camera.
+        camera: intrinsic model.
+        transform_camera_to_footprint: (4, 4).
+        area: x and y range of the floor [m].
+
+    Returns:
+        (512, 640), row along x, column along y, black where the camera does not look.
+    """
+    (x0, x1), (y0, y1) = area
+    x = x0 + (np.arange(ROWS) + 0.5) * (x1 - x0) / ROWS
+    y = y0 + (np.arange(COLUMNS) + 0.5) * (y1 - y0) / COLUMNS
+    floor = np.column_stack((np.repeat(x, COLUMNS), np.tile(y, ROWS), np.zeros(ROWS * COLUMNS)))
+    rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
+    pixels = camera.project((floor - translation) @ rotation)
+    source = np.nan_to_num(pixels, nan=-1.0).astype(np.float32).reshape(ROWS, COLUMNS, 2)
+    return np.asarray(cv2.remap(frame, source, None, cv2.INTER_LINEAR), dtype=np.uint8)  # type: ignore[call-overload]
