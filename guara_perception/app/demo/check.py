@@ -14,8 +14,9 @@ from guara_perception.terrain.hazard import UNKNOWN_MASK
 
 Float = npt.NDArray[np.float64]
 
-# The issue of the walk: hind feet must have trodden on ground that was scanned before.
+# A hind foot comes to ground that was scanned after 0.73 m; over a whole walk so many must have trodden on some.
 HIND_FOOTHOLDS_WANTED = 8
+WHOLE_WALK_PAUSES = 41
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +95,7 @@ class DemoCheck:
             problems.append(f"{self.grids_published} of {pauses_wanted} pauses gave a grid")
         if self.grids_received < self.grids_published:
             problems.append(f"the planner received {self.grids_received} of {self.grids_published} grids")
-        if len(hind) < HIND_FOOTHOLDS_WANTED:
+        if pauses_wanted >= WHOLE_WALK_PAUSES and len(hind) < HIND_FOOTHOLDS_WANTED:
             problems.append(f"{len(hind)} hind footholds on scanned ground, {HIND_FOOTHOLDS_WANTED} are wanted")
         if on_hazard:
             problems.append(f"{len(on_hazard)} footholds on a hazard, the first at step {on_hazard[0].step}")

@@ -22,11 +22,11 @@ from transport import DEFAULT_ROBOT, open_client, open_node
 from transport.server import PerceptionServer
 from transport.stance_link import StancePublisher, StanceReceiver
 
-# A scan of 70 stripes takes 1.2 s at the demo's frame rate; a machine that is busy may take many times that.
+# A scan of 70 stripes takes 1.2 s at the demo's frame rate (two frames a stripe); a busy machine takes many times that.
 GRID_TIMEOUT_S = 60.0
 # How far from where the gait would put a foot the planner may look.
 SEARCH_RADIUS_M = 0.06
-FPS = 60.0
+FPS = 120.0
 # Keeps the recording of a whole walk near 100 MB; costs about 0.02 px.
 JPEG_QUALITY = 85
 PAUSES_PER_CYCLE = 4
@@ -78,7 +78,9 @@ def demo_walk(check: DemoCheck, *, recording: Path | None, cycles: float, seed: 
         server = PerceptionServer(session, collect_status=status.items)
         recorder = None
         if recording is not None:
-            recorder = stack.enter_context(ScanRecorder(recording, robot=DEFAULT_ROBOT, calibration=robot.calibration))
+            recorder = stack.enter_context(
+                ScanRecorder(recording, robot=DEFAULT_ROBOT, calibration=robot.calibration, jpeg_quality=JPEG_QUALITY)
+            )
         node = stack.enter_context(
             PerceptionNode(
                 robot.robot,

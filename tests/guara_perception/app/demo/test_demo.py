@@ -1,0 +1,83 @@
+"""The demo as a user runs it, and its own check, which must be able to fail."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from guara_perception.app.demo.check import CheckedFoothold, DemoCheck
+from guara_perception.app.open_scan import open_scans
+
+PATIENCE = 240.0
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """One gait cycle of the demo, in a process of its own; the folder and what was printed."""
+    folder = tmp_path_factory.mktemp("demo")
+    done = subprocess.run(
+        [sys.executable, "-m", "guara_perception.app.main", "demo", "--out", str(folder), "--cycles", "1"],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder, done.stdout
+
+
+def test_each_pause_is_told_and_the_check_passes(demo: tuple[Path, str]) -> None:
+    """Five pauses, each with mode, coverage and foothold; the planner missed none."""
+    lines = demo[1].splitlines()
+    assert [line.split()[1] for line in lines if line.startswith("step")] == ["0", "1", "2", "3", "4"]
+    assert "grids: 5 published, 5 received by the planner" in lines
+    assert "unknown cells called traversable: 0" in lines
+    assert lines[-1] == "the demo's check passed"
+    assert sum("on declared ground" in line for line in lines) >= 3
+
+
+def test_pictures_and_recording_are_left(demo: tuple[Path, str]) -> None:
+    """The pictures are pictures, and the recording holds every pause."""
+    for name, magic in (("scan.png", b"\x89PNG"), ("map.png", b"\x89PNG"), ("walk.gif", b"GIF8")):
+        assert (demo[0] / name).read_bytes()[:4] == magic
+    assert {scan.step for scan in open_scans(demo[0] / "walk.mcap")} == {0, 1, 2, 3, 4}
+
+
+def foothold(**changes: object) -> CheckedFoothold:
+    values = {"step": 1, "leg": "lh", "is_hind": True, "is_scanned": True, "is_hazard": False, "height_error": 0.0}
+    return CheckedFoothold(**{**values, **changes})  # type: ignore[arg-type]
+
+
+def check(**changes: object) -> DemoCheck:
+    made = DemoCheck(grids_published=41, grids_received=41)
+    made.footholds = [foothold() for _ in range(8)]
+    made.errors = [np.array([0.001, 0.002])]
+    for name, value in changes.items():
+        setattr(made, name, value)
+    return made
+
+
+def test_a_walk_as_promised_has_no_failures() -> None:
+    """Nothing to complain about, nothing said."""
+    assert check().failures(41) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"grids_published": 40, "grids_received": 40}, "40 of 41 pauses gave a grid"),
+        ({"grids_received": 39}, "received 39 of 41"),
+        ({"footholds": [foothold() for _ in range(7)]}, "7 hind footholds on scanned ground, 8 are wanted"),
+        ({"footholds": [foothold(is_scanned=False) for _ in range(9)]}, "0 hind footholds on scanned ground"),
+        (
+            {"footholds": [foothold()] * 8 + [foothold(is_hazard=True, step=5)]},
+            "1 footholds on a hazard, the first at step 5",
+        ),
+        ({"unknown_called_safe": 3}, "3 unknown cells were called traversable"),
+    ],
+)
+def test_each_broken_promise_is_a_failure(changes: dict[str, object], said: str) -> None:
+    """The check can fail, and says in words what is wrong."""
+    assert any(said in problem for problem in check(**changes).failures(41))
