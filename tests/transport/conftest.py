@@ -132,6 +132,61 @@ def shared_node() -> Iterator[tuple[Process, str]]:
         yield begin("node", endpoint), endpoint
 
 
+class SlowLink:
+    """A TCP proxy to an endpoint that passes so many bytes a second each way."""
+
+    def __init__(self, target: str, rate: float) -> None:
+        self._target = int(target.rpartition(":")[2])
+        self._rate = rate
+        self._sockets: list[socket.socket] = []
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.endpoint = f"tcp/127.0.0.1:{self._server.getsockname()[1]}"
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                near, _ = self._server.accept()
+            except OSError:
+                return
+            far = socket.create_connection(("127.0.0.1", self._target))
+            self._sockets += [near, far]
+            for source, sink in ((near, far), (far, near)):
+                # Small buffers, or the kernel would hide the slowness.
+                source.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 65536)
+                source.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 65536)
+                threading.Thread(target=self._pump, args=(source, sink), daemon=True).start()
+
+    def _pump(self, source: socket.socket, sink: socket.socket) -> None:
+        due = time.monotonic()
+        try:
+            while data := source.recv(16384):
+                due = max(due, time.monotonic()) + len(data) / self._rate
+                time.sleep(max(0.0, due - time.monotonic()))
+                sink.sendall(data)
+        except OSError:
+            return
+
+    def close(self) -> None:
+        """End it."""
+        for end in (self._server, *self._sockets):
+            end.close()
+
+
+@pytest.fixture
+def slow_link() -> Iterator[Callable[[str, float], SlowLink]]:
+    """Makes slow links; all end with the test."""
+    made: list[SlowLink] = []
+
+    def make(target: str, rate: float) -> SlowLink:
+        made.append(SlowLink(target, rate))
+        return made[-1]
+
+    yield make
+    for link in made:
+        link.close()
+
+
 @pytest.fixture
 def eventually() -> Callable[[Callable[[], bool]], bool]:
     """Asks until the answer is yes, or patience ends."""

@@ -236,6 +236,20 @@ def test_a_stopped_planner_costs_the_healthy_one_nothing(start, endpoint: str) -
         assert receiver.received - before == 60 and receiver.missed == 0
 
 
+def test_the_last_grid_of_a_burst_arrives_over_a_slow_link(start, endpoint: str, slow_link) -> None:
+    """When a link is too slow for all grids some are lost, never the last, though nothing follows it."""
+    node = start("node", endpoint)
+    link = slow_link(endpoint, 2.5e6)
+    # Without shared memory, or the payload would not go through the link at all.
+    session = transport.open_client(link.endpoint, shared_memory=False, timeout=30.0)
+    with transport.PerceptionClient(session) as client:
+        node.tell("publish 100")
+        client.wait_for(lambda grid: grid.sequence == 100, timeout=30.0)
+        node.tell("stream 12 0.1 49")
+        assert client.wait_for(lambda grid: grid.sequence == 12, timeout=60.0)
+        assert client.receiver().received < 13
+
+
 def test_a_node_killed_while_it_publishes_leaves_no_partial_grid(start, endpoint: str, peer) -> None:
     """Whatever arrived before a kill -9 in the middle of large puts is whole and of one scan."""
     router = start("router", endpoint)
