@@ -1,0 +1,145 @@
+"""The robot in MuJoCo: the same URDF with position servos, standing on boxes, pushed around by real contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.extras import optional_library
+from guara_perception.simulation.features import Box, Patch
+from guara_perception.simulation.world import World
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+Float = npt.NDArray[np.float64]
+
+# With the default pyramidal cone feet creep 2.6 mm per step, with steps of 4 ms they slide 150 mm.
+STEP_S = 0.002
+FRICTION = 0.9
+IMPEDANCE_RATIO = 10.0
+# A stiffer servo (1000) shakes, a softer one sags.
+SERVO_STIFFNESS = 300.0
+SERVO_DAMPING = 12.0
+SERVO_TORQUE = 40.0
+ROBOT_BIT, TERRAIN_BIT = 1, 2
+GROUND_THICKNESS_M = 0.05
+
+
+class PhysicsRobot:
+    """A robot in a physical world; time goes on only in `run`.
+
+    Example:
+        robot = PhysicsRobot(world, load_robot("guara"), transform_base_to_world, joint_positions)
+        robot.run(joint_positions, 1.0)
+    """
+
+    def __init__(
+        self,
+        world: World,
+        robot: RobotModel,
+        transform_base_to_world: Float,
+        joint_positions: Mapping[str, float],
+    ) -> None:
+        """Build it, standing in a pose.
+
+        Args:
+            world: level ground with boxes on it.
+            robot: the robot.
+            transform_base_to_world: (4, 4) to begin with.
+            joint_positions: to begin with [rad].
+
+        Raises:
+            MissingExtra: MuJoCo is not installed.
+            InvalidInput: the world holds something else than boxes and patches.
+        """
+        self._mujoco = optional_library("mujoco", "sim", "the physical simulation")
+        self._names = robot.joint_names
+        self._model = self._build(world, robot)
+        self._data: Any = self._mujoco.MjData(self._model)
+        self._positions = [self._model.joint(name).qposadr[0] for name in self._names]
+        self._servos = [self._model.actuator(f"servo_{name}").id for name in self._names]
+        quaternion = np.zeros(4)
+        self._mujoco.mju_mat2Quat(quaternion, transform_base_to_world[:3, :3].ravel().copy())
+        self._data.qpos[:3] = transform_base_to_world[:3, 3]
+        self._data.qpos[3:7] = quaternion
+        self._data.qpos[self._positions] = [joint_positions[name] for name in self._names]
+        self._command(joint_positions)
+        self._mujoco.mj_forward(self._model, self._data)
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+        return float(self._data.time)
+
+    @property
+    def joint_positions(self) -> dict[str, float]:
+        """True joint positions, by name [rad]."""
+        return dict(zip(self._names, self._data.qpos[self._positions].tolist(), strict=True))
+
+    @property
+    def transform_base_to_world(self) -> Float:
+        """True pose of the body, (4, 4)."""
+        rotation = np.zeros(9)
+        self._mujoco.mju_quat2Mat(rotation, self._data.qpos[3:7])
+        transform = np.eye(4)
+        transform[:3, :3] = rotation.reshape(3, 3)
+        transform[:3, 3] = self._data.qpos[:3]
+        return transform
+
+    def run(self, joint_positions: Mapping[str, float], seconds: float) -> None:
+        """Let time go on with the servos set to these positions [rad]."""
+        self._command(joint_positions)
+        for _ in range(max(round(seconds / STEP_S), 1)):
+            self._mujoco.mj_step(self._model, self._data)
+
+    def _command(self, joint_positions: Mapping[str, float]) -> None:
+        self._data.ctrl[self._servos] = [joint_positions[name] for name in self._names]
+
+    def _build(self, world: World, robot: RobotModel) -> Any:
+        mujoco = self._mujoco
+        spec = mujoco.MjSpec.from_string(robot.tree.urdf.text)
+        spec.body(robot.config.base_frame).add_freejoint()
+        for geom in spec.geoms:
+            # The robot touches the terrain, never itself.
+            geom.contype, geom.conaffinity = ROBOT_BIT, TERRAIN_BIT
+            geom.friction = [FRICTION, 0.01, 0.001]
+        for name in self._names:
+            servo = spec.add_actuator(name=f"servo_{name}", target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            servo.set_to_position(kp=SERVO_STIFFNESS, kv=SERVO_DAMPING)
+            servo.forcelimited, servo.forcerange = True, [-SERVO_TORQUE, SERVO_TORQUE]
+        option = spec.option
+        option.timestep, option.impratio = STEP_S, IMPEDANCE_RATIO
+        option.cone, option.integrator = mujoco.mjtCone.mjCONE_ELLIPTIC, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        self._add_terrain(spec, world)
+        return spec.compile()
+
+    def _add_terrain(self, spec: Any, world: World) -> None:
+        if world.undulation > 0:
+            raise InvalidInput(f"the world undulates by {world.undulation} m: physics needs level ground")
+        common = {
+            "contype": TERRAIN_BIT,
+            "conaffinity": ROBOT_BIT,
+            "friction": [FRICTION, 0.01, 0.001],
+        }
+        plane = self._mujoco.mjtGeom.mjGEOM_PLANE
+        spec.worldbody.add_geom(name="ground", type=plane, size=[0, 0, GROUND_THICKNESS_M], **common)
+        for number, feature in enumerate(world.features):
+            if isinstance(feature, Patch):
+                continue
+            if not isinstance(feature, Box):
+                kind = type(feature).__name__.lower()
+                raise InvalidInput(f"the world holds a {kind}: physics knows level ground, boxes and patches only")
+            top = float(world.height(feature.x, feature.y))
+            spec.worldbody.add_geom(
+                name=f"box_{number}",
+                type=self._mujoco.mjtGeom.mjGEOM_BOX,
+                size=[feature.size[0] / 2, feature.size[1] / 2, top / 2],
+                pos=[feature.x, feature.y, top / 2],
+                quat=[np.cos(feature.yaw / 2), 0, 0, np.sin(feature.yaw / 2)],
+                **common,
+            )

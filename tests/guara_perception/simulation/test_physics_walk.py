@@ -1,0 +1,101 @@
+"""Tests of the walk in MuJoCo, and of perception on it from end to end."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from benchmarks.simulation import physics_figures, rms
+from guara_perception.exceptions import InvalidInput
+from guara_perception.extras import MissingExtra, optional_library
+from guara_perception.simulation.features import Box, Patch, Rock
+from guara_perception.simulation.physics import PhysicsRobot
+from guara_perception.simulation.physics_walk import physics_walk
+from guara_perception.simulation.walk import WalkNoise
+from guara_perception.simulation.world import World
+from kinematics import RobotModel, load_robot
+
+pytestmark = pytest.mark.sim
+pytest.importorskip("mujoco", reason="MuJoCo is not installed (extra `sim`)")
+
+
+@pytest.fixture(scope="module")
+def robot() -> RobotModel:
+    return load_robot("guara")
+
+
+def standing(height: float = 0.36) -> np.ndarray:
+    transform = np.eye(4)
+    transform[2, 3] = height
+    return transform
+
+
+def test_a_standing_robot_stands(robot: RobotModel) -> None:
+    """Held by its servos the robot keeps its posture: a few millimetres of sag, level, where it was put."""
+    posture = robot.posture("scan")
+    body = PhysicsRobot(World(), robot, standing(), posture)
+    body.run(posture, 2.0)
+    transform = body.transform_base_to_world
+    np.testing.assert_allclose(transform[:3, 3], [0, 0, 0.36], atol=0.006)
+    assert transform[2, 2] > np.cos(0.01)
+    assert body.time == pytest.approx(2.0)
+    for joint, value in body.joint_positions.items():
+        assert value == pytest.approx(posture[joint], abs=0.06)
+
+
+def test_boxes_carry_the_robot(robot: RobotModel) -> None:
+    """On a box under all four feet the body stands higher by the box's height."""
+    posture = robot.posture("scan")
+    table = World(features=(Box(x=0.0, y=0.0, size=(0.9, 0.6), height=0.05),))
+    heights = []
+    for world, drop in ((World(), 0.0), (table, 0.05)):
+        body = PhysicsRobot(world, robot, standing(0.36 + drop), posture)
+        body.run(posture, 1.5)
+        heights.append(body.transform_base_to_world[2, 3])
+    assert heights[1] - heights[0] == pytest.approx(0.05, abs=1e-3)
+
+
+def test_the_walk_advances_in_its_lanes(robot: RobotModel) -> None:
+    """Two cycles on level ground: most of 280 mm ahead, feet in their lanes, one foot moved between pauses."""
+    pauses = list(physics_walk(World(), robot, cycles=2, noise=WalkNoise(joint=0, imu=0)))
+    moved = pauses[-1].transform_base_to_world[0, 3] - pauses[0].transform_base_to_world[0, 3]
+    assert 0.75 * 0.28 < moved < 1.05 * 0.28
+    for one, two in itertools.pairwise(pauses):
+        shifts = {leg: np.linalg.norm(two.soles_in_world[leg] - one.soles_in_world[leg]) for leg in robot.legs}
+        assert max(shifts, key=shifts.__getitem__) == one.next_leg
+        assert shifts[one.next_leg] > 0.09
+        assert all(shift < 0.02 for leg, shift in shifts.items() if leg != one.next_leg)
+        for leg, sole in two.soles_in_world.items():
+            assert abs(abs(sole[1]) - 0.18) < 0.03
+            assert (sole[1] > 0) == leg.startswith("l")
+        gravity = np.array(two.stance.gravity_in_base)
+        np.testing.assert_allclose(gravity, -two.transform_base_to_world[2, :3], atol=1e-9)
+
+
+def test_physics_repeats(robot: RobotModel) -> None:
+    """The same walk gives the same joints, bit for bit."""
+    one, two = ([pause.joint_positions for pause in physics_walk(World(), robot, cycles=0.5, seed=3)] for _ in range(2))
+    assert one == two
+
+
+def test_perception_on_the_physics_walk_is_safe_and_true() -> None:
+    """Six cycles over boxes: a grid at every pause, no unknown cell traversable, 5 mm rms under the front feet."""
+    figures = physics_figures(3)
+    assert figures.grids == 25
+    assert figures.unsafe == 0
+    assert len(figures.front) >= 4
+    assert rms(figures.front) <= 0.005
+
+
+def test_what_physics_cannot_do_is_refused(robot: RobotModel) -> None:
+    """Worlds beyond boxes, and a missing library, are refused with what is allowed."""
+    posture = robot.posture("scan")
+    rock = World(features=(Patch(x=0.5, y=0, size=(0.1, 0.1)), Rock(x=0.7, y=0, size=(0.1, 0.1), height=0.03)))
+    with pytest.raises(InvalidInput, match="the world holds a rock: physics knows level ground, boxes and patches"):
+        PhysicsRobot(rock, robot, standing(), posture)
+    with pytest.raises(InvalidInput, match="the world undulates by 0.01 m: physics needs level ground"):
+        PhysicsRobot(World(undulation=0.01), robot, standing(), posture)
+    with pytest.raises(MissingExtra, match=r"the dance needs no_such_library: pip install 'guara-perception\[sim\]'"):
+        optional_library("no_such_library", "sim", "the dance")
