@@ -64,9 +64,14 @@ def look_at(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     (low_x, low_y), (high_x, high_y) = corners_in_odom.min(axis=0), corners_in_odom.max(axis=0)
     cy, cx = cells.cells_between((low_x, low_y), (high_x, high_y))
     centre = np.column_stack(((cx + 0.5) * resolution, (cy + 0.5) * resolution))
-    x, y = ((centre - transform[:2, 3]) @ transform[:2, :2]).T
-    iy, ix = grid.indices(x, y)
     place = cells.places(cy, cx)
+    flat = np.linalg.inv(transform[:2, :2])
+    x, y = ((centre - transform[:2, 3]) @ flat.T).T
+    if np.any(transform[:2, 2]):
+        # Where the two verticals differ a cell's height moves it sideways.
+        height = np.nan_to_num(np.asarray(terrain.height_at(x, y), dtype=np.float64))
+        x, y = ((centre - transform[:2, 3] - height[:, None] * transform[:2, 2]) @ flat.T).T
+    iy, ix = grid.indices(x, y)
     used = np.flatnonzero(grid.contains(iy, ix) & (place >= 0))
     x, y, iy, ix, place = x[used], y[used], iy[used], ix[used], place[used]
 

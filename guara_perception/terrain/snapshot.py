@@ -51,8 +51,15 @@ def snapshot_layers(
     x, y = geometry.centres()
     x, y = np.tile(x, y.size), np.repeat(y, x.size)
     transform = now.transform_footprint_to_odom
-    in_odom = np.column_stack((x, y)) @ transform[:2, :2].T + transform[:2, 3]
+    row = transform[2]
+    drop = row[0] * x + row[1] * y + row[3]
     memory = cells.memory
+    in_odom = np.column_stack((x, y)) @ transform[:2, :2].T + transform[:2, 3]
+    if np.any(transform[:2, 2]):
+        # Where the two verticals differ a cell's height moves it sideways.
+        place = cells.places(*cells.cells_of(in_odom[:, 0], in_odom[:, 1]))
+        height = np.nan_to_num(np.where(place >= 0, memory["height"][place] - drop, 0.0) / row[2])
+        in_odom = in_odom + height[:, None] * transform[:2, 2]
     stale = is_stale(cells, now, settings)
     bottom, top = memory["height"] - memory["below"], memory["height"] + memory["above"]
 
@@ -73,8 +80,6 @@ def snapshot_layers(
     variance = memory["variance"][place] + drift_variance(cells, place, now.drift, np.hypot(x, y))
     # What was seen at this very pause shares its tilt; older heights do not.
     variance += np.where(pauses > 0, tilt_variance(terrain, x, y), 0.0)
-    row = transform[2]
-    drop = row[0] * x + row[1] * y + row[3]
 
     def shaped(values: Float) -> Float:
         return np.where(known, values, np.nan).reshape(geometry.shape)

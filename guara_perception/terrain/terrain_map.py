@@ -29,8 +29,8 @@ Float = npt.NDArray[np.float64]
 
 # The window is moved when the robot has gone so far: seldom, and still little memory.
 MARGIN_M = 0.2
-# Heights are carried over as a plane tilts; a larger tilt would also move them sideways by more than half a cell.
-LARGEST_TILT = 0.1
+# Without gravity a scan is levelled by its support plane, which tilts by 0.11 rad with two feet on a box of 40 mm.
+LARGEST_TILT = 0.2
 
 
 class TerrainMap:
@@ -91,7 +91,8 @@ class TerrainMap:
 
         Args:
             terrain: this pause's scan alone (extent "footprint").
-            transform_footprint_to_odom: (4, 4) from leg odometry, for the base_footprint of `terrain`.
+            transform_footprint_to_odom: (4, 4) for the base_footprint of `terrain`; where odometry levels the body by
+                other means than the scan did, `transform_base_to_odom @ transform_footprint_to_base` of the scan.
             covariance: (6, 6) of it, REP-103 order, relative to the start; must not shrink as the walk goes on.
             known_ground: what the gait declares at this pause, in its base_footprint.
             metadata: more fields for the metadata of the result.
@@ -102,7 +103,7 @@ class TerrainMap:
 
         Raises:
             InvalidInput: a grid of another extent or cell size, or of an earlier pause; a transform that is none or
-                tilts by more than 0.1 rad; a covariance that is none.
+                tilts by more than 0.2 rad; a covariance that is none.
         """
         transform, spread = self._checked(terrain, transform_footprint_to_odom, covariance)
         self._pause += 1 if self._step is None else terrain.step - self._step
@@ -203,13 +204,13 @@ class TerrainMap:
                 "begin a new map for another walk"
             )
         matrix = np.array(transform, dtype=np.float64)
-        if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 0:
+        if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
             raise InvalidInput(f"transform_footprint_to_odom has shape {matrix.shape}, it must be a rigid (4, 4)")
         rotation = matrix[:3, :3]
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or rotation[2, 2] < np.cos(LARGEST_TILT):
             raise InvalidInput(
                 "transform_footprint_to_odom is no rotation, or tilts by more than "
-                f"{LARGEST_TILT} rad: both frames must be levelled by gravity"
+                f"{LARGEST_TILT} rad: both frames must be level"
             )
         spread = np.array(covariance, dtype=np.float64)
         if spread.shape != (6, 6) or not np.isfinite(spread).all() or (np.diag(spread) < 0).any():

@@ -5,6 +5,9 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
+import numpy as np
+import numpy.typing as npt
+
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.known_ground import KnownGround
@@ -60,7 +63,7 @@ class WalkMap:
         self._step = step
         self._last = self._map.update(
             terrain,
-            pose.transform_footprint_to_odom,
+            _place_of(terrain, pose),
             pose.covariance,
             known_ground=[KnownGround(patch.outline, patch.height, patch.sigma) for patch in known_ground],
             metadata={
@@ -83,3 +86,14 @@ class WalkMap:
         self._restarts.append(reason)
         self._odometry.reset()
         self._map = TerrainMap(self._robot)
+
+
+def _place_of(terrain: TerrainGrid, pose: OdometryPose) -> npt.NDArray[np.float64]:
+    """transform_footprint_to_odom (4, 4) of the footprint that the scan was processed in.
+
+    Without gravity that one is level with the support plane, and odometry's own with the gravity that it carries along.
+    """
+    to_footprint = terrain.metadata.get("transform_base_to_footprint")
+    if to_footprint is None:
+        return np.asarray(pose.transform_footprint_to_odom)
+    return np.asarray(pose.transform_base_to_odom @ np.linalg.inv(np.array(to_footprint, dtype=np.float64)))

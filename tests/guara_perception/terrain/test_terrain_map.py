@@ -237,6 +237,25 @@ def test_a_look_from_anywhere_comes_back_in_place(
     assert np.abs(inner - expected).max() < 0.3 * 1.5 * 0.005
 
 
+def test_a_scan_that_was_levelled_otherwise_is_turned_upright(
+    robot: RobotModel, make_scan: MakeScan, scan_grid: Any
+) -> None:
+    """Ground seen from a footprint that tilts by 5 degrees: level in odom, and tilted again in the snapshot."""
+    gx, gy = np.meshgrid(*scan_grid.centres())
+    tilt = np.radians(5)
+    tilted = np.eye(4)
+    tilted[:3, :3] = [[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]]
+    terrain_map = gp.TerrainMap(robot)
+    fused = terrain_map.update(make_scan(np.tan(tilt) * gx), tilted, ZERO)
+    fx, _ = np.meshgrid(*fused.geometry.centres())
+    seen = np.isfinite(fused.elevation)
+    assert seen.sum() > 9000
+    np.testing.assert_allclose(fused.elevation[seen], np.tan(tilt) * fx[seen], atol=4e-4)
+    nothing = np.full(scan_grid.shape, np.uint16(Hazard.UNSCANNED))
+    upright = terrain_map.update(make_scan(0.0, flags=nothing, step=1), at(), ZERO)
+    assert np.nanmax(np.abs(upright.elevation)) < 4e-4
+
+
 def test_cells_stand_still_in_odom(robot: RobotModel, make_scan: MakeScan, scan_grid: Any) -> None:
     """A height seen once keeps its exact value over a walk: nothing is resampled."""
     rng = np.random.default_rng(3)
