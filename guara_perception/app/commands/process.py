@@ -42,8 +42,8 @@ def command(
     from guara_perception.app.open_scan import open_scan
     from guara_perception.app.summary import summary
     from guara_perception.calibration.file import load_calibration
+    from guara_perception.methods import METHODS
     from guara_perception.process import run_scan, with_pictures
-    from guara_perception.stripes.extract import METHODS
     from guara_perception.terrain.file import save_terrain
     from guara_perception.whole_file import check_target
     from kinematics import RobotNotFound, load_robot
@@ -51,6 +51,8 @@ def command(
     if out.suffix != ".npz":
         raise InvalidInput(f"--out is {out}, it must end in .npz")
     check_target(out)
+    if figures is not None and figures.exists() and not figures.is_dir():
+        raise InvalidInput(f"--figures is {figures}, a file; the pictures need a folder")
     methods = list(dict.fromkeys(name.strip() for name in method.split(",")))
     for name in methods:
         if name not in METHODS:

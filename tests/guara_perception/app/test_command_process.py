@@ -255,6 +255,10 @@ def bad_options(data: Path, calibration: Path, folder: Path) -> dict[str, tuple[
             [scan, "-c", calibration, "-o", out, "--resolution", "nan"],
             "resolution is nan, it must be",
         ),
+        "figures a file": (
+            [scan, "-c", calibration, "-o", out, "--figures", calibration],
+            "a file; the pictures need a",
+        ),
         "robot unknown": ([scan, "-c", calibration, "-o", out, "--robot", "tapir"], "no robot 'tapir'"),
     }
 
@@ -275,6 +279,28 @@ def test_keep_going_leaves_a_bad_frame_unknown(guara, paper_copy: Path, calibrat
     said = guara("process", paper_copy, "-c", calibration_file, "-o", tmp_path / "out.npz", "--keep-going")
     assert said.code == 0 and "stripe 20: the frame is 320x256 px" in said.out
     assert list(gp.load_terrain(tmp_path / "out.npz").metadata["frames_bad"]) == ["20"]
+
+
+def test_two_methods_give_two_files(guara, data: Path, calibration_file: Path, tmp_path: Path):
+    """The first method goes into OUT, the second beside it, each line saying which file it is about."""
+    out = tmp_path / "out.npz"
+    said = guara("process", data / "scans" / "paper", "-c", calibration_file, "-o", out, "--method", "precise,paper")
+    assert said.code == 0
+    assert [line.split(":")[0] for line in said.out.splitlines()] == [str(out), str(tmp_path / "out-paper.npz")]
+    assert gp.load_terrain(out).metadata["method"] == "precise"
+    assert gp.load_terrain(tmp_path / "out-paper.npz").metadata["method"] == "paper"
+
+
+def test_figures_are_drawn_into_a_folder(guara, data: Path, calibration_file: Path, tmp_path: Path):
+    """`--figures` makes the folder and says how many files there are; each PNG is a readable picture."""
+    folder = tmp_path / "new" / "pictures"
+    scan = data / "scans" / "paper"
+    said = guara("process", scan, "-c", calibration_file, "-o", tmp_path / "out.npz", "--figures", folder)
+    assert said.code == 0 and said.out.splitlines()[-1].startswith(f"{folder}: {len(list(folder.iterdir()))} ")
+    pictures = list(folder.glob("*.png"))
+    assert len(pictures) >= 5
+    for picture in pictures:
+        assert min(cv2.imread(str(picture), cv2.IMREAD_UNCHANGED).shape[:2]) > 100
 
 
 def test_old_file_survives_a_failure(guara, paper_copy: Path, calibration_file: Path, tmp_path: Path):
