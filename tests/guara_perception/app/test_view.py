@@ -1,0 +1,121 @@
+"""What the view has to show from each kind of file, and live."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.commands.view import show_live
+from guara_perception.app.messages import terrain_to_message
+from guara_perception.app.view_moments import load_moments
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.view.moment import Moment
+from kinematics import RobotModel
+from transport.recording import RecordingWriter
+
+NODE = Path(__file__).with_name("publishing_node.py")
+
+
+def test_a_grid_file_is_one_moment(terrain_file: Path, robot: RobotModel, paper_terrain: gp.TerrainGrid) -> None:
+    """An .npz shows its grid, with the stance it was made from."""
+    (moment,) = load_moments(terrain_file, robot)
+    np.testing.assert_array_equal(moment.grids["footprint"].elevation, paper_terrain.elevation)
+    assert moment.joint_positions == paper_terrain.metadata["stance"]["joint_positions"]
+    assert moment.transform_base_to_footprint[2, 3] == pytest.approx(0.36, abs=1e-3)
+    assert moment.stripes() == []
+
+
+def test_a_scan_folder_shows_its_stripes(data: Path, robot: RobotModel, calibration: gp.Calibration) -> None:
+    """With a calibration a folder is processed: a grid, and the points of its stripes on the ground."""
+    (moment,) = load_moments(data / "scans" / "paper", robot, calibration)
+    stripes = moment.stripes()
+    assert len(stripes) == 35
+    points = np.vstack(stripes)
+    points = points[np.isfinite(points).all(axis=1)]
+    assert len(points) > 10_000
+    assert np.abs(np.median(points[:, 2])) < 0.005
+    with pytest.raises(InvalidInput, match="is a scan folder: give the calibration that belongs to it with -c"):
+        load_moments(data / "scans" / "paper", robot)
+
+
+def test_a_recording_shows_its_grids_in_order(
+    tmp_path: Path, robot: RobotModel, paper_terrain: gp.TerrainGrid, calibration: gp.Calibration
+) -> None:
+    """Each step of a recorded walk is a moment with scan and map; without grids or scans there is nothing."""
+    path = tmp_path / "walk.mcap"
+    with RecordingWriter(path, robot="guara") as writer:
+        for step in (3, 4, 5):
+            scan = dataclasses.replace(paper_terrain, step=step, stamp=step, pictures={})
+            writer.add_terrain(terrain_to_message(scan, robot="guara", sequence=step))
+            if step > 3:
+                fused = dataclasses.replace(scan, extent="map")
+                writer.add_terrain(terrain_to_message(fused, robot="guara", sequence=step))
+    moments = load_moments(path, robot)
+    assert [moment.step for moment in moments] == [3, 4, 5]
+    assert [set(moment.grids) for moment in moments] == [{"footprint"}, {"footprint", "map"}, {"footprint", "map"}]
+    empty = tmp_path / "empty.mcap"
+    with RecordingWriter(empty, robot="guara"):
+        pass
+    with pytest.raises(FileFormatError, match="holds neither grids nor scans: there is nothing to show"):
+        load_moments(empty, robot)
+
+
+def test_a_recording_of_scans_needs_a_calibration(
+    guara: Callable, tmp_path: Path, data: Path, robot: RobotModel, calibration: gp.Calibration
+) -> None:
+    """Recorded frames without grids are processed with the calibration that is given, and refused without."""
+    path = tmp_path / "scan.mcap"
+    assert guara("convert", data / "scans" / "paper", path).code == 0
+    (moment,) = load_moments(path, robot, calibration)
+    assert np.isfinite(moment.grids["footprint"].elevation).mean() > 0.7
+    assert len(moment.stripes()) == 35
+    with pytest.raises(InvalidInput, match="holds scans but no grids: give the calibration"):
+        load_moments(path, robot)
+
+
+def test_what_cannot_be_shown_is_refused(guara: Callable, tmp_path: Path, robot: RobotModel) -> None:
+    """Missing, foreign and broken files: one line and exit code 2."""
+    with pytest.raises(MissingFile, match="nowhere.npz: no such file or folder"):
+        load_moments(tmp_path / "nowhere.npz", robot)
+    (tmp_path / "notes.txt").write_text("")
+    with pytest.raises(InvalidInput, match=r"a grid \(.npz\), a recording \(.mcap\) or a scan folder can be shown"):
+        load_moments(tmp_path / "notes.txt", robot)
+    (tmp_path / "cut.mcap").write_bytes(b"\x89MCAP0\r\n")
+    with pytest.raises(FileFormatError, match="cut.mcap"):
+        load_moments(tmp_path / "cut.mcap", robot)
+    said = guara("view", tmp_path / "nowhere.npz")
+    assert said.code == 2
+    assert "nowhere.npz: no such file or folder" in said.err
+
+
+def test_live_grids_are_shown_as_they_come(
+    start: Callable, free_endpoint: str, terrain_file: Path, robot: RobotModel, eventually: Callable
+) -> None:
+    """Every grid that a node publishes becomes a moment, until told to stop."""
+    node = start(NODE, free_endpoint, "guara", terrain_file)
+    assert node.line() == "ready"
+    shown: list[Moment] = []
+    stop = threading.Event()
+    arguments = (shown.append, robot, free_endpoint, "guara", None, stop, "http://127.0.0.1:1")
+    viewer = threading.Thread(target=show_live, args=arguments)
+    viewer.start()
+    try:
+        node.tell("publish 1")
+        assert eventually(lambda: any(moment.step == 1 for moment in shown))
+        node.tell("map 2")
+        assert eventually(lambda: set(shown[-1].grids) == {"footprint", "map"})
+    finally:
+        stop.set()
+        viewer.join(60)
+    assert not viewer.is_alive()
+    count = len(shown)
+    node.tell("publish 3")
+    time.sleep(0.3)
+    assert len(shown) == count
