@@ -22,7 +22,9 @@ COMMANDS = {
         "process",
         "recover",
         "run",
+        "scan",
         "security",
+        "view",
     )
 }
 EXIT_BAD_INPUT = 2

@@ -1,0 +1,72 @@
+"""`guara scan` and `guara run` as a user runs them, with simulated devices."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.main import run
+from kinematics import RobotModel
+
+PATIENCE = 120.0
+
+
+def test_scan_writes_a_scan_that_can_be_processed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], robot: RobotModel
+) -> None:
+    """A scan folder, pictures, and one line that says what was seen."""
+    out = tmp_path / "scan"
+    assert run(["scan", "--simulated", "--mode", "coarse", "-o", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert f"{out}: step 0, coarse" in printed and "pictures" in printed
+    scan = gp.open_scan(out)
+    assert (scan.mode, len(scan.stripes), scan.robot) == ("coarse", 35, robot.name)
+    assert len(list((tmp_path / "scan-figures").glob("*.png"))) >= 7
+
+
+def test_scan_refuses_a_folder_that_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing is overwritten."""
+    assert run(["scan", "--simulated", "-o", str(tmp_path)]) == 2
+    assert "exists; give another name" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["scan", "run"])
+def test_without_calibration_live_commands_say_what_to_do(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """No guess is made about a rangefinder that was not calibrated."""
+    assert run([command]) == 2
+    assert "`guara calibrate` makes it" in capsys.readouterr().err
+
+
+def test_without_a_board_a_scan_fails_and_says_so(
+    tmp_path: Path, calibration_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit 1, one line, no folder left behind."""
+    assert run(["scan", "-c", str(calibration_file), "-o", str(tmp_path / "scan")]) == 1
+    assert "no laser board" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+def test_a_running_node_ends_cleanly(free_endpoint: str, number: signal.Signals, tmp_path: Path) -> None:
+    """It publishes, records, and on a signal ends with exit code 0, the recording whole and the laser off."""
+    recording = tmp_path / "walk.mcap"
+    arguments = ["run", "--simulated", "--listen", free_endpoint, "--record", str(recording), "--jpeg", "80"]
+    node = subprocess.Popen(
+        [sys.executable, "-m", "guara_perception.app.main", *arguments], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        with gp.TerrainClient(free_endpoint, timeout=PATIENCE) as client:
+            terrain = client.wait_for_step(0, timeout=PATIENCE)
+            client.wait_for_step(0, timeout=PATIENCE, extent="map")
+        node.send_signal(number)
+        printed, _ = node.communicate(timeout=PATIENCE)
+    finally:
+        node.kill()
+    assert node.returncode == 0
+    assert printed.splitlines()[-1] == "stopped, laser off"
+    assert np.isfinite(terrain.elevation).any()
+    assert gp.open_scan(recording, step=0).step == 0
