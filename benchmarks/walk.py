@@ -131,7 +131,7 @@ def scan(robot: RobotModel, ground: Ground, pause: Pause, seed: int) -> gp.Terra
     to_world = pause.transform_base_to_world @ np.linalg.inv(pose.transform_base_to_footprint)
     samples = []
     for dx, dy in ((0, 0), (-0.45, -0.45), (-0.45, 0.45), (0.45, -0.45), (0.45, 0.45)):
-        samples.append(_seen_height(ground, to_world, x + dx * grid.resolution, y + dy * grid.resolution))
+        samples.append(seen_height(ground, to_world, x + dx * grid.resolution, y + dy * grid.resolution))
     heights = np.array([height for height, _ in samples])
     world = samples[0][1]
     hidden = np.zeros(x.size, dtype=bool)
@@ -213,7 +213,7 @@ def _rotation(roll: float, pitch: float, yaw: float) -> Float:
     return np.asarray(about_z @ about_y @ about_x)
 
 
-def _seen_height(ground: Ground, to_world: Float, x: Float, y: Float) -> tuple[Float, Float]:
+def seen_height(ground: Ground, to_world: Float, x: Float, y: Float) -> tuple[Float, Float]:
     """Height at which the vertical of the measured footprint meets the true ground, and that point in the world."""
     z = np.zeros(x.size)
     for _ in range(4):
