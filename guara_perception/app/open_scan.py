@@ -19,7 +19,8 @@ def open_scan(path: str | Path, step: int | None = None) -> Scan:
     Raises:
         MissingFile: nothing there.
         FileFormatError: not a scan; the message names file and field.
-        InvalidInput: the recording holds several scans and `step` does not say which.
+        InvalidInput: neither a folder nor an .mcap file; or the recording holds several scans and `step` does not
+            say which.
     """
     scans = open_scans(path)
     # A pause may hold two scans, the coarse one and the same with the stripes between: the later has more.
@@ -39,6 +40,8 @@ def open_scans(path: str | Path) -> list[Scan]:
         raise MissingFile(f"{path}: no such scan")
     if path.is_dir():
         return [open_scan_folder(path)]
+    if path.suffix != ".mcap":
+        raise InvalidInput(f"{path}: a scan is a folder that holds scan.json, or a file that ends in .mcap")
     from guara_perception.app.scan_recording import open_recorded_scans
 
     return open_recorded_scans(path)

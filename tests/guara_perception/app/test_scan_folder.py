@@ -148,6 +148,14 @@ def test_missing_folder_and_missing_scan_file(tmp_path: Path):
         gp.open_scan(tmp_path)
 
 
+def test_a_file_that_is_no_recording_is_refused(data: Path):
+    """Given scan.json in place of its folder, the message says what a scan is."""
+    with pytest.raises(
+        gp.InvalidInput, match="scan.json: a scan is a folder that holds scan.json, or a file that ends"
+    ):
+        gp.open_scan(data / "scans" / "paper" / "scan.json")
+
+
 def test_broken_json_is_refused(paper_copy: Path):
     """A scan.json that was cut off is named."""
     path = paper_copy / "scan.json"
