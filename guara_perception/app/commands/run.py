@@ -50,53 +50,44 @@ def command(
       guara run -c calibration.json --record walk.mcap
       guara run --simulated
     """
-    from guara_perception.app.node.devices import real_rangefinder
+    from guara_perception.app.node.devices import choose_rig
     from guara_perception.app.node.node import PerceptionNode
     from guara_perception.app.node.node_status import NodeStatus
     from guara_perception.app.node.recorder import ScanRecorder
     from guara_perception.app.until_stopped import stop_event
-    from guara_perception.calibration.file import load_calibration
-    from guara_perception.exceptions import InvalidInput
-    from kinematics import load_robot
     from transport import open_node
     from transport.server import PerceptionServer
     from transport.stance_link import StanceReceiver
 
     with ExitStack() as stack:
         stop = stack.enter_context(stop_event())
-        if simulated:
-            from guara_perception.app.node.simulated import SimulatedRobot
-
-            simulation = SimulatedRobot(robot or "guara", calibration)
-            model, calibrated, rangefinder = simulation.robot, simulation.calibration, simulation.rangefinder
-        elif calibration is None:
-            raise InvalidInput("no calibration: give -c calibration.json (`guara calibrate` makes it), or --simulated")
-        else:
-            calibrated = load_calibration(calibration)
-            model = load_robot(robot or calibrated.robot)
-            rangefinder = real_rangefinder(calibrated, camera=camera, fps=fps, lag=None, off_frames=off_frames)
-        instance = name or model.name
-        stack.enter_context(rangefinder)
+        rig = choose_rig(
+            simulated=simulated, calibration=calibration, robot=robot, camera=camera, fps=fps, off_frames=off_frames
+        )
+        instance = name or rig.robot.name
+        stack.enter_context(rig.rangefinder)
         session = stack.enter_context(
             open_node(listen=listen, connect=connect, security=security, allow_insecure=allow_insecure)
         )
-        status = NodeStatus(calibrated)
+        status = NodeStatus(rig.calibration)
         server = PerceptionServer(
             session, robot=instance, collect_status=status.items, ros2_domain=domain if ros2 else None
         )
         recorder = None
         if record is not None:
             recorder = stack.enter_context(
-                ScanRecorder(record, robot=instance, calibration=calibrated, jpeg_quality=jpeg)
+                ScanRecorder(record, robot=instance, calibration=rig.calibration, jpeg_quality=jpeg)
             )
         node = stack.enter_context(
-            PerceptionNode(model, calibrated, rangefinder, server, mode=mode, recorder=recorder, status=status)
+            PerceptionNode(
+                rig.robot, rig.calibration, rig.rangefinder, server, mode=mode, recorder=recorder, status=status
+            )
         )
         StanceReceiver(session, robot=instance, on_pause=node.on_pause)
         click.echo(f"{instance}: listening on {', '.join(session.endpoints)}; Ctrl-C stops")
-        if simulated:
+        if rig.simulation is not None:
             from guara_perception.app.node.simulated_walk import walk_until_stopped
 
-            walk_until_stopped(simulation, node, session, instance, stop)
+            walk_until_stopped(rig.simulation, node, session, instance, stop)
         stop.wait()
     click.echo("stopped, laser off")

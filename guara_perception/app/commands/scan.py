@@ -44,29 +44,20 @@ def command(
       guara scan -c calibration.json -o scans/today
     """
     from guara_perception.app.figures import draw_figures
-    from guara_perception.app.node.devices import real_rangefinder
+    from guara_perception.app.node.devices import choose_rig
     from guara_perception.app.node.live_scan import live_scan
     from guara_perception.app.open_scan import open_scan
     from guara_perception.app.scan_folder_writer import ScanFolderWriter
     from guara_perception.app.summary import summary
-    from guara_perception.calibration.file import load_calibration
-    from guara_perception.exceptions import InvalidInput
     from guara_perception.fields import read_json
     from guara_perception.process import with_pictures
     from guara_perception.scan_processor import ScanProcessor
-    from kinematics import Stance, load_robot
+    from kinematics import Stance
 
-    if simulated:
-        from guara_perception.app.node.simulated import SimulatedRobot
-
-        simulation = SimulatedRobot(robot or "guara", calibration)
-        model, calibrated, rangefinder = simulation.robot, simulation.calibration, simulation.rangefinder
-    elif calibration is None:
-        raise InvalidInput("no calibration: give -c calibration.json (`guara calibrate` makes it), or --simulated")
-    else:
-        calibrated = load_calibration(calibration)
-        model = load_robot(robot or calibrated.robot)
-        rangefinder = real_rangefinder(calibrated, camera=camera, fps=fps, lag=None, off_frames=off_frames)
+    rig = choose_rig(
+        simulated=simulated, calibration=calibration, robot=robot, camera=camera, fps=fps, off_frames=off_frames
+    )
+    model, calibrated = rig.robot, rig.calibration
     if stance is not None:
         standing = Stance.from_dict(read_json(stance).data)
     else:
@@ -76,14 +67,14 @@ def command(
     wanted = processor.settings.pattern(mode)
     pattern = [(s.index, s.mirror_angle) for s in calibrated.stripes if s.index in wanted]
     with ScanFolderWriter(out) as writer:
-        with rangefinder, progress("Scanning", len(pattern)) as advance:
+        with rig.rangefinder, progress("Scanning", len(pattern)) as advance:
 
             def keep(capture: StripeCapture) -> None:
                 advance()
                 if capture.on is not None:
                     writer.add(capture.index, capture.mirror_angle, capture.on, capture.off, off_key=id(capture.off))
 
-            scan = live_scan(rangefinder, processor, pattern, should_stop=lambda: False, on_stripe=keep)
+            scan = live_scan(rig.rangefinder, processor, pattern, should_stop=lambda: False, on_stripe=keep)
         for problem in scan.problems:
             click.echo(problem, err=True)
         writer.finish(
