@@ -37,9 +37,9 @@ def init(folder: Path, robot: str, hosts: tuple[str, ...]) -> None:
 
 @command.command(name="check")
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--robot", default="guara", show_default=True, help="instance name of the robot")
+@click.option("--robot", help="instance name of the robot; default: what the folder says")
 @click.pass_context
-def check(context: click.Context, folder: Path, robot: str) -> None:
+def check(context: click.Context, folder: Path, robot: str | None) -> None:
     r"""Connect as each role and print what it may do; exit 1 when that is not as it should be.
 
     \b
