@@ -21,6 +21,9 @@ Index = npt.NDArray[np.intp]
 
 # Averaging three columns before looking for the peak halves the noise of a dim stripe.
 COLUMN_MEAN_PX = 3
+# Factor that keeps fractions of a grey level when rows are smoothed in whole numbers: 255 * 3 * 8 fits 16 bits.
+ROW_SCALE = 8
+SCALE = COLUMN_MEAN_PX * ROW_SCALE
 # Smoothing across the stripe before the peak is sought; a wide stripe is smoothed again to its own width.
 ROW_SMOOTHING_SIGMA_PX = 1.0
 WIDE_SIGMA_PX = 2.5
@@ -39,6 +42,7 @@ MAX_CLIPPED_SIGMAS = 5.0
 SPECKLE_OF_SIGMA = 0.06
 # A surface that is brighter on one side of the stripe pulls its centre over: share of the first-order shift.
 ALBEDO_SHARE = 0.5
+ALBEDO_SIGMAS = 1.5
 
 
 def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_row: int = 0) -> StripeProfile:
@@ -57,10 +61,10 @@ def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_ro
     if signal.reason:
         return bad_frame(columns, signal.reason)
     every = np.arange(columns)
-    light = _mean_of_columns(signal.light)
+    light = _sum_of_columns(signal.light)
     smooth = _smooth_rows(light, ROW_SMOOTHING_SIGMA_PX)
     peaks = highest_peaks(smooth)
-    noise = _noise(smooth)
+    noise = _noise(smooth, LEAST_NOISE * SCALE)
     strong = peaks.height > THRESHOLD_SIGMAS * noise
     if _is_swapped(smooth, peaks.height, noise):
         return bad_frame(
@@ -74,25 +78,24 @@ def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_ro
         and np.count_nonzero(is_clipped & strong) / np.count_nonzero(strong) > FUSE_FROM_CLIPPED
     )
     if is_fused:
-        light = _mean_of_columns(fused_light(on, off, peaks.top[strong], every[strong]))
+        light = _sum_of_columns(fused_light(on, off, peaks.top[strong], every[strong]))
         smooth = _smooth_rows(light, ROW_SMOOTHING_SIGMA_PX)
         peaks = highest_peaks(smooth)
-        noise = _noise(smooth)
+        noise = _noise(smooth, LEAST_NOISE * SCALE)
         strong = peaks.height > THRESHOLD_SIGMAS * noise
     some = np.flatnonzero(strong)[::WIDTH_COLUMNS]
-    sigma = round(stripe_sigma(light, peaks.top[some], some, peaks.height[some]), 1)
+    sigma = round(stripe_sigma(light, peaks.top[some], some, peaks.height[some] / np.float32(ROW_SCALE)), 1)
     if sigma > WIDE_SIGMA_PX:
         smooth = _smooth_rows(light, sigma)
         peaks = highest_peaks(smooth)
-        noise = _noise(smooth)
+        noise = _noise(smooth, LEAST_NOISE * SCALE)
         strong = peaks.height > THRESHOLD_SIGMAS * noise
     median_peak = middle(peaks.height[strong]) if strong.any() else 0.0
     threshold = max(THRESHOLD_SIGMAS * noise, THRESHOLD_OF_MEDIAN_PEAK * median_peak)
     choice = choose_peaks(smooth, peaks, threshold, sigma)
-    is_found = choice.height > threshold
-
-    row, per_grey_level = centres(light, choice.top, every, round(float(np.hypot(0.85 * sigma, 1.3)), 1))
-    is_found &= np.isfinite(row)
+    row, per_grey_level = centres(light, choice.top, every, sigma_of_filter(sigma))
+    is_peak = choice.height > threshold
+    is_found = is_peak & np.isfinite(row)
     clipped, drowned = _clipped_rows(on if is_fused else signal.plane, signal, choice.top, sigma)
     is_cut = (choice.top < 2) | (choice.top > rows - 3)
     is_drowned = drowned > MAX_CLIPPED_SIGMAS * sigma
@@ -100,11 +103,14 @@ def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_ro
     status[is_found] = StripeStatus.OK
     status[is_found & (clipped > 0)] = StripeStatus.SATURATED
     status[is_found & (choice.is_ambiguous | is_drowned)] = StripeStatus.AMBIGUOUS
-    status[is_found & is_cut] = StripeStatus.OUT_OF_BAND
+    status[is_peak & ~is_found] = StripeStatus.AMBIGUOUS
+    status[is_peak & is_cut] = StripeStatus.OUT_OF_BAND
 
     row, shrink = smooth_line(np.where(is_found, row, np.nan).astype(np.float32), choice.height)
     usable = (status == StripeStatus.OK) | (status == StripeStatus.SATURATED)
-    variance = (_noise(light) * per_grey_level * shrink) ** 2 + (SPECKLE_OF_SIGMA * sigma) ** 2 * shrink
+    variance = (_noise(light, LEAST_NOISE * COLUMN_MEAN_PX) * per_grey_level * shrink) ** 2 + (
+        SPECKLE_OF_SIGMA * sigma
+    ) ** 2 * shrink
     if off is not None:
         variance += _albedo_shift(off, signal.channel, choice.top, sigma) ** 2
     nan = np.float32(np.nan)
@@ -113,7 +119,7 @@ def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_ro
         position_px=np.where(usable, position, nan),
         sigma_px=np.where(usable, np.sqrt(variance), nan).astype(np.float32),
         status=status,
-        peak=choice.height,
+        peak=choice.height / np.float32(SCALE),
         doubtful_px=np.where(is_found & ~usable, position, nan),
     )
 
@@ -135,26 +141,35 @@ def _clipped_rows(frame: npt.NDArray[Any], signal: LaserLight, top: Index, sigma
     return strongest, (frame[rows, every].min(axis=-1) >= signal.clipped_from).sum(axis=0)
 
 
+def sigma_of_filter(sigma: float) -> float:
+    """Width of the filter that finds the centre of a stripe of this width [px].
+
+    Speckle makes a thin stripe's own width too narrow a window; of a wide one, clipped or in a halo, the core is best.
+    """
+    return round(float(np.hypot(0.85 * sigma, 1.3)), 1)
+
+
 def _is_swapped(smooth: Light, height: Float32, noise: float) -> bool:
     """Whether the dark side of the difference looks like a stripe and the bright side does not."""
     lowest = -smooth[:, ::WIDTH_COLUMNS].min(axis=0).astype(np.float32)
     return bool(lowest.max() > 2 * height.max() and middle(lowest) > 2 * THRESHOLD_SIGMAS * noise)
 
 
-def _mean_of_columns(light: Light) -> Light:
-    mean: Light = cv2.blur(light, (COLUMN_MEAN_PX, 1))  # type: ignore[assignment]
-    return mean
+def _sum_of_columns(light: Light) -> Light:
+    """Sums of COLUMN_MEAN_PX columns: a mean in whole numbers would lose what the noise is judged by."""
+    return cv2.boxFilter(light, -1, (COLUMN_MEAN_PX, 1), normalize=False)  # type: ignore[return-value]
 
 
 def _smooth_rows(light: Light, sigma: float) -> Light:
-    size = 2 * int(np.ceil(2 * sigma)) + 1
-    smooth: Light = cv2.GaussianBlur(light, (1, size), sigma, borderType=cv2.BORDER_REPLICATE)  # type: ignore[assignment]
-    return smooth
+    """Gaussian smoothing along the columns, times ROW_SCALE."""
+    taps = ROW_SCALE * cv2.getGaussianKernel(2 * int(np.ceil(2 * sigma)) + 1, sigma)
+    one = np.ones(1)
+    return cv2.sepFilter2D(light, -1, one, taps, borderType=cv2.BORDER_REPLICATE)  # type: ignore[return-value]
 
 
-def _noise(light: Light) -> float:
+def _noise(light: Light, least: float) -> float:
     sample = light[::SAMPLE_ROWS, ::SAMPLE_COLUMNS]
-    return max(spread(sample), LEAST_NOISE)
+    return max(spread(sample), least)
 
 
 def _albedo_shift(off: npt.NDArray[Any], channel: int, top: Index, sigma: float) -> Float32:
@@ -163,7 +178,7 @@ def _albedo_shift(off: npt.NDArray[Any], channel: int, top: Index, sigma: float)
     Reflectance that changes by a factor exp(g) per row shifts a Gaussian stripe by g sigma^2 rows. The laser-off
     picture shows the reflectance under ambient light, noise included, hence only a share of it.
     """
-    step = max(int(round(sigma)), 1)
+    step = max(int(round(ALBEDO_SIGMAS * sigma)), 2)
     every = np.arange(off.shape[1])
     plane = off if off.ndim == 2 else off[:, :, channel]
     above = plane[np.clip(top - step, 0, len(plane) - 1), every].astype(np.float32)

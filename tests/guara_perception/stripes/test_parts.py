@@ -1,0 +1,205 @@
+"""The parts of the precise method: peaks, paths, centres, smoothing, channels, background."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from guara_perception.stripes.background import SweepBackground
+from guara_perception.stripes.centre import centres, stripe_sigma
+from guara_perception.stripes.middle import middle, spread
+from guara_perception.stripes.path import follow
+from guara_perception.stripes.peaks import candidates, highest_peaks
+from guara_perception.stripes.signal import difference, fused_light, laser_light, strongest_channel
+from guara_perception.stripes.smooth_line import smooth_line
+
+
+def gaussian(centre: float, sigma: float, rows: int = 60, columns: int = 5) -> np.ndarray:
+    line = 100 * np.exp(-0.5 * ((np.arange(rows) - centre) / sigma) ** 2)
+    return np.tile(line[:, None], (1, columns)).astype(np.float32)
+
+
+@given(rows=st.integers(8, 70), seed=st.integers(0, 1000))
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_highest_peak_is_the_argmax_whatever_the_number_of_rows(rows: int, seed: int) -> None:
+    """Taking maxima of blocks first changes nothing."""
+    picture = np.random.default_rng(seed).integers(-500, 500, (rows, 17)).astype(np.int16)
+    peaks = highest_peaks(picture.copy())
+    np.testing.assert_array_equal(peaks.height, picture.max(axis=0))
+    np.testing.assert_array_equal(picture[peaks.top, np.arange(17)], picture.max(axis=0))
+    assert (peaks.second <= peaks.height).all()
+
+
+def test_candidates_are_local_maxima_in_order_of_height() -> None:
+    """Three humps give three candidates; what is below the threshold or too near gives none."""
+    column = gaussian(10, 1.5) + 0.6 * gaussian(30, 1.5) + 0.3 * gaussian(50, 1.5) + 0.1 * gaussian(20, 1.5)
+    rows, heights = candidates(column, np.array([2, 4]), threshold=20.0, distance=6)
+    np.testing.assert_array_equal(rows[:3], [[10, 10], [30, 30], [50, 50]])
+    np.testing.assert_allclose(heights[:, 0], [100, 60, 30, 0], atol=0.5)
+
+
+def test_path_goes_straight_on_past_a_brighter_spot() -> None:
+    """One column in which another peak is somewhat higher does not make the path jump there and back."""
+    rows = np.tile([[20], [50]], (1, 9))
+    heights = np.tile(np.array([[100.0], [0.0]], np.float32), (1, 9))
+    heights[:, 4] = 80, 100
+    choice, margin = follow(rows, heights)
+    np.testing.assert_array_equal(choice, 0)
+    assert (margin > 0).all()
+
+
+def test_path_may_jump_at_an_edge() -> None:
+    """Where one line ends and another begins the path changes over: an occlusion jump is legal."""
+    rows = np.tile([[20], [50]], (1, 10))
+    heights = np.zeros((2, 10), np.float32)
+    heights[0, :5], heights[1, 5:] = 100, 100
+    choice, _ = follow(rows, heights)
+    np.testing.assert_array_equal(choice, [0] * 5 + [1] * 5)
+
+
+def test_path_says_dropout_where_there_is_only_a_stray_peak() -> None:
+    """Columns without any candidate have no stripe."""
+    heights = np.array([[100, 100, 0, 0, 100, 100]], np.float32)
+    choice, _ = follow(np.full((1, 6), 30), heights)
+    np.testing.assert_array_equal(choice, [0, 0, -1, -1, 0, 0])
+
+
+def test_two_equal_paths_have_no_margin() -> None:
+    """Two lines alike: the second best path costs the same."""
+    _, margin = follow(np.tile([[20], [50]], (1, 8)), np.full((2, 8), 70, np.float32))
+    np.testing.assert_allclose(margin, 0, atol=1e-9)
+
+
+@given(centre=st.floats(28.6, 31.4), sigma=st.floats(1.0, 4.0), background=st.floats(-50, 50))
+@settings(max_examples=60, deadline=None, derandomize=True)
+def test_centre_of_a_gaussian_on_a_constant_background(centre: float, sigma: float, background: float) -> None:
+    """The filter finds the middle of any symmetrical line, and a constant background does not move it."""
+    light = gaussian(centre, sigma) + np.float32(background)
+    top = np.full(5, int(round(centre)))
+    rows, noise = centres(light, top, np.arange(5), round(sigma, 1))
+    np.testing.assert_allclose(rows, centre, atol=0.02)
+    assert (noise > 0).all()
+
+
+def test_centre_of_a_clipped_line_is_the_middle_of_its_plateau() -> None:
+    """A clipped core is symmetrical: its shoulders give the centre."""
+    light = np.minimum(gaussian(30.4, 3.0), 40)
+    rows, _ = centres(light, np.full(5, 30), np.arange(5), 3.0)
+    np.testing.assert_allclose(rows, 30.4, atol=0.05)
+
+
+def test_noise_of_a_centre_is_that_of_monte_carlo() -> None:
+    """The stated standard deviation per grey level is what noise of one grey level does."""
+    random = np.random.default_rng(5)
+    n = 4000
+    light = gaussian(30.2, 2.0, columns=n) + random.normal(0, 2.0, (60, n)).astype(np.float32)
+    rows, per_level = centres(light, np.full(n, 30), np.arange(n), 2.0)
+    assert np.std(rows) == pytest.approx(2.0 * float(np.median(per_level)), rel=0.1)
+
+
+@pytest.mark.parametrize("sigma", [1.5, 2.5, 4.0])
+def test_width_of_the_stripe(sigma: float) -> None:
+    """The width above half the peak gives the sigma back, to the whole pixel that it is counted in."""
+    light = gaussian(30.0, sigma)
+    found = stripe_sigma(light, np.full(5, 30), np.arange(5), light.max(axis=0))
+    assert found == pytest.approx(sigma, abs=0.45)
+
+
+@given(slope=st.floats(-0.4, 0.4), offset=st.floats(0, 100), seed=st.integers(0, 99))
+@settings(max_examples=30, deadline=None, derandomize=True)
+def test_smoothing_leaves_a_straight_line_where_it_is(slope: float, offset: float, seed: int) -> None:
+    """Pairs of neighbours with equal weight: no bias, whatever the weights."""
+    rows = (offset + slope * np.arange(50)).astype(np.float32)
+    weights = np.random.default_rng(seed).uniform(0.1, 10, 50).astype(np.float32)
+    smooth, shrink = smooth_line(rows, weights)
+    np.testing.assert_allclose(smooth, rows, atol=1e-3)
+    assert (shrink <= 1 + 1e-6).all()
+
+
+def test_smoothing_never_bridges_a_gap_or_a_jump() -> None:
+    """A gap stays NaN, both sides of a jump stay where they are, and noise within a run shrinks."""
+    rows = np.where(np.arange(60) < 30, 10.0, 30.0).astype(np.float32)
+    rows[45:48] = np.nan
+    smooth, _ = smooth_line(rows, np.ones(60, np.float32))
+    np.testing.assert_array_equal(np.isnan(smooth), np.isnan(rows))
+    np.testing.assert_allclose(smooth[np.isfinite(rows)], rows[np.isfinite(rows)], atol=1e-5)
+    noisy = (20 + np.random.default_rng(0).normal(0, 0.1, 2000)).astype(np.float32)
+    smooth, shrink = smooth_line(noisy, np.ones(2000, np.float32))
+    assert np.std(smooth[5:-5]) == pytest.approx(0.1 * float(np.median(shrink)), rel=0.15)
+
+
+def test_middle_and_spread() -> None:
+    """The middle of an odd number of values is the median; the spread of normal noise is its sigma."""
+    values = np.random.default_rng(1).normal(7, 3, 10001)
+    assert middle(values) == np.median(values)
+    assert spread(values) == pytest.approx(3, rel=0.05)
+
+
+def test_difference_keeps_negative_values() -> None:
+    """The difference is signed: saturating at zero would halve the noise and hide swapped frames."""
+    on, off = np.full((9, 9), 10, np.uint8), np.full((9, 9), 200, np.uint8)
+    assert (difference(on, off) == -190).all()
+    assert (difference(on.astype(np.uint16) * 257, off.astype(np.uint16) * 257) == -190 * 257).all()
+
+
+@pytest.mark.parametrize("channel", [0, 1, 2])
+def test_strongest_channel_is_that_of_the_line(channel: int) -> None:
+    """The channel with the stripe wins, with and without an off frame; a noisy channel does not."""
+    random = np.random.default_rng(channel)
+    off = random.normal(50, 2, (60, 320, 3))
+    off[:, :, (channel + 1) % 3] = random.normal(50, 12, (60, 320))
+    on = off + random.normal(0, 2, off.shape)
+    on[:, :, (channel + 1) % 3] = random.normal(50, 12, (60, 320))
+    on[28:32, :, channel] += 80
+    on, off = on.clip(0, 255).astype(np.uint8), off.clip(0, 255).astype(np.uint8)
+    assert strongest_channel(on, off) == channel
+    assert strongest_channel(on[:, :, channel], None) == 0
+    assert laser_light(on, off).channel == channel
+
+
+def test_fused_light_gives_less_to_a_clipped_channel() -> None:
+    """With red clipped at the core, the fused profile still has a single peak in the middle."""
+    rows = np.arange(40)[:, None]
+    core = np.exp(-0.5 * ((rows - 20) / 3.0) ** 2) * np.ones((1, 64))
+    off = np.full((40, 64, 3), 120, np.uint8)
+    on = np.clip(off + core[:, :, None] * (60, 90, 600), 0, 255).astype(np.uint8)
+    fused = fused_light(on, off, np.full(64, 20), np.arange(64))
+    assert (fused.argmax(axis=0) == 20).all()
+    assert (on[:, 0, 2] == 255).sum() > 5
+
+
+def sweep_frame(place: int) -> np.ndarray:
+    frame = np.full((120, 64), 40, np.uint8)
+    frame[10 * place + 4 : 10 * place + 7] = 200
+    return frame
+
+
+def test_background_of_a_sweep_is_the_darker_of_two_earlier_frames() -> None:
+    """From the seventh stripe on, two frames without this stripe serve, and no other stripe is left in the minimum."""
+    sweep = SweepBackground(step=2)
+    for place in range(10):
+        background = sweep.add(2 * place, sweep_frame(place), (0, 120))
+        assert background.reason == ""
+        if place < 6:
+            assert background.off is None
+        else:
+            assert background.off is not None
+            assert (background.off == 40).all()
+
+
+def test_lost_frame_costs_the_stripes_that_it_would_have_served() -> None:
+    """Which frames serve a stripe never changes: without one of them the stripe is given up, with the reason."""
+    sweep = SweepBackground(step=1)
+    reasons = {place: sweep.add(place, sweep_frame(place), (0, 120)).reason for place in range(11) if place != 4}
+    assert [place for place, reason in reasons.items() if reason] == [7, 10]
+    assert reasons[7] == "no laser-off frame, and frame 4, which would serve instead, was lost"
+
+
+def test_frames_out_of_order_estimate_their_own_background() -> None:
+    """A stripe that comes late is served by its own frame."""
+    sweep = SweepBackground(step=1)
+    sweep.add(9, sweep_frame(9), (0, 120))
+    late = sweep.add(3, sweep_frame(3), (0, 120))
+    assert (late.off, late.reason) == (None, "")
