@@ -21,6 +21,7 @@ COMMANDS = {
         "listen",
         "process",
         "recover",
+        "replay",
         "run",
         "scan",
         "security",

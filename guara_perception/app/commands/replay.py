@@ -1,0 +1,123 @@
+"""`guara replay`: recorded scans in the order of their pauses, fused as on the walk, saved or published again."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from guara_perception.app.progress import progress
+from guara_perception.exceptions import InvalidInput
+
+if TYPE_CHECKING:
+    from guara_perception.terrain.grid import TerrainGrid
+
+
+@click.command(name="replay")
+@click.argument("scans", nargs=-1, required=True, metavar="SCAN...", type=click.Path(path_type=Path))
+@click.option("-c", "--calibration", required=True, type=click.Path(path_type=Path), help="calibration.json")
+@click.option(
+    "--extent", default="footprint,map", show_default=True, help="which grids to give: footprint, map or both"
+)
+@click.option("-o", "--out", type=click.Path(path_type=Path), help="folder for a grid file of each pause and extent")
+@click.option("--publish", is_flag=True, help="publish over Zenoh as the node does, stamped as if scanned now")
+@click.option(
+    "--interval", type=click.FloatRange(0, 3600), default=1.0, show_default=True, help="s between pauses sent"
+)
+@click.option("--listen", help="where clients connect; default: tcp/127.0.0.1:7447, or the security folder's")
+@click.option("--connect", help="use an external Zenoh router instead of being one")
+@click.option("--security", type=click.Path(path_type=Path), help="folder made by `guara security init`")
+@click.option("--method", default="precise", show_default=True, help="stripe extraction: precise or paper")
+@click.option("--robot", help="name or folder of the robot; default: the scans'")
+def command(
+    scans: tuple[Path, ...],
+    calibration: Path,
+    extent: str,
+    out: Path | None,
+    publish: bool,
+    interval: float,
+    listen: str | None,
+    connect: str | None,
+    security: Path | None,
+    method: str,
+    robot: str | None,
+) -> None:
+    r"""Replay recorded SCANs (folders or .mcap) in the order given, with fusion over pauses.
+
+    A scan whose step does not come after the one before begins another walk: the map starts anew.
+
+    \b
+    Example:
+      guara replay walk.mcap -c calibration.json -o grids
+      guara replay scans/a scans/b -c calibration.json --extent map --publish
+    """
+    from guara_perception.app.node.walk_map import WalkMap
+    from guara_perception.app.open_scan import open_scans
+    from guara_perception.app.summary import summary
+    from guara_perception.calibration.file import load_calibration
+    from guara_perception.process import process_scan
+    from guara_perception.terrain.file import save_terrain
+    from guara_perception.terrain.grid import EXTENTS
+    from kinematics import load_robot
+
+    extents = tuple(dict.fromkeys(name.strip() for name in extent.split(",")))
+    for name in extents:
+        if name not in EXTENTS:
+            raise InvalidInput(f"--extent holds {name!r}, allowed: {', '.join(EXTENTS)}, both with a comma between")
+    if out is not None and out.exists() and not out.is_dir():
+        raise InvalidInput(f"--out is {out}, a file; the grids need a folder")
+    if not publish and (listen or connect or security):
+        raise InvalidInput("--listen, --connect and --security say where to publish: give --publish too")
+    calibrated = load_calibration(calibration)
+    # Of a pause that holds two scans, the coarse one and the same with the stripes between, the later has more.
+    walk = [scan for path in scans for scan in {scan.step: scan for scan in open_scans(path)}.values()]
+    model = load_robot(robot or walk[0].robot)
+    walk_map = WalkMap(model, calibrated)
+    last: int | None = None
+    with ExitStack() as stack:
+        send = _publisher(stack, model.name, listen, connect, security) if publish else None
+        for number, scan in enumerate(walk):
+            if last is not None and scan.step <= last:
+                click.echo(f"step {scan.step} after step {last}: another walk, the map starts anew")
+                walk_map = WalkMap(model, calibrated)
+            last = scan.step
+            with progress(f"Step {scan.step}", len(scan.stripes)) as advance:
+                terrain = process_scan(
+                    scan, calibrated, model, method, pictures=False, progress=lambda done, total: advance(1)
+                )
+            grids = {"footprint": terrain, "map": walk_map.update(scan.step, scan.stance, terrain)}
+            if send is not None and number:
+                time.sleep(interval)
+            for name in extents:
+                click.echo(f"{name}: {summary(grids[name])}")
+                if out is not None:
+                    out.mkdir(parents=True, exist_ok=True)
+                    save_terrain(grids[name], out / f"{number:04d}-step{scan.step}-{name}.npz")
+                if send is not None:
+                    send(grids[name])
+        if send is not None:
+            # The last grids must be out before the session closes, also to those who only just connected.
+            time.sleep(max(interval, 0.5))
+
+
+def _publisher(
+    stack: ExitStack, name: str, listen: str | None, connect: str | None, security: Path | None
+) -> Callable[[TerrainGrid], None]:
+    """Open the node's side of the transport; returns what sends one grid, stamped now."""
+    from guara_perception.app.messages import restamped
+    from guara_perception.app.publisher import publish_terrain
+    from transport import open_node
+    from transport.server import PerceptionServer
+
+    session = stack.enter_context(open_node(listen=listen, connect=connect, security=security))
+    server = PerceptionServer(session, robot=name)
+    click.echo(f"{name}: publishing on {', '.join(session.endpoints)}")
+
+    def send(terrain: TerrainGrid) -> None:
+        publish_terrain(server, restamped(terrain, time.time_ns()))
+
+    return send

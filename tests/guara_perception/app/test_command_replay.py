@@ -1,0 +1,89 @@
+"""`guara replay`: fused grids of recorded scans, saved and published, and every kind of bad input."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.terrain.hazard import Hazard
+
+GUARA = ("-m", "guara_perception.app.main")
+
+
+def test_saves_both_grids_of_every_pause(guara, data: Path, calibration_file: Path, tmp_path: Path):
+    """A file per pause and extent, one line each; the map of the second pause knows what both scans saw."""
+    scans = data / "scans"
+    said = guara("replay", scans / "paper", scans / "dark", "-c", calibration_file, "-o", tmp_path / "grids")
+    assert said.code == 0 and said.err == ""
+    assert sorted(path.name for path in (tmp_path / "grids").iterdir()) == [
+        "0000-step0-footprint.npz", "0000-step0-map.npz", "0001-step2-footprint.npz", "0001-step2-map.npz"
+    ]  # fmt: skip
+    assert [line.split(":")[0] for line in said.out.splitlines()] == ["footprint", "map"] * 2
+    first, second = (gp.load_terrain(tmp_path / "grids" / f"{name}-map.npz") for name in ("0000-step0", "0001-step2"))
+    assert (first.extent, first.shape, second.step) == ("map", (140, 320), 2)
+    assert second.metadata["scans"] == 2
+    # Two scans of different boxes from one place cannot agree.
+    assert np.count_nonzero(second.hazard & Hazard.CONFLICT) > 500
+
+
+def test_only_the_extent_that_is_wanted(guara, data: Path, calibration_file: Path, tmp_path: Path):
+    """--extent map writes no footprints."""
+    said = guara("replay", data / "scans" / "tilt", "-c", calibration_file, "-o", tmp_path, "--extent", "map")
+    assert said.code == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["0000-step4-map.npz"]
+
+
+def test_an_earlier_step_begins_another_walk(guara, data: Path, calibration_file: Path, tmp_path: Path):
+    """Step 0 after step 2: said in words, and the map holds the last scan alone."""
+    scans = data / "scans"
+    said = guara("replay", scans / "dark", scans / "paper", "-c", calibration_file, "-o", tmp_path, "--extent", "map")
+    assert said.code == 0
+    assert "step 0 after step 2: another walk, the map starts anew" in said.out
+    assert gp.load_terrain(tmp_path / "0001-step0-map.npz").metadata["scans"] == 1
+
+
+def test_publishes_for_planners(start, data: Path, calibration_file: Path, free_endpoint: str):
+    """A listener in another process receives the fused grid of each pause, stamped now."""
+    scans = data / "scans"
+    replay = start(
+        *GUARA, "replay", scans / "paper", scans / "tilt", "-c", calibration_file, "--publish",
+        "--listen", free_endpoint, "--interval", "8", "--extent", "map",
+    )  # fmt: skip
+    assert replay.line() == f"guara: publishing on {free_endpoint}"
+    listener = start(*GUARA, "listen", "--connect", free_endpoint, "--extent", "map", "--count", "2", "--timeout", "60")
+    assert listener.line().startswith("guara map #1: step 0, coarse, 320x140 cells")
+    assert listener.line().startswith("guara map #2: step 4, coarse, 320x140 cells")
+    assert listener.wait() == 0
+    assert replay.wait() == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--extent", "world"], "--extent holds 'world', allowed: footprint, map"),
+        (["--listen", "tcp/127.0.0.1:1"], "give --publish too"),
+        (["--method", "fast"], "allowed: "),
+        (["-o", "FILE"], "a file; the grids need a folder"),
+        (["--robot", "tapir"], "tapir"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(
+    guara, data: Path, calibration_file: Path, tmp_path: Path, words: list[str], message: str
+):
+    """Exit 2, one line, nothing written."""
+    file = tmp_path / "file"
+    file.write_text("")
+    given = [str(file) if word == "FILE" else word for word in words]
+    said = guara("replay", data / "scans" / "paper", "-c", calibration_file, *given)
+    assert said.code == 2
+    assert message in said.err and said.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_missing_scans_are_refused(guara, calibration_file: Path, tmp_path: Path):
+    """No scan named, or one that is not there."""
+    assert guara("replay", "-c", calibration_file).code == 2
+    said = guara("replay", tmp_path / "nothing", "-c", calibration_file)
+    assert said.code == 2
+    assert "no such scan" in said.err
