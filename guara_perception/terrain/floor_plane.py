@@ -9,14 +9,14 @@ import numpy.typing as npt
 
 Float = npt.NDArray[np.float64]
 
-# With 45 % of the cells on the floor, three at random lie on it in one of 200 trials with 1 - (1 - 0.45^3)^200.
-TRIALS = 200
+# With 45 % of the cells on the floor, three at random lie on it in one of 100 trials with 1 - (1 - 0.45^3)^100.
+TRIALS = 100
 # The floor is the plane to which this share of the heights lies nearest: boxes may cover more than half of the view.
 FLOOR_SHARE = 0.35
 # That quantile of |noise| in standard deviations, if all cells lie on the floor; with boxes it is larger, and refined.
 QUANTILE_TO_SIGMA = 1 / 0.4538
 # Cells that a trial is judged by, evenly spread.
-JUDGES = 2000
+JUDGES = 500
 # Within three of their robust standard deviations, and at least this much, heights belong to the floor.
 LEAST_TOLERANCE_M = 0.002
 REFINEMENTS = 10
@@ -51,7 +51,7 @@ def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
     if z.size < 3:
         return None
     design = np.column_stack((x - x.mean(), y - y.mean(), np.ones(z.size)))
-    if np.linalg.matrix_rank(design, tol=1e-6) < 3:
+    if _solve(design, z) is None:
         return None
     generator = np.random.default_rng(SEED)
     judges = np.linspace(0, z.size - 1, min(JUDGES, z.size)).astype(np.int64)
@@ -66,9 +66,26 @@ def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
     spread = QUANTILE_TO_SIGMA * float(misses.min())
     for _ in range(REFINEMENTS):
         near = np.abs(z - design @ plane) <= max(3 * spread, LEAST_TOLERANCE_M)
-        if np.linalg.matrix_rank(design[near], tol=1e-6) < 3:
+        on_floor, heights = design[near], z[near]
+        refined = _solve(on_floor, heights)
+        if refined is None:
             break
-        plane = np.linalg.lstsq(design[near], z[near], rcond=None)[0]
-        spread = float(np.sqrt(np.mean((z[near] - design[near] @ plane) ** 2)))
+        has_settled = bool(np.abs(refined - plane).max() < 1e-9)
+        plane = refined
+        spread = float(np.sqrt(np.mean((heights - on_floor @ plane) ** 2)))
+        if has_settled:
+            break
     a, b = float(plane[0]), float(plane[1])
     return FloorPlane(a, b, float(plane[2] - a * x.mean() - b * y.mean()), spread)
+
+
+def _solve(design: Float, z: Float) -> Float | None:
+    """Least squares by the normal equations, which are well conditioned about the mean; None for points on a line."""
+    if len(z) < 3:
+        return None
+    normal = design.T @ design
+    smallest = float(np.linalg.eigvalsh(normal[:2, :2])[0])
+    # Less than a millimetre of spread across the line: no plane can be told from it.
+    if smallest < len(z) * 1e-6:
+        return None
+    return np.asarray(np.linalg.solve(normal, design.T @ z))
