@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +69,7 @@ def times(robot: RobotModel) -> None:
         heights = rng.normal(0, 0.0003, shape)
         heights[rng.random(shape) < 0.001] = np.nan
         variance = np.full(shape, 1e-7)
-        seconds = best(lambda h=heights, v=variance: gp.assess_terrain(h, RESOLUTION, variance=v, limits=limits), runs)
+        seconds = best(partial(gp.assess_terrain, heights, RESOLUTION, variance=variance, limits=limits), runs)
         note = "   (4)" if shape == (108, 90) else ""
         print(
             f"  all layers, {shape[0]:4d} x {shape[1]:4d} cells          {1e3 * seconds:7.2f} ms{note}"
@@ -147,19 +149,33 @@ def walks(robot: RobotModel, seeds: int, cycles: int) -> None:
     figures, claims = [], []
     for seed in range(seeds):
         result = one_walk(robot, seed, cycles)
-        figures.append(result["rms"])
-        claims.append(result["claimed"])
-        shares = " ".join(f"{100 * share:5.2f}" for share in result["occluded"])
+        figures.append(result.rms)
+        claims.append(result.claimed)
+        shares = " ".join(f"{100 * share:5.2f}" for share in result.occluded)
         print(
-            f"  {seed:4d}  {result['rms']:9.2f} mm {result['bias']:+6.2f}  {result['claimed']:6.2f}"
-            f"  {result['sole']:7.2f}  {result['raw']:11.2f} mm   {shares} %"
-            f"               {result['unknown']:9d}  {result['dark']:9d}",
+            f"  {seed:4d}  {result.rms:9.2f} mm {result.bias:+6.2f}  {result.claimed:6.2f}"
+            f"  {result.sole:7.2f}  {result.raw:11.2f} mm   {shares} %"
+            f"               {result.unknown:9d}  {result.dark:9d}",
             flush=True,
         )
     print(f"  median of seeds: {np.median(figures):.2f} mm rms (3), claimed sigma {np.median(claims):.2f} mm")
 
 
-def one_walk(robot: RobotModel, seed: int, cycles: int) -> dict[str, object]:
+@dataclass(frozen=True)
+class WalkFigures:
+    """What came of one walk; millimetres, shares and counts."""
+
+    rms: float
+    bias: float
+    claimed: float
+    sole: float
+    raw: float
+    occluded: list[float]
+    unknown: int
+    dark: int
+
+
+def one_walk(robot: RobotModel, seed: int, cycles: int) -> WalkFigures:
     """One seed; millimetres."""
     ground = Ground.random(seed)
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
@@ -190,16 +206,16 @@ def one_walk(robot: RobotModel, seed: int, cycles: int) -> dict[str, object]:
     every, spread = 1e3 * np.concatenate(errors), 1e3 * np.concatenate(sigmas)
     seen = [shares for _, shares in watched.values() if len(shares) > 12]
     occluded = [float(np.mean([shares[i] for shares in seen])) for i in (0, 4, 8, 12)]
-    return {
-        "rms": float(np.sqrt(np.mean(every**2))),
-        "bias": float(every.mean()),
-        "claimed": float(np.sqrt(np.mean(spread**2))),
-        "sole": float(np.sqrt(np.mean(np.square(soles)))),
-        "raw": float(np.sqrt(np.mean(np.square(raw)))),
-        "occluded": occluded,
-        "unknown": unknown,
-        "dark": dark,
-    }
+    return WalkFigures(
+        rms=float(np.sqrt(np.mean(every**2))),
+        bias=float(every.mean()),
+        claimed=float(np.sqrt(np.mean(spread**2))),
+        sole=float(np.sqrt(np.mean(np.square(soles)))),
+        raw=float(np.sqrt(np.mean(np.square(raw)))),
+        occluded=occluded,
+        unknown=unknown,
+        dark=dark,
+    )
 
 
 def foothold_errors(ground: Ground, pause: Pause, fused: gp.TerrainGrid, from_world: Float) -> tuple[Float, Float]:
@@ -210,7 +226,7 @@ def foothold_errors(ground: Ground, pause: Pause, fused: gp.TerrainGrid, from_wo
         dx, dy = (a.ravel() for a in np.meshgrid(*(np.linspace(-half, half, 8) for half in FOOT_HALF)))
         x, y = foothold[0] + dx, foothold[1] + dy
         height = np.asarray(fused.height_at(x, y), dtype=np.float64)
-        truth, _ = seen_height(ground, np.linalg.inv(from_world), x, y)
+        truth, _ = seen_height(ground, inverse(from_world), x, y)
         iy, ix = fused.geometry.indices(x, y)
         known = np.isfinite(height)
         errors.append((height - truth)[known])
@@ -218,11 +234,16 @@ def foothold_errors(ground: Ground, pause: Pause, fused: gp.TerrainGrid, from_wo
     return np.concatenate(errors), np.concatenate(sigmas)
 
 
+def inverse(transform: Float) -> Float:
+    """The inverse of a transform (4, 4)."""
+    return np.asarray(np.linalg.inv(transform), dtype=np.float64)
+
+
 def free_in_the_dark(ground: Ground, fused: gp.TerrainGrid, from_world: Float) -> int:
     """Traversable cells whose ground returns no light: nobody can have seen them."""
     x, y = (a.ravel() for a in np.meshgrid(*fused.geometry.centres()))
     free = (fused.traversability > 0).ravel()
-    _, world = seen_height(ground, np.linalg.inv(from_world), x[free], y[free])
+    _, world = seen_height(ground, inverse(from_world), x[free], y[free])
     return int(ground.is_dark(world[:, 0], world[:, 1]).sum())
 
 

@@ -56,11 +56,11 @@ class Ground:
     def height_at(self, x: Float, y: Float) -> Float:
         """True height in the world [m]."""
         ramp = 0.030 * np.clip((x - 0.8) / 0.4, 0, 1) - 0.030 * np.clip((x - 1.7) / 0.4, 0, 1)
-        rough = np.zeros(np.shape(x))
-        for (px, py), length, height in zip(self.phases, (0.05, 0.08, 0.13), (0.0006, 0.001, 0.0015), strict=True):
-            rough = rough + height * np.sin(2 * np.pi * x / length + px) * np.sin(2 * np.pi * y / length + py)
+        rough: Float = np.zeros(np.shape(x))
+        for (px, py), length, amplitude in zip(self.phases, (0.05, 0.08, 0.13), (0.0006, 0.001, 0.0015), strict=True):
+            rough = rough + amplitude * np.sin(2 * np.pi * x / length + px) * np.sin(2 * np.pi * y / length + py)
         rough = rough * ((x > 1.25) & (x < 1.65))
-        height = ramp + rough
+        height = np.asarray(ramp + rough, dtype=np.float64)
         for bx, by, length, width, top in self.boxes:
             on = (np.abs(x - bx) < length / 2) & (np.abs(y - by) < width / 2)
             height = np.where(on, height + top, height)
