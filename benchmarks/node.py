@@ -1,0 +1,123 @@
+"""The live node: how long a scan takes, how late its grid is, what it costs, and whether memory stays flat."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import resource
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import guara_perception as gp
+from benchmarks.truth import truth_calibration
+from drivers import LaserBoard
+from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
+from guara_perception.app.node.node import PerceptionNode
+from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.app.node.rangefinder import Rangefinder
+from guara_perception.app.node.recorded_rig import RecordedView
+from guara_perception.app.node.recorder import stance_message
+from kinematics import load_robot
+from transport import PausePhase, StancePause, open_node
+from transport.server import PerceptionServer
+
+TIMEOUT_S = 120.0
+
+
+@dataclass
+class Bench:
+    """A running node over a recorded scan."""
+
+    scan: gp.Scan
+    node: PerceptionNode
+    status: NodeStatus
+    fps: float
+
+    def pause(self, step: int) -> tuple[float, float, float]:
+        """One pause: seconds of the sweep, milliseconds from last frame to published, processor seconds."""
+        message = stance_message(self.scan.stance)
+        before = time.process_time()
+        self.node.on_pause(
+            StancePause(robot="guara", step=step, phase=PausePhase.BEGIN, stamp=time.time_ns(), stance=message)
+        )
+        if not self.node.wait_for_step(step, TIMEOUT_S):
+            raise SystemExit(f"step {step} gave no grid within {TIMEOUT_S:.0f} s")
+        spent = time.process_time() - before
+        values = next(item for item in self.status.items() if item.name == "scanner").values
+        return float(values["duration_s"]), float(values["latency_ms"]), spent
+
+
+@contextmanager
+def running(data: Path, scan: Path, fps: float) -> Iterator[Bench]:
+    """A node whose camera shows a recorded scan, at `fps` frames per second."""
+    calibration, recorded = truth_calibration(data), gp.open_scan(scan)
+    robot = load_robot("guara")
+    board = EmulatedBoard()
+    exposure = min(0.008, 0.4 / fps)
+    camera = EmulatedCamera(board, RecordedView(recorded).render, fps=fps, exposure=exposure, latency=exposure)
+    rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    with rangefinder, open_node(listen=endpoint) as session:
+        status = NodeStatus(calibration)
+        server = PerceptionServer(session, collect_status=status.items)
+        with PerceptionNode(robot, calibration, rangefinder, server, mode=recorded.mode, status=status) as node:
+            yield Bench(recorded, node, status, fps)
+
+
+def resident_mb() -> float:
+    """Memory that this process holds now."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 1e6
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path, help="data folder with calibration/truth.json and scans/paper")
+    parser.add_argument("--scans", type=int, default=7, help="timed scans at 30 frames per second")
+    parser.add_argument("--memory-scans", type=int, default=0, help="further scans, as fast as they go, for memory")
+    arguments = parser.parse_args()
+    folder = arguments.data / "scans" / "paper"
+    with running(arguments.data, folder, 30.0) as bench:
+        bench.pause(0)
+        rows = np.array([bench.pause(step) for step in range(1, arguments.scans + 1)])
+        frames = len(bench.scan.stripes) + 1
+        needed = frames / bench.fps
+        print(
+            f"{frames - 1} stripes and one off frame at {bench.fps:.0f} frames per second; {len(rows)} scans"
+        )
+        print(f"sweep        {np.median(rows[:, 0]):7.3f} s   frames need {needed:.3f} s: {_over(rows[:, 0], needed)}")
+        print(
+            f"last frame -> grid handed over   median {np.median(rows[:, 1]):5.1f} ms, worst {rows[:, 1].max():5.1f} ms"
+        )
+        print(
+            f"processor time per scan          median {1e3 * np.median(rows[:, 2]):5.0f} ms "
+            "(driver, emulated devices, grid, map, messages)"
+        )
+    if arguments.memory_scans:
+        with running(arguments.data, folder, 240.0) as bench:
+            for step in range(20):
+                bench.pause(step)
+            gc.collect()
+            start = resident_mb()
+            for step in range(20, 20 + arguments.memory_scans):
+                bench.pause(step)
+            gc.collect()
+            print(f"memory       {start:.0f} MB, after {arguments.memory_scans} scans {resident_mb() - start:+.1f} MB")
+
+
+def _over(seconds: np.ndarray, needed: float) -> str:
+    share = 100 * (seconds / needed - 1)
+    return f"median {np.median(share):+.1f} %, worst {share.max():+.1f} %"
+
+
+if __name__ == "__main__":
+    main()
