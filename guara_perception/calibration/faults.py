@@ -172,11 +172,14 @@ def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> st
     """
     worst = min(entries, key=lambda entry: entry.irregularity)
     plate = plates[worst.plate]
-    measured = 1e3 * (plate.height + worst.mean)
+    measured, near, far = (
+        # Adding zero turns -0.0 into 0.0.
+        f"{round(1e3 * (plate.height + error), 1) + 0.0:.1f}"
+        for error in (worst.mean, worst.near, worst.far)
+    )
     return (
-        f"plate {plate.name} contradicts the others: they put its top at {measured:.1f} mm "
-        f"({1e3 * (plate.height + worst.near):.1f} near, {1e3 * (plate.height + worst.far):.1f} far) instead of "
-        f"{1e3 * plate.height:.1f} mm: its height is wrong, or camera or laser mount slipped between the scans"
+        f"plate {plate.name} contradicts the others: they put its top at {measured} mm ({near} near, {far} far) "
+        f"instead of {1e3 * plate.height:.1f} mm: its height is wrong, or a mount slipped between the scans"
     )
 
 

@@ -18,6 +18,7 @@ Float = npt.NDArray[np.float64]
 # A sheet may wobble out of the model by at least this much: bearings and mirrors are not perfect.
 WOBBLE_FLOOR = np.array([2e-5, 1e-5])  # tilt along the stripe [rad], shift [m]
 FREE_WOBBLE = np.array([0.01, 0.005])
+NOISE_ITERATIONS = 15
 # Of a normal distribution: mean square over median square.
 MEDIAN_TO_MEAN_SQUARE = 2.198
 # Repeatability of the mirror from scan to scan is estimated from the lines; it is not believed below this [rad].
@@ -83,7 +84,8 @@ def fit_stripes(
     bases = np.array([plane_basis(plane, sweep.mirror) for plane in model])
     from_model = _model_covariance(sweep, nominal, bases)
     groups = [[i for i, line in enumerate(lines) if line.index == index] for index in sweep.indices]
-    solver = _Solver([[points[i] for i in group] for group in groups], model, bases, from_model[:, 1:, 1:])
+    sums = [[_Line.of(points[i], model[k], bases[k]) for i in group] for k, group in enumerate(groups)]
+    solver = _Solver(sums, from_model[:, 1:, 1:])
     jitter, place, wobble = (
         solver.estimate() if noise_of is None else (noise_of.jitter, noise_of.place, noise_of.wobble)
     )
@@ -123,47 +125,61 @@ def moved_plane(plane: Float, basis: Float, change: Float) -> Float:
 
 
 @dataclass(frozen=True, slots=True)
+class _Line:
+    """What one line says about (turn, tilt, shift), summed once: normal matrix, right side, square sum, count."""
+
+    normal: Float
+    right: Float
+    square: float
+    count: int
+
+    @staticmethod
+    def of(points: Float, plane: Float, basis: Float) -> _Line:
+        homogeneous = np.column_stack((points, np.ones(len(points))))
+        design, distance = homogeneous @ basis.T, homogeneous @ plane
+        return _Line(design.T @ design, design.T @ distance, float(distance @ distance), len(points))
+
+    def left_over(self, change: Float) -> float:
+        """Sum of squared distances after a change of the plane."""
+        return float(change @ self.normal @ change + 2 * change @ self.right + self.square)
+
+
+@dataclass(frozen=True, slots=True)
 class _Solution:
-    """Change of one plane, its covariance, the turn of each of its lines and the mean square left over."""
+    """Change of one plane and its covariance; mean square turn of its lines and mean square left over, as expected."""
 
     change: Float
     covariance: Float
-    turns: Float
-    scatter: float
+    turn_square: float
+    place_square: float
 
 
 @dataclass(frozen=True, slots=True)
 class _Solver:
-    """All stripes: places of each line, the model's planes, their bases and the model's own covariance (2 x 2)."""
+    """Lines of all stripes and the model's own covariance of tilt and shift (s, 2, 2)."""
 
-    places: list[list[Float]]
-    planes: Float
-    bases: Float
+    lines: list[list[_Line]]
     from_model: Float
 
     def solve(self, wobble: Float, jitter: float, place: float) -> list[_Solution]:
         return [
-            _solve(places, self.planes[k], self.bases[k], self.from_model[k] + np.diag(wobble**2), jitter, place)
-            for k, places in enumerate(self.places)
+            _solve(lines, self.from_model[k] + np.diag(wobble**2), jitter, place) for k, lines in enumerate(self.lines)
         ]
 
     def estimate(self) -> tuple[float, float, Float]:
-        """Jitter, scatter and wobble from the lines themselves."""
-        jitter, place = 2 * JITTER_FLOOR, 3e-5
-        for _ in range(4):
-            jitter, place = self.noise(WOBBLE_FLOOR, jitter, place)
+        """Jitter, scatter and wobble from the lines themselves, by expectation maximisation."""
+        jitter, place = 5 * JITTER_FLOOR, 3e-5
+        jitter, place = self.noise(WOBBLE_FLOOR, jitter, place)
         wobble = self.wobble(jitter, place)
-        for _ in range(3):
-            jitter, place = self.noise(wobble, jitter, place)
-        return jitter, place, wobble
+        return *self.noise(wobble, jitter, place), wobble
 
     def noise(self, wobble: Float, jitter: float, place: float) -> tuple[float, float]:
-        """Better estimates of jitter and scatter; the turn of a stripe takes one freedom of its lines."""
-        solved = self.solve(wobble, jitter, place)
-        turns = np.concatenate([fit.turns for fit in solved])
-        freedom = max(len(turns) - len(solved), 1)
-        better = max(float(np.sqrt((turns**2).sum() / freedom)), JITTER_FLOOR)
-        return better, max(float(np.sqrt(np.mean([fit.scatter for fit in solved]))), PLACE_FLOOR_M)
+        """The jitter and scatter that make the lines most likely."""
+        for _ in range(NOISE_ITERATIONS):
+            solved = self.solve(wobble, jitter, place)
+            jitter = max(float(np.sqrt(np.mean([fit.turn_square for fit in solved]))), JITTER_FLOOR)
+            place = max(float(np.sqrt(np.mean([fit.place_square for fit in solved]))), PLACE_FLOOR_M)
+        return jitter, place
 
     def wobble(self, jitter: float, place: float) -> Float:
         """How far free planes stray from the model beyond what their own noise explains."""
@@ -173,28 +189,28 @@ class _Solver:
         return np.asarray(np.sqrt(np.maximum(square - explained, WOBBLE_FLOOR**2)))
 
 
-def _solve(places: list[Float], plane: Float, basis: Float, prior: Float, jitter: float, place: float) -> _Solution:
-    """Least squares of (turn, tilt, shift) and one jitter per line."""
-    n = len(places)
-    normal = np.zeros((3 + n, 3 + n))
-    right = np.zeros(3 + n)
-    normal[0, 0] = 1 / (10 * STEP_ERROR_SIGMA) ** 2
+def _solve(lines: list[_Line], prior: Float, jitter: float, place: float) -> _Solution:
+    """Least squares of (turn, tilt, shift) and one jitter per line: the line's own turn about the mirror axis."""
+    n = len(lines)
+    normal = np.diag(np.concatenate(([1 / (10 * STEP_ERROR_SIGMA) ** 2, 0, 0], np.full(n, 1 / jitter**2))))
     normal[1:3, 1:3] = np.linalg.inv(prior)
-    normal[3:, 3:] = np.eye(n) / jitter**2
-    rows = []
-    for i, points in enumerate(places):
-        homogeneous = np.column_stack((points, np.ones(len(points))))
-        design = np.zeros((len(points), 3 + n))
-        design[:, :3] = homogeneous @ basis.T
-        design[:, 3 + i] = design[:, 0]
-        distance = homogeneous @ plane
-        normal += design.T @ design / place**2
-        right -= design.T @ distance / place**2
-        rows.append((design, distance))
+    right = np.zeros(3 + n)
+    for i, line in enumerate(lines):
+        normal[:3, :3] += line.normal / place**2
+        normal[:3, 3 + i] = normal[3 + i, :3] = line.normal[:, 0] / place**2
+        normal[3 + i, 3 + i] += line.normal[0, 0] / place**2
+        right[:3] -= line.right / place**2
+        right[3 + i] = -line.right[0] / place**2
     x = np.linalg.solve(normal, right)
     covariance = np.linalg.inv(normal)
-    left = np.concatenate([design @ x + distance for design, distance in rows])
-    return _Solution(np.array(x[:3]), np.array(covariance[:3, :3]), np.array(x[3:]), float(np.mean(left**2)))
+    turn_square = float(np.mean(x[3:] ** 2 + np.diag(covariance)[3:]))
+    left, count = 0.0, 0
+    for i, line in enumerate(lines):
+        effect = np.zeros((3, 3 + n))
+        effect[:, :3], effect[0, 3 + i] = np.eye(3), 1
+        left += line.left_over(effect @ x) + float(np.trace(line.normal @ effect @ covariance @ effect.T))
+        count += line.count
+    return _Solution(np.array(x[:3]), np.array(covariance[:3, :3]), turn_square, left / count)
 
 
 def _model_covariance(sweep: Sweep, nominal: MirrorModel, bases: Float) -> Float:

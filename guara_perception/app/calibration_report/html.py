@@ -36,13 +36,22 @@ def write_report(result: CalibrationResult, folder: str | Path) -> Path:
         InvalidInput: `folder` is a file.
     """
     folder = Path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise InvalidInput(f"--report is {folder}, a file; it must be a folder")
+    check_report_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / REPORT_FILE
     with whole_file(path) as temporary:
         temporary.write_text(report_page(result), encoding="utf-8")
     return path
+
+
+def check_report_folder(folder: Path) -> None:
+    """Refuse a folder that cannot be one, before work is spent on what goes there.
+
+    Raises:
+        InvalidInput: it is a file.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InvalidInput(f"--report is {folder}, a file; it must be a folder")
 
 
 def report_page(result: CalibrationResult) -> str:

@@ -17,6 +17,13 @@ from guara_perception.exceptions import InvalidInput
 @click.option("--force", is_flag=True, help="write the calibration even when its verdict is `refused`")
 @click.option("--robot", help="name or folder of the robot; default: the session's")
 @click.option("--distortion", default="k1k2", show_default=True, help="lens coefficients: k1k2, k1k2p1p2 or k1k2p1p2k3")
+@click.option(
+    "--pattern",
+    type=click.Choice(["measured", "coarse", "standard"]),
+    default="measured",
+    show_default=True,
+    help="stripes to write; those that were not scanned follow from the mirror model",
+)
 @click.option("--camera-info", type=click.Path(path_type=Path), help="also write the lens as ROS camera_info, .yaml")
 def command(
     session: Path,
@@ -25,6 +32,7 @@ def command(
     force: bool,
     robot: str | None,
     distortion: str,
+    pattern: str,
     camera_info: Path | None,
 ) -> None:
     r"""Calibrate camera, mount and laser from the pictures of one SESSION folder.
@@ -36,12 +44,14 @@ def command(
       guara calibrate sessions/monday -o calibration.json --report calibration-report
     """
     from guara_perception.app.calibrate import refuse
-    from guara_perception.app.calibration_report.html import write_report
+    from guara_perception.app.calibration_report.html import check_report_folder, write_report
     from guara_perception.app.calibration_report.summary import summary
     from guara_perception.app.calibration_session import open_session
     from guara_perception.app.camera_info import write_camera_info
     from guara_perception.calibration.calibrate import calibrate_session, session_pictures
     from guara_perception.calibration.file import save_calibration
+    from guara_perception.calibration.pattern import interpolate_pattern
+    from guara_perception.settings import Settings
     from guara_perception.whole_file import check_target
     from kinematics import load_robot
 
@@ -52,6 +62,8 @@ def command(
         if camera_info.suffix not in (".yaml", ".yml"):
             raise InvalidInput(f"--camera-info is {camera_info}, it must end in .yaml or .yml")
         check_target(camera_info)
+    if report is not None:
+        check_report_folder(report)
     opened = open_session(session)
     model = load_robot(robot if robot is not None else opened.robot)
     with progress("Calibrating", session_pictures(opened)) as advance:
@@ -61,7 +73,10 @@ def command(
         click.echo(f"report: {write_report(result, report)}")
     if not force:
         refuse(result)
-    written = save_calibration(result.calibration, out)
+    calibration = result.calibration
+    if pattern != "measured":
+        calibration = interpolate_pattern(calibration, Settings.of(model).pattern(pattern))
+    written = save_calibration(calibration, out)
     click.echo(f"{out}: {len(written.stripes)} stripes, verdict {written.quality['verdict']}, hash {written.hash}")
     if camera_info is not None:
         write_camera_info(written.camera, camera_info)

@@ -1,0 +1,227 @@
+"""`guara calibrate`, `gp.calibrate`, the session folder, the report and ROS camera_info."""
+
+import base64
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.calibration_session import open_session
+from guara_perception.app.camera_info import read_camera_info, write_camera_info
+from guara_perception.app.main import run
+
+Edit = Callable[[dict[str, Any]], object]
+
+
+@pytest.fixture
+def session_copy(data: Path, tmp_path: Path) -> Callable[..., Path]:
+    """A copy of the recorded session (pictures linked) whose session.json was changed by a function."""
+
+    def make(edit: Edit = lambda content: None) -> Path:
+        folder = tmp_path / "session"
+        folder.mkdir()
+        for entry in (data / "calibration").iterdir():
+            if entry.suffix != ".json":
+                (folder / entry.name).symlink_to(entry)
+        content = json.loads((data / "calibration" / "session.json").read_text())
+        edit(content)
+        (folder / "session.json").write_text(json.dumps(content))
+        return folder
+
+    return make
+
+
+def test_good_session(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One command writes calibration, report and camera_info, says every figure, and exits 0."""
+    out, report, lens = tmp_path / "c.json", tmp_path / "report", tmp_path / "camera.yaml"
+    words = ["calibrate", data / "calibration", "-o", out, "--report", report, "--camera-info", lens]
+    assert run([*map(str, words), "--pattern", "standard"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("verdict: good\n")
+    assert re.search(r"ok +plate left out +0\.0\d+ mm", said)
+    written = gp.load_calibration(out)
+    assert written.indices == tuple(range(70))
+    assert f"{out}: 70 stripes, verdict good, hash {written.hash}" in said
+    read = read_camera_info(lens)
+    np.testing.assert_array_equal(read.matrix, written.camera.matrix)
+    np.testing.assert_array_equal(read.distortion, written.camera.distortion)
+    page = (report / "report.html").read_text()
+    pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
+    assert len(pictures) == 10
+    for picture in pictures:
+        assert cv2.imdecode(np.frombuffer(base64.b64decode(picture), np.uint8), cv2.IMREAD_COLOR).std() > 5
+    assert not re.search(r"(src|href)=.(?!data:)", page), "the page must need nothing beside it"
+    assert str(data) not in page
+    assert [path.name for path in report.iterdir()] == ["report.html"]
+
+
+def wrong_height(content: dict[str, Any]) -> None:
+    """The middle plate is said to be 2 mm higher than it is."""
+    content["plates"][1]["height"] = 0.042
+
+
+def test_refused_session(session_copy: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A refused calibration exits 1, writes the report but no calibration, unless it is forced."""
+    folder, out, report = session_copy(wrong_height), tmp_path / "c.json", tmp_path / "report"
+    words = ["calibrate", str(folder), "-o", str(out), "--report", str(report)]
+    assert run(words) == 1
+    said = capsys.readouterr()
+    assert said.out.startswith("verdict: refused\n")
+    assert "calibration refused: plate plate_40 contradicts the others: they put its top at 40.0 mm" in said.err
+    assert not out.exists()
+    assert "Do not use this calibration" in (report / "report.html").read_text()
+    assert run([*words, "--force"]) == 0
+    assert gp.load_calibration(out).quality["verdict"] == "refused"
+
+
+def test_refusal_in_python(session_copy: Callable[..., Path]) -> None:
+    """`gp.calibrate` raises CalibrationRefused with the reasons."""
+    folder = session_copy(lambda content: content["board"].update(square=0.025))
+    with pytest.raises(gp.CalibrationRefused, match="wrong square size"):
+        gp.calibrate(folder)
+
+
+def drop(name: str) -> Edit:
+    """A change that removes a field."""
+    return lambda content: content.pop(name)
+
+
+BROKEN: list[tuple[Edit, str]] = [
+    (drop("robot"), "session.json: robot is missing"),
+    (drop("stance"), "session.json: stance is missing"),
+    (lambda c: c.update(format="guara-scan/1"), "session.json: format is 'guara-scan/1', allowed"),
+    (lambda c: c.update(robot="nobody"), "plate plate_00 was scanned by robot 'guara', the session is of 'nobody'"),
+    (lambda c: c["board"].update(inner_corners=[9]), "session.json: board.inner_corners has shape 1, it must be 2"),
+    (lambda c: c["board"].update(inner_corners=[9.5, 7]), "board.inner_corners is [9.5, 7.0], it must be two whole"),
+    (lambda c: c["board"].update(inner_corners=[2, 7]), "board has 2x7 inner corners"),
+    (lambda c: c["board"].update(square="30 mm"), "session.json: board.square is a text, it must be a number"),
+    (lambda c: c["board"].update(square=30), "squares of 0.001 ... 1 m are allowed"),
+    (lambda c: c["board_images"].append("board_99.jpg"), "board_99.jpg is not there"),
+    (lambda c: c["board_images"].append(3), "session.json: board_images: 3 is no file name"),
+    (lambda c: c["fiducials"].update(image="none.jpg"), "none.jpg is not there"),
+    (lambda c: c["fiducials"]["points_in_footprint"].pop(), "points_in_footprint: 3 points given, 4 or more"),
+    (
+        lambda c: c["fiducials"].update(points_px=[[1, 2]]),
+        "points_px has shape (1, 2), it must have one [u, v]",
+    ),
+    (lambda c: c["plates"][0].update(height=80), "session.json: plates[0].height is 80.0, allowed: -0.5 ... 0.5"),
+    (lambda c: c["plates"][0].update(scan="plate_99"), "plate_99: no such folder"),
+    (lambda c: c["plates"][1].update(scan="plate_00"), "plates name the same scan twice"),
+    (
+        lambda c: c["stance"]["joint_positions"].pop("lf_haa_joint"),
+        "plate_00 names other joints than the session: lf_haa_joint",
+    ),
+    (lambda c: c["stance"].pop("support_feet"), "support_feet"),
+]
+
+
+@pytest.mark.parametrize(("edit", "reason"), BROKEN)
+def test_broken_session_file(
+    session_copy: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], edit: Edit, reason: str
+) -> None:
+    """A session file that is wrong exits 2 with one line that names the field, before any work is done."""
+    assert run(["calibrate", str(session_copy(edit)), "-o", str(tmp_path / "c.json")]) == 2
+    said = capsys.readouterr().err
+    assert reason in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "c.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["-o", "c.txt"], "--out is c.txt, it must end in .json"),
+        (["-o", "nowhere/c.json"], "the folder nowhere does not exist"),
+        (["-o", "c.json", "--camera-info", "lens.xml"], "--camera-info is lens.xml, it must end in .yaml"),
+        (["-o", "c.json", "--distortion", "none"], "distortion is 'none', allowed: k1k2"),
+    ],
+)
+def test_bad_options(
+    data: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    reason: str,
+) -> None:
+    """Options that cannot work are refused with exit 2."""
+    monkeypatch.chdir(tmp_path)
+    assert run(["calibrate", str(data / "calibration"), *words]) == 2
+    assert reason in capsys.readouterr().err
+
+
+def test_no_session(tmp_path: Path) -> None:
+    """A folder that is not there, and one without session.json, are said to be missing."""
+    with pytest.raises(gp.MissingFile, match="no such folder; a calibration session is a folder with session.json"):
+        open_session(tmp_path / "none")
+    with pytest.raises(gp.MissingFile, match="session.json: no such file"):
+        open_session(tmp_path)
+
+
+def test_report_folder_that_is_a_file(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A report cannot go where a file is; it is said before the work."""
+    (tmp_path / "report").write_text("")
+    words = [
+        "calibrate",
+        str(data / "calibration"),
+        "-o",
+        str(tmp_path / "c.json"),
+        "--report",
+        str(tmp_path / "report"),
+    ]
+    assert run(words) == 2
+    assert "a file; it must be a folder" in capsys.readouterr().err
+
+
+def test_camera_info_as_ros_writes_it(tmp_path: Path) -> None:
+    """A file of ROS's camera_calibration is read, flow lists, line breaks and all."""
+    text = """image_width: 640
+image_height: 512
+camera_name: narrow_stereo
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [589.1, 0. , 323.4,
+         0. , 587.7, 251.9,
+         0. , 0. , 1. ]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [-0.24, 0.06, 1e-04, 0.0, 0.0]
+"""
+    (tmp_path / "ros.yaml").write_text(text)
+    camera = read_camera_info(tmp_path / "ros.yaml")
+    assert camera.size == (640, 512)
+    np.testing.assert_array_equal(camera.matrix, [[589.1, 0, 323.4], [0, 587.7, 251.9], [0, 0, 1]])
+    np.testing.assert_array_equal(camera.distortion, [-0.24, 0.06, 1e-4, 0, 0])
+    again = read_camera_info(write_camera_info(camera, tmp_path / "again.yaml"))
+    np.testing.assert_array_equal(again.distortion, camera.distortion)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("{", "not a YAML file"),
+        ("- 1", "the top level must be a mapping"),
+        ("distortion_model: equidistant", "distortion_model is 'equidistant', allowed: 'plumb_bob'"),
+        ("distortion_model: plumb_bob", "image_width is missing"),
+        (
+            "{distortion_model: plumb_bob, image_width: 64, image_height: 64, camera_matrix: {data: [1, 2]}}",
+            "camera_matrix.data has shape 2, it must be 9",
+        ),
+    ],
+)
+def test_bad_camera_info(tmp_path: Path, text: str, reason: str) -> None:
+    """A file that is no camera_info is refused by field."""
+    (tmp_path / "bad.yaml").write_text(text)
+    with pytest.raises(gp.FileFormatError, match=re.escape(reason)):
+        read_camera_info(tmp_path / "bad.yaml")
+    with pytest.raises(gp.MissingFile, match="no such file"):
+        read_camera_info(tmp_path / "none.yaml")

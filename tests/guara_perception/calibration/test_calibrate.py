@@ -1,0 +1,203 @@
+"""A whole calibration of the recorded session, against the truth it was rendered from."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from benchmarks.calibration import BEYOND_MM, IN_RANGE_MM, height_errors, worst_rms
+from guara_perception.calibration.board import to_grey
+from guara_perception.calibration.bundle import fit_camera
+from guara_perception.calibration.calibrate import calibrate_session, session_pictures
+from guara_perception.calibration.faults import suspect_plate
+from guara_perception.calibration.height_sigma import HeightUncertainty
+from guara_perception.calibration.laser import fit_laser
+from guara_perception.calibration.mirror_model import nominal_mirror
+from guara_perception.calibration.mount import locate_camera
+from guara_perception.calibration.result import CalibrationResult
+from guara_perception.calibration.session import CalibrationSession, Fiducials
+from guara_perception.ranging.height_rows import plane_in_frame
+from kinematics import RobotModel
+from tests.guara_perception.calibration.breaking import with_frames, with_pictures, with_plate
+
+
+def test_camera_and_mount(result: CalibrationResult, calibration: gp.Calibration) -> None:
+    """Lens and mount meet twice the figures asked of the full-size specimen (half the resolution)."""
+    found, true = result.calibration, calibration
+    assert np.abs(found.camera.matrix[[0, 1], [0, 1]] / true.camera.matrix[[0, 1], [0, 1]] - 1).max() < 0.002
+    assert np.abs(found.camera.matrix[:2, 2] - true.camera.matrix[:2, 2]).max() < 2.0
+    change = np.linalg.inv(true.transform_camera_to_base) @ found.transform_camera_to_base
+    shift = found.transform_camera_to_base[:3, 3] - true.transform_camera_to_base[:3, 3]
+    assert np.linalg.norm(shift) < 0.8e-3
+    assert np.rad2deg(np.linalg.norm(cv2.Rodrigues(change[:3, :3])[0])) < 0.06
+
+
+def test_sigmas_of_the_camera_are_right(result: CalibrationResult, calibration: gp.Calibration) -> None:
+    """Errors of lens and mount are a few predicted standard deviations at most, all together and one by one."""
+    fit = result.fit
+    lens = calibration.camera
+    true_lens = np.r_[lens.matrix[[0, 1], [0, 1]], lens.matrix[:2, 2], lens.distortion[:2]]
+    true_to_camera = np.linalg.inv(result.transform_base_to_footprint @ calibration.transform_camera_to_base)
+    true_pose = np.r_[np.ravel(cv2.Rodrigues(true_to_camera[:3, :3])[0]), true_to_camera[:3, 3]]
+    error = np.r_[fit.lens, fit.pose] - np.r_[true_lens, true_pose]
+    assert np.abs(error / np.sqrt(np.diag(fit.covariance))).max() < 4.0
+    mahalanobis = float(error @ np.linalg.solve(fit.covariance, error))
+    # 99.9 % of a chi-square of 12 is 33: corners share a little of their error, so half as much again is allowed.
+    assert mahalanobis < 50
+
+
+@pytest.mark.parametrize(("heights", "limit"), [(IN_RANGE_MM, 0.20), (BEYOND_MM, 0.40)])
+def test_heights_of_the_worst_stripe(
+    result: CalibrationResult, calibration: gp.Calibration, heights: np.ndarray, limit: float
+) -> None:
+    """True sheets seen by the true camera give true heights through our calibration, beyond the plates too."""
+    errors = height_errors(calibration, result.calibration, result.transform_base_to_footprint, heights)
+    assert len(errors) == 35
+    assert worst_rms(errors)[0] < limit
+
+
+def test_predicted_height_sigma_is_right(result: CalibrationResult, calibration: gp.Calibration) -> None:
+    """Height errors of the calibration itself, over the area from 0 to 110 mm, are as large as it predicts."""
+    uncertainty = HeightUncertainty.of(result.calibration)
+    assert uncertainty is not None
+    true_pose = result.transform_base_to_footprint @ calibration.transform_camera_to_base
+    our_pose = result.transform_base_to_footprint @ result.calibration.transform_camera_to_base
+    y = np.linspace(-0.25, 0.25, 9)
+    errors, variances = [], []
+    for stripe, true in zip(result.calibration.stripes, calibration.stripes, strict=True):
+        sheet = plane_in_frame(true.plane, true_pose)
+        for level in (0.0, 0.04, 0.08, 0.11):
+            place = np.column_stack((-(sheet[1] * y + sheet[2] * level + sheet[3]) / sheet[0], y, np.full(9, level)))
+            pixels = calibration.camera.project((place - true_pose[:3, 3]) @ true_pose[:3, :3])
+            rays = result.calibration.camera.rays(pixels)
+            points = rays * (-stripe.plane[3] / (rays @ stripe.plane[:3]))[:, None]
+            errors.append(points @ our_pose[2, :3] + our_pose[2, 3] - level)
+            mount = result.calibration.transform_camera_to_base
+            variances.append(uncertainty.variance(stripe.index, stripe.plane, points, mount, our_pose[2, :3]))
+    ratio = np.concatenate(errors) / np.sqrt(np.concatenate(variances))
+    assert 0.6 < np.sqrt(np.mean(ratio**2)) < 1.6
+
+
+def test_verdict_and_record(result: CalibrationResult, tmp_path: Path) -> None:
+    """A good session gives the verdict good, and a file that loads again with the same hash and content."""
+    assert (result.verdict, result.reasons) == ("good", ())
+    saved = gp.save_calibration(result.calibration, tmp_path / "calibration.json")
+    loaded = gp.load_calibration(tmp_path / "calibration.json")
+    assert loaded.hash == saved.hash
+    content = json.loads((tmp_path / "calibration.json").read_text())
+    assert [stripe["index"] for stripe in content["stripes"]] == list(range(0, 70, 2))
+    assert content["paper"]["height"] == pytest.approx(0.5013, abs=1e-3)
+    assert len(content["paper"]["stripes"]) == 35
+    assert {figure["verdict"] for figure in content["quality"]["figures"]} == {"good"}
+
+
+def test_paper_constants_measure_the_plates(result: CalibrationResult) -> None:
+    """n, d, k of eqs. 17 to 19 give back the heights of the plates to a tenth of a millimetre."""
+    assert result.calibration.paper is not None
+    assert max(stripe["residual"] for stripe in result.calibration.paper["stripes"]) < 1e-4
+
+
+def test_order_of_fiducials_does_not_matter(result: CalibrationResult, robot: RobotModel) -> None:
+    """Crosses are found by place: another order of the points gives the same mount."""
+    session = result.session
+    grey = to_grey(session.read_picture(session.fiducials.image))
+    points = session.fiducials.points_in_footprint[[2, 0, 3, 1]]
+    nominal = result.transform_base_to_footprint @ robot.transform_camera_to_base
+    shuffled = locate_camera(grey, result.intrinsics.camera, Fiducials(session.fiducials.image, points), nominal)
+    expected = result.floor.transform_camera_to_footprint
+    np.testing.assert_allclose(shuffled.transform_camera_to_footprint, expected, atol=1e-6)
+
+
+def test_given_pixels_replace_the_search(result: CalibrationResult, robot: RobotModel) -> None:
+    """With points_px no cross needs to be visible; pixels clicked to a third of a pixel still give the mount."""
+    given = result.session.fiducials
+    pixels = np.array([mark.centre_px for mark in result.floor.marks]) + [[0.3, 0.2], [-0.2, 0.3], [0.1, -0.3], [0, 0]]
+    fiducials = Fiducials(given.image, given.points_in_footprint, pixels)
+    nominal = result.transform_base_to_footprint @ robot.transform_camera_to_base
+    nothing_to_see = np.full((512, 640), 90, np.uint8)
+    floor = locate_camera(nothing_to_see, result.intrinsics.camera, fiducials, nominal)
+    ground = result.session.ground_board_image
+    fit = fit_camera(result.intrinsics, result.session.board, ground, floor, given.points_in_footprint)
+    expected = result.fit.transform_camera_to_footprint
+    assert np.linalg.norm(fit.transform_camera_to_footprint[:3, 3] - expected[:3, 3]) < 2e-3
+
+
+def test_upright_mount(session: CalibrationSession, robot: RobotModel, result: CalibrationResult) -> None:
+    """A camera mounted upright, half a turn about its axis, is recognised; everything else stays where it is."""
+
+    def turned(picture: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(picture[::-1, ::-1])
+
+    upright = with_pictures(session, lambda name, picture: turned(picture))
+    for number in range(len(session.plates)):
+        upright = with_frames(upright, number, turned)
+    found = calibrate_session(upright, robot)
+    assert (found.floor.mount, result.floor.mount) == ("upright", "eq5")
+    assert found.verdict == "good"
+    turn = np.diag([-1.0, -1.0, 1.0, 1.0])
+    expected = result.calibration.transform_camera_to_base @ turn
+    np.testing.assert_allclose(found.calibration.transform_camera_to_base, expected, atol=5e-4)
+
+
+def test_stripe_with_too_few_points(
+    session: CalibrationSession, robot: RobotModel, calibration: gp.Calibration
+) -> None:
+    """A stripe hidden over most of its length is named, filled in by the mirror model, and still close to the truth."""
+    broken = session
+    for number in range(len(session.plates)):
+        scan = session.plates[number].scan
+        hidden = scan.stripes[10]
+
+        def read(name: str, scan: gp.Scan = scan, on: str = hidden.on, off: str = str(hidden.off)) -> np.ndarray:
+            frame = scan.read_frame(name)
+            if name == on:
+                frame = frame.copy()
+                frame[:, : frame.shape[1] * 2 // 3] = scan.read_frame(off)[:, : frame.shape[1] * 2 // 3]
+            return frame
+
+        broken = with_plate(broken, number, read_frame=read)
+    found = calibrate_session(broken, robot)
+    assert found.verdict == "usable"
+    text = "; ".join(found.reasons)
+    assert "stripe index 20 on plate plate_00: it is seen on" in text
+    assert "stripe index 20: filled in by the mirror model" in text
+    assert found.calibration.mirror is not None and found.calibration.mirror["filled_in"] == [20]
+    errors = height_errors(calibration, found.calibration, found.transform_base_to_footprint, IN_RANGE_MM)
+    assert 1e3 * np.sqrt(np.mean(errors[20] ** 2)) < 0.4
+
+
+def test_two_plates_are_usable(session: CalibrationSession, robot: RobotModel) -> None:
+    """Two heights calibrate, but nothing can be left out, and the verdict says so."""
+    found = calibrate_session(dataclasses.replace(session, plates=session.plates[::2]), robot)
+    assert found.verdict == "usable"
+    assert found.reasons[0].startswith("plate left out could not be found: scan three or more plates")
+
+
+@pytest.mark.parametrize("wrong", [0, 1, 2])
+def test_wrong_plate_is_named(result: CalibrationResult, robot: RobotModel, wrong: int) -> None:
+    """A plate that is 2 mm higher than said contradicts the others; it is named with its true height."""
+    plates = list(result.session.plates)
+    plates[wrong] = dataclasses.replace(plates[wrong], height=plates[wrong].height + 0.002)
+    lines = [dataclasses.replace(line, height=plates[line.plate].height) for line in result.lines]
+    to_footprint = result.transform_base_to_footprint
+    mirror = nominal_mirror((to_footprint @ robot.transform_laser_to_base)[:3, 3])
+    laser = fit_laser(lines, plates, result.fit, mirror, np.linalg.inv(to_footprint))
+    assert max(one.rms for one in laser.leave_one_out) > 0.5e-3
+    true = 1e3 * result.session.plates[wrong].height
+    text = suspect_plate(laser.leave_one_out, plates)
+    assert text.startswith(f"plate {plates[wrong].name} contradicts the others: they put its top at {true:.1f} mm")
+
+
+def test_slipped_mount_is_refused(session: CalibrationSession, robot: RobotModel) -> None:
+    """A camera that slipped by one row between two plate scans is refused, naming the plate; progress is complete."""
+    steps: list[None] = []
+    slipped = with_frames(session, 1, lambda picture: np.roll(picture, 1, axis=0))
+    found = calibrate_session(slipped, robot, progress=lambda: steps.append(None))
+    assert found.verdict == "refused"
+    assert found.reasons[0].startswith("plate plate_40 contradicts the others")
+    assert "mount slipped between the scans" in found.reasons[0]
+    assert len(steps) == session_pictures(session) == 14 + 1 + 3 * 35

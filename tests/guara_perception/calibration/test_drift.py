@@ -1,0 +1,98 @@
+"""The drift check on floors made by hand, and on a recorded scan."""
+
+import dataclasses
+import re
+
+import cv2
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, check_drift
+from guara_perception.process import run_scan
+from kinematics import RobotModel
+
+
+def floor(height: float = 0.0, slope: float = 0.0, noise: float = 5e-5) -> dict[int, np.ndarray]:
+    """Forty stripes of three hundred points each on one plane."""
+    random = np.random.default_rng(2)
+    stripes = {}
+    for index in range(40):
+        x = np.full(300, 0.5 + 0.011 * index)
+        y = np.linspace(-0.26, 0.26, 300)
+        stripes[index] = np.column_stack((x, y, height + slope * (x - 0.7) + random.normal(0, noise, 300)))
+    return stripes
+
+
+def test_good_floor_holds() -> None:
+    """A floor at zero holds, also with boxes on it, gaps in it and a small tilt of the body."""
+    stripes = floor(0.001, 0.003)
+    stripes[10][100:180, 2] += 0.050
+    stripes[25][:, :] = np.nan
+    stripes[30][::2] = np.nan
+    drift = check_drift(stripes)
+    assert (drift.verdict, drift.reasons) == (HOLDS, ())
+    assert drift.floor_height == pytest.approx(0.001, abs=2e-4)
+    assert drift.to_dict()["floor_tilt"] == pytest.approx(0.003, abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("height", "slope", "reason"),
+    [
+        (0.006, 0.0, r"the floor lies \+6\.0 mm off the soles, 3\.0 mm are allowed"),
+        (-0.006, 0.0, r"the floor lies -6\.0 mm off the soles"),
+        (0.0, 0.02, r"the floor is tilted by 1\.1\d degrees, 0\.60 are allowed"),
+    ],
+)
+def test_floor_elsewhere(height: float, slope: float, reason: str) -> None:
+    """A floor off the soles or tilted is drift, with both numbers; an uncertain stance excuses it."""
+    drift = check_drift(floor(height, slope))
+    assert drift.verdict == DRIFTING
+    assert any(re.search(reason, text) for text in drift.reasons)
+    unsure = np.diag([0, 0, 0.004, 0.02, 0.02, 0]) ** 2
+    assert check_drift(floor(height, slope), unsure).verdict == HOLDS
+
+
+def test_stripes_that_disagree() -> None:
+    """Stripes that stray from one floor, all a little or one clearly, are drift."""
+    waves = floor()
+    for index, stripe in waves.items():
+        stripe[:, 2] += 5e-4 * np.sin(index)
+    assert "the stripes disagree by 0.3" in check_drift(waves).reasons[0]
+    single = floor()
+    single[17][:, 2] += 0.0014
+    drift = check_drift(single)
+    assert drift.worst_stripe == 17
+    assert drift.reasons[0].startswith("stripe index 17 lies +1.3")
+
+
+def test_missed_step() -> None:
+    """All later stripes off the floor of the earlier ones are a missed step."""
+    stripes = floor()
+    for index in range(24, 40):
+        stripes[index][:, 2] -= 0.020
+    drift = check_drift(stripes)
+    assert drift.verdict == DRIFTING
+    assert any("from stripe index 24 on all points lie -20" in reason for reason in drift.reasons)
+
+
+def test_nothing_to_compare_with() -> None:
+    """Rubble, and a scan of few stripes, leave it unknown; unknown numbers are null in JSON."""
+    random = np.random.default_rng(4)
+    rubble = {index: stripe + random.uniform(-0.05, 0.1, 300)[:, None] for index, stripe in floor().items()}
+    assert check_drift(rubble).verdict == UNKNOWN
+    few = check_drift({index: stripe for index, stripe in floor().items() if index < 4})
+    assert (few.verdict, few.reasons) == (UNKNOWN, ("4 stripes have points, 8 are needed",))
+    assert few.to_dict()["floor_height"] is None and few.to_dict()["worst_stripe"] is None
+
+
+def test_recorded_scan(paper_scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel) -> None:
+    """The recorded scan holds with its calibration; with the camera turned by one degree it does not."""
+    turned = calibration.transform_camera_to_base.copy()
+    turned[:3, :3] = turned[:3, :3] @ cv2.Rodrigues(np.deg2rad([1.0, 0.0, 0.0]))[0]
+    moved = dataclasses.replace(calibration, transform_camera_to_base=turned)
+    verdicts = []
+    for candidate in (calibration, moved):
+        points = run_scan(paper_scan, candidate, robot).points
+        verdicts.append(check_drift({index: stripe.points for index, stripe in points.items()}).verdict)
+    assert verdicts == [HOLDS, DRIFTING]

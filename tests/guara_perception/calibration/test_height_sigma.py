@@ -1,0 +1,105 @@
+"""Height uncertainty of a calibration: propagation by Monte Carlo, JSON form, refusals."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.calibration.height_sigma import (
+    FIELD_TERMS,
+    HeightUncertainty,
+    field_covariance,
+    field_terms,
+    plane_covariance,
+)
+from guara_perception.calibration.mirror_model import nominal_mirror
+from guara_perception.calibration.result import CalibrationResult
+from guara_perception.calibration.stripe_planes import moved_plane, plane_basis
+from guara_perception.exceptions import FileFormatError
+
+
+def test_plane_variance_by_monte_carlo() -> None:
+    """The variance of heights equals that of random planes met by the same rays, at several places and heights."""
+    random = np.random.default_rng(3)
+    mirror = nominal_mirror(np.array([0.2, 0.0, -0.03]))
+    plane = mirror.planes([0.2])[0]
+    basis = plane_basis(plane, mirror)
+    covariance = np.diag([2e-4, 3e-5, 1e-4]) ** 2
+    uncertainty = HeightUncertainty({4: plane_covariance(basis, covariance)}, np.zeros(3), np.zeros((10, 10)))
+    height, y = np.array([-0.5, -0.42, -0.4]), np.array([-0.2, 0.0, 0.25])
+    points = np.column_stack((-(plane[2] * height + plane[3]) / plane[0], y, height))
+    predicted = uncertainty.variance(4, plane, points, np.eye(4), np.array([0.0, 0.0, 1.0]))
+    heights = []
+    for change in random.multivariate_normal(np.zeros(3), covariance, 4000):
+        moved = moved_plane(plane, basis, change)
+        heights.append(points[:, 2] * -moved[3] / (points @ moved[:3]))
+    np.testing.assert_allclose(np.std(heights, axis=0), np.sqrt(predicted), rtol=0.06)
+
+
+def test_field_covariance_by_monte_carlo() -> None:
+    """A field that is linear in two correlated parameters has the variance of its samples everywhere."""
+    random = np.random.default_rng(5)
+    offsets = random.uniform(-0.2, 0.2, (60, 3))
+    effects = random.normal(size=(10, 2))
+    parameters = np.array([[4.0, 1.0], [1.0, 2.0]]) * 1e-8
+    errors = [field_terms(offsets) @ effect for effect in effects.T]
+    covariance = field_covariance(offsets, errors, parameters)
+    terms = field_terms(np.array([[0.1, -0.05, 0.02]]))
+    samples = random.multivariate_normal(np.zeros(2), parameters, 20000) @ (terms @ effects)[0]
+    assert np.var(samples) == pytest.approx(float((terms @ covariance @ terms.T)[0, 0]), rel=0.04)
+
+
+def test_unknown_points_stay_unknown(result: CalibrationResult) -> None:
+    """A NaN point has a NaN variance; its neighbours do not mind; a stripe between two takes its neighbour's plane."""
+    uncertainty = HeightUncertainty.of(result.calibration)
+    assert uncertainty is not None
+    pose = result.transform_base_to_footprint @ result.calibration.transform_camera_to_base
+    points = np.array([[0.7, 0.0, 0.0], [np.nan, np.nan, np.nan]])
+    mount = result.calibration.transform_camera_to_base
+    plane = result.calibration.stripe(34).plane
+    variance = uncertainty.variance_of_scan(34, plane, points, pose, mount)
+    assert 0 < variance[0] < (0.5e-3) ** 2
+    assert np.isnan(variance[1])
+    np.testing.assert_array_equal(uncertainty.variance_of_scan(33, plane, points, pose, mount)[0] > 0, True)
+
+
+def test_json_form(result: CalibrationResult) -> None:
+    """What is stored is read back as it was."""
+    stored = HeightUncertainty.of(result.calibration)
+    assert stored is not None
+    expected = result.laser.uncertainty
+    assert stored.planes.keys() == expected.planes.keys()
+    np.testing.assert_array_equal(stored.planes[20], expected.planes[20])
+    np.testing.assert_array_equal(stored.field, expected.field)
+
+
+def test_calibration_without_covariance(calibration: gp.Calibration) -> None:
+    """A calibration made from a drawing has no uncertainty to give."""
+    assert HeightUncertainty.of(calibration) is None
+
+
+def broken(covariance: dict[str, Any], change: str) -> dict[str, Any]:
+    """One field spoilt."""
+    field = dict(covariance["height_field"])
+    if change == "terms":
+        return {**covariance, "height_field": {**field, "terms": list(FIELD_TERMS[:9])}}
+    if change == "matrix":
+        return {**covariance, "height_field": {**field, "matrix": [[1.0]]}}
+    return {name: value for name, value in covariance.items() if name != "stripes"}
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ("terms", "height_field.terms must be 1, x, y"),
+        ("matrix", r"height_field.matrix has shape \(1, 1\), it must be \(10, 10\)"),
+        ("stripes", "covariance of the calibration is not as documented: KeyError"),
+    ],
+)
+def test_spoilt_covariance(result: CalibrationResult, change: str, reason: str) -> None:
+    """A covariance that was edited by hand is refused by field."""
+    covariance = broken(dict(result.calibration.covariance or {}), change)
+    with pytest.raises(FileFormatError, match=reason):
+        HeightUncertainty.of(dataclasses.replace(result.calibration, covariance=covariance))
