@@ -1,0 +1,147 @@
+"""Triangulation and the paper's chain: both exact where they should be, and wrong by what the literal forms cost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from guara_perception.calibration.camera import CameraModel
+from guara_perception.ranging.locate import Triangulator, locator
+from guara_perception.ranging.paper.camera import rotation_of_pitch
+from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder, radial_coefficient
+from guara_perception.ranging.triangulate import sheet_origin, triangulate
+
+SIZE = (640, 512)
+MATRIX = np.array([[590.0, 0, 322.0], [0, 588.0, 250.0], [0, 0, 1]])
+AREA = ((0.50, 0.95), (-0.27, 0.27))
+MIRROR = np.array([0.60, 0.0, 0.47])
+
+
+def camera(k1: float = -0.15, k2: float = 0.0) -> CameraModel:
+    return CameraModel(SIZE, MATRIX, np.array([k1, k2, 0, 0, 0]))
+
+
+def pose(pitch: float = 31.0) -> np.ndarray:
+    """Camera half a metre above the floor, 0.4 m ahead of the origin."""
+    transform = np.eye(4)
+    transform[:3, :3] = rotation_of_pitch(np.radians(pitch))
+    transform[:3, 3] = 0.4, 0.01, 0.5
+    return transform
+
+
+def sheet(lean: float, turn: float, transform: np.ndarray) -> np.ndarray:
+    """Plane in the camera frame through the mirror, leaning forward by `lean`, turned about the vertical by `turn`."""
+    across = np.array([np.cos(turn), np.sin(turn), 0.0])
+    normal = np.cos(lean) * across + np.array([0, 0, np.sin(lean)])
+    in_camera = transform[:3, :3].T @ normal
+    return np.append(in_camera, -normal @ (MIRROR - transform[:3, 3]))
+
+
+def seen(plane: np.ndarray, transform: np.ndarray, h: np.ndarray, lens: CameraModel) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a sheet at heights h across the area, and where the camera sees them."""
+    normal = transform[:3, :3] @ plane[:3]
+    offset = plane[3] - normal @ transform[:3, 3]
+    y = np.linspace(-0.2, 0.2, h.size)
+    x = -(normal[1] * y + normal[2] * h + offset) / normal[0]
+    points = np.column_stack((x, y, h))
+    return points, lens.project((points - transform[:3, 3]) @ transform[:3, :3])
+
+
+def locate_at(way: object, plane: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Points at sub-pixel columns: between the points of the two neighbouring columns on the same image line."""
+    found = []
+    for u, v in pixels:
+        rows = np.full(SIZE[0], v)
+        points = way.points(plane, rows)  # type: ignore[attr-defined]
+        low = int(np.floor(u))
+        found.append(points[low] * (low + 1 - u) + points[low + 1] * (u - low))
+    return np.array(found)
+
+
+@given(lean=st.floats(-0.15, 0.5), turn=st.floats(-0.03, 0.03), pitch=st.floats(25, 38))
+@settings(max_examples=25, deadline=None, derandomize=True)
+def test_triangulation_gives_the_point_back(lean: float, turn: float, pitch: float) -> None:
+    """A point of the sheet, projected with distortion, is found again to a hundredth of a millimetre."""
+    transform, lens = pose(pitch), camera()
+    plane = sheet(lean, turn, transform)
+    points, pixels = seen(plane, transform, np.linspace(-0.02, 0.1, 7), lens)
+    inside = (pixels > 2).all(axis=1) & (pixels[:, 0] < SIZE[0] - 3) & (pixels[:, 1] < SIZE[1] - 3)
+    found = locate_at(Triangulator(lens, transform), plane, pixels[inside])
+    np.testing.assert_allclose(found, points[inside], atol=1e-5)
+
+
+@given(lean=st.floats(-0.15, 0.5), turn=st.floats(-0.03, 0.03), pitch=st.floats(25, 38))
+@settings(max_examples=25, deadline=None, derandomize=True)
+def test_the_papers_chain_is_exact_where_its_lens_is(lean: float, turn: float, pitch: float) -> None:
+    """With one radial coefficient, eqs. 7 to 21 about the nadir equal triangulation, also for a turned stripe."""
+    transform, lens = pose(pitch), camera()
+    plane = sheet(lean, turn, transform)
+    rows = np.linspace(60, 450, SIZE[0])
+    paper = PaperRangefinder(lens, transform, AREA, Literal())
+    exact = Triangulator(lens, transform).points(plane, rows)
+    usable = np.isfinite(exact[:, 2]) & (exact[:, 2] > -0.1) & (exact[:, 2] < 0.2)
+    np.testing.assert_allclose(paper.points(plane, rows)[usable], exact[usable], atol=2e-6)
+
+
+def test_one_radial_coefficient_is_found() -> None:
+    """The fitted k is the lens' own k1 when it has no other coefficient."""
+    assert radial_coefficient(camera(-0.15)) == pytest.approx(-0.15, abs=1e-5)
+    assert radial_coefficient(camera(0.0)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_literal_lens_and_literal_ortho_miss_by_millimetres() -> None:
+    """One step of eq. 8 costs height at the picture's edge; the image centre moves an object by h tan(alpha)."""
+    transform, lens = pose(), camera(-0.2)
+    plane = sheet(-0.15, 0.0, transform)
+    points, pixels = seen(plane, transform, np.full(5, 0.05), lens)
+    right = locate_at(PaperRangefinder(lens, transform, AREA, Literal()), plane, pixels)
+    lens_only = locate_at(PaperRangefinder(lens, transform, AREA, Literal(lens=True)), plane, pixels)
+    ortho_only = locate_at(PaperRangefinder(lens, transform, AREA, Literal(ortho=True)), plane, pixels)
+    np.testing.assert_allclose(right, points, atol=2e-5)
+    assert np.abs(lens_only[:, 2] - 0.05).max() > 5e-4
+    middle_ahead_of_nadir = 0.725 - 0.4
+    np.testing.assert_allclose(ortho_only[:, 0] - points[:, 0], 0.05 / 0.5 * middle_ahead_of_nadir, atol=1e-4)
+
+
+@pytest.mark.parametrize("literal", [None, Literal()])
+def test_sigma_of_the_height_is_its_finite_difference(literal: Literal | None) -> None:
+    """Moving the stripe by a tenth of a pixel changes the height by a tenth of the stated sigma for one pixel."""
+    transform, lens = pose(), camera()
+    plane = sheet(0.3, 0.01, transform)
+    way = locator(literal, lens, transform, AREA)
+    rows = np.full(SIZE[0], 300.0)
+    sigma = way.height_sigma(plane, rows, np.ones(SIZE[0]))
+    moved = np.abs(way.points(plane, rows + 0.05)[:, 2] - way.points(plane, rows - 0.05)[:, 2]) / 0.1
+    np.testing.assert_allclose(sigma, moved, rtol=0.06)
+
+
+def test_no_position_no_point_and_no_grazing_ray() -> None:
+    """NaN rows give NaN points; a sheet through the camera's own rays gives none."""
+    transform, lens = pose(), camera()
+    rows = np.full(SIZE[0], np.nan)
+    rows[7] = 200.0
+    points = Triangulator(lens, transform).points(sheet(0.2, 0, transform), rows)
+    assert np.isfinite(points[7]).all() and np.isnan(np.delete(points, 7, axis=0)).all()
+    ray = lens.rays([[7.0, 200.0]])[0]
+    along = np.cross(ray, [1.0, 0, 0])
+    grazing, _ = triangulate(lens, np.append(along / np.linalg.norm(along), -0.001), rows, np.zeros(SIZE[0]))
+    assert np.isnan(grazing).all()
+
+
+def test_sheet_behind_the_camera_gives_no_point() -> None:
+    """A negative depth is no point."""
+    lens = camera()
+    points, _ = triangulate(lens, np.array([0.0, 0, 1.0, 1.0]), np.full(SIZE[0], 200.0), np.zeros(SIZE[0]))
+    assert np.isnan(points).all()
+
+
+def test_sheet_origin_is_on_the_mirror_axis() -> None:
+    """All sheets pass through the mirror: the spot of its axis nearest to the camera is found."""
+    transform = pose()
+    planes = []
+    for lean in np.linspace(-0.1, 0.4, 9):
+        normal = np.array([np.cos(lean), 0, np.sin(lean)])
+        planes.append(np.append(normal, -normal @ MIRROR))
+    np.testing.assert_allclose(sheet_origin(np.array(planes), transform[:3, 3]), [0.6, 0.01, 0.47], atol=1e-9)

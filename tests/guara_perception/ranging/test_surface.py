@@ -1,0 +1,258 @@
+"""What counts as surface: confirmed by neighbours, cut at its ends, and never more when a stripe is lost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from guara_perception.ranging.run_ends import END_COLUMNS, run_breaks, run_ends
+from guara_perception.ranging.scan_surface import scan_surface
+from guara_perception.ranging.stripe_points import StripePoints, stripe_points
+from guara_perception.ranging.surface import OPEN_END_M, joined_surface, line_samples, linked_columns
+from guara_perception.ranging.surface_raster import SurfaceRaster
+from guara_perception.stripes.profile import StripeProfile, StripeStatus
+from guara_perception.terrain.geometry import GridGeometry
+from guara_perception.terrain.hazard import Hazard
+
+COLUMNS = 40
+JOIN = 0.008
+GRID = GridGeometry((0.0, 0.0), 0.005, (8, 24))
+NOTHING = np.full((COLUMNS, 3), np.nan)
+
+
+def stripe(x: float, z: object = 0.0, strength: object = 100.0, **extra: object) -> StripePoints:
+    """A stripe across 40 mm at x with heights z (scalar or per column, NaN = no return)."""
+    heights = np.broadcast_to(np.asarray(z, float), (COLUMNS,))
+    points = np.column_stack((np.full(COLUMNS, x), 0.0005 + 0.001 * np.arange(COLUMNS), heights))
+    points[np.isnan(heights)] = np.nan
+    known = np.isfinite(heights)
+    return StripePoints(
+        points=points,
+        variance=np.where(known, 1e-8, np.nan),
+        strength=np.where(known, strength, np.nan),
+        status=np.where(known, 0, 1).astype(np.uint8),
+        out_of_range=extra.get("out_of_range", NOTHING.copy()),  # type: ignore[arg-type]
+        doubtful=extra.get("doubtful", NOTHING.copy()),  # type: ignore[arg-type]
+    )
+
+
+def raster(stripes: dict[int, StripePoints], pattern: range = range(12)) -> SurfaceRaster:
+    result = SurfaceRaster(GRID, pattern, JOIN)
+    for index, each in stripes.items():
+        result.add(index, each)
+    return result
+
+
+def test_flat_ground_is_wholly_known() -> None:
+    """Stripes 8 mm apart: every cell between the first and the last is known at the right height."""
+    ground = raster({k: stripe(0.004 + 0.008 * k, 0.01) for k in range(12)}).raster()
+    inner = ground.elevation[:, 1:18]
+    np.testing.assert_allclose(inner, 0.01, atol=1e-9)
+
+
+def test_a_single_stripe_proves_nothing() -> None:
+    """Without a neighbour that confirms it no return is used."""
+    assert np.isnan(raster({5: stripe(0.05)}).raster().elevation).all()
+
+
+def test_a_lost_stripe_leaves_a_gap() -> None:
+    """Stripes 4 and 6 are no neighbours: nothing between them is bridged."""
+    stripes = {k: stripe(0.004 + 0.008 * k) for k in range(12) if k != 5}
+    elevation = raster(stripes).raster().elevation
+    assert np.isnan(elevation[:, 8]).all()
+    assert np.isfinite(elevation[:, 5]).all() and np.isfinite(elevation[:, 12]).all()
+
+
+@pytest.mark.parametrize(("rise", "linked"), [(0.0079, True), (0.0081, False)])
+def test_links_end_at_the_join_height(rise: float, linked: bool) -> None:
+    """Less than `join_height` apart is one surface, more is a wall."""
+    assert linked_columns(stripe(0.0), stripe(0.01, rise), JOIN).all() == linked
+
+
+def test_weak_return_must_agree_in_height() -> None:
+    """A return far weaker than its neighbour may be cut by an edge: it is joined only at nearly the same height."""
+    strong, weak_level, weak_off = stripe(0.0), stripe(0.01, 0.001, 20.0), stripe(0.01, 0.004, 20.0)
+    assert linked_columns(strong, weak_level, JOIN).all()
+    assert not linked_columns(strong, weak_off, JOIN).any()
+    assert linked_columns(strong, stripe(0.01, 0.004, 60.0), JOIN).all()
+
+
+def test_open_end_is_cut_and_the_rest_does_not_move() -> None:
+    """Where the surface does not go on, the last bit of the line is left out; the other samples do not move."""
+    pair = (stripe(0.0), stripe(0.008))
+    points, variances = (pair[0].points, pair[1].points), (pair[0].variance, pair[1].variance)
+    yes, no = np.ones(COLUMNS, bool), np.zeros(COLUMNS, bool)
+    whole = joined_surface(points, variances, (yes, yes, yes), 0.0005)
+    cut = joined_surface(points, variances, (yes, yes, no), 0.0005)
+    assert cut.points[:, 0].max() <= 0.008 - OPEN_END_M + 1e-12
+    assert {tuple(p) for p in cut.points} < {tuple(p) for p in whole.points}
+
+
+def test_variance_between_two_stripes_is_that_of_the_interpolation() -> None:
+    """In the middle a quarter of each: half the variance of either."""
+    pair = (stripe(0.0), stripe(0.008))
+    points, variances = (pair[0].points, pair[1].points), (pair[0].variance, pair[1].variance)
+    yes = np.ones(COLUMNS, bool)
+    joined = joined_surface(points, variances, (yes, yes, yes), 0.0001)
+    middle = np.abs(joined.points[:, 0] - 0.004) < 1e-4
+    np.testing.assert_allclose(joined.variance[middle], 0.5e-8, rtol=0.01)
+
+
+@given(data=st.data())
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_losing_stripes_never_adds_a_sample(data: st.DataObject) -> None:
+    """Random heights, gaps and strengths: samples without some stripes are a subset of those with all."""
+    random = np.random.default_rng(data.draw(st.integers(0, 10_000)))
+    stripes = {}
+    for k in range(8):
+        z = np.cumsum(random.normal(0, 0.002, COLUMNS))
+        z[random.random(COLUMNS) < 0.2] = np.nan
+        stripes[k] = stripe(0.01 * k, z, random.uniform(10, 100, COLUMNS))
+    lost = data.draw(st.frozensets(st.integers(0, 7), min_size=1, max_size=4))
+    whole = {key: {tuple(p) for p in part.points} for key, part in scan_surface(stripes, range(8), JOIN, 0.005)}
+    rest = {k: each for k, each in stripes.items() if k not in lost}
+    for key, part in scan_surface(rest, range(8), JOIN, 0.005):
+        assert {tuple(p) for p in part.points} <= whole[key], key
+
+
+def test_raster_does_not_depend_on_the_order_of_the_stripes() -> None:
+    """Parts that were settled early equal those made at the end, bit by bit."""
+    random = np.random.default_rng(2)
+    stripes = {k: stripe(0.01 * k, random.normal(0, 0.001, COLUMNS)) for k in range(10)}
+    ordered = raster(stripes)
+    shuffled = raster({int(k): stripes[int(k)] for k in random.permutation(10)})
+    for name in ("elevation", "variance", "low", "high", "count"):
+        np.testing.assert_array_equal(getattr(ordered.raster(), name), getattr(shuffled.raster(), name))
+    assert list(shuffled.stripes) == list(range(10))
+
+
+def test_return_above_the_gates_makes_its_cell_unknown() -> None:
+    """Something above known ground is in the way: the cell is out of range, its neighbours stay."""
+    high = NOTHING.copy()
+    high[10] = 0.052, 0.0105, 0.2
+    stripes = {k: stripe(0.004 + 0.008 * k) for k in range(12)}
+    stripes[6] = stripe(0.004 + 0.048, out_of_range=high)
+    result = raster(stripes)
+    assert np.isnan(result.raster().elevation[2, 10]) and np.isfinite(result.raster().elevation[2, 9])
+    assert result.marks()[2, 10] & Hazard.OUT_OF_RANGE
+
+
+def test_return_below_the_gates_only_names_the_cause() -> None:
+    """From under ground that was seen nothing can return: a stray below it takes nothing away."""
+    low = NOTHING.copy()
+    low[10] = 0.052, 0.0105, -0.3
+    stripes = {k: stripe(0.004 + 0.008 * k) for k in range(12)}
+    stripes[6] = stripe(0.004 + 0.048, out_of_range=low)
+    result = raster(stripes)
+    assert np.isfinite(result.raster().elevation[2, 10])
+    assert result.marks()[2, 10] == Hazard.OUT_OF_RANGE
+
+
+def test_a_drop_seen_by_two_stripes_is_marked_in_between() -> None:
+    """Between two returns from below the gates the ground is no better: the cells between are marked too."""
+    ends = [
+        np.column_stack((np.full(COLUMNS, x), stripe(0).points[:, 1], np.full(COLUMNS, -0.2))) for x in (0.02, 0.05)
+    ]
+    stripes = {k: stripe(0, np.nan, out_of_range=ends[k]) for k in (0, 1)}
+    marks = raster(stripes).marks()
+    assert (marks[:, 4:10] == Hazard.OUT_OF_RANGE).all()
+    assert len(line_samples((ends[0], NOTHING), 0.005)) == 0
+
+
+def test_ends_of_a_run_are_left_out() -> None:
+    """Beside a gap and on both sides of a jump columns are dropped; at the picture's border none is."""
+    height = np.zeros(60)
+    height[20:30] = np.nan
+    height[45:] = 0.02
+    ends = run_ends(height, np.full(60, 100.0))
+    expected = np.zeros(60, bool)
+    for begin in (20 - END_COLUMNS, 30, 45 - END_COLUMNS, 45):
+        expected[begin : begin + END_COLUMNS] = True
+    np.testing.assert_array_equal(ends, expected)
+    assert 44 in run_breaks(height)
+
+
+def test_fading_end_of_a_run_is_left_out() -> None:
+    """A shadow edge cuts the stripe column by column: up to where the strength has come up, nothing is used."""
+    height = np.zeros(60)
+    height[:10] = np.nan
+    strength = np.full(60, 100.0)
+    strength[10:18] = [5, 8, 12, 20, 30, 40, 52, 58]
+    ends = run_ends(height, strength)
+    assert ends[10:16].all()
+    assert not ends[20:].any()
+
+
+def test_short_weak_run_is_left_out() -> None:
+    """A few weak columns between gaps are what an edge left of a cut stripe; as strong as the rest they stay."""
+    height = np.zeros(80)
+    height[20:30] = height[38:48] = np.nan
+    strength = np.full(80, 100.0)
+    strength[30:38] = 30.0
+    assert run_ends(height, strength)[30:38].all()
+    strength[30:38] = 100.0
+    assert not run_ends(height, strength)[32:36].any()
+
+
+class Level:
+    """A locator whose point of column c and row r lies at (0, c mm, r mm)."""
+
+    view_point = np.zeros(3)
+
+    def points(self, plane: object, rows: np.ndarray) -> np.ndarray:
+        rows = np.asarray(rows, float)
+        points = np.column_stack((np.zeros(rows.size), 0.001 * np.arange(rows.size), 0.001 * rows))
+        points[np.isnan(rows)] = np.nan
+        return points
+
+    def height_sigma(self, plane: object, rows: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+        return 0.001 * np.asarray(sigma, float)
+
+
+def profile(rows: np.ndarray, doubtful: np.ndarray | None = None) -> StripeProfile:
+    rows = np.asarray(rows, np.float32)
+    known = np.isfinite(rows)
+    status = np.where(known, StripeStatus.OK, StripeStatus.DROPOUT).astype(np.uint8)
+    sigma = np.where(known, 0.1, np.nan).astype(np.float32)
+    nothing = np.full(rows.size, np.nan, np.float32)
+    return StripeProfile(
+        rows, sigma, status, np.full(rows.size, 50, np.float32), nothing if doubtful is None else doubtful
+    )
+
+
+def test_points_outside_the_gates_are_set_apart() -> None:
+    """Below and above the gates: no terrain, but a return that was seen."""
+    rows = np.repeat([0.0, -200.0, 0.0, 300.0, 0.0], 20)
+    found = stripe_points(profile(rows), Level(), np.zeros(4), (-0.08, 0.13))
+    low, high = slice(24, 36), slice(64, 76)
+    assert np.isnan(found.points[low]).all() and np.isnan(found.points[high]).all()
+    assert (found.out_of_range[low, 2] == pytest.approx(-0.2)) and (found.out_of_range[high, 2] == pytest.approx(0.3))
+    assert (found.status[low] == StripeStatus.OUT_OF_BAND).all()
+    assert (found.status[18:22] == StripeStatus.MIXED_EDGE).sum() >= 2
+    np.testing.assert_allclose(found.variance[5:15], 1e-8)
+
+
+def test_points_on_the_robot_are_dropped() -> None:
+    """What lies on a leg is no terrain, and what is beside it ends a run."""
+    found = stripe_points(
+        profile(np.zeros(60)),
+        Level(),
+        np.zeros(4),
+        (-0.08, 0.13),
+        on_robot=lambda p: (p[:, 1] > 0.02) & (p[:, 1] < 0.03),
+    )
+    assert np.isnan(found.points[21:30, 2]).all()
+    assert np.isnan(found.doubtful[21:30, 2]).all()
+    assert np.isfinite(found.points[:18, 2]).all() and np.isfinite(found.points[34:, 2]).all()
+
+
+def test_doubtful_returns_keep_their_place() -> None:
+    """A return that may not be used says where it was, unless that is outside the gates."""
+    doubtful = np.full(60, np.nan, np.float32)
+    doubtful[10], doubtful[11] = 5.0, 900.0
+    rows = np.where(np.isfinite(doubtful), np.nan, 0.0)
+    found = stripe_points(profile(rows, doubtful), Level(), np.zeros(4), (-0.08, 0.13))
+    assert found.doubtful[10, 2] == pytest.approx(0.005)
+    assert np.isnan(found.doubtful[11]).all()
