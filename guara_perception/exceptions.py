@@ -31,3 +31,7 @@ class UnsafeGrid(PerceptionError, RuntimeError):
 
 class PlannerFailed(PerceptionError, RuntimeError):
     """The planner process of the demo died or does not answer."""
+
+
+class MirrorSlipped(PerceptionError, RuntimeError):
+    """The mirror was not where it was commanded to be; the scan is not used."""
