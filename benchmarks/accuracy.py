@@ -54,11 +54,16 @@ class Figures:
 
 
 def load_truth(path: Path, cell_mm: int) -> Truth:
-    """Truth at 1 mm, gathered into cells of `cell_mm`."""
+    """Truth of a recorded scan."""
     with np.load(path) as data:
-        elevation = data["elevation"].astype(np.float64)
         seen = data["visible"] & data["lit"] & ~data["dark"]
-        dark = data["dark"]
+        return truth_of(data["elevation"].astype(np.float64), seen, data["dark"], cell_mm)
+
+
+def truth_of(
+    elevation: npt.NDArray[np.float64], seen: npt.NDArray[np.bool_], dark: npt.NDArray[np.bool_], cell_mm: int
+) -> Truth:
+    """Truth at 1 mm, a[iy, ix], gathered into cells of `cell_mm`."""
     kernel = np.ones((3, 3), np.uint8)
     spread = cv2.dilate(elevation, kernel) - cv2.erode(elevation, kernel)
     side = 2 * INTERIOR_MARGIN_MM + 1

@@ -1,0 +1,100 @@
+"""Stripe extraction by everybody: (laser on, laser off) of a band or a frame -> row of the stripe in each column."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from importlib.util import find_spec
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+import guara_perception as gp
+from benchmarks.stripe_speed import Reference, library_skeleton
+from guara_perception.stripes.extract import METHODS
+from guara_perception.stripes.thinning import skeleton
+
+Frame = npt.NDArray[np.uint8]
+Rows = npt.NDArray[np.float32]
+Extract = Callable[[Frame, Frame], Rows]
+
+REFERENCE = "reference: cv2 + numpy, band"
+LITERAL = "paper taken literally"
+LOOPS = "paper point by point"
+USER = "OpenCV user"
+OURS = {f"ours: {name}": name for name in ("precise", "paper") if name in METHODS}
+# Half the window of the centre of gravity, and the least difference that an OpenCV user takes for a stripe.
+WINDOW_PX = 4
+LEAST_LEVEL = 15
+
+
+def reference(on: Frame, off: Frame) -> Rows:
+    """The plain band reference with buffers made beforehand."""
+    return _reference(*on.shape[:2])(on, off)
+
+
+@lru_cache(maxsize=1024)
+def _reference(rows: int, columns: int) -> Reference:
+    return Reference(rows, columns)
+
+
+def literal(on: Frame, off: Frame) -> Rows:
+    """Red channel, background removed, Otsu, skeleton, mean row per column."""
+    light = cv2.subtract(np.ascontiguousarray(on[:, :, 2]), np.ascontiguousarray(off[:, :, 2]))
+    _, mask = cv2.threshold(light, 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+    thin = skeleton(mask.astype(bool))
+    count = thin.sum(axis=0)
+    rows = (thin * np.arange(len(thin))[:, None]).sum(axis=0)
+    return np.where(count > 0, rows / np.maximum(count, 1), np.nan).astype(np.float32)
+
+
+def opencv_user(on: Frame, off: Frame) -> Rows:
+    """Blurred red difference, its largest value per column, centre of gravity in a window around."""
+    light = cv2.GaussianBlur(cv2.subtract(cv2.extractChannel(on, 2), cv2.extractChannel(off, 2)), (5, 5), 0)
+    top = light.argmax(axis=0)
+    every = np.arange(light.shape[1])
+    around = np.clip(top + np.arange(-WINDOW_PX, WINDOW_PX + 1)[:, None], 0, len(light) - 1)
+    weights = light[around, every].astype(np.float32)
+    row = (weights * around).sum(axis=0) / np.maximum(weights.sum(axis=0), 1)
+    return np.where(light[top, every] > LEAST_LEVEL, row, np.nan).astype(np.float32)
+
+
+def ours(method: str) -> Extract:
+    """One method of this project."""
+
+    def extract(on: Frame, off: Frame) -> Rows:
+        return gp.extract_stripe(on, off, method=method).position_px
+
+    return extract
+
+
+def extractors() -> dict[str, Extract]:
+    """All that find a stripe; scikit-image's skeleton only where that library happens to be installed."""
+    found: dict[str, Extract] = {REFERENCE: reference}
+    found |= {name: ours(method) for name, method in OURS.items()}
+    found |= {LITERAL: literal, USER: opencv_user}
+    if find_spec("skimage") is not None:
+        found[f"{LITERAL}, scikit-image"] = library_skeleton
+    return found
+
+
+def touch(*arrays: Frame) -> int:
+    """Read every byte once: nothing that looks at all pixels is faster."""
+    total = 0
+    for array in arrays:
+        flat = array.reshape(-1)
+        words = flat[: flat.size // 8 * 8].view(np.uint64)
+        total ^= int(np.bitwise_xor.reduce(words))
+    return total
+
+
+def copy(*arrays: Frame) -> None:
+    """Copy every byte once."""
+    for array in arrays:
+        np.copyto(_buffer(array.shape), array)
+
+
+@lru_cache(maxsize=1024)
+def _buffer(shape: tuple[int, ...]) -> Frame:
+    return np.empty(shape, np.uint8)

@@ -1,0 +1,101 @@
+"""Stripe extraction: time beside error, on synthetic stripes of every kind of light and on the frames of scans."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.contenders import LITERAL, REFERENCE, USER, Extract, copy, extractors, touch
+from benchmarks.rounds import Timings, alternate, number
+from benchmarks.scenes import Recording
+from benchmarks.section import Effort, Section
+from benchmarks.synthetic_stripes import CASES, stripe_errors, stripes
+
+Frame = npt.NDArray[np.uint8]
+FLOOR, ALL_FLOOR, COPY = "floor: band read once", "floor: all bytes read once", "floor: all bytes copied"
+
+
+def synthetic(effort: Effort) -> Section:
+    """One row per contender and kind of light."""
+    rows: list[tuple[str, ...]] = []
+    figures: dict[str, dict[str, dict[str, float]]] = {}
+    for case in CASES:
+        frames = list(stripes(case, count=effort.synthetic_stripes))
+        pairs = [(on, off) for on, off, _ in frames]
+        timings = alternate(
+            {name: _over(extract, pairs) for name, extract in extractors().items()}
+            | {FLOOR: lambda pairs=pairs: [touch(on, off) for on, off in pairs]},
+            effort.rounds,
+        )
+        figures[case.name] = {}
+        for name, extract in extractors().items():
+            error = stripe_errors([extract(on, off) for on, off in pairs], [centre for _, _, centre in frames])
+            ratio = timings.ratio(name, REFERENCE)
+            figures[case.name][name] = {"ratio": ratio.median, "low": ratio.low, "high": ratio.high, **error}
+            rows.append(
+                (case.name, name, str(ratio), number(timings.ratio(name, FLOOR).median))
+                + tuple(f"{error[key]:.3f}" for key in ("mean", "p95"))
+                + tuple(f"{error[key]:.2f}" for key in ("missed", "false"))
+            )
+    return Section(
+        "extraction_synthetic",
+        "Stripe extraction, synthetic stripes",
+        "Bands of 1280 x 160 pixels with a Gaussian stripe whose centre is known. CPU time over that of a plain cv2 "
+        "and numpy reference in the same round, and over reading the band's bytes once; errors in pixels, missed "
+        "and false columns in per cent.",
+        ("light", "contender", "x reference", "x floor", "mean px", "p95 px", "missed %", "false %"),
+        rows,
+        figures,
+    )
+
+
+def frames_of_scans(recordings: list[Recording], effort: Effort) -> Section:
+    """Time on the frames of scans: those who know the band get the band, the others the whole frame."""
+    rows = []
+    figures: dict[str, dict[str, float]] = {}
+    for recording in recordings:
+        timings, count = time_extraction(recording, effort)
+        figures[recording.name] = {}
+        for name in timings.seconds:
+            ratio = timings.ratio(name, REFERENCE)
+            figures[recording.name][name] = ratio.median
+            rows.append(
+                (recording.name, name, f"{timings.milliseconds(name, count):.2f}", str(ratio))
+                + (number(timings.ratio(name, FLOOR).median),)
+            )
+    return Section(
+        "extraction_scans",
+        "Stripe extraction, frames of scans",
+        "The same on the frames of scans. The reference and this project look at the row band in which the stripe can "
+        "appear, the others at the whole frame; errors of the heights that come of it stand under whole scans.",
+        ("scan", "contender", "ms per frame", "x reference", "x floor"),
+        rows,
+        figures,
+    )
+
+
+def time_extraction(recording: Recording, effort: Effort) -> tuple[Timings, int]:
+    """Timings of all contenders and of reading the bytes, and the number of frames."""
+    bands = [(on, off) for on, off, _ in recording.bands()]
+    whole = [(on, off) for _, on, off in recording.frames]
+    contenders = {
+        name: _over(extract, whole if name.startswith((LITERAL, USER)) else bands)
+        for name, extract in extractors().items()
+    }
+    floors = {
+        FLOOR: lambda: [touch(on, off) for on, off in bands],
+        ALL_FLOOR: lambda: [touch(on, off) for on, off in whole],
+        COPY: lambda: [copy(on, off) for on, off in whole],
+    }
+    slow = [name for name in contenders if name.startswith(LITERAL)]
+    return alternate(contenders | floors, effort.rounds, slow=slow, slow_rounds=effort.slow_rounds), len(bands)
+
+
+def _over(extract: Extract, pairs: list[tuple[Frame, Frame]]) -> Callable[[], None]:
+    def run() -> None:
+        for on, off in pairs:
+            extract(on, off)
+
+    return run

@@ -1,0 +1,64 @@
+"""How the cost grows with stripes, pixels and cells: exponents fitted to the measured CPU times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+import guara_perception as gp
+from benchmarks import whole_scan
+from benchmarks.rounds import alternate, number
+from benchmarks.scenes import Recording, resized, simulated
+from benchmarks.section import Effort, Section
+from guara_perception.terrain.assess_terrain import default_limits
+
+SMALL = (640, 512)
+CELL_M = 0.005
+
+
+def growth(standard: Recording, effort: Effort) -> Section:
+    """Three series."""
+    series = {
+        "stripes": [(n, _scan(simulated(SMALL, n))) for n in effort.stripe_counts],
+        "pixels": [(w * h, _scan(resized(standard, (w, h)))) for w, h in effort.picture_sizes],
+        "cells": [(side * side, _layers(side)) for side in effort.cell_sides],
+    }
+    rows, figures = [], {}
+    for name, runs in series.items():
+        timings = alternate({str(size): run for size, run in runs}, effort.rounds)
+        sizes = [size for size, _ in runs]
+        times = [timings.milliseconds(str(size)) for size in sizes]
+        exponent = fit(sizes, times)
+        figures[name] = {"sizes": sizes, "milliseconds": times, "exponent": exponent}
+        rows.append(
+            (name, f"{sizes[0]:,} ... {sizes[-1]:,}", f"{times[0]:.2f} ... {times[-1]:.1f}")
+            + (number(times[-1] / times[0]), number(sizes[-1] / sizes[0]), f"{exponent:.2f}")
+        )
+    return Section(
+        "growth",
+        "Growth",
+        "CPU time of a whole scan over the number of stripes (640 x 512) and of pixels (the standard scan, resized), "
+        "and of all traversability layers over the number of 5 mm cells. The exponent is the slope of a straight line "
+        "through the logarithms: 1 is proportional.",
+        ("with", "from ... to", "ms CPU", "time x", "size x", "exponent"),
+        rows,
+        figures,
+    )
+
+
+def fit(sizes: list[int], times: list[float]) -> float:
+    """Exponent of the power law through the points."""
+    return float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
+
+
+def _scan(recording: Recording) -> Callable[[], object]:
+    return lambda: whole_scan.ours(recording, "precise")
+
+
+def _layers(side: int) -> Callable[[], object]:
+    random = np.random.default_rng(0)
+    elevation = random.normal(0, 0.002, (side, side))
+    elevation[random.random((side, side)) < 0.01] = np.nan
+    limits = default_limits()
+    return lambda: gp.assess_terrain(elevation, CELL_M, limits=limits)

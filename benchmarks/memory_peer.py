@@ -1,0 +1,47 @@
+"""The process whose memory is measured: it scans twice from frames that it makes one by one."""
+
+from __future__ import annotations
+
+import gc
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.scenes import robot_with, scan_stance
+from guara_perception import ScanProcessor
+from guara_perception.simulation.specimen import specimen
+
+
+def resident(field: str) -> float:
+    """VmRSS (now) or VmHWM (peak) of this process [MB]."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith(field):
+            return float(line.split()[1]) / 1024
+    raise RuntimeError(f"/proc/self/status has no {field}")
+
+
+def main(folder: str, stripes: int) -> None:
+    """Print growth of the first scan, of the second above it, and the size of one pair of frames [MB]."""
+    robot = robot_with(stripes)
+    width, height, _ = (int(word) for word in (Path(folder) / "scan.txt").read_text().split())
+    calibration = specimen(robot, (width, height))
+    stance = scan_stance(robot)
+    off = np.load(Path(folder) / "off.npy")
+    pair = 2 * off.nbytes / 1e6
+
+    def scan(count: int) -> None:
+        processor = ScanProcessor(calibration, robot, stance, "standard")
+        for index in range(count):
+            first, end = processor.band(index)
+            on = off.copy()
+            on[first:end] = np.load(Path(folder) / f"{index}.npy")
+            processor.add(index, on, off.copy())
+        processor.finish()
+
+    scan(1)
+    gc.collect()
+    before = resident("VmRSS")
+    scan(stripes)
+    first = resident("VmHWM")
+    scan(stripes)
+    print(max(first - before, 0.0), resident("VmHWM") - first, pair)

@@ -1,0 +1,131 @@
+"""Grids between processes: this project's transport beside a raw TCP and a shared-memory ping of the same bytes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from multiprocessing.shared_memory import SharedMemory
+
+import numpy as np
+
+import transport
+from benchmarks.rounds import Ratio, number
+from benchmarks.section import Effort, Section
+from benchmarks.transport import Peer, free_endpoint, free_port, peers
+from benchmarks.transport_peer import make_terrain
+
+OURS, TCP, SHARED = "publish to receive, array to array", "raw TCP ping", "shared-memory ping"
+PERIOD_S = 0.01
+TURNS = 5
+
+
+def messaging(effort: Effort) -> Section:
+    """Ours one way with encoding and decoding; the pings there and back with the bytes alone."""
+    payload = transport.encode_terrain(make_terrain(1))
+    per_turn = max(effort.pings // TURNS, 1)
+    seconds: dict[str, list[float]] = {OURS: [], TCP: [], SHARED: []}
+    medians: dict[str, list[float]] = {OURS: [], TCP: [], SHARED: []}
+    with peers() as start, _shared_echo(payload) as ping_memory:
+        endpoint, port = free_endpoint(), free_port()
+        node, planner = start("node", endpoint, "listen"), start("planner", endpoint, "0")
+        start("tcp", str(port))
+        with socket.create_connection(("127.0.0.1", port)) as connection:
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            node.tell(publish=0)
+            time.sleep(0.5)
+            for turn in range(TURNS):
+                for name, times in (
+                    (OURS, _publish(node, planner, turn, per_turn)),
+                    (TCP, [_ping_tcp(connection, payload) for _ in range(per_turn)]),
+                    (SHARED, [ping_memory() for _ in range(per_turn)]),
+                ):
+                    seconds[name] += times
+                    medians[name].append(float(np.median(times)))
+    rows, figures = [], {}
+    for name, times in seconds.items():
+        ratios = np.array(medians[name]) / medians[TCP]
+        ratio = Ratio(float(np.median(ratios)), float(ratios.min()), float(ratios.max()))
+        p50, p99 = (1e3 * float(np.percentile(times, share)) for share in (50, 99))
+        figures[name] = {"ratio": ratio.median, "p50_ms": p50, "p99_ms": p99}
+        rows.append((name, number(p50), number(p99), str(ratio)))
+    return Section(
+        "messaging",
+        "Grids between processes",
+        f"One grid of 108 x 90 cells with all layers ({len(payload) / 1e3:.0f} kB) from one process to another on the "
+        "same machine. Ours: from the arrays of the node to those of the planner, one way, over Zenoh. The pings carry "
+        "the same bytes there and back, without making or reading them. Wall time; ratio of medians in each of "
+        f"{TURNS} turns.",
+        ("way", "p50 ms", "p99 ms", "x raw TCP ping"),
+        rows,
+        figures,
+    )
+
+
+def _publish(node: Peer, planner: Peer, turn: int, count: int) -> list[float]:
+    node.tell(stream=count * (turn + 1), first=count * turn + 1, period=PERIOD_S)
+    sent = node.hear()["times"]
+    deadline = time.monotonic() + 10
+    while True:
+        planner.tell()
+        got = planner.hear()["got"]
+        # The newest replaces those not yet taken: under load some never arrive, the last one always does.
+        if str(count * (turn + 1)) in got or time.monotonic() > deadline:
+            return [(got[step] - begin) * 1e-9 for step, begin in sent.items() if step in got]
+
+
+def _ping_tcp(connection: socket.socket, payload: bytes) -> float:
+    time.sleep(PERIOD_S)
+    back = bytearray(len(payload))
+    start = time.monotonic()
+    connection.sendall(len(payload).to_bytes(8, "little") + payload)
+    connection.recv_into(back, len(back), socket.MSG_WAITALL)
+    return time.monotonic() - start
+
+
+@contextmanager
+def _shared_echo(payload: bytes) -> Iterator:
+    """A process that copies a block of shared memory into another; gives the function that pings it."""
+    context = multiprocessing.get_context("spawn")
+    near, far = context.Pipe()
+    there, back = (SharedMemory(create=True, size=len(payload)) for _ in range(2))
+    process = context.Process(target=echo, args=(far, there.name, back.name, len(payload)), daemon=True)
+    process.start()
+    near.recv_bytes()
+    source, target = np.frombuffer(payload, np.uint8), np.empty(len(payload), np.uint8)
+
+    def ping() -> float:
+        time.sleep(PERIOD_S)
+        start = time.monotonic()
+        np.copyto(np.frombuffer(there.buf, np.uint8)[: len(payload)], source)
+        near.send_bytes(b"1")
+        near.recv_bytes()
+        np.copyto(target, np.frombuffer(back.buf, np.uint8)[: len(payload)])
+        return time.monotonic() - start
+
+    try:
+        yield ping
+    finally:
+        near.close()
+        process.join(10)
+        for block in (there, back):
+            block.close()
+            block.unlink()
+
+
+def echo(connection: Connection, source: str, target: str, size: int) -> None:
+    """The other process: copies what it is shown into arrays of its own and back."""
+    there, back = SharedMemory(source), SharedMemory(target)
+    own = np.empty(size, np.uint8)
+    connection.send_bytes(b"1")
+    try:
+        while connection.recv_bytes():
+            np.copyto(own, np.frombuffer(there.buf, np.uint8)[:size])
+            np.copyto(np.frombuffer(back.buf, np.uint8)[:size], own)
+            connection.send_bytes(b"1")
+    except EOFError:
+        there.close()
+        back.close()

@@ -1,0 +1,59 @@
+"""Two pictures: error against time of every extraction, and growth with stripes, pixels and cells."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.section import Section
+from guara_perception.view.style import LINE_COLOURS, new_figure, save_figure
+
+MARKERS = "osD^vPX"
+
+
+def error_against_time(section: Section, path: Path) -> None:
+    """Mean error over time, one panel per kind of light; down and left is better."""
+    cases: Mapping[str, Mapping[str, Mapping[str, float]]] = section.figures
+    figure, axes = new_figure(1, len(cases), (9.0, 3.0), sharex=True, sharey=True)
+    for panel, (case, contenders) in zip(axes[0], cases.items(), strict=True):
+        for i, (name, f) in enumerate(contenders.items()):
+            colour = LINE_COLOURS[i % len(LINE_COLOURS)]
+            panel.plot(f["ratio"], f["mean"], MARKERS[i % len(MARKERS)], color=colour, label=name, markersize=6)
+        panel.set_xscale("log")
+        panel.set_yscale("log")
+        panel.set_title(case)
+        panel.set_xlabel("time, x reference")
+        panel.grid(True, which="major", linewidth=0.3)
+    axes[0][0].set_ylabel("mean error [px]")
+    _plain_ticks(axes)
+    handles, labels = axes[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    save_figure(figure, path)
+
+
+def growth_plot(section: Section, path: Path) -> None:
+    """CPU time over size, with the fitted power law."""
+    figure, axes = new_figure(1, len(section.figures), (9.0, 2.8))
+    for panel, (name, f) in zip(axes[0], section.figures.items(), strict=True):
+        sizes, times = np.array(f["sizes"], float), np.array(f["milliseconds"])
+        slope, offset = np.polyfit(np.log(sizes), np.log(times), 1)
+        panel.plot(sizes, times, "o", color=LINE_COLOURS[0], markersize=5, label="measured")
+        panel.plot(sizes, np.exp(offset) * sizes**slope, "-", color=LINE_COLOURS[1], label=f"size$^{{{slope:.2f}}}$")
+        panel.set_xscale("log")
+        panel.set_yscale("log")
+        panel.set_xlabel(f"number of {name}")
+        panel.grid(True, which="major", linewidth=0.3)
+        panel.legend(loc="upper left")
+    axes[0][0].set_ylabel("CPU time [ms]")
+    save_figure(figure, path)
+
+
+def _plain_ticks(axes: np.ndarray) -> None:
+    from matplotlib.ticker import NullFormatter, ScalarFormatter
+
+    for panel in axes.ravel():
+        for axis in (panel.xaxis, panel.yaxis):
+            axis.set_major_formatter(ScalarFormatter())
+            axis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,93 @@
+"""Runs contenders in turns and compares them round by round: on a shared machine only ratios can be believed."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+Clock = Callable[[], float]
+
+
+@dataclass(frozen=True, slots=True)
+class Ratio:
+    """Median, smallest and largest of the ratios of all rounds."""
+
+    median: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        """As in the tables: median [min max]."""
+        return f"{number(self.median)} [{number(self.low)} {number(self.high)}]"
+
+
+@dataclass(frozen=True, slots=True)
+class Timings:
+    """Seconds of each contender in each round it took part in.
+
+    Attributes:
+        seconds: contender -> round -> seconds.
+    """
+
+    seconds: Mapping[str, Mapping[int, float]]
+
+    def milliseconds(self, name: str, per: int = 1) -> float:
+        """Median over the rounds."""
+        return 1e3 * float(np.median(list(self.seconds[name].values()))) / per
+
+    def ratio(self, name: str, to: str) -> Ratio:
+        """How many times as long as another contender, in the rounds of both."""
+        ours, other = self.seconds[name], self.seconds[to]
+        ratios = [ours[turn] / max(other[turn], 1e-9) for turn in ours if turn in other]
+        return Ratio(float(np.median(ratios)), min(ratios), max(ratios))
+
+
+def alternate(
+    contenders: Mapping[str, Callable[[], object]],
+    rounds: int,
+    *,
+    clock: Clock = time.process_time,
+    slow: Collection[str] = (),
+    slow_rounds: int = 1,
+    warm: bool = True,
+) -> Timings:
+    """Run every contender once per round; who begins changes from round to round.
+
+    Args:
+        contenders: by name.
+        rounds: number of rounds.
+        clock: CPU time of the process (for totals) or wall time (for latency).
+        slow: names of those that take part in the first `slow_rounds` rounds only, and are not warmed up.
+        slow_rounds: see there.
+        warm: run each once beforehand.
+    """
+    names = list(contenders)
+    seconds: dict[str, dict[int, float]] = {name: {} for name in names}
+    if warm:
+        for name in names:
+            if name not in slow:
+                contenders[name]()
+    for turn in range(rounds):
+        shift = turn % len(names)
+        for name in names[shift:] + names[:shift]:
+            if name in slow and turn >= slow_rounds:
+                continue
+            gc.collect()
+            start = clock()
+            contenders[name]()
+            seconds[name][turn] = clock() - start
+    return Timings(seconds)
+
+
+def number(value: float) -> str:
+    """Three significant digits, no exponents."""
+    if not np.isfinite(value):
+        return "-"
+    if value == 0:
+        return "0"
+    digits = max(0, 2 - int(np.floor(np.log10(abs(value)))))
+    return f"{value:.{min(digits, 3)}f}"

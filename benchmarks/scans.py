@@ -1,0 +1,219 @@
+"""Whole scans: time beside error, stages, latency from the last frame, and the product's own share of each."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+import guara_perception as gp
+from benchmarks import whole_scan
+from benchmarks.accuracy import Truth
+from benchmarks.contenders import LITERAL, LOOPS, OURS, USER, extractors, reference
+from benchmarks.rounds import Ratio, alternate, number
+from benchmarks.scenes import Recording
+from benchmarks.section import Effort, Section
+from guara_perception.settings import Settings
+
+REFERENCE = "reference extraction of the same frames"
+STAGES = ("prepare", "extract", "triangulate", "raster", "finish")
+
+
+def contenders(recording: Recording) -> dict[str, Callable[[], Any]]:
+    """Whole scans by name; the reference extracts only."""
+    bands = recording.bands()
+    found: dict[str, Callable[[], Any]] = {REFERENCE: lambda: [reference(on, off) for on, off, _ in bands]}
+    found |= {
+        name: lambda method=method: whole_scan.ours(recording, method).elevation  # type: ignore[misc]
+        for name, method in OURS.items()
+    }
+    for name, extract in extractors().items():
+        if name.startswith(LITERAL):
+            found[name] = lambda extract=extract: whole_scan.paper_literally(recording, extract)  # type: ignore[misc]
+    if recording.mode == "standard":
+        found[LOOPS] = lambda: whole_scan.paper_point_by_point(recording)
+    found[USER] = lambda: whole_scan.by_opencv_user(recording)
+    return found
+
+
+def whole_scans(recordings: list[Recording], effort: Effort) -> Section:
+    """One row per contender and scan."""
+    rows: list[tuple[str, ...]] = []
+    figures: dict[str, dict[str, dict[str, float]]] = {}
+    for recording in recordings:
+        runs = contenders(recording)
+        grids: dict[str, Any] = {}
+        timings = alternate(
+            {name: _kept(run, name, grids) for name, run in runs.items()},
+            effort.rounds,
+            slow=[name for name in runs if name.startswith((LITERAL, LOOPS, USER))],
+            slow_rounds=effort.slow_rounds,
+        )
+        precise = next(iter(OURS))
+        figures[recording.name] = {}
+        for name in runs:
+            ratio, speed = timings.ratio(name, REFERENCE), timings.ratio(name, precise)
+            error = None if name == REFERENCE or recording.truth is None else grid_errors(grids[name], recording.truth)
+            figures[recording.name][name] = {
+                "ratio": ratio.median, "low": ratio.low, "high": ratio.high, "to_precise": speed.median, **(error or {})
+            }  # fmt: skip
+            cells = ("-",) * 4 if error is None else (
+                f"{error['mean']:.3f}", f"{error['p95']:.2f}", f"{error['missed']:.2f}", f"{error['false']:.2f}"
+            )  # fmt: skip
+            rows.append(
+                (recording.name, name, f"{timings.milliseconds(name):.0f}", str(ratio), number(speed.median), *cells)
+            )
+    return Section(
+        "whole_scans",
+        "Whole scans",
+        "Frames in memory to heights and traversability on cells of 5 mm, preparation included, decoding not. CPU "
+        "time, and its ratio to the reference extraction of the same frames in the same round. Errors in mm on "
+        "interior cells; missed: interior cells left unknown; false: cells that camera or laser cannot see but that "
+        "were filled.",
+        ("scan", "contender", "ms CPU", "x reference", "x ours", "mean mm", "p95 mm", "missed %", "false %"),
+        rows,
+        figures,
+    )
+
+
+def _kept(run: Callable[[], Any], name: str, results: dict[str, Any]) -> Callable[[], None]:
+    def keep() -> None:
+        results[name] = run()
+
+    return keep
+
+
+def grid_errors(elevation: npt.NDArray[Any], truth: Truth) -> dict[str, float]:
+    """Mean and 95 % error [mm], missed interior and false unseen cells [%]."""
+    known = np.isfinite(elevation)
+    error = np.abs(np.asarray(elevation, np.float64) - truth.mean)[known & truth.interior] * 1e3
+    return {
+        "mean": float(error.mean()) if error.size else np.nan,
+        "p95": float(np.percentile(error, 95)) if error.size else np.nan,
+        "missed": 100 * float((truth.interior & ~known).sum()) / max(int(truth.interior.sum()), 1),
+        "false": 100 * float((truth.unseen & known).sum()) / max(int(truth.unseen.sum()), 1),
+    }
+
+
+def stages(recording: Recording, effort: Effort) -> Section:
+    """Where the time of one scan goes, and how long the grid takes after the last frame; wall time."""
+    bands = recording.bands()
+    seconds: dict[str, list[float]] = {stage: [] for stage in (*STAGES, "last frame to grid")}
+    references, lasts = [], []
+    for turn in range(effort.rounds + 1):
+        start = time.perf_counter()
+        for on, off, _ in bands:
+            reference(on, off)
+        whole = time.perf_counter() - start
+        taken = _one_scan(recording)
+        if turn == 0:
+            continue
+        references.append(whole)
+        lasts.append(whole / len(bands))
+        for stage, value in taken.items():
+            seconds[stage].append(value)
+    rows, figures = [], {}
+    total = np.sum([seconds[stage] for stage in STAGES], axis=0)
+    for stage in STAGES:
+        times = np.array(seconds[stage])
+        ratio = _ratio(times / references)
+        figures[stage] = {"ratio": ratio.median, "share": float(np.median(times / total))}
+        rows.append((stage, f"{np.median(times) * 1e3:.1f}", str(ratio), f"{np.median(times / total):.0%}"))
+    latency = _ratio(np.array(seconds["last frame to grid"]) / lasts)
+    figures["latency"] = {"ratio": latency.median, "low": latency.low, "high": latency.high}
+    rows.append(
+        ("last frame to grid", f"{np.median(seconds['last frame to grid']) * 1e3:.1f}")
+        + (f"{latency} of one frame", "")
+    )
+    return Section(
+        "stages",
+        f"Stages of a scan ({recording.name})",
+        "Wall time of one scan by this project's own account, and its ratio to the reference extraction of the same "
+        "frames in the same round; latency from handing over the last frame to the finished grid, against the "
+        "reference extraction of one frame.",
+        ("stage", "ms", "x reference", "share"),
+        rows,
+        figures,
+    )
+
+
+def _one_scan(recording: Recording) -> dict[str, float]:
+    start = time.perf_counter()
+    processor = recording.processor()
+    prepared = time.perf_counter() - start
+    *first, last = recording.frames
+    for index, on, off in first:
+        processor.add(index, on, off)
+    start = time.perf_counter()
+    processor.add(*last)
+    terrain = processor.finish()
+    latency = time.perf_counter() - start
+    return {"prepare": prepared, **terrain.metadata["seconds"], "last frame to grid": latency}
+
+
+def after_scan(recording: Recording, effort: Effort) -> Section:
+    """What is done with a finished grid: layers alone, fusion, encoding; and decoding a frame, for comparison."""
+    from dataclasses import replace
+
+    import transport
+    from guara_perception.app.messages import terrain_to_message
+
+    terrain = whole_scan.ours(recording, "precise")
+    bands = recording.bands()
+    limits = Settings.of(recording.robot).limits
+    terrain_map = gp.TerrainMap(recording.robot)
+    steps = iter(range(1, 10_000))
+
+    def fuse() -> None:
+        step = next(steps)
+        pose = np.eye(4)
+        pose[0, 3] = 0.035 * step
+        terrain_map.update(replace(terrain, step=step), pose, np.eye(6) * 1e-6 * step)
+
+    jpeg = cv2.imencode(".jpg", recording.frames[0][1], [cv2.IMWRITE_JPEG_QUALITY, 95])[1]
+    one = f"{REFERENCE} / {len(bands)}"
+    runs: dict[str, Callable[[], Any]] = {
+        one: lambda: [reference(on, off) for on, off, _ in bands],
+        "layers (slope, step, roughness, clearance, hazards)": lambda: gp.assess_terrain(
+            terrain.elevation, terrain.resolution, limits=limits
+        ),
+        "range images (512 x 640, both)": _pictures(recording),
+        "fusion into the map": fuse,
+        "message and its bytes": lambda: transport.encode_terrain(
+            terrain_to_message(terrain, robot="guara", sequence=1)
+        ),
+        "decoding one JPEG frame": lambda: cv2.imdecode(jpeg, cv2.IMREAD_COLOR),
+    }
+    timings = alternate(runs, effort.rounds, clock=time.perf_counter)
+    rows, figures = [], {}
+    for name in list(runs)[1:]:
+        ratio = timings.ratio(name, one)
+        scaled = Ratio(*(len(bands) * value for value in (ratio.median, ratio.low, ratio.high)))
+        figures[name] = scaled.median
+        rows.append((name, f"{timings.milliseconds(name):.2f}", str(scaled)))
+    return Section(
+        "after_scan",
+        "Work beside the scan",
+        f"Wall time on the grid of the same scan ({recording.name}), against the reference extraction of one frame.",
+        ("what", "ms", "x reference of one frame"),
+        rows,
+        figures,
+    )
+
+
+def _pictures(recording: Recording) -> Callable[[], object]:
+    from guara_perception.process import with_pictures
+
+    processor = recording.processor()
+    for index, on, off in recording.frames:
+        processor.add(index, on, off)
+    terrain = processor.finish()
+    return lambda: with_pictures(terrain, processor)
+
+
+def _ratio(values: npt.NDArray[np.float64]) -> Ratio:
+    return Ratio(float(np.median(values)), float(values.min()), float(values.max()))

@@ -1,0 +1,58 @@
+"""What one part of the benchmark hands over: a table, its words, and the same as plain numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """One part.
+
+    Attributes:
+        name: short, for the JSON file.
+        title: heading.
+        words: what is compared with what, and in which clock.
+        header: names of the columns.
+        rows: cells, as printed.
+        figures: the same as numbers, JSON values only.
+    """
+
+    name: str
+    title: str
+    words: str
+    header: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    figures: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How much is measured.
+
+    Attributes:
+        rounds: of every comparison.
+        slow_rounds: of contenders that take seconds.
+        size, stripes: of the simulated scan.
+        synthetic_stripes: per kind of light.
+        stripe_counts, picture_sizes, cell_sides: of the growth section.
+        starts: processes started per kind.
+        pings: messages per kind of transport.
+    """
+
+    rounds: int
+    slow_rounds: int
+    size: tuple[int, int]
+    stripes: int
+    synthetic_stripes: int
+    stripe_counts: tuple[int, ...]
+    picture_sizes: tuple[tuple[int, int], ...]
+    cell_sides: tuple[int, ...]
+    starts: int
+    pings: int
+
+
+SIZES = ((640, 512), (800, 640), (1280, 1024), (1800, 1440), (2560, 2048))
+FULL = Effort(9, 3, (1280, 1024), 70, 70, (17, 35, 70, 140), SIZES, (32, 64, 128, 256, 512, 1024, 2048), 9, 400)
+QUICK = Effort(3, 1, (1280, 1024), 70, 10, (17, 70), SIZES[:3:2], (32, 128, 512), 3, 60)

@@ -1,0 +1,109 @@
+"""New processes: what importing costs, how long a first scan takes, and how much memory a scan adds."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+import guara_perception as gp
+from benchmarks.rounds import alternate
+from benchmarks.scenes import ROBOTS, Recording
+from benchmarks.section import Effort, Section
+from benchmarks.truth import truth_calibration
+
+ROOT = ROBOTS.parent
+LIBRARIES = "import numpy, cv2"
+PACKAGE = "import guara_perception"
+SCANNER = "from guara_perception import ScanProcessor, load_calibration"
+COMMAND = "guara process, a first scan with its decoding"
+
+
+def starting(data: Path, effort: Effort) -> Section:
+    """CPU time of fresh processes, the libraries' own import the measure."""
+    with tempfile.TemporaryDirectory() as folder:
+        calibration = Path(folder) / "calibration.json"
+        gp.save_calibration(truth_calibration(data), calibration)
+        scan = str(data / "scans" / "dark")
+        process = f"""
+import sys
+from guara_perception.app.main import main
+sys.argv = ["guara", "process", {scan!r}, "-c", {str(calibration)!r}, "-o", {folder + "/grid.npz"!r}]
+main()
+"""
+        runs: dict[str, Callable[[], None]] = {
+            name: _python(code) for name, code in ((LIBRARIES, LIBRARIES), (PACKAGE, PACKAGE), (SCANNER, SCANNER))
+        }
+        runs[COMMAND] = _python(process)
+        timings = alternate(runs, effort.starts, clock=_children)
+        start = time.perf_counter()
+        runs[COMMAND]()
+        wall = time.perf_counter() - start
+    rows, figures = [], {}
+    for name in runs:
+        ratio = timings.ratio(name, LIBRARIES)
+        figures[name] = {"ratio": ratio.median, "seconds_cpu": timings.milliseconds(name) / 1e3}
+        rows.append((name, f"{timings.milliseconds(name) / 1e3:.2f}", str(ratio)))
+    figures[COMMAND]["seconds_wall"] = wall
+    rows.append((f"{COMMAND}, wall time", f"{wall:.2f}", ""))
+    return Section(
+        "starting",
+        "Starting",
+        "CPU time of a fresh Python process that does this and ends, files in the system's cache; ratio to importing "
+        "numpy and cv2 alone.",
+        ("process", "s CPU", "x numpy, cv2"),
+        rows,
+        figures,
+    )
+
+
+def memory(recording: Recording) -> Section:
+    """Peak memory of a process that scans, above what it held before."""
+    with tempfile.TemporaryDirectory() as folder:
+        _write_bands(recording, Path(folder))
+        code = f"from benchmarks.memory_peer import main; main({folder!r}, {len(recording.frames)})"
+        done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    first, second, frames = (float(word) for word in done.stdout.split())
+    figures = {"first_mb": first, "second_mb": second, "frame_pair_mb": frames}
+    rows = [
+        ("one pair of frames, for comparison", f"{frames:.1f}"),
+        ("a scan, its frame pair included", f"{first:.1f}"),
+        ("the next scan, above the peak of the first", f"{second:.1f}"),
+    ]
+    return Section(
+        "memory",
+        f"Memory of a scan ({recording.name})",
+        "Growth of the peak resident memory of a fresh process that has everything loaded and has scanned one stripe.",
+        ("what", "MB"),
+        rows,
+        figures,
+    )
+
+
+def _write_bands(recording: Recording, folder: Path) -> None:
+    """What the process needs to make the frames one by one: one off frame and the bands."""
+    processor = recording.processor()
+    np.save(folder / "off.npy", recording.frames[0][2])
+    for index, on, _ in recording.frames:
+        first, end = processor.band(index)
+        np.save(folder / f"{index}.npy", on[first:end])
+    width, height = recording.calibration.camera.size
+    (folder / "scan.txt").write_text(f"{width} {height} {len(recording.frames)}")
+
+
+def _python(code: str) -> Callable[[], None]:
+    def run() -> None:
+        subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+
+    return run
+
+
+def _children() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime

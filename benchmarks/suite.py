@@ -1,0 +1,94 @@
+"""The whole suite, `python -m benchmarks`: every figure of speed and accuracy beside what a user would pick instead."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+
+from benchmarks import extraction, growth, hotspots, messaging, scans, scenes, starting
+from benchmarks.machine import machine
+from benchmarks.plots import error_against_time, growth_plot
+from benchmarks.remarks import remarks
+from benchmarks.report import to_terminal, write_page
+from benchmarks.section import FULL, QUICK, Effort, Section
+from benchmarks.targets import judged
+
+ROOT = Path(__file__).resolve().parents[1]
+OWN_DATA = ROOT / "tests" / "data"
+PICTURES = (
+    ("images/extraction.png", "Error against time of stripe extraction; down and left is better"),
+    ("images/growth.png", "CPU time over the number of stripes, pixels and cells"),
+)
+
+
+def measure(effort: Effort, folders: list[Path], say: Callable[[str], object] = print) -> dict[str, Section]:
+    """All sections, printed as they come.
+
+    Args:
+        effort: how much.
+        folders: recorded scans to take part, DATA/scans/NAME.
+        say: what to do with each table.
+    """
+    cv2.setNumThreads(1)
+    standard = scenes.simulated(effort.size, effort.stripes)
+    recordings = [standard, *map(scenes.recorded, folders)]
+    parts: list[Callable[[], Section]] = [
+        lambda: extraction.synthetic(effort),
+        lambda: extraction.frames_of_scans(recordings, effort),
+        lambda: scans.whole_scans(recordings, effort),
+        lambda: scans.stages(standard, effort),
+        lambda: scans.after_scan(standard, effort),
+        lambda: growth.growth(standard, effort),
+        lambda: messaging.messaging(effort),
+        lambda: starting.memory(standard),
+        lambda: starting.starting(OWN_DATA, effort),
+        lambda: hotspots.hotspots(standard),
+    ]
+    sections: dict[str, Section] = {}
+    for part in parts:
+        section = part()
+        sections[section.name] = section
+        say(to_terminal(section))
+    targets = judged(sections, standard.name)
+    say(to_terminal(targets))
+    return {targets.name: targets, **sections}
+
+
+def write(docs: Path, sections: dict[str, Section], described: dict[str, str]) -> None:
+    """docs/performance.md and its pictures."""
+    (docs / "images").mkdir(parents=True, exist_ok=True)
+    error_against_time(sections["extraction_synthetic"], docs / PICTURES[0][0])
+    growth_plot(sections["growth"], docs / PICTURES[1][0])
+    write_page(docs / "performance.md", list(sections.values()), described, PICTURES, remarks(sections["targets"]))
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="fewer rounds, under a minute; writes no documents")
+    parser.add_argument(
+        "--data", type=Path, action="append", help="folder with calibration/ and scans/; may be repeated"
+    )
+    parser.add_argument("--scans", default="paper", help="recorded scans that take part, with commas between")
+    parser.add_argument("--json", type=Path, help="file for all figures as numbers")
+    parser.add_argument(
+        "--docs", type=Path, help="folder for performance.md and its pictures; default: docs, quick: none"
+    )
+    arguments = parser.parse_args()
+    start = time.monotonic()
+    described = machine()
+    names = arguments.scans.split(",")
+    folders = [data / "scans" / name for data in arguments.data or [OWN_DATA] for name in names]
+    sections = measure(QUICK if arguments.quick else FULL, [folder for folder in folders if folder.is_dir()])
+    docs = arguments.docs or (None if arguments.quick else ROOT / "docs")
+    if docs is not None:
+        write(docs, sections, described)
+    if arguments.json is not None:
+        figures = {name: section.figures for name, section in sections.items()}
+        arguments.json.write_text(json.dumps({"machine": described, **figures}, indent=1))
+    print(f"\n{time.monotonic() - start:.0f} s")

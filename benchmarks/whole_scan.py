@@ -1,0 +1,91 @@
+"""Whole scans by everybody: frames in memory -> heights and traversability layers on cells of 5 mm."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+import guara_perception as gp
+from benchmarks import paper_chain as paper
+from benchmarks.contenders import Extract, literal, opencv_user
+from benchmarks.scenes import Recording
+from guara_perception.settings import Settings
+
+Float = npt.NDArray[np.float64]
+
+CELL_M = 0.005
+
+
+def ours(recording: Recording, method: str) -> gp.TerrainGrid:
+    """This project."""
+    processor = recording.processor(method)
+    for index, on, off in recording.frames:
+        processor.add(index, on, off)
+    return processor.finish()
+
+
+def paper_literally(recording: Recording, extract: Extract) -> Float:
+    """The paper with common libraries: griddata fills the perspective picture, eqs. 20 and 21 set it right."""
+    points, eye = scan_points(recording, extract)
+    x, y = area(recording)
+    height = paper.range_image(points, eye, x, y)
+    elevation = paper.cells(paper.orthorectified(height, eye, x, y), x, y, CELL_M)
+    paper.layers(elevation, CELL_M)
+    return elevation
+
+
+def paper_point_by_point(recording: Recording) -> Float:
+    """The same with loops over points and pixels, layers on the paper's own picture."""
+    points, eye = scan_points(recording, literal, one_by_one=True)
+    x, y = area(recording)
+    height = paper.range_image(points, eye, x, y)
+    ortho = paper.orthorectified_in_loops(height, eye, x, y)
+    paper.layers(np.where(np.isfinite(ortho), ortho, np.nan), (x[1] - x[0]) / paper.ROWS)
+    return paper.cells(ortho, x, y, CELL_M)
+
+
+def by_opencv_user(recording: Recording) -> Float:
+    """Whole frames, centre of gravity, griddata straight onto the cells, layers by cv2."""
+    from scipy.interpolate import griddata
+
+    points, _ = scan_points(recording, opencv_user)
+    x, y = area(recording)
+    cx, cy = (np.arange(low + CELL_M / 2, high, CELL_M) for low, high in (x, y))
+    elevation = griddata(points[:, :2], points[:, 2], tuple(np.meshgrid(cx, cy)), method="linear")
+    filled = np.nan_to_num(elevation).astype(np.float32)
+    window = np.ones((paper.window_cells(CELL_M), paper.window_cells(CELL_M)), np.uint8)
+    cv2.magnitude(cv2.Sobel(filled, cv2.CV_32F, 1, 0), cv2.Sobel(filled, cv2.CV_32F, 0, 1))
+    cv2.subtract(cv2.dilate(filled, window), cv2.erode(filled, window))
+    return np.asarray(elevation)
+
+
+def scan_points(recording: Recording, extract: Extract, one_by_one: bool = False) -> tuple[Float, Float]:
+    """Points (n, 3) of all stripes and the camera's place, in base_footprint; every ray meets its sheet."""
+    camera = recording.calibration.camera
+    pose = recording.robot.stance_pose(recording.stance).transform_base_to_footprint
+    transform = pose @ recording.calibration.transform_camera_to_base
+    settings = Settings.of(recording.robot)
+    clouds = []
+    for index, on, off in recording.frames:
+        rows = extract(on, off)
+        columns = np.flatnonzero(np.isfinite(rows))
+        if not columns.size:
+            continue
+        pixels = np.column_stack((columns, rows[columns])).astype(np.float64)
+        flat = cv2.undistortPoints(pixels[:, None], camera.matrix, camera.distortion)[:, 0]
+        rays = np.column_stack((flat, np.ones(len(flat))))
+        plane = recording.calibration.stripe(index).plane
+        if one_by_one:
+            points = np.array([ray * (-plane[3] / (ray @ plane[:3])) for ray in rays])
+        else:
+            points = rays * (-plane[3] / (rays @ plane[:3]))[:, None]
+        clouds.append(points @ transform[:3, :3].T + transform[:3, 3])
+    cloud = np.concatenate(clouds)
+    return cloud[(cloud[:, 2] > settings.minimum_height) & (cloud[:, 2] < settings.maximum_height)], transform[:3, 3]
+
+
+def area(recording: Recording) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Where the grid lies: x and y in base_footprint [m]."""
+    settings = Settings.of(recording.robot)
+    return settings.footprint_x, settings.footprint_y

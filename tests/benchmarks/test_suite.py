@@ -1,0 +1,113 @@
+"""The benchmark as a smoke test: everything runs and every table has its rows; no time is asserted."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import paper_chain, scenes
+from benchmarks.contenders import LITERAL, OURS, USER
+from benchmarks.growth import fit
+from benchmarks.machine import machine
+from benchmarks.rounds import alternate
+from benchmarks.section import QUICK
+from benchmarks.suite import measure, write
+from benchmarks.targets import TARGETS
+
+TINY = replace(
+    QUICK,
+    rounds=1,
+    size=(160, 128),
+    stripes=12,
+    synthetic_stripes=2,
+    stripe_counts=(6, 12),
+    picture_sizes=((96, 96), (160, 128)),
+    cell_sides=(16, 32),
+    starts=1,
+    pings=5,
+)
+
+
+@pytest.fixture(scope="module")
+def sections():
+    """All sections of a tiny run."""
+    return measure(TINY, [], say=lambda text: None)
+
+
+def test_every_section_has_its_table(sections):
+    """Each row has as many cells as the header, and figures can be written as JSON."""
+    assert len(sections) == 11
+    for section in sections.values():
+        assert section.rows
+        assert {len(row) for row in section.rows} == {len(section.header)}
+        json.dumps(section.figures)
+
+
+def test_every_contender_takes_part_in_the_whole_scan(sections):
+    """Ours, the paper and the OpenCV user stand side by side, each with an error."""
+    (contenders,) = sections["whole_scans"].figures.values()
+    for name in (*OURS, LITERAL, USER):
+        assert np.isfinite(contenders[name]["mean"]) and contenders[name]["ratio"] > 0
+
+
+def test_every_target_is_judged(sections):
+    """The table of targets holds each once, with a number."""
+    figures = sections["targets"].figures
+    assert list(figures) == [target.what for target in TARGETS]
+    assert all(np.isfinite(figure["value"]) for figure in figures.values())
+
+
+def test_the_page_names_no_path_and_shows_its_pictures(sections, tmp_path: Path):
+    """The generated page holds every table; its pictures are there; nothing of the machine's folders is in it."""
+    write(tmp_path, sections, machine())
+    page = (tmp_path / "performance.md").read_text()
+    for section in sections.values():
+        assert f"## {section.title}" in page
+    assert (tmp_path / "images" / "extraction.png").stat().st_size > 1000
+    assert (tmp_path / "images" / "growth.png").stat().st_size > 1000
+    assert str(Path.home()) not in page and str(scenes.ROBOTS.parent) not in page
+
+
+def test_contenders_take_turns():
+    """Each begins a round in turn, the slow ones only in the first rounds; ratios pair the same rounds."""
+    order = []
+    ticks = iter(range(1000))
+    runs = {name: lambda name=name: order.append(name) for name in "abc"}
+    timings = alternate(runs, 3, clock=lambda: float(next(ticks)), slow="c", slow_rounds=1, warm=False)
+    assert order == ["a", "b", "c", "b", "a", "a", "b"]
+    assert timings.ratio("c", "a").median == 1.0
+
+
+def test_exponent_of_a_power_law_is_found():
+    """A cost that grows as n to the 1.5 has the exponent 1.5."""
+    assert fit([10, 100, 1000], [n**1.5 for n in (10, 100, 1000)]) == pytest.approx(1.5)
+
+
+def test_orthorectification_by_arrays_and_by_loops_agree():
+    """Eqs. 20 and 21 give the same picture both ways, and move a raised pixel towards the nadir."""
+    height = np.full((paper_chain.ROWS, paper_chain.COLUMNS), np.nan)
+    height[200:210, 500:510] = 0.05
+    eye, x, y = np.array([0.3, 0.0, 0.5]), (0.5, 0.95), (-0.27, 0.27)
+    ortho = paper_chain.orthorectified(height, eye, x, y)
+    np.testing.assert_array_equal(ortho, paper_chain.orthorectified_in_loops(height, eye, x, y))
+    rows, columns = np.nonzero(np.isfinite(ortho))
+    assert columns.mean() < 500 and rows.mean() < 200
+
+
+def test_resized_scan_keeps_its_heights():
+    """The same scene through a camera of half the resolution gives about the same grid."""
+    whole = scenes.simulated((320, 256), 24)
+    half = scenes.resized(whole, (160, 128))
+    assert half.frames[0][1].shape == (128, 160, 3)
+    grids = [scenes_grid(recording) for recording in (whole, half)]
+    both = np.isfinite(grids[0]) & np.isfinite(grids[1])
+    assert both.any() and np.median(np.abs(grids[0] - grids[1])[both]) < 0.002
+
+
+def scenes_grid(recording: scenes.Recording) -> np.ndarray:
+    processor = recording.processor()
+    for index, on, off in recording.frames:
+        processor.add(index, on, off)
+    return processor.finish().elevation
