@@ -24,6 +24,8 @@ TANGENT_STEPS = 2400
 LASER_BEARINGS = 3000
 LASER_RADIUS_M = 0.75
 SUN_DIRECTION = np.array([0.35, 0.45, 0.82])
+# No natural surface is blotched from black to white.
+TEXTURE_RANGE = (0.5, 1.6)
 LEG_ALBEDO = (0.30, 0.30, 0.32)
 MIRRORED_EXPONENT = 60.0
 MIRRORED_GAIN = 6.0
@@ -134,7 +136,8 @@ def _surface(relief: Relief, points: Float32, ways: Float32, normals: Float32) -
     shine = np.array([material.shine for material in MATERIALS], dtype=np.float32)[index]
     depth = np.array([material.texture for material in MATERIALS], dtype=np.float32)[index]
     texture = relief.sample_texture(x + points[..., 2], y - points[..., 2])
-    return np.clip(albedo * (1 + depth * texture)[..., None], 0.002, 1).astype(np.float32), shine
+    mottled = np.clip(1 + depth * texture, *TEXTURE_RANGE)
+    return np.clip(albedo * mottled[..., None], 0, 1).astype(np.float32), shine
 
 
 def _laser_gain(

@@ -5,6 +5,8 @@ Figures are made without pyplot: no global state, no display, any thread.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,6 +72,22 @@ _RC: Any = {
 }
 
 
+@contextmanager
+def styled() -> Iterator[None]:
+    """The style while drawing: titles, colour bars and legends take their sizes when they are made.
+
+    Example:
+        with styled():
+            figure, axes = new_figure()
+            axes[0, 0].set_title("Heights")
+    """
+    import matplotlib
+    from cycler import cycler
+
+    with matplotlib.rc_context({**_RC, "axes.prop_cycle": cycler(color=LINE_COLOURS)}):
+        yield
+
+
 def new_figure(
     rows: int = 1, columns: int = 1, size: tuple[float, float] = (5.0, 4.0), **options: Any
 ) -> tuple[Figure, npt.NDArray[Any]]:
@@ -81,12 +99,10 @@ def new_figure(
         size: width and height [inch], DOTS_PER_INCH pixels each.
         options: passed to matplotlib's `Figure.subplots` (`sharex`, `gridspec_kw`, ...).
     """
-    import matplotlib
-    from cycler import cycler
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    with matplotlib.rc_context({**_RC, "axes.prop_cycle": cycler(color=LINE_COLOURS)}):
+    with styled():
         figure = Figure(figsize=size, layout="constrained", dpi=DOTS_PER_INCH)
         FigureCanvasAgg(figure)
         axes = figure.subplots(rows, columns, squeeze=False, **options)
@@ -99,9 +115,7 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     Raises:
         MissingFile: the folder does not exist.
     """
-    import matplotlib
-
-    with matplotlib.rc_context(_RC), whole_file(path) as temporary:
+    with styled(), whole_file(path) as temporary:
         figure.savefig(temporary, facecolor="white")
 
 

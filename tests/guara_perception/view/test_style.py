@@ -90,3 +90,15 @@ def test_figures_are_saved_whole(tmp_path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["map.png"]
     with pytest.raises(MissingFile, match="does not exist"):
         style.save_figure(figure, tmp_path / "nowhere" / "map.png")
+
+
+def test_the_style_holds_while_drawing_and_no_longer() -> None:
+    """Titles drawn in the style have its size; afterwards matplotlib is as it was."""
+    import matplotlib
+
+    before = matplotlib.rcParams["axes.titlesize"], matplotlib.rcParams["font.size"]
+    with style.styled():
+        _, axes = style.new_figure()
+        title = axes[0, 0].set_title("Heights")
+    assert title.get_fontsize() == 9.0
+    assert (matplotlib.rcParams["axes.titlesize"], matplotlib.rcParams["font.size"]) == before
