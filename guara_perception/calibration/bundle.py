@@ -221,7 +221,8 @@ class _Problem:
             weight = self.weights(x, sigma)
             rows = self.jacobian(x) * weight[:, None]
             scale = np.linalg.norm(rows, axis=0)
-            step = np.linalg.lstsq(rows / scale, -self.residual(x) * weight, rcond=None)[0] / scale
+            rows = rows / scale
+            step = np.linalg.solve(rows.T @ rows, -rows.T @ (self.residual(x) * weight)) / scale
             x = x + step
             if float(np.abs(step * scale).max()) < 1e-4:
                 break

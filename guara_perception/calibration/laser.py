@@ -105,7 +105,7 @@ def fit_laser(
         planes_in_camera=planes_in_camera,
         line_errors=_line_heights(lines, points, stripes, fit.transform_camera_to_footprint),
         leave_one_out=_leave_one_out(lines, points, len(plates), nominal, fit.transform_camera_to_footprint),
-        uncertainty=_uncertainty(lines, fit, stripes, nominal, transform_footprint_to_base),
+        uncertainty=_uncertainty(lines, fit, sweep, stripes, nominal, transform_footprint_to_base),
     )
 
 
@@ -192,7 +192,12 @@ def _leave_one_out(
 
 
 def _uncertainty(
-    lines: Sequence[PlateLine], fit: CameraFit, stripes: StripeFit, nominal: MirrorModel, to_base: Float
+    lines: Sequence[PlateLine],
+    fit: CameraFit,
+    sweep: Sweep,
+    stripes: StripeFit,
+    nominal: MirrorModel,
+    to_base: Float,
 ) -> HeightUncertainty:
     """Plane covariances, and the height field by refitting the laser with each camera parameter moved."""
     to_camera = np.asarray(np.linalg.inv(fit.transform_camera_to_footprint), dtype=np.float64)
@@ -222,7 +227,7 @@ def _uncertainty(
         change[i] = sigma
         camera, transform = fit.with_parameters(change)
         moved = [line_points(camera, transform, line) for line in lines]
-        refitted = fit_stripes(lines, moved, fit_sweep(lines, moved, nominal), nominal, noise_of=stripes)
+        refitted = fit_stripes(lines, moved, fit_sweep(lines, moved, nominal, sweep), nominal, noise_of=stripes)
         heights = np.empty(len(place))
         for k in samples:
             mine = row == k

@@ -22,6 +22,8 @@ STEP_ERROR_SIGMA = float(np.deg2rad(0.02))
 PLACE_SIGMA_M = 5e-5
 ROBUST_SIGMAS = 3.0
 ITERATIONS = 25
+CONVERGED_SIGMAS = 1e-2
+STEP_NUDGE = 1e-7
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,13 +67,16 @@ def line_points(camera: CameraModel, transform_camera_to_footprint: Float, line:
     return np.column_stack((floor, np.full(len(floor), line.height)))
 
 
-def fit_sweep(lines: Sequence[PlateLine], points: Sequence[Float], nominal: MirrorModel) -> Sweep:
+def fit_sweep(
+    lines: Sequence[PlateLine], points: Sequence[Float], nominal: MirrorModel, start: Sweep | None = None
+) -> Sweep:
     """Fit mirror parameters and one angle error per stripe, robustly, with the nominal mirror as a loose prior.
 
     Args:
         lines: of all stripes on all plates.
         points: (n, 3) places of each line in base_footprint.
         nominal: the mirror as drawn, in base_footprint.
+        start: a fit of the same stripes close by, to begin from.
     """
     angle_of = {line.index: line.mirror_angle for line in lines}
     indices = tuple(sorted(angle_of))
@@ -86,28 +91,33 @@ def fit_sweep(lines: Sequence[PlateLine], points: Sequence[Float], nominal: Mirr
         planes = perturbed_mirror(nominal, x[:n]).planes(angles + x[n:])
         return np.asarray((homogeneous * planes[stripe]).sum(axis=1))
 
-    x = np.zeros(n + s)
-    nudge = np.concatenate((1e-4 * prior, np.full(s, 1e-7)))
-    normal = np.eye(n + s)
+    x = np.zeros(n + s) if start is None else np.concatenate((start.parameters, start.step_errors))
+    precision = np.concatenate((1 / prior**2, np.full(s, 1 / STEP_ERROR_SIGMA**2)))
+    nudge = 1e-4 * prior
     for _ in range(ITERATIONS):
         residual = distance(x)
-        jacobian = np.zeros((len(residual), n + s))
+        weight = share / PLACE_SIGMA_M * (1 + (residual / PLACE_SIGMA_M / ROBUST_SIGMAS) ** 2) ** -0.25
+        shared = np.empty((len(residual), n))
         for i in range(n):
             moved = x.copy()
             moved[i] += nudge[i]
-            jacobian[:, i] = (distance(moved) - residual) / nudge[i]
-        # Each angle error moves its own stripe only: all their columns come from one evaluation.
+            shared[:, i] = (distance(moved) - residual) * weight / nudge[i]
+        # Each angle error moves its own stripe only: all their columns come from one evaluation, and their normal
+        # equations are sums by stripe.
         moved = x.copy()
-        moved[n:] += nudge[n:]
-        jacobian[np.arange(len(residual)), n + stripe] = (distance(moved) - residual) / nudge[-1]
-        scaled = residual / PLACE_SIGMA_M
-        weight = share / PLACE_SIGMA_M * (1 + (scaled / ROBUST_SIGMAS) ** 2) ** -0.25
-        rows = jacobian * weight[:, None]
-        precision = np.concatenate((1 / prior**2, np.full(s, 1 / STEP_ERROR_SIGMA**2)))
-        normal = rows.T @ rows + np.diag(precision)
-        step = np.linalg.solve(normal, -rows.T @ (residual * weight) - precision * x)
+        moved[n:] += STEP_NUDGE
+        own = (distance(moved) - residual) * weight / STEP_NUDGE
+        normal = np.diag(precision)
+        normal[:n, :n] += shared.T @ shared
+        normal[np.arange(n, n + s), np.arange(n, n + s)] += np.bincount(stripe, own**2, s)
+        for i in range(n):
+            normal[i, n:] = normal[n:, i] = np.bincount(stripe, shared[:, i] * own, s)
+        right = -precision * x
+        right[:n] -= shared.T @ (residual * weight)
+        right[n:] -= np.bincount(stripe, own * residual * weight, s)
+        step = np.linalg.solve(normal, right)
         x = x + step
-        if float(np.abs(step * np.sqrt(np.diag(normal))).max()) < 1e-3:
+        if float(np.abs(step * np.sqrt(np.diag(normal))).max()) < CONVERGED_SIGMAS:
             break
     mirror = perturbed_mirror(nominal, x[:n])
     planes = mirror.planes(angles + x[n:])
