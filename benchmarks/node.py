@@ -91,9 +91,7 @@ def main() -> None:
         rows = np.array([bench.pause(step) for step in range(1, arguments.scans + 1)])
         frames = len(bench.scan.stripes) + 1
         needed = frames / bench.fps
-        print(
-            f"{frames - 1} stripes and one off frame at {bench.fps:.0f} frames per second; {len(rows)} scans"
-        )
+        print(f"{frames - 1} stripes and one off frame at {bench.fps:.0f} frames per second; {len(rows)} scans")
         print(f"sweep        {np.median(rows[:, 0]):7.3f} s   frames need {needed:.3f} s: {_over(rows[:, 0], needed)}")
         print(
             f"last frame -> grid handed over   median {np.median(rows[:, 1]):5.1f} ms, worst {rows[:, 1].max():5.1f} ms"
