@@ -95,6 +95,7 @@ def run_scan(
     from kinematics import KinematicsError
 
     _check_fit(scan, calibration, robot)
+    _check_still(scan, calibration, robot)
     try:
         processor = ScanProcessor(
             calibration,
@@ -122,6 +123,21 @@ def run_scan(
             f"{scan.source}: no frame is {width}x{height} px as the calibrated camera's: another camera's calibration?"
         )
     return processor
+
+
+def _check_still(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
+    """Refuse a scan during which the camera moved by more than robot.toml allows."""
+    from kinematics import KinematicsError
+    from kinematics.pause import check_camera_still
+
+    if scan.stance_end is None:
+        return
+    try:
+        check_camera_still(
+            robot, scan.stance, scan.stance_end, transform_camera_to_base=calibration.transform_camera_to_base
+        )
+    except KinematicsError as error:
+        raise InvalidInput(f"{scan.source}: stance_end: {error}") from error
 
 
 def _check_fit(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:

@@ -17,12 +17,42 @@ from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
 if TYPE_CHECKING:
     from kinematics import RobotModel, Stance, StancePose
 
-# Under this share of expected returns a scan is worth a warning with advice.
+# Under this share of expected returns a scan says why and what helps.
 LOW_COVERAGE = 0.5
-ADVICE = (
-    "under half of the expected laser returns came back: check that the laser is on and the lens clean; in bright "
-    "scenes use a polarised lens or less exposure, on dark ground a narrow band-pass filter or a stronger laser"
-)
+# Under this share of columns with any light the laser was as good as off.
+NO_LIGHT = 0.01
+REGIONS_X, REGIONS_Y = ("near", "middle", "far"), ("right", "centre", "left")
+
+
+def advice(coverage: float, counts: npt.NDArray[np.int64]) -> str:
+    """One sentence on a scan with few returns: what happened and what helps, the paper's remedies included.
+
+    Args:
+        coverage: share of the expected ground that was seen.
+        counts: image columns of all stripes per StripeStatus.
+    """
+    found = f"only {100 * coverage:.0f} % of the expected ground returned the laser"
+    columns = max(int(counts.sum()), 1)
+    bright = int(counts[StripeStatus.SATURATED] + counts[StripeStatus.AMBIGUOUS])
+    if columns - counts[StripeStatus.DROPOUT] < NO_LIGHT * columns:
+        return (
+            f"{found}, hardly any light came back: check that the laser is on, the mirror turns and the lens is clean"
+        )
+    if bright > counts[StripeStatus.OK]:
+        return f"{found}, most of what came back is too bright or double: expose less, or put a polarised lens on"
+    return f"{found}, the rest is too dark or a hole: put a narrow band-pass filter on the lens or use a stronger laser"
+
+
+def regional_coverage(seen: npt.NDArray[np.bool_], expected: npt.NDArray[np.bool_]) -> dict[str, float | None]:
+    """Seen over expected in each ninth of the area, by names such as "far left"; None where nothing was expected."""
+    result: dict[str, float | None] = {}
+    ny, nx = seen.shape
+    for i, along in enumerate(REGIONS_X):
+        for j, across in enumerate(REGIONS_Y):
+            part = np.s_[j * ny // 3 : (j + 1) * ny // 3, i * nx // 3 : (i + 1) * nx // 3]
+            total = int(expected[part].sum())
+            result[f"{along} {across}"] = float((seen & expected)[part].sum() / total) if total else None
+    return result
 
 
 def scan_report(
@@ -57,7 +87,7 @@ def scan_report(
     if not expected.any():
         reasons.append("no part of the area was scanned")
     elif coverage < LOW_COVERAGE:
-        reasons.append(ADVICE)
+        reasons.append(advice(coverage, counts))
     verdict = calibration.quality.get("verdict")
     if verdict == "refused":
         reasons.append("the calibration was refused and is used all the same")
@@ -83,6 +113,7 @@ def scan_report(
         "points": {status.name: int(counts[status]) for status in StripeStatus},
         "points_used": used,
         "coverage": coverage,
+        "coverage_regions": regional_coverage(~unknown, expected),
         "known": float((~unknown).mean()),
         "hazard_cells": {flag.name: int(((hazard & flag) != 0).sum()) for flag in Hazard if flag and flag.name},
         "health": {"level": "ok" if not reasons else "degraded", "reasons": reasons},

@@ -64,8 +64,8 @@ def test_losing_stripes_or_frames_never_makes_another_cell_safe(name: str, data:
 
 @pytest.mark.parametrize("name", SCANS)
 def test_losing_any_single_stripe_never_makes_another_cell_safe_or_known(name: str) -> None:
-    """Each stripe in turn: no cell becomes safe, none becomes known that was not."""
-    for index, _, _ in recording(name)[1]:
+    """Each stripe of one scan in turn, every third of the others: no cell becomes safe, none becomes known."""
+    for index, _, _ in recording(name)[1][:: 1 if name == "paper" else 3]:
         terrain = process(name, frozenset({index}))
         assert not ((terrain.traversability > 0) & ~(whole(name).traversability > 0)).any(), index
         assert not (np.isfinite(terrain.elevation) & ~np.isfinite(whole(name).elevation)).any(), index

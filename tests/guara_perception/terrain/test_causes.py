@@ -1,0 +1,103 @@
+"""Every unknown cell has its cause, and the right one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from guara_perception.terrain.causes import LookPlan, is_hidden, plan_looks, unknown_causes
+from guara_perception.terrain.geometry import GridGeometry
+from guara_perception.terrain.hazard import Hazard
+
+GRID = GridGeometry((0.5, -0.05), 0.005, (20, 60))
+EYES = (np.array([0.4, 0.0, 0.5]), np.array([0.6, 0.0, 0.47]))
+ALL_SEEN = LookPlan(np.zeros(GRID.shape, np.int64), np.ones(GRID.shape, bool))
+
+
+def causes(elevation: np.ndarray, plan: LookPlan = ALL_SEEN, usable: bool = True, **more: object) -> np.ndarray:
+    marks = more.get("marks", np.zeros(GRID.shape, np.uint16))
+    return unknown_causes(elevation, plan, np.array([usable]), marks, EYES, GRID, more.get("own"))  # type: ignore[arg-type]
+
+
+def flat(*unknown: tuple[int, int]) -> np.ndarray:
+    elevation = np.zeros(GRID.shape)
+    for cell in unknown:
+        elevation[cell] = np.nan
+    return elevation
+
+
+def test_known_cells_carry_no_cause() -> None:
+    """Marks of stray returns do not touch what was seen."""
+    assert (causes(flat(), marks=np.full(GRID.shape, 16, np.uint16)) == 0).all()
+
+
+def test_no_return_where_one_was_due_is_a_dropout() -> None:
+    """Looked at by two good stripes, nothing in the way, nothing came back."""
+    found = causes(flat((10, 30)))
+    assert found[10, 30] == Hazard.DROPOUT and found.sum() == Hazard.DROPOUT
+
+
+def test_not_looked_at_is_unscanned() -> None:
+    """No pair passes, the pair was not fired, or the camera does not see the cell."""
+    nowhere = LookPlan(np.full(GRID.shape, -1, np.int64), np.ones(GRID.shape, bool))
+    blind = LookPlan(np.zeros(GRID.shape, np.int64), np.zeros(GRID.shape, bool))
+    assert causes(flat((3, 3)), nowhere)[3, 3] == Hazard.UNSCANNED
+    assert causes(flat((3, 3)), blind)[3, 3] == Hazard.UNSCANNED
+    assert causes(flat((3, 3)), usable=False)[3, 3] == Hazard.UNSCANNED
+
+
+@pytest.mark.parametrize("flag", [Hazard.AMBIGUOUS, Hazard.OUT_OF_RANGE])
+def test_returns_that_may_not_be_used_name_the_cause(flag: Hazard) -> None:
+    """A return was seen in the cell: that says more than that it is unknown."""
+    marks = np.zeros(GRID.shape, np.uint16)
+    marks[4, 5] = flag
+    assert causes(flat((4, 5)), marks=marks)[4, 5] == flag
+
+
+def test_shadow_of_a_measured_block_is_occluded_and_ends_where_geometry_says() -> None:
+    """Behind a block of 80 mm the camera's shadow reaches h x / (H - h) beyond its far edge."""
+    elevation = np.zeros(GRID.shape)
+    elevation[:, 30:34] = 0.08
+    far_edge = 0.5 + 34 * 0.005
+    reach = 0.08 * (far_edge - 0.4) / (0.5 - 0.08)
+    elevation[8:12, 34:58] = np.nan
+    found = causes(elevation)
+    cells = int(reach / 0.005)
+    assert (found[10, 34 : 34 + cells - 1] == Hazard.OCCLUDED).all()
+    assert (found[10, 34 + cells + 2 : 58] == Hazard.DROPOUT).all()
+
+
+def test_laser_shadow_counts_too() -> None:
+    """A cell that the camera sees but the laser cannot reach is occluded."""
+    elevation = np.zeros(GRID.shape)
+    elevation[:, 14:18] = 0.08
+    elevation[:, 8:14] = np.nan
+    cells = np.isnan(elevation)
+    assert not is_hidden(elevation, cells, EYES[0], GRID)[10, 13]
+    assert is_hidden(elevation, cells, EYES[1], GRID)[10, 13]
+    assert causes(elevation)[10, 13] == Hazard.OCCLUDED
+
+
+def test_own_leg_in_the_way_is_self() -> None:
+    """What the robot hides from itself is no property of the ground."""
+    found = causes(flat((5, 5), (15, 50)), own=lambda points: points[:, 0] < 0.6)
+    assert (found[5, 5], found[15, 50]) == (Hazard.SELF, Hazard.DROPOUT)
+
+
+def test_every_unknown_cell_gets_a_cause_and_no_known_one() -> None:
+    """Random heights and gaps: a cause exactly where the height is missing."""
+    random = np.random.default_rng(0)
+    elevation = np.where(random.random(GRID.shape) < 0.4, np.nan, random.uniform(0, 0.1, GRID.shape))
+    assert ((causes(elevation) != 0) == np.isnan(elevation)).all()
+
+
+def test_plan_finds_the_pair_that_passes_over_each_cell() -> None:
+    """Sheets falling straight down every 10 mm: the pair changes every two cells, none beyond the last."""
+    x = 0.52 + 0.01 * np.arange(10)
+    planes = np.column_stack((np.ones(10), np.zeros((10, 2)), -x))
+    pixels = np.tile([[100.0, 100.0]], (GRID.size, 1))
+    pixels[7] = np.nan
+    plan = plan_looks(GRID, planes, pixels, (640, 512))
+    np.testing.assert_array_equal(plan.pair[0, 3:9], [-1, 0, 0, 1, 1, 2])
+    assert plan.pair[0, 30] == -1
+    assert not plan.in_view[0, 7] and plan.in_view[0, 8]

@@ -1,0 +1,78 @@
+"""Samples into cells: brute force agrees, the top layer wins, order does not matter, pooling is conservative."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from guara_perception.terrain.geometry import GridGeometry
+from guara_perception.terrain.raster import TOP_LAYER_M, merge, pool, pool_flags, rasterise, without_cells
+
+GRID = GridGeometry((0.5, -0.27), 0.005, (6, 8))
+
+
+def cloud(seed: int, n: int = 200) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    points = random.uniform((0.49, -0.28, -0.02), (0.55, -0.23, 0.08), (n, 3))
+    points[random.random(n) < 0.1, 2] = np.nan
+    return points
+
+
+@given(seed=st.integers(0, 10_000), parts=st.integers(1, 5))
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_mean_of_the_top_layer(seed: int, parts: int) -> None:
+    """Cell by cell: lowest and highest of all samples, mean of those of the top layer of each part."""
+    points = cloud(seed)
+    points[:, 2] = np.round(points[:, 2] / 0.02) * 0.02  # layers well apart: parts cannot split a layer
+    variance = np.full(len(points), 1e-6)
+    pieces = np.array_split(np.arange(len(points)), parts)
+    raster = merge([rasterise(points[i], variance[i], GRID) for i in pieces], GRID)
+    for iy in range(6):
+        for ix in range(8):
+            inside = (
+                np.isfinite(points[:, 2])
+                & (np.floor((points[:, 0] - 0.5) / 0.005 + 1e-6) == ix)
+                & (np.floor((points[:, 1] + 0.27) / 0.005 + 1e-6) == iy)
+            )
+            if not inside.any():
+                assert np.isnan(raster.elevation[iy, ix]) and raster.count[iy, ix] == 0
+                continue
+            heights = points[inside, 2]
+            top = heights[heights > heights.max() - TOP_LAYER_M]
+            assert raster.elevation[iy, ix] == pytest.approx(top.mean(), abs=1e-12)
+            assert (raster.low[iy, ix], raster.high[iy, ix]) == (heights.min(), heights.max())
+            assert raster.count[iy, ix] == top.size
+            assert raster.variance[iy, ix] == pytest.approx(1e-6)
+
+
+def test_nothing_gives_nothing() -> None:
+    """No part, and parts without a sample inside the grid."""
+    outside = rasterise(np.array([[9.0, 9.0, 0.0], [np.nan, 0, 0]]), np.zeros(2), GRID)
+    for raster in (merge([], GRID), merge([outside], GRID)):
+        assert np.isnan(raster.elevation).all() and (raster.count == 0).all()
+
+
+def test_half_open_cells() -> None:
+    """A point on the border of two cells belongs to the upper one, one on the grid's end to none."""
+    points = np.array([[0.505, -0.265, 0.01], [0.54, -0.25, 0.02]])
+    raster = merge([rasterise(points, np.zeros(2), GRID)], GRID)
+    assert raster.elevation[1, 1] == 0.01
+    assert raster.count.sum() == 1
+
+
+def test_pooling_leaves_no_gap_unseen() -> None:
+    """One unknown fine cell makes the coarse cell unknown; flags of any fine cell stay."""
+    points = np.array([[x, y, 0.01] for x in np.arange(0.5025, 0.54, 0.005) for y in np.arange(-0.2675, -0.24, 0.005)])
+    whole = merge([rasterise(points, np.full(len(points), 1e-6), GRID)], GRID)
+    assert np.isfinite(pool(whole, 2).elevation).all() and pool(whole, 2).elevation.shape == (3, 4)
+    cells = np.zeros((6, 8), bool)
+    cells[3, 5] = True
+    holed = pool(without_cells(whole, cells), 2)
+    np.testing.assert_array_equal(np.argwhere(np.isnan(holed.elevation)), [[1, 2]])
+    assert holed.count[1, 2] == 0
+    assert pool(whole, 1) is whole
+    flags = np.zeros((6, 8), np.uint16)
+    flags[3, 5], flags[2, 4] = 8, 1
+    assert pool_flags(flags, 2)[1, 2] == 9 and pool_flags(flags, 2).sum() == 9

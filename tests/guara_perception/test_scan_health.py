@@ -1,0 +1,184 @@
+"""Scans that go wrong: no off frames, a camera that moved, few returns, the paper's method; what is said of each."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import guara_perception as gp
+from benchmarks.accuracy import figures, load_truth
+from guara_perception.methods import METHODS
+from guara_perception.own_body import OwnBody
+from guara_perception.scan_report import advice, regional_coverage
+from kinematics import RobotModel, Stance
+
+
+def safe(terrain: gp.TerrainGrid) -> np.ndarray:
+    return np.asarray(terrain.traversability) > 0
+
+
+def without_off(scan: gp.Scan, calibration, robot, lost=(), **more) -> gp.TerrainGrid:
+    processor = gp.ScanProcessor(calibration, robot, scan.stance, scan.mode, **more)
+    for stripe, on, _ in scan.frames():
+        if stripe.index not in lost:
+            processor.add(stripe.index, on, None)
+    return processor.finish()
+
+
+def test_scan_without_off_frames_is_nearly_as_good(paper_scan, calibration, robot, data) -> None:
+    """Earlier frames serve as background: interior cells known and right, unseen ones unknown."""
+    terrain = without_off(paper_scan, calibration, robot)
+    found = figures(terrain, load_truth(data / "scans/paper/truth.npz", 5))
+    assert found.known > 98 and found.mean < 0.14
+    assert found.unseen_known <= 1 and found.unseen_wrong == 0 and found.unsafe == 0
+
+
+@given(lost=st.frozensets(st.integers(0, 34).map(lambda k: 2 * k), min_size=1, max_size=5))
+@settings(max_examples=8, deadline=None, derandomize=True)
+def test_losing_frames_without_off_frames_makes_nothing_safe_or_known(paper_scan, calibration, robot, lost) -> None:
+    """A lost frame takes with it the stripes that it served as background: nothing else changes.
+
+    The first stripe is kept: which stripes come first decides which need no background.
+    """
+    whole = without_off(paper_scan, calibration, robot)
+    terrain = without_off(paper_scan, calibration, robot, lost - {0})
+    assert not (safe(terrain) & ~safe(whole)).any()
+    assert not (np.isfinite(terrain.elevation) & ~np.isfinite(whole.elevation)).any()
+
+
+def test_lost_background_is_said(paper_scan, calibration, robot) -> None:
+    """The report names the frame that would have served."""
+    terrain = without_off(paper_scan, calibration, robot, lost=(20,))
+    assert terrain.metadata["frames_bad"] == {
+        str(index): "no laser-off frame, and frame 20, which would serve instead, was lost" for index in (26, 32)
+    }
+
+
+@pytest.mark.parametrize("method", ["paper", "paper-literal-lens", "paper-literal-ortho"])
+def test_paper_methods_give_a_safe_grid(paper_scan, calibration, robot, paper_terrain, data, method) -> None:
+    """The paper's chain, right and literal, ends in the same terrain code; precise is several times better."""
+    terrain = gp.process_scan(paper_scan, calibration, robot, method=method)
+    truth = load_truth(data / "scans/paper/truth.npz", 5)
+    found = figures(terrain, truth)
+    assert terrain.metadata["method"] == method
+    assert 4 * figures(paper_terrain, truth).mean < found.mean < 2.5
+    assert (found.unseen_wrong > 20) == (method == "paper-literal-ortho")
+    assert terrain.pictures["ortho_image_mm"].shape == (512, 640)
+
+
+@given(lost=st.frozensets(st.integers(0, 34).map(lambda k: 2 * k), min_size=1, max_size=10))
+@settings(max_examples=6, deadline=None, derandomize=True)
+def test_losing_stripes_with_the_papers_method_makes_nothing_safe(paper_scan, calibration, robot, lost) -> None:
+    """The safety invariant does not depend on the method."""
+
+    def process(left_out: frozenset[int]) -> gp.TerrainGrid:
+        processor = gp.ScanProcessor(calibration, robot, paper_scan.stance, paper_scan.mode, method="paper")
+        for stripe, on, off in paper_scan.frames():
+            if stripe.index not in left_out:
+                processor.add(stripe.index, on, off)
+        return processor.finish()
+
+    assert not (safe(process(lost)) & ~safe(process(frozenset()))).any()
+
+
+def test_unknown_method_lists_all(paper_scan, calibration, robot) -> None:
+    """The message holds every name that is allowed."""
+    with pytest.raises(gp.InvalidInput, match=f"method is 'best', allowed: {', '.join(METHODS)}"):
+        gp.ScanProcessor(calibration, robot, paper_scan.stance, "coarse", method="best")
+
+
+def moved(stance: Stance, by: float) -> Stance:
+    """The stance with one knee turned by so many radians."""
+    content = stance.to_dict()
+    joints = dict(content["joint_positions"])
+    for leg in ("lf", "rf"):
+        joints[f"{leg}_kfe_joint"] += by
+    return Stance.from_dict({**content, "joint_positions": joints})
+
+
+def test_scan_whose_camera_moved_is_rejected(paper_scan, calibration, robot) -> None:
+    """The stance read after the scan differs by more than robot.toml allows: scan again, it says."""
+    scan = dataclasses.replace(paper_scan, stance_end=moved(paper_scan.stance, 0.02))
+    with pytest.raises(gp.InvalidInput, match="stance_end: the camera moved by .* scan again"):
+        gp.process_scan(scan, calibration, robot)
+
+
+def test_scan_whose_camera_stood_still_is_processed(paper_scan, calibration, robot, paper_terrain) -> None:
+    """The same stance again changes nothing."""
+    scan = dataclasses.replace(paper_scan, stance_end=moved(paper_scan.stance, 1e-5))
+    terrain = gp.process_scan(scan, calibration, robot, pictures=False)
+    np.testing.assert_array_equal(terrain.elevation, paper_terrain.elevation)
+
+
+@pytest.mark.parametrize(
+    ("counts", "words"),
+    [
+        ([0, 1000, 0, 0, 0, 0, 0], ["laser is on", "mirror turns"]),
+        ([100, 300, 400, 200, 0, 0, 0], ["polarised lens", "expose less"]),
+        ([300, 700, 0, 0, 0, 0, 0], ["narrow band-pass filter", "stronger laser"]),
+    ],
+)
+def test_advice_fits_what_happened(counts: list[int], words: list[str]) -> None:
+    """No light, too much light, too little light: one sentence each, with what to do."""
+    sentence = advice(0.31, np.array(counts))
+    assert sentence.startswith("only 31 % of the expected ground returned the laser")
+    assert all(word in sentence for word in words)
+    assert "\n" not in sentence and ". " not in sentence
+
+
+def test_scan_in_the_dark_says_so(paper_scan, calibration, robot) -> None:
+    """All frames without laser light: the health is degraded and the last reason is the advice."""
+    processor = gp.ScanProcessor(calibration, robot, paper_scan.stance, paper_scan.mode)
+    for stripe, _, off in paper_scan.frames():
+        processor.add(stripe.index, off, off)
+    health = processor.finish().metadata["health"]
+    assert health["level"] == "degraded"
+    assert "check that the laser is on" in health["reasons"][-1]
+
+
+def test_coverage_of_each_region() -> None:
+    """Ninths of the area by name; a region in which nothing was expected has none."""
+    seen = np.zeros((9, 9), bool)
+    seen[:3, :3] = True
+    expected = np.ones((9, 9), bool)
+    expected[6:, 6:] = False
+    regions = regional_coverage(seen, expected)
+    assert regions["near right"] == 1.0 and regions["near left"] == 0.0 and regions["far left"] is None
+    assert len(regions) == 9
+
+
+@pytest.mark.parametrize(
+    ("frame", "message"),
+    [
+        ("on_000.jpg", "the frame is str, it must be a uint8 or uint16 picture"),
+        (np.zeros((512, 640, 4), np.uint8), "the frame has 4 channels, it must have 1 or 3"),
+        (np.zeros((100, 640), np.uint8), "the frame is 640x100 px, the calibrated camera gives 640x512"),
+        (np.zeros((512, 640), np.float32), "the frame is float32"),
+        (np.zeros((512, 640), np.uint8), "the frame is blank: every pixel is 0"),
+    ],
+)
+def test_frames_that_cannot_be_used_are_marked_and_the_scan_goes_on(
+    paper_scan, calibration, robot, frame: object, message: str
+) -> None:
+    """The stripe is unknown, the reason stands in profile and report."""
+    processor = gp.ScanProcessor(calibration, robot, paper_scan.stance, "coarse")
+    profile = processor.add(30, frame)  # type: ignore[arg-type]
+    assert message in profile.reason
+    report = processor.finish().metadata
+    assert message in report["frames_bad"]["30"] and report["health"]["level"] == "degraded"
+
+
+def test_own_body_is_asked_in_the_footprint_frame(paper_scan: gp.Scan, robot: RobotModel) -> None:
+    """A point on a sole lies on the robot, one ahead does not; the body hides what is right below it from above."""
+    pose = robot.stance_pose(paper_scan.stance)
+    transform = pose.transform_base_to_footprint
+    state = robot.state(paper_scan.stance.joint_positions)
+    sole = transform[:3, :3] @ state.soles_in_base(["lf"])[0] + transform[:3, 3]
+    eye = np.array([0.0, 0.0, 1.0])
+    body = OwnBody(state, transform, (eye,))
+    np.testing.assert_array_equal(body.contains(np.array([sole, [0.7, 0, 0], [np.nan] * 3])), [True, False, False])
+    np.testing.assert_array_equal(body.hides(np.array([[0.0, 0.0, 0.0], [3.0, 0, 0]])), [True, False])
