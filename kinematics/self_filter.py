@@ -53,6 +53,11 @@ class SelfFilter:
         )
         self._lowest = np.min([shape.centre - shape.reach for shape in self.shapes], axis=0, initial=np.inf)
         self._highest = np.max([shape.centre + shape.reach for shape in self.shapes], axis=0, initial=-np.inf)
+        centres = np.array([shape.centre for shape in self.shapes]).reshape(-1, 3)
+        reaches = np.array([shape.reach for shape in self.shapes])
+        # |p - c|^2 <= r^2 reads |p|^2 - 2 p . c <= r^2 - |c|^2.
+        self._twice_centres = 2.0 * centres.T
+        self._powers = reaches**2 - np.einsum("ni,ni->n", centres, centres) + _ROUNDING
 
     def contains(self, points_in_base: npt.ArrayLike) -> Mask:
         """Which points lie on the robot.
@@ -71,12 +76,14 @@ class SelfFilter:
         # Most points of a scan lie ahead of the robot: its bounding box leaves few for the shapes.
         rows = np.flatnonzero(np.all((points >= self._lowest) & (points <= self._highest), axis=1))
         close = points[rows]
+        if not len(rows):
+            return inside
+        # All bounding spheres at once, (n, shapes): few points are within any.
         square = np.einsum("ni,ni->n", close, close)
-        for shape in self.shapes:
-            near = np.flatnonzero(
-                square - close @ (2.0 * shape.centre) <= shape.reach**2 - shape.centre @ shape.centre + _ROUNDING
-            )
-            inside[rows[near]] |= shape.contains(close[near])
+        is_near = square[:, None] - close @ self._twice_centres <= self._powers
+        for place in np.flatnonzero(is_near.any(axis=0)).tolist():
+            near = np.flatnonzero(is_near[:, place])
+            inside[rows[near]] |= self.shapes[place].contains(close[near])
         return inside
 
     def blocks(self, origins_in_base: npt.ArrayLike, points_in_base: npt.ArrayLike) -> Mask:
