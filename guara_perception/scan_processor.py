@@ -13,6 +13,7 @@ from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.methods import METHODS, check_method
 from guara_perception.own_body import OwnBody
+from guara_perception.ranging.calibration_variance import calibration_variance
 from guara_perception.ranging.locate import locator
 from guara_perception.ranging.scan_geometry import scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints, stripe_points
@@ -113,6 +114,7 @@ class ScanProcessor:
             self._geometry.transform_camera_to_footprint,
             (self._settings.footprint_x, self._settings.footprint_y),
         )
+        self._widened = calibration_variance(calibration, self._geometry)
         self._finder = StripeFinder(method, calibration.camera.size, self._pattern.step)
         self._body = OwnBody(
             robot.state(self._stance.joint_positions), self._pose.transform_base_to_footprint, self._geometry.eyes
@@ -201,7 +203,7 @@ class ScanProcessor:
         )
         triangulated = time.perf_counter()
         self._seconds["triangulate"] += triangulated - extracted
-        self._surface.add(index, points)
+        self._surface.add(index, self._widened(index, points))
         self._seconds["raster"] += time.perf_counter() - triangulated
         return profile
 

@@ -1,0 +1,31 @@
+"""The variance of a grid: stripe position and calibration together, and right against the truth."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+import guara_perception as gp
+from benchmarks.accuracy import load_truth
+from guara_perception.calibration.result import CalibrationResult
+from kinematics import RobotModel
+
+
+def test_error_over_sigma(result: CalibrationResult, paper_scan: gp.Scan, robot: RobotModel, data: Path) -> None:
+    """Measured error over predicted sigma has a standard deviation near one, through our own calibration."""
+    truth = load_truth(data / "scans" / "paper" / "truth.npz", 5)
+    terrain = gp.process_scan(paper_scan, result.calibration, robot, pictures=False)
+    used = truth.interior & np.isfinite(terrain.elevation)
+    ratio = (terrain.elevation - truth.mean)[used] / np.sqrt(terrain.layer("variance")[used].astype(np.float64))
+    assert used.sum() > 5000
+    assert 0.7 < float(np.std(ratio)) < 1.5
+
+
+def test_calibration_adds_variance(result: CalibrationResult, paper_scan: gp.Scan, robot: RobotModel) -> None:
+    """Without the covariance of the calibration every known cell claims a smaller variance, at the same height."""
+    with_it = gp.process_scan(paper_scan, result.calibration, robot, pictures=False)
+    bare = dataclasses.replace(result.calibration, covariance=None)
+    without = gp.process_scan(paper_scan, bare, robot, pictures=False)
+    np.testing.assert_array_equal(with_it.elevation, without.elevation)
+    known = np.isfinite(with_it.elevation)
+    assert (with_it.layer("variance")[known] > without.layer("variance")[known]).all()
