@@ -53,7 +53,7 @@ def times(robot: RobotModel) -> None:
     terrain = scan(robot, Ground.random(0), pause, 0)
     cells = OdomCells(RESOLUTION, 1.3)
     cells.centre_on(0.0, 0.0)
-    drift = Drift(0.0, 0.0, 0.0, (0.0, 0.0))
+    drift = Drift(0.0, 0.0, 0.0)
     transform = np.eye(4)
     turned = np.eye(4)
     turned[:2, :2] = [[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]]

@@ -23,13 +23,11 @@ class Drift:
         rise: variance of z [m^2].
         shift: variance along x or y, whichever is larger [m^2].
         turn: variance of the heading [rad^2].
-        position: x and y of the robot in odom [m].
     """
 
     rise: float
     shift: float
     turn: float
-    position: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)

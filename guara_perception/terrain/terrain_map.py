@@ -68,7 +68,7 @@ class TerrainMap:
         self._middle: Float | None = None
         self._pause = 0
         self._step: int | None = None
-        self._drift = Drift(0.0, 0.0, 0.0, (0.0, 0.0))
+        self._drift = Drift(0.0, 0.0, 0.0)
         self._anchor = HeightAnchor()
         self._ground: list[dict[str, Any]] = []
         self._scans = 0
@@ -119,7 +119,6 @@ class TerrainMap:
             rise=self._anchor.rise,
             shift=max(last.shift, float(spread[0, 0]), float(spread[1, 1])),
             turn=max(last.turn, float(spread[5, 5])),
-            position=(float(position[0]), float(position[1])),
         )
         moment = Moment(self._pause, terrain.stamp, self._drift, transform)
         rejected = self._look(terrain, moment)
