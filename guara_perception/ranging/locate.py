@@ -25,8 +25,10 @@ class Locator(Protocol):
     def points(self, plane_in_camera: Float, position_px: npt.ArrayLike) -> Float:
         """Points (w, 3) in base_footprint of a stripe at these rows; NaN where there is none."""
 
-    def height_sigma(self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike) -> Float:
-        """Standard deviations (w,) of their heights [m]."""
+    def measure(
+        self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
+    ) -> tuple[Float, Float]:
+        """The same points and the standard deviations (w,) of their heights [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,15 +50,15 @@ class Triangulator:
 
     def points(self, plane_in_camera: Float, position_px: npt.ArrayLike) -> Float:
         """Points (w, 3) in base_footprint."""
-        positions = np.asarray(position_px, dtype=np.float64)
-        in_camera, _ = triangulate(self.camera, plane_in_camera, positions, np.zeros(positions.size))
-        rotation, translation = self.transform_camera_to_footprint[:3, :3], self.transform_camera_to_footprint[:3, 3]
-        return np.asarray(in_camera @ rotation.T + translation)
+        return self.measure(plane_in_camera, position_px, np.zeros(np.size(position_px)))[0]
 
-    def height_sigma(self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike) -> Float:
-        """Standard deviations (w,) of the heights [m], by the derivative of the ray's meeting with the sheet."""
-        _, spread = triangulate(self.camera, plane_in_camera, position_px, sigma_px)
-        return np.asarray(np.abs(spread @ self.transform_camera_to_footprint[2, :3]))
+    def measure(
+        self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
+    ) -> tuple[Float, Float]:
+        """Points (w, 3) and standard deviations (w,) of their heights [m], by the derivative of the meeting point."""
+        in_camera, spread = triangulate(self.camera, plane_in_camera, position_px, sigma_px)
+        rotation, translation = self.transform_camera_to_footprint[:3, :3], self.transform_camera_to_footprint[:3, 3]
+        return in_camera @ rotation.T + translation, np.abs(spread @ rotation[2])
 
 
 def locator(

@@ -60,8 +60,7 @@ def stripe_points(
         gates: lowest and highest height that counts as terrain [m].
         on_robot: tells which points (n, 3) in base_footprint lie on the robot itself; None = none does.
     """
-    points = locator.points(plane_in_camera, profile.position_px)
-    sigma = locator.height_sigma(plane_in_camera, profile.position_px, profile.sigma_px)
+    points, sigma = locator.measure(plane_in_camera, profile.position_px, profile.sigma_px)
     doubtful = locator.points(plane_in_camera, profile.doubtful_px)
     status = profile.status.copy()
     own = np.zeros(len(points), dtype=bool)

@@ -35,7 +35,7 @@ THRESHOLD_OF_MEDIAN_PEAK = 0.05
 # The width of the stripe is taken from every so many columns.
 WIDTH_COLUMNS = 16
 # From this share of clipped tops on, the channels are fused.
-FUSE_FROM_CLIPPED = 0.02
+FUSE_FROM_CLIPPED = 0.2
 # A clipped core wider than so many sigmas of the stripe leaves no shoulders to judge by.
 MAX_CLIPPED_SIGMAS = 5.0
 # Speckle moves the centre of a stripe by this share of its sigma, whatever the light.
@@ -135,10 +135,14 @@ def _clipped_rows(frame: npt.NDArray[Any], signal: LaserLight, top: Index, sigma
     reach = int(3 * sigma)
     rows = np.clip(top + np.arange(-reach, reach + 1)[:, None], 0, len(frame) - 1)
     every = np.arange(top.size)
-    strongest = (signal.plane[rows, every] >= signal.clipped_from).sum(axis=0)
+    is_clipped = signal.plane[rows, every] >= signal.clipped_from
+    strongest = is_clipped.sum(axis=0)
     if frame.ndim == 2:
         return strongest, strongest
-    return strongest, (frame[rows, every].min(axis=-1) >= signal.clipped_from).sum(axis=0)
+    # Where the strongest channel is not clipped, not all of them are: only the rest needs a look.
+    place, column = np.nonzero(is_clipped)
+    is_lost = (frame[rows[place, column], column] >= signal.clipped_from).all(axis=1)
+    return strongest, np.bincount(column[is_lost], minlength=top.size)
 
 
 def sigma_of_filter(sigma: float) -> float:

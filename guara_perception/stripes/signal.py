@@ -89,23 +89,22 @@ def fused_light(
         (rows, columns) float32, in grey levels of the strongest channel.
     """
     full_scale = float(np.iinfo(on.dtype).max)
-    planes, gains, weights = [], [], []
+    on = np.ascontiguousarray(on)
+    light = np.asarray(cv2.subtract(on, opening(on) if off is None else off, dtype=cv2.CV_32F))
+    sample, tops, seen = light[::SAMPLE_ROWS, ::SAMPLE_COLUMNS], light[top, columns], on[top, columns]
+    offsets, gains, weights = [], [], []
     for channel in range(on.shape[2]):
-        plane = channel_of(on, channel)
-        light = difference(plane, None if off is None else channel_of(off, channel)).astype(np.float32)
-        sample = light[::SAMPLE_ROWS, ::SAMPLE_COLUMNS]
-        light -= np.float32(middle(sample))
-        noise = max(spread(sample), full_scale / 512)
-        headroom = max(float(np.mean(plane[top, columns] < CLIPPED * full_scale)), LEAST_HEADROOM)
-        gain = max(middle(light[top, columns]) - noise, 0.0)
-        planes.append(light)
+        offset = middle(sample[:, :, channel])
+        noise = max(spread(sample[:, :, channel]), full_scale / 512)
+        headroom = max(float(np.mean(seen[:, channel] < CLIPPED * full_scale)), LEAST_HEADROOM)
+        gain = max(middle(tops[:, channel]) - offset - noise, 0.0)
+        offsets.append(offset)
         gains.append(gain)
         weights.append(headroom**2 * gain / noise**2)
     scale = max(gains) / max(float(np.dot(weights, gains)), 1e-12)
-    fused = np.zeros(planes[0].shape, dtype=np.float32)
-    for weight, light in zip(weights, planes, strict=True):
-        fused += np.float32(weight * scale) * light
-    return fused
+    shares = scale * np.array(weights)
+    mixture = np.append(shares, -float(shares @ offsets)).astype(np.float32)
+    return np.asarray(cv2.transform(light, mixture[None]))
 
 
 def strongest_channel(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> int:

@@ -104,12 +104,15 @@ class PaperRangefinder:
             (ortho_v(x, h, self.camera_height, centre[0]), ortho_u(y, h, self.camera_height, centre[1]), h)
         )
 
-    def height_sigma(self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike) -> Float:
-        """Standard deviation (w,) of the heights [m] for standard deviations of the rows."""
+    def measure(
+        self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
+    ) -> tuple[Float, Float]:
+        """The same points and the standard deviations (w,) of their heights [m] for those of the rows."""
         rows = np.asarray(position_px, dtype=np.float64)
         above = self.points(plane_in_camera, rows - STEP_PX)[:, 2]
         below = self.points(plane_in_camera, rows + STEP_PX)[:, 2]
-        return np.abs(below - above) / (2 * STEP_PX) * np.asarray(sigma_px, dtype=np.float64)
+        sigma = np.abs(below - above) / (2 * STEP_PX) * np.asarray(sigma_px, dtype=np.float64)
+        return self.points(plane_in_camera, rows), sigma
 
     def _seen_by_pinhole(self, marks: Float) -> Float:
         """Distortion-free image coordinates (n, 2) of floor marks (n, 2)."""

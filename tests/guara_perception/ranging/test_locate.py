@@ -112,7 +112,8 @@ def test_sigma_of_the_height_is_its_finite_difference(literal: Literal | None) -
     plane = sheet(0.3, 0.01, transform)
     way = locator(literal, lens, transform, AREA)
     rows = np.full(SIZE[0], 300.0)
-    sigma = way.height_sigma(plane, rows, np.ones(SIZE[0]))
+    points, sigma = way.measure(plane, rows, np.ones(SIZE[0]))
+    np.testing.assert_array_equal(points, way.points(plane, rows))
     moved = np.abs(way.points(plane, rows + 0.05)[:, 2] - way.points(plane, rows - 0.05)[:, 2]) / 0.1
     np.testing.assert_allclose(sigma, moved, rtol=0.06)
 

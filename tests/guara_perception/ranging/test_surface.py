@@ -207,8 +207,8 @@ class Level:
         points[np.isnan(rows)] = np.nan
         return points
 
-    def height_sigma(self, plane: object, rows: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-        return 0.001 * np.asarray(sigma, float)
+    def measure(self, plane: object, rows: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self.points(plane, rows), 0.001 * np.asarray(sigma, float)
 
 
 def profile(rows: np.ndarray, doubtful: np.ndarray | None = None) -> StripeProfile:
