@@ -23,7 +23,8 @@ MAX_AMBIENT_CHANGE = 0.15
 CLIPPED = 0.98
 # Statistics of a band are taken from every so many rows and columns.
 SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 24
-JUDGED_COLUMNS = 64
+# No stripe is thinner than two rows.
+JUDGED_ROWS, JUDGED_COLUMNS = 2, 64
 # Even a channel that is clipped throughout says where the shoulders of the stripe are.
 LEAST_HEADROOM = 0.3
 
@@ -111,11 +112,12 @@ def strongest_channel(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> int
     """Number of the channel in which the stripe stands out most from the noise, judged on some columns; 0 for mono."""
     if on.ndim == 2 or on.shape[2] == 1:
         return 0
-    columns = on[:, ::JUDGED_COLUMNS].astype(np.float32)
-    columns -= off[:, ::JUDGED_COLUMNS] if off is not None else np.median(columns, axis=0)
+    judged = np.s_[::JUDGED_ROWS, ::JUDGED_COLUMNS]
+    columns = on[judged].astype(np.float32).reshape(-1, on[judged].shape[1] * on.shape[2])
+    columns -= off[judged].reshape(columns.shape) if off is not None else np.median(columns, axis=0)
     # Mean absolute value instead of a robust spread: the stripe is a small part of a column and raises it alike.
-    noise = np.abs(columns).mean(axis=(0, 1))
-    return int(np.argmax(columns.max(axis=0).mean(axis=0) - 4 * noise))
+    noise = np.abs(columns).mean(axis=0)
+    return int(np.argmax((columns.max(axis=0) - 4 * noise).reshape(-1, on.shape[2]).mean(axis=0)))
 
 
 def channel_of(frame: npt.NDArray[Any], channel: int) -> Plane:
