@@ -61,8 +61,8 @@ def centres(light: npt.NDArray[Any], top: Index, columns: Index, sigma: float) -
     falling = (response[:-1] > 0) & (response[1:] <= 0)
     steps = len(filters) - 1
     # Of several crossings the one nearest to the top.
-    preference = falling * (steps - np.abs(np.arange(steps) - (steps - 1) / 2))[:, None]
-    place = preference.argmax(axis=0)
+    nearest = (steps - np.abs(np.arange(steps) - (steps - 1) / 2)).astype(np.float32)
+    place = (falling * nearest[:, None]).argmax(axis=0)
     every = np.arange(top.size)
     before, after = response[place, every], response[place + 1, every]
     slope = np.maximum(before - after, 1e-9)
