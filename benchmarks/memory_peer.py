@@ -31,11 +31,15 @@ def main(folder: str, stripes: int) -> None:
 
     def scan(count: int) -> None:
         processor = ScanProcessor(calibration, robot, stance, "standard")
+        # One pair of buffers, as a camera that waits for its reader has; they count as part of the scan.
+        on_buffer, off_buffer = np.empty_like(off), np.empty_like(off)
         for index in range(count):
             first, end = processor.band(index)
-            on = off.copy()
-            on[first:end] = np.load(Path(folder) / f"{index}.npy")
-            processor.add(index, on, off.copy())
+            np.copyto(on_buffer, off)
+            np.copyto(off_buffer, off)
+            with (Path(folder) / f"{index}.band").open("rb") as band:
+                band.readinto(on_buffer[first:end].data.cast("B"))
+            processor.add(index, on_buffer, off_buffer)
         processor.finish()
 
     scan(1)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from benchmarks.section import Section
 from guara_perception.view.style import LINE_COLOURS, new_figure, save_figure
@@ -16,7 +18,7 @@ MARKERS = "osD^vPX"
 def error_against_time(section: Section, path: Path) -> None:
     """Mean error over time, one panel per kind of light; down and left is better."""
     cases: Mapping[str, Mapping[str, Mapping[str, float]]] = section.figures
-    figure, axes = new_figure(1, len(cases), (9.0, 3.0), sharex=True, sharey=True)
+    figure, axes = new_figure(1, len(cases), (9.0, 3.6), sharex=True, sharey=True)
     for panel, (case, contenders) in zip(axes[0], cases.items(), strict=True):
         for i, (name, f) in enumerate(contenders.items()):
             colour = LINE_COLOURS[i % len(LINE_COLOURS)]
@@ -29,7 +31,7 @@ def error_against_time(section: Section, path: Path) -> None:
     axes[0][0].set_ylabel("mean error [px]")
     _plain_ticks(axes)
     handles, labels = axes[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
     save_figure(figure, path)
 
 
@@ -47,13 +49,23 @@ def growth_plot(section: Section, path: Path) -> None:
         panel.grid(True, which="major", linewidth=0.3)
         panel.legend(loc="upper left")
     axes[0][0].set_ylabel("CPU time [ms]")
+    _plain_ticks(axes)
     save_figure(figure, path)
 
 
-def _plain_ticks(axes: np.ndarray) -> None:
-    from matplotlib.ticker import NullFormatter, ScalarFormatter
+def _plain_ticks(axes: npt.NDArray[Any]) -> None:
+    """Ticks at 1, 2 and 5 of each decade where there is room, written as people write numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    def words(value: float, place: int | None = None) -> str:
+        for unit, sign in ((1e6, " M"), (1e3, " k")):
+            if value >= unit:
+                return f"{value / unit:g}{sign}"
+        return f"{value:g}"
 
     for panel in axes.ravel():
-        for axis in (panel.xaxis, panel.yaxis):
-            axis.set_major_formatter(ScalarFormatter())
-            axis.set_minor_formatter(NullFormatter())
+        for axis, span in ((panel.xaxis, panel.get_xlim()), (panel.yaxis, panel.get_ylim())):
+            subs = (1.0, 2.0, 5.0) if span[1] < 100 * span[0] else (1.0,)
+            axis.set_major_locator(LogLocator(subs=subs, numticks=12))
+            axis.set_minor_locator(NullLocator())
+            axis.set_major_formatter(FuncFormatter(words))

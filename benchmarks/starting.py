@@ -92,7 +92,7 @@ def _write_bands(recording: Recording, folder: Path) -> None:
     np.save(folder / "off.npy", recording.frames[0][2])
     for index, on, _ in recording.frames:
         first, end = processor.band(index)
-        np.save(folder / f"{index}.npy", on[first:end])
+        (folder / f"{index}.band").write_bytes(on[first:end].tobytes())
     width, height = recording.calibration.camera.size
     (folder / "scan.txt").write_text(f"{width} {height} {len(recording.frames)}")
 
