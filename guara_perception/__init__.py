@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from guara_perception.app.open_scan import open_scan
     from guara_perception.calibration.calibration import Calibration, StripePlane
     from guara_perception.calibration.camera import CameraModel
+    from guara_perception.calibration.drift import Drift, check_drift
     from guara_perception.calibration.file import load_calibration, save_calibration
+    from guara_perception.calibration.pattern import interpolate_pattern
     from guara_perception.exceptions import (
         CalibrationMismatch,
         CalibrationRefused,
@@ -57,6 +59,7 @@ _HOME = {
     "CalibrationMismatch": "exceptions",
     "CalibrationRefused": "exceptions",
     "CameraModel": "calibration.camera",
+    "Drift": "calibration.drift",
     "FileFormatError": "exceptions",
     "Foothold": "terrain.best_foothold",
     "FootholdVerdict": "terrain.foothold",
@@ -84,7 +87,9 @@ _HOME = {
     "UnsafeGrid": "exceptions",
     "assess_terrain": "terrain.assess_terrain",
     "calibrate": "app.calibrate",
+    "check_drift": "calibration.drift",
     "extract_stripe": "stripes.extract",
+    "interpolate_pattern": "calibration.pattern",
     "load_calibration": "calibration.file",
     "load_terrain": "terrain.file",
     "open_scan": "app.open_scan",

@@ -12,12 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
+from guara_perception.app.open_scan import open_scan
 from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.drift import DRIFTING, HOLDS, check_drift
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import PerceptionError
+from guara_perception.process import run_scan
+from kinematics import KinematicsError, load_robot
 
 OK, WARN, FAIL = "ok", "warn", "FAIL"
-CHECKS = ("usb", "board", "camera", "zenoh", "calibration", "disk", "speed")
+CHECKS = ("usb", "board", "camera", "zenoh", "calibration", "drift", "disk", "speed")
 # After this long a camera mount has had its knocks; the paper's rig was calibrated before each session.
 CALIBRATION_AGE_DAYS = 30
 # A standard scan with its recording takes about 60 MB; ten of them should fit.
@@ -42,7 +46,13 @@ class Finding:
 
 
 def examine(
-    *, camera: str, calibration: Path | None, listen: str, folder: Path, checks: tuple[str, ...] = ()
+    *,
+    camera: str,
+    calibration: Path | None,
+    listen: str,
+    folder: Path,
+    scan: Path | None = None,
+    checks: tuple[str, ...] = (),
 ) -> Iterator[Finding]:
     """Run the checks one by one.
 
@@ -51,6 +61,7 @@ def examine(
         calibration: file to check, or None.
         listen: endpoint on which the node would listen.
         folder: where recordings would be written.
+        scan: recorded scan of a flat floor, or of anything with some floor, for the drift check; None = not done.
         checks: names of the checks to run; empty = all.
     """
     every: dict[str, Callable[[], Finding]] = {
@@ -59,6 +70,7 @@ def examine(
         "camera": lambda: check_camera(camera),
         "zenoh": lambda: check_endpoint(listen),
         "calibration": lambda: check_calibration(calibration),
+        "drift": lambda: check_scan_drift(calibration, scan),
         "disk": lambda: check_disk(folder),
         "speed": check_speed,
     }
@@ -147,6 +159,25 @@ def judge_calibration(calibration: Calibration) -> Finding:
     if days > CALIBRATION_AGE_DAYS:
         return Finding("calibration", WARN, f"{text}, {days} days old: check it on a flat floor, or calibrate again")
     return Finding("calibration", OK if verdict != "unknown" else WARN, f"{text}, {days} days old")
+
+
+def check_scan_drift(calibration: Path | None, scan: Path | None) -> Finding:
+    """Whether the calibration still fits what a scan shows of the floor."""
+    if calibration is None or scan is None:
+        return Finding("drift", OK, "not checked: give -c calibration.json and --scan SCAN, a scan with floor in view")
+    try:
+        recorded, calibrated = open_scan(scan), load_calibration(calibration)
+        processor = run_scan(recorded, calibrated, load_robot(recorded.robot))
+    except (PerceptionError, KinematicsError) as error:
+        return Finding("drift", FAIL, str(error))
+    covariance = processor.finish().metadata["pose_covariance"]
+    drift = check_drift({index: stripe.points for index, stripe in processor.points.items()}, covariance)
+    if drift.verdict == DRIFTING:
+        return Finding("drift", WARN, f"{'; '.join(drift.reasons)}: calibrate again")
+    if drift.verdict == HOLDS:
+        floor, stripes = 1e3 * drift.floor_height, 1e3 * drift.stripe_rms
+        return Finding("drift", OK, f"the calibration holds: floor {floor:+.1f} mm, stripes {stripes:.2f} mm rms")
+    return Finding("drift", WARN, f"{'; '.join(drift.reasons)}: scan a place with more floor in view")
 
 
 def check_disk(folder: Path) -> Finding:

@@ -11,10 +11,16 @@ import click
 @click.option("-c", "--calibration", type=click.Path(path_type=Path), help="calibration.json to check")
 @click.option("--camera", default="0", show_default=True, help="number or path of the camera")
 @click.option("--listen", default="tcp/127.0.0.1:7447", show_default=True, help="where the node would listen")
+@click.option("--scan", type=click.Path(path_type=Path), help="recorded scan with floor in view, for the drift check")
 @click.option("--only", "checks", multiple=True, help="run only this check; repeatable", metavar="NAME")
 @click.pass_context
 def command(
-    context: click.Context, calibration: Path | None, camera: str, listen: str, checks: tuple[str, ...]
+    context: click.Context,
+    calibration: Path | None,
+    camera: str,
+    listen: str,
+    scan: Path | None,
+    checks: tuple[str, ...],
 ) -> None:
     r"""Check camera, USB board, permissions, Zenoh, calibration, disk and speed; exit 1 when something must be mended.
 
@@ -29,7 +35,9 @@ def command(
     if unknown:
         raise InvalidInput(f"--only is {', '.join(unknown)}, allowed: {', '.join(CHECKS)}")
     failed = False
-    for finding in examine(camera=camera, calibration=calibration, listen=listen, folder=Path.cwd(), checks=checks):
+    for finding in examine(
+        camera=camera, calibration=calibration, listen=listen, folder=Path.cwd(), scan=scan, checks=checks
+    ):
         click.echo(f"{finding.level:<5} {finding.name:<12} {finding.message}")
         failed |= finding.level == FAIL
     if failed:

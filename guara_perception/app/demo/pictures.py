@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.view.style import LINE_COLOURS, draw_hazards, draw_layer, new_figure, save_figure
+from guara_perception.view.style import LINE_COLOURS, draw_hazards, draw_layer, new_figure, save_figure, styled
 from guara_perception.whole_file import whole_file
 
 if TYPE_CHECKING:
@@ -34,9 +34,10 @@ def draw_demo(folder: Path, pauses: Sequence[DemoPause]) -> list[Path]:
         return []
     middle = pauses[len(pauses) // 2]
     files = [folder / "scan.png", folder / "map.png", folder / "walk.gif"]
-    draw_scan(files[0], middle.terrain)
-    draw_map(files[1], pauses)
-    animate(files[2], pauses)
+    with styled():
+        draw_scan(files[0], middle.terrain)
+        draw_map(files[1], pauses)
+        animate(files[2], pauses)
     return files
 
 

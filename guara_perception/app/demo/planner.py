@@ -1,6 +1,6 @@
 """The demo's planner: its own process, with nothing but the public client; told on stdin which foot moves next.
 
-Each line of standard input is a JSON object {step, leg, x, y, radius, extent}; each answer is a JSON line with the
+Each line of standard input is a JSON object {step, leg, x, y, extent}; each answer is a JSON line with the
 foothold that was chosen on the grid of that step, or with the reasons why there is none.
 """
 
@@ -12,6 +12,7 @@ from typing import Any
 
 from guara_perception.app.client import TerrainClient
 from guara_perception.exceptions import PerceptionError
+from guara_perception.simulation.planner import plan_foothold
 from transport import TransportError
 
 GRID_TIMEOUT_S = 60.0
@@ -39,7 +40,7 @@ def answer(client: TerrainClient, request: dict[str, Any]) -> dict[str, Any]:
     client.wait_for_step(request["step"], timeout=GRID_TIMEOUT_S)
     terrain = client.wait_for_step(request["step"], timeout=GRID_TIMEOUT_S, extent=request["extent"])
     x, y, leg = request["x"], request["y"], request["leg"]
-    found = terrain.best_foothold(x, y, request["radius"], leg=leg)
+    found = plan_foothold(terrain, leg, (x, y))
     reply: dict[str, Any] = {
         "step": terrain.step,
         "leg": leg,

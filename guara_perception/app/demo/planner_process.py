@@ -48,16 +48,14 @@ class PlannerProcess:
         """Stop it."""
         self.close()
 
-    def choose(
-        self, *, step: int, leg: str, x: float, y: float, radius: float, extent: str = "footprint"
-    ) -> dict[str, Any]:
+    def choose(self, *, step: int, leg: str, x: float, y: float, extent: str = "footprint") -> dict[str, Any]:
         """Ask for a foothold near (x, y) [m in base_footprint of that step]; see `planner` for the answer.
 
         Raises:
             PlannerFailed: the process died or does not answer.
         """
         pipe = self._process.stdin
-        request = {"step": step, "leg": leg, "x": x, "y": y, "radius": radius, "extent": extent}
+        request = {"step": step, "leg": leg, "x": x, "y": y, "extent": extent}
         try:
             if pipe is not None:
                 pipe.write(json.dumps(request) + "\n")

@@ -24,8 +24,6 @@ from transport.stance_link import StancePublisher, StanceReceiver
 
 # A scan of 70 stripes takes 1.2 s at the demo's frame rate (two frames a stripe); a busy machine takes many times that.
 GRID_TIMEOUT_S = 60.0
-# How far from where the gait would put a foot the planner may look.
-SEARCH_RADIUS_M = 0.06
 FPS = 120.0
 # Keeps the recording of a whole walk near 100 MB; costs about 0.02 px.
 JPEG_QUALITY = 85
@@ -104,7 +102,7 @@ def demo_walk(check: DemoCheck, *, recording: Path | None, cycles: float, seed: 
             fused = client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S, extent="map")
             terrain = client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S)
             x, y = pause.nominal
-            answer = planner.choose(step=pause.step, leg=pause.next_leg, x=x, y=y, radius=SEARCH_RADIUS_M, extent="map")
+            answer = planner.choose(step=pause.step, leg=pause.next_leg, x=x, y=y, extent="map")
             check.grids_received = answer["received"]
             error = check.scanned(robot.world, pause, terrain, fused)
             choice = answer["foothold"]

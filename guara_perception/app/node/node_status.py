@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from guara_perception.calibration.drift import DRIFTING, Drift
 from transport import Health, StatusItem
 
 if TYPE_CHECKING:
@@ -70,6 +71,17 @@ class NodeStatus:
                 },
             )
         self.on_change()
+
+    def drift(self, drift: Drift) -> None:
+        """Take note of whether the last scan's floor still fits the calibration."""
+        self.set(
+            StatusItem(
+                name="drift",
+                level=Health.WARN if drift.verdict == DRIFTING else Health.OK,
+                message="; ".join((f"calibration: {drift.verdict}", *drift.reasons)),
+                values={name: str(value) for name, value in drift.to_dict().items() if name != "reasons"},
+            )
+        )
 
     def problem(self, part: str, message: str) -> None:
         """Take note of what went wrong in a part; it stands until the part works again or is told anew."""

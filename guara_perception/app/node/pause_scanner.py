@@ -17,6 +17,7 @@ from guara_perception.app.node.walk_map import WalkMap
 from guara_perception.app.publisher import publish_terrain
 from guara_perception.app.summary import summary
 from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.drift import check_drift
 from guara_perception.exceptions import MirrorSlipped
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
@@ -86,7 +87,7 @@ class PauseScanner:
             recording=recording,
         )
         try:
-            terrain, scan = self._sweeper.sweep(mode, job)
+            terrain, scan, processor = self._sweeper.sweep(mode, job)
             self._check_still(pause)
             terrain = with_problems(terrain, scan)
         except BaseException:
@@ -96,6 +97,9 @@ class PauseScanner:
         message = publish_terrain(self._server, terrain, scan_start=scan.start, scan_end=scan.end)
         self._status.scanned(terrain, scan, time.monotonic() - scan.last_frame)
         logger.info("%s", summary(terrain))
+        self._status.drift(
+            check_drift({i: p.points for i, p in processor.points.items()}, terrain.metadata["pose_covariance"])
+        )
         try:
             self._check_steps()
         except MirrorSlipped as error:

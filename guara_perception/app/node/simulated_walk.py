@@ -6,6 +6,7 @@ import threading
 
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
+from guara_perception.simulation.planner import plan_foothold
 from guara_perception.simulation.walk import Choice, WalkEnded, WalkPause
 from transport import Session
 from transport.stance_link import StancePublisher
@@ -13,7 +14,6 @@ from transport.stance_link import StancePublisher
 SCAN_TIMEOUT_S = 60.0
 # Time to look at a pause before the robot goes on: planners that are slow to subscribe still follow.
 REST_S = 1.0
-SEARCH_RADIUS_M = 0.06
 CYCLES = 11
 
 
@@ -35,7 +35,7 @@ def walk_until_stopped(
         latest = node.latest_map
         if latest is None or latest.step != pause.step:
             return pause.nominal
-        found = latest.best_foothold(*pause.nominal, SEARCH_RADIUS_M, leg=pause.next_leg)
+        found = plan_foothold(latest, pause.next_leg, pause.nominal, robot=robot.robot)
         return None if found is None else (found.x, found.y)
 
     last: WalkPause | None = None

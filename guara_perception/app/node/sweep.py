@@ -59,35 +59,35 @@ class Sweeper:
         """Calibrated stripes among `indices` with their mirror angles, in firing order."""
         return [(index, self._angles[index]) for index in sorted(indices) if index in self._angles]
 
-    def sweep(self, mode: str, job: SweepJob) -> tuple[TerrainGrid, LiveScan]:
-        """Sweep once in a mode of SWEEPS; the grid and how the devices did."""
+    def sweep(self, mode: str, job: SweepJob) -> tuple[TerrainGrid, LiveScan, ScanProcessor]:
+        """Sweep once in a mode of SWEEPS; the grid, how the devices did, and what the grid was made with."""
         if mode == ADAPTIVE:
             return self._adaptive(job)
         processor = job.processor(mode)
         scan = self._run(processor, self.pattern(self._settings.pattern(mode)), job)
-        return processor.finish(), scan
+        return processor.finish(), scan, processor
 
-    def _adaptive(self, job: SweepJob) -> tuple[TerrainGrid, LiveScan]:
+    def _adaptive(self, job: SweepJob) -> tuple[TerrainGrid, LiveScan, ScanProcessor]:
         start = time.monotonic()
         processor = job.processor("coarse")
         pattern = self.pattern(self._policy.first_stripes)
         first = self._run(processor, pattern, job)
         coarse = processor.finish()
         if first.stopped_early or first.failed:
-            return coarse, first
+            return coarse, first, processor
         spent = time.monotonic() - start
         left = None if job.time_available <= 0 else max(job.time_available - spent, 0.0)
         decision = self._policy.decide(coarse, processor.pairs, time_left=left, stripe_time=spent / len(pattern))
         between = self.pattern(decision.stripes)
         if not between:
-            return coarse, first
+            return coarse, first, processor
         logger.info("stripes between: %s", "; ".join(decision.reasons) or "the way was not clear of late")
         if job.recording is not None:
             job.recording.extend("standard" if decision.is_whole else None)
         processor = processor.extended()
         second = self._run(processor, between, job)
         both = dataclasses.replace(second, start=first.start, problems=(*first.problems, *second.problems))
-        return refined(coarse, processor.finish()), both
+        return refined(coarse, processor.finish()), both, processor
 
     def _run(self, processor: ScanProcessor, pattern: Pattern, job: SweepJob) -> LiveScan:
         done = len(processor.profiles)

@@ -7,6 +7,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.app.demo.planner_process import PlannerProcess
 from guara_perception.exceptions import PlannerFailed
+from guara_perception.simulation.planner import plan_foothold
 
 NODE = Path(__file__).parent.parent / "publishing_node.py"
 
@@ -23,11 +24,11 @@ def node(start, free_endpoint: str, terrain_file: Path):
 
 def test_foothold_is_that_of_the_grid(node, free_endpoint: str, paper_terrain: gp.TerrainGrid):
     """The planner answers what the grid itself answers, over Zenoh and from another process."""
-    x, y, radius = 0.72, 0.0, 0.4
-    expected = paper_terrain.best_foothold(x, y, radius, leg="lf")
+    x, y = 0.72, 0.0
+    expected = plan_foothold(paper_terrain, "lf", (x, y))
     with PlannerProcess(free_endpoint, "guara") as planner:
-        reply = planner.choose(step=5, leg="lf", x=x, y=y, radius=radius)
-        far = planner.choose(step=5, leg="lf", x=5.0, y=5.0, radius=0.05)
+        reply = planner.choose(step=5, leg="lf", x=x, y=y)
+        far = planner.choose(step=5, leg="lf", x=5.0, y=5.0)
     assert reply["step"] == 5 and reply["leg"] == "lf" and reply["received"] >= 1
     if expected is None:
         assert reply["foothold"] is None and reply["reasons"]
@@ -50,7 +51,7 @@ def test_planner_that_died_is_told(node, free_endpoint: str):
     planner._process.kill()
     planner._process.wait(60)
     with pytest.raises(PlannerFailed, match="the planner process ended"):
-        planner.choose(step=5, leg="lf", x=0.7, y=0.0, radius=0.1)
+        planner.choose(step=5, leg="lf", x=0.7, y=0.0)
     planner.close()
     planner.close()
 
@@ -61,4 +62,4 @@ def test_closing_ends_the_process(node, free_endpoint: str):
         process = planner._process
     assert process.returncode == 0
     with pytest.raises(PlannerFailed):
-        planner.choose(step=5, leg="lf", x=0.7, y=0.0, radius=0.1)
+        planner.choose(step=5, leg="lf", x=0.7, y=0.0)

@@ -99,7 +99,7 @@ def test_each_pause_gives_a_grid_and_a_map(bench: Bench) -> None:
         assert not np.any((fused.traversability > 0) & ((fused.hazard & UNKNOWN_MASK) != 0))
     assert np.isfinite(fused.elevation).sum() >= np.isfinite(terrain.elevation).sum() * 0.95
     status = bench.status.items()
-    assert {item.name for item in status} == {"calibration", "scanner"}
+    assert {item.name for item in status} == {"calibration", "drift", "scanner"}
     assert all(item.level is Health.OK for item in status)
 
 

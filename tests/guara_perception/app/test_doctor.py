@@ -1,0 +1,107 @@
+"""`guara doctor`: each check in its good and its bad case, and the exit code."""
+
+import dataclasses
+import shutil
+import socket
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.app import doctor
+from guara_perception.app.doctor import FAIL, OK, WARN
+from guara_perception.app.main import run
+
+
+def test_missing_devices_are_named_with_the_remedy() -> None:
+    """No board and no camera here: both say what to check."""
+    board, camera = doctor.check_board(), doctor.check_camera("/dev/no-such-camera")
+    assert (board.level, camera.level) == (FAIL, FAIL)
+    assert "cable" in board.message and "check path" in camera.message
+
+
+def test_a_file_can_stand_in_for_a_camera(tmp_path: Path) -> None:
+    """A picture sequence opens, and its size is told."""
+    cv2.imwrite(str(tmp_path / "frame_000.png"), np.zeros((120, 160, 3), np.uint8))
+    finding = doctor.check_camera(str(tmp_path / "frame_%03d.png"))
+    assert (finding.level, "160x120" in finding.message) == (OK, True)
+
+
+def test_usb_backend_comes_with_the_package() -> None:
+    """libusb needs no system library."""
+    assert doctor.check_usb().level == OK
+
+
+def test_a_taken_port_is_told(free_endpoint: str) -> None:
+    """Free, taken, and no endpoint at all."""
+    assert doctor.check_endpoint(free_endpoint).level == OK
+    host, port = free_endpoint.removeprefix("tcp/").split(":")
+    with socket.socket() as taken:
+        taken.bind((host, int(port)))
+        taken.listen()
+        finding = doctor.check_endpoint(free_endpoint)
+    assert finding.level == FAIL and "--listen" in finding.message
+    assert doctor.check_endpoint("nonsense").level == FAIL
+
+
+@pytest.mark.parametrize(
+    ("changes", "level", "said"),
+    [
+        ({}, OK, "good"),
+        ({"created": (datetime.now(UTC) - timedelta(days=45)).isoformat()}, WARN, "45 days old"),
+        ({"created": "once"}, WARN, "unknown age"),
+        ({"quality": {"verdict": "refused", "reasons": ["wrong board"]}}, FAIL, "wrong board"),
+        ({"quality": {"verdict": "unknown", "reasons": []}}, WARN, "unknown"),
+    ],
+)
+def test_calibration_is_judged_by_verdict_and_age(
+    calibration: gp.Calibration, changes: dict[str, object], level: str, said: str
+) -> None:
+    """Good and fresh is ok; old, unknown and refused are told apart."""
+    fresh = {"created": datetime.now(UTC).isoformat()}
+    finding = doctor.judge_calibration(dataclasses.replace(calibration, **{**fresh, **changes}))  # type: ignore[arg-type]
+    assert finding.level == level and said in finding.message
+
+
+def test_calibration_that_is_not_there_is_told(tmp_path: Path) -> None:
+    """None given is a warning with the remedy, a missing file a failure."""
+    assert doctor.check_calibration(None).level == WARN
+    assert doctor.check_calibration(tmp_path / "none.json").level == FAIL
+
+
+def test_drift_is_checked_on_a_scan(data: Path, calibration: gp.Calibration, tmp_path: Path) -> None:
+    """The true calibration holds; one whose camera was lowered by a centimetre does not."""
+    scan = data / "scans" / "paper"
+    gp.save_calibration(calibration, tmp_path / "true.json")
+    assert doctor.check_scan_drift(tmp_path / "true.json", scan).level == OK
+    mount = calibration.transform_camera_to_base.copy()
+    mount[2, 3] -= 0.01
+    gp.save_calibration(dataclasses.replace(calibration, transform_camera_to_base=mount), tmp_path / "moved.json")
+    finding = doctor.check_scan_drift(tmp_path / "moved.json", scan)
+    assert finding.level == WARN and "calibrate again" in finding.message
+    assert "not checked" in doctor.check_scan_drift(None, None).message
+    assert doctor.check_scan_drift(tmp_path / "true.json", tmp_path / "none").level == FAIL
+
+
+def test_disk_and_speed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Room for recordings, and stripes per second; both can warn."""
+    assert doctor.check_disk(tmp_path).level in (OK, WARN)
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: shutil._ntuple_diskusage(10, 9, 1))
+    assert doctor.check_disk(tmp_path).level == WARN
+    assert "ms per stripe" in doctor.check_speed().message
+    monkeypatch.setattr(doctor, "STRIPE_SECONDS", 0.0)
+    assert doctor.check_speed().level == WARN
+
+
+def test_exit_code_says_whether_something_must_be_mended(
+    calibration_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """0 when all chosen checks pass, 1 when one fails, 2 for an unknown check."""
+    assert run(["doctor", "--only", "usb", "--only", "calibration", "-c", str(calibration_file)]) == 0
+    assert "calibration" in capsys.readouterr().out
+    assert run(["doctor", "--only", "board"]) == 1
+    assert run(["doctor", "--only", "nonsense"]) == 2
+    assert "allowed: usb, board" in capsys.readouterr().err
