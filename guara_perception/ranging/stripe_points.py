@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,12 +16,13 @@ from guara_perception.readonly import readonly
 from guara_perception.stripes.profile import StripeProfile, StripeStatus
 
 Float = npt.NDArray[np.float64]
+Stored = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
 class StripePoints:
-    """One stripe of an organised scan, one entry per image column.
+    """One stripe of an organised scan, one entry per image column; float32, because a scan keeps all its stripes.
 
     Attributes:
         points: (w, 3) in base_footprint [m], NaN where there is no trusted return within the height gates.
@@ -31,17 +33,20 @@ class StripePoints:
         doubtful: (w, 3) points of returns that may not be used, NaN elsewhere.
     """
 
-    points: Float
-    variance: Float
-    strength: Float
+    points: Stored
+    variance: Stored
+    strength: Stored
     status: npt.NDArray[np.uint8]
-    out_of_range: Float
-    doubtful: Float
+    out_of_range: Stored
+    doubtful: Stored
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
         for field in dataclasses.fields(self):
-            object.__setattr__(self, field.name, readonly(getattr(self, field.name)))
+            array = np.asarray(getattr(self, field.name))
+            object.__setattr__(
+                self, field.name, readonly(array if field.name == "status" else array.astype(np.float32))
+            )
 
 
 def stripe_points(
