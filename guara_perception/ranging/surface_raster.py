@@ -94,6 +94,9 @@ class SurfaceRaster:
         return rasterise(surface.points, surface.variance, self._geometry)
 
     def _mark(self, points: npt.NDArray[np.float64], flag: Hazard) -> None:
+        points = points[np.isfinite(points[:, 2])]
+        if not len(points):
+            return
         iy, ix = self._geometry.indices(points[:, 0], points[:, 1])
         inside = self._geometry.contains(iy, ix)
         self._marks[iy[inside], ix[inside]] |= np.uint16(flag)

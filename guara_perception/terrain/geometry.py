@@ -65,8 +65,8 @@ class GridGeometry:
         fx = (np.asarray(x, np.float64) - self.origin[0]) / self.resolution
         fy = (np.asarray(y, np.float64) - self.origin[1]) / self.resolution
         # A point given as 0.50 + 3 * 0.005 must not fall into the cell below for a rounding error.
-        ix = np.floor(np.nan_to_num(fx, nan=-1.0, posinf=-1.0, neginf=-1.0) + 1e-6)
-        iy = np.floor(np.nan_to_num(fy, nan=-1.0, posinf=-1.0, neginf=-1.0) + 1e-6)
+        ix = np.floor(np.where(np.isfinite(fx), fx, -1.0) + 1e-6)
+        iy = np.floor(np.where(np.isfinite(fy), fy, -1.0) + 1e-6)
         limit = 2**31
         return np.clip(iy, -1, limit).astype(np.int64), np.clip(ix, -1, limit).astype(np.int64)
 
