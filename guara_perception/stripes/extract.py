@@ -71,11 +71,12 @@ def unusable_frame(band: npt.NDArray[Any], off: npt.NDArray[Any] | None, shape: 
         if not isinstance(off, np.ndarray) or off.dtype != band.dtype or off.shape != shape:
             given = f"{off.dtype} {off.shape}" if isinstance(off, np.ndarray) else type(off).__name__
             return f"laser-off frame is {given}, laser-on frame is {band.dtype} {shape}: they must be alike"
-    thin = band[::4, ::4]
+    thin = np.ascontiguousarray(band[::4, ::4])
     low, high = float(thin.min()), float(thin.max())
     if low == high and float(band.min()) == float(band.max()):
         return f"the frame is blank: every pixel is {low:.0f}"
-    if float(np.mean(thin >= 0.98 * np.iinfo(band.dtype).max)) > 0.5:
+    white = int(np.ceil(0.98 * np.iinfo(band.dtype).max))
+    if np.count_nonzero(thin >= white) > 0.5 * thin.size:
         return "more than half of the frame is white: exposure too long or too much light"
     return ""
 
