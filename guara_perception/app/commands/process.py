@@ -14,7 +14,12 @@ from guara_perception.exceptions import InvalidInput
 @click.argument("scan", type=click.Path(path_type=Path))
 @click.option("-c", "--calibration", required=True, type=click.Path(path_type=Path), help="calibration.json")
 @click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="grid file to write, .npz")
-@click.option("--method", default="precise", show_default=True, help="precise, paper or both: precise,paper")
+@click.option(
+    "--method",
+    default="precise",
+    show_default=True,
+    help="precise, paper, paper-literal-lens or paper-literal-ortho; several with commas between",
+)
 @click.option("--resolution", type=float, help="cell edge in metres, must divide the area; default: the robot's")
 @click.option("--figures", type=click.Path(path_type=Path), help="folder for pictures of every stage")
 @click.option("--robot", help="name or folder of the robot; default: the scan's")
@@ -44,7 +49,7 @@ def command(
     from guara_perception.calibration.file import load_calibration
     from guara_perception.methods import METHODS
     from guara_perception.process import run_scan, with_pictures
-    from guara_perception.terrain.file import save_terrain
+    from guara_perception.terrain.save import save_terrain
     from guara_perception.whole_file import check_target
     from kinematics import RobotNotFound, load_robot
 
