@@ -271,7 +271,8 @@ class ScanProcessor:
         raster = pool(self._surface.raster(), self._pooling)
         marks = pool_flags(self._surface.marks(), self._pooling)
         elevation = raster.elevation
-        usable = np.array([index in self.points for index in self._order])
+        points = self.points
+        usable = np.array([index in points for index in self._order])
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
         causes = unknown_causes(
             elevation, self._plan, pair_usable, marks, self._geometry.eyes, self._grid, self._body.hides
@@ -293,7 +294,7 @@ class ScanProcessor:
             mode=self._mode,
             method=self._method,
             profiles=self._profiles,
-            points=self.points,
+            points=points,
             planned=self._order,
             layers=layers,
             seconds=seconds,

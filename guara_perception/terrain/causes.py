@@ -119,12 +119,13 @@ def is_hidden(
     length = np.linalg.norm(eye[:2] - target[:, :2], axis=1) * (1 - start)
     steps = int(np.clip(np.ceil(2 * length.max() / geometry.resolution), 1, 400))
     share = start + (1 - start) * ((np.arange(steps) + 0.5) / steps)[:, None]
-    line = eye + share[:, :, None] * (target - eye)
-    jy, jx = geometry.indices(line[:, :, 0], line[:, :, 1])
+    # One array per coordinate: an array of points would be walked through with gaps.
+    line_x, line_y, line_z = (eye[i] + share * (target[:, i] - eye[i]) for i in range(3))
+    jy, jx = geometry.indices(line_x, line_y)
     inside = geometry.contains(jy, jx)
     surface = np.where(inside, elevation[np.where(inside, jy, 0), np.where(inside, jx, 0)], np.nan)
     with np.errstate(invalid="ignore"):
-        result[iy, ix] = (surface > line[:, :, 2] + HIDING_MARGIN_M).any(axis=0)
+        result[iy, ix] = (surface > line_z + HIDING_MARGIN_M).any(axis=0)
     return result
 
 
