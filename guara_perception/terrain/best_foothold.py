@@ -11,10 +11,11 @@ import numpy.typing as npt
 from guara_perception.exceptions import InvalidInput
 from guara_perception.readonly import readonly
 from guara_perception.terrain.foothold import FootholdVerdicts, check_foothold, enough_clearance
+from guara_perception.terrain.layered_grid import LayeredGrid
 from guara_perception.terrain.limits_of import limits_of
+from guara_perception.terrain.normal import normal_at
 
 if TYPE_CHECKING:
-    from guara_perception.terrain.grid import TerrainGrid
     from kinematics import RobotModel
 
 Float = npt.NDArray[np.float64]
@@ -59,7 +60,7 @@ class Foothold:
 
 
 def best_foothold(
-    terrain: TerrainGrid,
+    terrain: LayeredGrid,
     x: float,
     y: float,
     radius: float,
@@ -94,14 +95,14 @@ def best_foothold(
         x=bx,
         y=by,
         z=float(terrain.height_at(bx, by)),
-        normal=terrain.normal_at(bx, by),
+        normal=normal_at(terrain, bx, by),
         score=float(verdicts.score[best]),
         value=float(value[best]),
         leg=leg,
     )
 
 
-def _candidates(terrain: TerrainGrid, x: float, y: float, radius: float) -> tuple[Float, Float]:
+def _candidates(terrain: LayeredGrid, x: float, y: float, radius: float) -> tuple[Float, Float]:
     """The wish itself and the cell centres within the radius."""
     cx, cy = terrain.geometry.centres()
     cx, cy = cx[np.abs(cx - x) <= radius], cy[np.abs(cy - y) <= radius]
@@ -110,7 +111,7 @@ def _candidates(terrain: TerrainGrid, x: float, y: float, radius: float) -> tupl
     return np.append(gx[near], x), np.append(gy[near], y)
 
 
-def _values(terrain: TerrainGrid, verdicts: FootholdVerdicts, distance: Float, radius: float) -> Float:
+def _values(terrain: LayeredGrid, verdicts: FootholdVerdicts, distance: Float, radius: float) -> Float:
     enough = enough_clearance(terrain, limits_of(terrain))
     clearance = np.asarray(
         terrain._look_up("clearance", verdicts.x, verdicts.y, np.float32(0), float), dtype=np.float64

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import dataclasses
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -11,15 +12,13 @@ import numpy.typing as npt
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.layered_grid import LayeredGrid
 
-if TYPE_CHECKING:
-    from guara_perception.terrain.grid import TerrainGrid
+Grid = TypeVar("Grid", bound=LayeredGrid)
 
 
-def coarser(terrain: TerrainGrid, factor: int) -> TerrainGrid:
+def coarser(terrain: Grid, factor: int) -> Grid:
     """See `TerrainGrid.coarser`."""
-    import dataclasses
-
     ny, nx = terrain.shape
     is_whole = isinstance(factor, int | np.integer) and not isinstance(factor, bool)
     if not is_whole or factor < 1 or ny % factor or nx % factor:

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from guara_perception.terrain.foothold import FootholdVerdict, check_foothold
 from guara_perception.terrain.hazard import MEANING, UNKNOWN_MASK, Hazard
-
-if TYPE_CHECKING:
-    from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layered_grid import LayeredGrid
 
 
-def explain(terrain: TerrainGrid, x: float, y: float) -> str:
+def explain(terrain: LayeredGrid, x: float, y: float) -> str:
     """See `TerrainGrid.explain`."""
     flags = terrain.hazard_at(float(x), float(y))
     place = f"x={float(x):.3f} y={float(y):.3f}"

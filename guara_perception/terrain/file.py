@@ -1,4 +1,4 @@
-"""Saves and loads terrain as one NumPy file."""
+"""Loads terrain from the NumPy file that `save_terrain` writes."""
 
 from __future__ import annotations
 
@@ -16,33 +16,10 @@ from guara_perception.fields import refuse_not_finite
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers import LAYERS
-from guara_perception.whole_file import whole_file
 
 # What NumPy and zipfile raise on damaged files; RuntimeError: a flipped bit says "encrypted" or "unknown method".
 UNREADABLE = (ValueError, TypeError, OSError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
 PICTURES = ("ortho_image_mm", "range_image_mm")
-
-
-def save_terrain(terrain: TerrainGrid, path: str | Path) -> None:
-    """Write a grid to an .npz file, whole or not at all (contract, section 4, `OUT.npz`).
-
-    Raises:
-        MissingFile: the folder does not exist.
-    """
-    metadata = {**terrain.metadata, "extent": terrain.extent}
-    with whole_file(path) as temporary, temporary.open("wb") as stream:
-        np.savez_compressed(
-            stream,
-            allow_pickle=False,
-            **terrain.layers,
-            **terrain.pictures,
-            origin=np.array(terrain.origin, dtype=np.float64),
-            resolution=np.float64(terrain.resolution),
-            frame=np.array(terrain.frame),
-            stamp=np.int64(terrain.stamp),
-            step=np.int64(terrain.step),
-            metadata=np.array(json.dumps(metadata)),
-        )
 
 
 def load_terrain(path: str | Path) -> TerrainGrid:

@@ -14,13 +14,13 @@ from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.disc import disc_kernel
 from guara_perception.terrain.edges import EXTRA_RING_CELLS, half_cells
 from guara_perception.terrain.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, names
+from guara_perception.terrain.layered_grid import LayeredGrid
 from guara_perception.terrain.leg_reach import beyond_reach
 from guara_perception.terrain.limits_of import limits_of
 from guara_perception.terrain.reason import Reason
 from guara_perception.terrain.sole_cells import sole_flags, sole_window
 
 if TYPE_CHECKING:
-    from guara_perception.terrain.grid import TerrainGrid
     from kinematics import RobotModel
 
 Float = npt.NDArray[np.float64]
@@ -58,7 +58,7 @@ class FootholdVerdicts:
         beyond: (n,) how far its joints would go beyond their limits [rad], NaN out of reach; zeros without a leg.
     """
 
-    terrain: TerrainGrid
+    terrain: LayeredGrid
     x: Float
     y: Float
     ok: npt.NDArray[np.bool_]
@@ -89,7 +89,7 @@ class FootholdVerdicts:
 
 
 def check_foothold(
-    terrain: TerrainGrid, x: npt.ArrayLike, y: npt.ArrayLike, leg: str | None = None, robot: RobotModel | None = None
+    terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, leg: str | None = None, robot: RobotModel | None = None
 ) -> FootholdVerdict | FootholdVerdicts:
     """See `TerrainGrid.check_foothold`."""
     px, py = terrain._points(x, y)
@@ -118,7 +118,7 @@ def check_foothold(
     return verdicts[0] if px.ndim == 0 else verdicts
 
 
-def _reasons(terrain: TerrainGrid, x: float, y: float, leg: str | None, beyond: float) -> Iterator[Reason]:
+def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: float) -> Iterator[Reason]:
     """Every failed test of one place."""
     if not (np.isfinite(x) and np.isfinite(y)):
         yield Reason("unknown", 1.0, 0.0, "share", "the place is not finite")
@@ -160,16 +160,16 @@ def _reasons(terrain: TerrainGrid, x: float, y: float, leg: str | None, beyond: 
 _EDGE = "too near to something unknown, hazardous or off the grid; so much clearance is always enough"
 
 
-def _values(terrain: TerrainGrid, layer: str, rows: slice, columns: slice) -> npt.NDArray[Any]:
+def _values(terrain: LayeredGrid, layer: str, rows: slice, columns: slice) -> npt.NDArray[Any]:
     values = terrain.layers[layer][rows, columns].astype(np.float64)
     return np.sqrt(values) if layer == "variance" else values
 
 
-def _clearance_at(terrain: TerrainGrid, x: float, y: float) -> float:
+def _clearance_at(terrain: LayeredGrid, x: float, y: float) -> float:
     return float(terrain._look_up("clearance", x, y, np.float32(np.nan), float))
 
 
-def enough_clearance(terrain: TerrainGrid, limits: TraversabilityLimits) -> float:
+def enough_clearance(terrain: LayeredGrid, limits: TraversabilityLimits) -> float:
     """Clearance from which on a cell is never EDGE [m]: the corner of the window that its tests read."""
     resolution = terrain.resolution
     reach = disc_kernel(limits.disc_radius / resolution).shape[0] // 2 + EXTRA_RING_CELLS

@@ -11,16 +11,16 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.exceptions import InvalidInput
+from guara_perception.terrain.layered_grid import LayeredGrid
 
 if TYPE_CHECKING:
-    from guara_perception.terrain.grid import TerrainGrid
     from kinematics import RobotModel, StancePose
 
 Float = npt.NDArray[np.float64]
 
 
 def beyond_reach(
-    terrain: TerrainGrid, leg: str, soles_in_footprint: Float, robot: RobotModel | None = None
+    terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robot: RobotModel | None = None
 ) -> npt.NDArray[np.float64]:
     """How far the leg's joints would have to go beyond their limits [rad]: 0 within reach, NaN where nothing helps.
 
@@ -44,7 +44,7 @@ def beyond_reach(
     return np.where(reach.is_reachable, 0.0, np.where(excess > 0, excess, np.nan))
 
 
-def _pose_of(terrain: TerrainGrid, robot: RobotModel | None) -> StancePose:
+def _pose_of(terrain: LayeredGrid, robot: RobotModel | None) -> StancePose:
     metadata = terrain.metadata
     missing = [name for name in ("robot", "stance", "transform_base_to_footprint") if metadata.get(name) is None]
     if missing:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import TraversabilityLimits
-
-if TYPE_CHECKING:
-    from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layered_grid import LayeredGrid
 
 
-def limits_of(terrain: TerrainGrid) -> TraversabilityLimits:
+def limits_of(terrain: LayeredGrid) -> TraversabilityLimits:
     """The limits of a grid.
 
     Raises:

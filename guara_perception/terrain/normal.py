@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.terrain.disc import KNOWN_SHARE, disc_kernel
+from guara_perception.terrain.layered_grid import LayeredGrid
 from guara_perception.terrain.limits_of import limits_of
-
-if TYPE_CHECKING:
-    from guara_perception.terrain.grid import TerrainGrid
 
 Float = npt.NDArray[np.float64]
 
 
-def normals_at(terrain: TerrainGrid, x: Float, y: Float) -> Float:
+def normal_at(terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike) -> Float:
+    """See `TerrainGrid.normal_at`."""
+    px, py = terrain._points(x, y)
+    return _normals(terrain, px.ravel(), py.ravel()).reshape(*px.shape, 3)
+
+
+def _normals(terrain: LayeredGrid, x: Float, y: Float) -> Float:
     """Unit normals (n, 3) of the plane fitted to the disc around the cell under each point (n,).
 
     The disc and the least share of it that must be known are those of the slope layer; NaN where that is NaN.

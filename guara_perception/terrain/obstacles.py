@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -11,9 +10,7 @@ import numpy.typing as npt
 
 from guara_perception.readonly import readonly
 from guara_perception.terrain.floor_plane import FloorPlane, fit_floor
-
-if TYPE_CHECKING:
-    from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layered_grid import LayeredGrid
 
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -58,7 +55,7 @@ class Obstacle:
         object.__setattr__(self, "position", readonly(np.asarray(self.position, dtype=np.float64)))
 
 
-def obstacles(terrain: TerrainGrid) -> list[Obstacle]:
+def obstacles(terrain: LayeredGrid) -> list[Obstacle]:
     """See `TerrainGrid.obstacles`."""
     elevation = terrain.elevation.astype(np.float64)
     known = np.isfinite(elevation)
@@ -79,7 +76,7 @@ def obstacles(terrain: TerrainGrid) -> list[Obstacle]:
     return sorted(found, key=lambda o: (float(o.position[0]), float(o.position[1])))
 
 
-def _obstacle(terrain: TerrainGrid, floor: FloorPlane, over: Float, cells: Mask) -> Obstacle:
+def _obstacle(terrain: LayeredGrid, floor: FloorPlane, over: Float, cells: Mask) -> Obstacle:
     iy, ix = np.nonzero(cells)
     cx, cy = terrain.geometry.centres()
     x, y, rise = cx[ix], cy[iy], over[iy, ix]
@@ -115,7 +112,7 @@ def _plane(x: Float, y: Float, z: Float) -> tuple[float, float, float]:
     return a, b, c - a * float(x.mean()) - b * float(y.mean())
 
 
-def _outline(terrain: TerrainGrid, cells: Mask) -> Float:
+def _outline(terrain: LayeredGrid, cells: Mask) -> Float:
     """Outer contour through the corners of the cells, straight runs as single edges."""
     ny, nx = cells.shape
     corners = np.zeros((ny + 1, nx + 1), dtype=np.uint8)

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, names
+from guara_perception.terrain.layered_grid import LayeredGrid
 from guara_perception.terrain.limits_of import limits_of
 from guara_perception.terrain.polygon import touched_cells
 from guara_perception.terrain.reason import Reason
-
-if TYPE_CHECKING:
-    from guara_perception.terrain.grid import TerrainGrid
 
 Float = npt.NDArray[np.float64]
 Index = npt.NDArray[np.int64]
@@ -48,7 +45,7 @@ class PathVerdict:
         return self.ok
 
 
-def check_path(terrain: TerrainGrid, points: npt.ArrayLike, clearance: float) -> PathVerdict:
+def check_path(terrain: LayeredGrid, points: npt.ArrayLike, clearance: float) -> PathVerdict:
     """See `TerrainGrid.check_path`."""
     path = _checked_points(points, (2, 3), 1, "points of a path")
     if not (np.isfinite(clearance) and 0 <= clearance <= 1):
@@ -75,7 +72,7 @@ def check_path(terrain: TerrainGrid, points: npt.ArrayLike, clearance: float) ->
     return _verdict(reasons, least)
 
 
-def check_polygon(terrain: TerrainGrid, corners: npt.ArrayLike) -> PathVerdict:
+def check_polygon(terrain: LayeredGrid, corners: npt.ArrayLike) -> PathVerdict:
     """See `TerrainGrid.check_polygon`."""
     outline = _checked_points(corners, (2,), 3, "corners of a polygon")
     iy, ix = touched_cells(outline, terrain.geometry)
@@ -97,7 +94,7 @@ class _Corridor:
         return pairs[:, 0], pairs[:, 1]
 
 
-def _corridor(terrain: TerrainGrid, samples: Float, clearance: float) -> _Corridor:
+def _corridor(terrain: LayeredGrid, samples: Float, clearance: float) -> _Corridor:
     geometry = terrain.geometry
     resolution = geometry.resolution
     iy, ix = geometry.indices(samples[:, 0], samples[:, 1])
@@ -117,7 +114,7 @@ def _corridor(terrain: TerrainGrid, samples: Float, clearance: float) -> _Corrid
     return _Corridor(jy, jx, aside, (aside <= clearance + resolution / 4) | own)
 
 
-def _distances(terrain: TerrainGrid, samples: Float, cells: _Corridor) -> Float:
+def _distances(terrain: LayeredGrid, samples: Float, cells: _Corridor) -> Float:
     """Distance of each sample from the ground of each cell [m], negative in it; infinite for cells that do not count.
 
     Ground is taken at its highest sample plus the confidence in sigmas.
@@ -130,7 +127,7 @@ def _distances(terrain: TerrainGrid, samples: Float, cells: _Corridor) -> Float:
     return np.where(cells.used, distance, np.inf)
 
 
-def _unknown(terrain: TerrainGrid, iy: Index, ix: Index) -> list[Reason]:
+def _unknown(terrain: LayeredGrid, iy: Index, ix: Index) -> list[Reason]:
     inside = terrain.geometry.contains(iy, ix)
     flags = terrain.hazard[iy[inside], ix[inside]] & UNKNOWN_MASK
     off, unknown = int((~inside).sum()), int((flags != 0).sum())
@@ -141,14 +138,14 @@ def _unknown(terrain: TerrainGrid, iy: Index, ix: Index) -> list[Reason]:
     return [Reason("unknown", off + unknown, 0.0, "cells", words)]
 
 
-def _hazardous(terrain: TerrainGrid, iy: Index, ix: Index) -> list[Reason]:
+def _hazardous(terrain: LayeredGrid, iy: Index, ix: Index) -> list[Reason]:
     inside = terrain.geometry.contains(iy, ix)
     flags = terrain.hazard[iy[inside], ix[inside]] & ALL_BUT_EDGE & ~UNKNOWN_MASK
     bad = int((flags != 0).sum())
     return [Reason("hazard", bad, 0.0, "cells", ", ".join(names(int(np.bitwise_or.reduce(flags)))))] if bad else []
 
 
-def _unreliable(terrain: TerrainGrid, iy: Index, ix: Index) -> list[Reason]:
+def _unreliable(terrain: LayeredGrid, iy: Index, ix: Index) -> list[Reason]:
     inside = terrain.geometry.contains(iy, ix)
     flags = terrain.hazard[iy[inside], ix[inside]] & UNRELIABLE
     bad = int((flags != 0).sum())

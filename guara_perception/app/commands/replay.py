@@ -60,8 +60,8 @@ def command(
     from guara_perception.app.summary import summary
     from guara_perception.calibration.file import load_calibration
     from guara_perception.process import process_scan
-    from guara_perception.terrain.file import save_terrain
-    from guara_perception.terrain.grid import EXTENTS
+    from guara_perception.terrain.layered_grid import EXTENTS
+    from guara_perception.terrain.save import save_terrain
     from kinematics import load_robot
 
     extents = tuple(dict.fromkeys(name.strip() for name in extent.split(",")))
