@@ -30,18 +30,19 @@ def growth(standard: Recording, effort: Effort) -> Section:
         sizes = [size for size, _ in runs]
         times = [timings.milliseconds(str(size)) for size in sizes]
         exponent = fit(sizes, times)
-        figures[name] = {"sizes": sizes, "milliseconds": times, "exponent": exponent}
+        steepest = float(np.max(np.diff(np.log(times)) / np.diff(np.log(sizes))))
+        figures[name] = {"sizes": sizes, "milliseconds": times, "exponent": exponent, "steepest": steepest}
         rows.append(
             (name, f"{sizes[0]:,} ... {sizes[-1]:,}", f"{times[0]:.2f} ... {times[-1]:.1f}")
-            + (number(times[-1] / times[0]), number(sizes[-1] / sizes[0]), f"{exponent:.2f}")
+            + (number(times[-1] / times[0]), number(sizes[-1] / sizes[0]), f"{exponent:.2f}", f"{steepest:.2f}")
         )
     return Section(
         "growth",
         "Growth",
         "CPU time of a whole scan over the number of stripes (640 x 512) and of pixels (the standard scan, resized), "
         "and of all traversability layers over the number of 5 mm cells. The exponent is the slope of a straight line "
-        "through the logarithms: 1 is proportional.",
-        ("with", "from ... to", "ms CPU", "time x", "size x", "exponent"),
+        "through the logarithms, 1 is proportional; the steepest is that between two neighbouring sizes.",
+        ("with", "from ... to", "ms CPU", "time x", "size x", "exponent", "steepest"),
         rows,
         figures,
     )

@@ -20,6 +20,8 @@ Flags = npt.NDArray[np.uint16]
 LEAST_SAFE_SCORE = 0.01
 # Large grids are judged in bands of rows that fit the cache; as every test is local, the result is the same.
 BAND_CELLS = 60_000
+# The rows that a band shares with its neighbours are judged twice: wide grids get bands of so many halos at least.
+LEAST_HALOS = 6
 
 
 def assess_layers(
@@ -49,7 +51,7 @@ def assess_layers(
     kernel = disc_kernel(limits.disc_radius / resolution)
     ny, nx = elevation.shape
     halo = half_cells(limits.sole_width, resolution) + 2 * (kernel.shape[0] // 2) + EXTRA_RING_CELLS
-    rows = max(BAND_CELLS // nx, halo)
+    rows = max(BAND_CELLS // nx, LEAST_HALOS * halo)
     bands = []
     for start in range(0, ny, rows):
         first, end = max(start - halo, 0), min(start + rows + halo, ny)
