@@ -1,8 +1,9 @@
 """The planner's side of a scan request: send it, follow it, and name what went wrong."""
 
+import time
 import uuid
 from collections.abc import Callable
-from typing import NoReturn
+from typing import Final, NoReturn
 
 from transport.asking import ask
 from transport.exceptions import (
@@ -24,6 +25,9 @@ from transport.scan_messages import (
     encode_scan_request,
 )
 from transport.session import Session
+
+GONE_WITHIN: Final = 0.5
+"""[s] A process that died is known to be gone within this time."""
 
 
 def new_request_id() -> str:
@@ -65,6 +69,7 @@ def request_scan(
     """
     request = ScanRequest(id=request_id or new_request_id(), mode=mode, timeout=timeout)
     accepted = False
+    was_alive = is_alive is not None and is_alive()
     for answer in ask(session, scan_key(robot), encode_scan_request(request), timeout, is_alive=is_alive):
         if answer.payload is not None:
             reply = decode_scan_reply(answer.payload)
@@ -88,10 +93,22 @@ def request_scan(
             raise ScannerGone(
                 f"the scanner of {robot!r} went away before the scan was done; its node died, hung or lost its link"
             )
+    if was_alive and is_alive is not None and _has_gone(is_alive):
+        raise ScannerGone(f"the node of {robot!r} went away before it answered")
     raise ScannerUnavailable(
         f"no scanner answers on {scan_key(robot)!r}: no node of robot {robot!r} runs, or this side may not "
         f"trigger scans (the role of its certificate)"
     )
+
+
+def _has_gone(is_alive: Callable[[], bool]) -> bool:
+    """Whether the node that was asked has died: the end of the answers may be noticed before the end of its life."""
+    deadline = time.monotonic() + GONE_WITHIN
+    while is_alive():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.01)
+    return True
 
 
 def _read_refusal(payload: bytes) -> Refusal:

@@ -189,3 +189,17 @@ def test_grids_of_an_earlier_node_do_not_answer_a_request(endpoint: str, peer) -
                 terrain = client.request_scan(timeout=30.0)
                 assert (terrain.sequence, terrain.stamp) == (1, stamp)
     router.close()
+
+
+def test_a_scanner_that_died_before_it_answered_is_gone(endpoint: str) -> None:
+    """It was alive when it was asked and is not any more: gone, not unavailable; without a life sign: unavailable."""
+    from transport.scan_client import request_scan
+
+    with transport.open_node(listen=endpoint), transport.open_client(endpoint) as session:
+        lives = iter([True])
+        with pytest.raises(transport.ScannerGone, match="before it answered"):
+            request_scan(session, timeout=5.0, is_alive=lambda: next(lives, False))
+        with pytest.raises(transport.ScannerUnavailable):
+            request_scan(session, timeout=5.0, is_alive=lambda: False)
+        with pytest.raises(transport.ScannerUnavailable):
+            request_scan(session, timeout=5.0, is_alive=lambda: True)
