@@ -22,6 +22,8 @@ from transport.stance_link import StancePublisher
 
 # The terrain that comes with the package.
 DEMO_WORLD = Path(__file__).parents[2] / "simulation" / "worlds" / "demo.toml"
+# From the end of an exposure to the frame's arrival: that of a camera on a fast link.
+LATENCY_S = 0.001
 
 
 class SimulatedRobot:
@@ -65,7 +67,7 @@ class SimulatedRobot:
         self._rig = SimulatedRangefinder(self.world, self.calibration, self.robot, seed)
         self._seed = seed
         board = EmulatedBoard()
-        camera = simulated_camera(self._rig, board, fps=fps)
+        camera = simulated_camera(self._rig, board, fps=fps, latency=LATENCY_S)
         self.rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
         self.place(next(self.walk(cycles=0)))
 
