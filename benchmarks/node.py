@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import gc
+import os
 import resource
 import socket
 import time
@@ -11,6 +12,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+
+from guara_perception.app.main import ENVIRONMENT
+
+# As the command does: before numpy is loaded.
+os.environ.update(ENVIRONMENT)
 
 import numpy as np
 
