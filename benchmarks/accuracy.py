@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -143,6 +144,7 @@ def main() -> None:
     parser.add_argument("data", type=Path, nargs="+", help="data folders with calibration/ and scans/")
     parser.add_argument("-c", "--calibration", type=Path, help="calibration.json; default: the truth of each folder")
     parser.add_argument("--method", default="precise", help="comma-separated methods")
+    parser.add_argument("--no-gravity", action="store_true", help="leave gravity out of each stance")
     parser.add_argument("--scans", default="", help="comma-separated names of scans; default: all")
     arguments = parser.parse_args()
     robot = load_robot("guara")
@@ -155,9 +157,13 @@ def main() -> None:
             if arguments.scans and folder.name not in arguments.scans.split(","):
                 continue
             truth = load_truth(truth_path, 5)
+            scan = gp.open_scan(folder)
+            if arguments.no_gravity:
+                stance = dataclasses.replace(scan.stance, gravity_in_base=None)
+                scan = dataclasses.replace(scan, stance=stance)
             for method in arguments.method.split(","):
                 start = time.perf_counter()
-                terrain = gp.process_scan(gp.open_scan(folder), calibration, robot, method=method, pictures=False)
+                terrain = gp.process_scan(scan, calibration, robot, method=method, pictures=False)
                 seconds = time.perf_counter() - start
                 print(row(f"{data.name}/{folder.name}", method, figures(terrain, truth), seconds), flush=True)
 
