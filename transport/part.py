@@ -1,11 +1,12 @@
 """What everything that is declared in a session has in common: it is closed once, with the session at the latest."""
 
 import threading
+from abc import ABC, abstractmethod
 
 from transport.session import Session
 
 
-class Part:
+class Part(ABC):
     """Something declared in a session. Subclasses say in `_release` what to do when it is closed."""
 
     def __init__(self, session: Session) -> None:
@@ -29,5 +30,6 @@ class Part:
         self._session.disown(self)
         self._release()
 
+    @abstractmethod
     def _release(self) -> None:
-        raise NotImplementedError
+        """Take back what was declared; called once."""
