@@ -1,4 +1,4 @@
-"""A rangefinder that replays a recorded scan: emulated board, and a camera that shows what that scan saw."""
+"""What a camera sees when a recorded scan is shown live: the emulated board's laser and mirror choose the frame."""
 
 from __future__ import annotations
 
@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.exceptions import InvalidInput
 from guara_perception.scan import Scan
 
 if TYPE_CHECKING:
-    from drivers import AcquireOptions
     from drivers.emulator import ExposureView
 
 Frame = npt.NDArray[Any]
@@ -47,24 +45,3 @@ class RecordedView:
         if view.laser_fraction < LIT_FRACTION or not is_near:
             return self._off
         return self._on[nearest]
-
-
-def recorded_rangefinder(
-    scan: Scan, *, fps: float = 30.0, options: AcquireOptions | None = None
-) -> tuple[Rangefinder, Any]:
-    """A rangefinder over a recorded scan; the real driver talks to an emulated board through pyusb.
-
-    Args:
-        scan: recorded scan to show.
-        fps: frames per second of the camera.
-        options: of the acquisition; None = one off frame.
-
-    Returns:
-        The rangefinder, and the emulated board (for injecting faults).
-    """
-    from drivers import LaserBoard
-    from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
-
-    emulated = EmulatedBoard()
-    camera = EmulatedCamera(emulated, RecordedView(scan).render, fps=fps)
-    return Rangefinder(LaserBoard(backend=emulated_backend(emulated)), camera, options), emulated
