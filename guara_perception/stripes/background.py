@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.stripes.signal import channel_of, strongest_channel
+from guara_perception.stripes.judge import judge
+from guara_perception.stripes.signal import channel_of
 
 Plane = npt.NDArray[Any]
 
@@ -63,7 +64,7 @@ class SweepBackground:
             band: rows in which the stripe is sought.
         """
         if self._channel is None or self._first is None:
-            self._channel = strongest_channel(on[band[0] : band[1]], None)
+            self._channel = judge(on[band[0] : band[1]], None).channel
             self._first = index
         plane = channel_of(on, self._channel)
         out_of_order = index < self._last

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.stripes.middle import middle
+from guara_perception.stripes.windows import rows_from
 
 Float32 = npt.NDArray[np.float32]
 Index = npt.NDArray[np.intp]
@@ -16,6 +17,10 @@ Index = npt.NDArray[np.intp]
 # The crossing is sought this far from the top, on a grid so fine that a straight line in between is exact enough.
 SEARCH_PX = 1.5
 GRID_PX = 0.5
+# Steps of the grid by their distance from the top, the nearest last.
+STEPS = round(2 * SEARCH_PX / GRID_PX)
+PLACE_OF_RANK = np.argsort(-np.abs(2 * np.arange(STEPS) - (STEPS - 1)), kind="stable")
+RANK_OF_PLACE = np.argsort(PLACE_OF_RANK).astype(np.int8)
 # The filter is cut where it has fallen to 4 %.
 FILTER_SIGMAS = 2.5
 # Widths of stripes that make sense: the lens never images a line sharper than the first.
@@ -31,14 +36,12 @@ def stripe_sigma(light: npt.NDArray[Any], top: Index, columns: Index, height: Fl
         top, columns, height: (n,) some peaks.
     """
     reach = int(np.ceil(FWHM_PER_SIGMA * LARGEST_SIGMA_PX))
-    around = np.arange(-reach, reach + 1)[:, None]
-    window = light[np.clip(top + around, 0, len(light) - 1), columns]
-    above = window > 0.5 * height
+    above = rows_from(light, top - reach, 2 * reach + 1, columns) > np.float32(0.5) * height
     # Only the unbroken stretch around the top counts, not a second stripe further off.
-    down = np.cumprod(above[reach:], axis=0).sum(axis=0)
-    up = np.cumprod(above[reach::-1], axis=0).sum(axis=0)
+    above[0] = above[-1] = False
+    down, up = above[reach:].argmin(axis=0), above[reach::-1].argmin(axis=0)
     width = middle(up + down - 1) if top.size else FWHM_PER_SIGMA * LEAST_SIGMA_PX
-    return float(np.clip(width / FWHM_PER_SIGMA, LEAST_SIGMA_PX, LARGEST_SIGMA_PX))
+    return min(max(width / FWHM_PER_SIGMA, LEAST_SIGMA_PX), LARGEST_SIGMA_PX)
 
 
 def centres(light: npt.NDArray[Any], top: Index, columns: Index, sigma: float) -> tuple[Float32, Float32]:
@@ -54,23 +57,22 @@ def centres(light: npt.NDArray[Any], top: Index, columns: Index, sigma: float) -
         one grey level per pixel.
     """
     filters = derivative_filters(sigma)
-    reach = filters.shape[1] // 2
-    around = np.arange(-reach, reach + 1)[:, None]
-    window = light[np.clip(top + around, 0, len(light) - 1), columns].astype(np.float32)
-    response = filters @ window
-    falling = (response[:-1] > 0) & (response[1:] <= 0)
-    steps = len(filters) - 1
+    size = filters.shape[1]
+    response = filters @ rows_from(light, top - size // 2, size, columns).astype(np.float32)
+    is_above = response > 0
+    falling = is_above[:-1] > is_above[1:]
     # Of several crossings the one nearest to the top.
-    nearest = (steps - np.abs(np.arange(steps) - (steps - 1) / 2)).astype(np.float32)
-    place = (falling * nearest[:, None]).argmax(axis=0)
-    every = np.arange(top.size)
-    before, after = response[place, every], response[place + 1, every]
-    slope = np.maximum(before - after, 1e-9)
-    offset = (place + before / slope) * GRID_PX - SEARCH_PX
-    noise = float(np.sqrt((filters[steps // 2] ** 2).sum()))
-    found = falling[place, every]
-    row = np.where(found, top + offset, np.nan).astype(np.float32)
-    return row, np.where(found, noise * GRID_PX / slope, np.nan).astype(np.float32)
+    place = PLACE_OF_RANK.take((falling * RANK_OF_PLACE[:, None]).max(axis=0))
+    flat = place * top.size + np.arange(top.size)
+    before, after = response.take(flat), response.take(flat + top.size)
+    slope = np.maximum(before - after, np.float32(1e-9))
+    step = (place + before / slope).astype(np.float32)
+    row = (top + (step * np.float32(GRID_PX) - np.float32(SEARCH_PX))).astype(np.float32)
+    per_level = np.float32(np.sqrt((filters[len(filters) // 2] ** 2).sum()) * GRID_PX) / slope
+    lost = ~falling.take(flat)
+    row[lost] = np.nan
+    per_level[lost] = np.nan
+    return row, per_level
 
 
 @lru_cache(maxsize=64)

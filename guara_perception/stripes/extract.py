@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.exceptions import InvalidInput
+from guara_perception.stripes.judge import is_clipped
 from guara_perception.stripes.paper import extract_paper
 from guara_perception.stripes.precise import extract_precise
 from guara_perception.stripes.profile import StripeProfile, bad_frame
@@ -71,12 +72,11 @@ def unusable_frame(band: npt.NDArray[Any], off: npt.NDArray[Any] | None, shape: 
         if not isinstance(off, np.ndarray) or off.dtype != band.dtype or off.shape != shape:
             given = f"{off.dtype} {off.shape}" if isinstance(off, np.ndarray) else type(off).__name__
             return f"laser-off frame is {given}, laser-on frame is {band.dtype} {shape}: they must be alike"
-    thin = np.ascontiguousarray(band[::4, ::4])
+    thin = np.ascontiguousarray(band[::8, ::8])
     low, high = float(thin.min()), float(thin.max())
     if low == high and float(band.min()) == float(band.max()):
         return f"the frame is blank: every pixel is {low:.0f}"
-    white = int(np.ceil(0.98 * np.iinfo(band.dtype).max))
-    if np.count_nonzero(thin >= white) > 0.5 * thin.size:
+    if np.count_nonzero(is_clipped(thin)) > 0.5 * thin.size:
         return "more than half of the frame is white: exposure too long or too much light"
     return ""
 

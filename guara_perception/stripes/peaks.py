@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.stripes.windows import rows_from
+
 Index = npt.NDArray[np.intp]
 Float32 = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -24,7 +26,7 @@ class Peaks:
     Attributes:
         top: (columns,) row.
         height: (columns,) float32 value there.
-        second: (columns,) float32 highest value at least one block away from the peak's block; very low where none.
+        second: (columns,) float32 highest value at least one block away from the peak's block; 0 or less where none.
     """
 
     top: Index
@@ -34,18 +36,14 @@ class Peaks:
 
 def highest_peaks(smooth: npt.NDArray[Any]) -> Peaks:
     """Highest value per column of a band (rows, columns)."""
-    rows, columns = smooth.shape
     blocks = _block_maxima(smooth)
-    best = blocks.argmax(axis=0)
-    every = np.arange(columns)
-    inside = np.minimum(best * BLOCK_ROWS + np.arange(BLOCK_ROWS)[:, None], rows - 1)
-    window = smooth[inside, every]
-    within = window.argmax(axis=0)
-    top = inside[within, every]
-    lowest = np.finfo(blocks.dtype).min if blocks.dtype.kind == "f" else np.iinfo(blocks.dtype).min
-    for shift in (-1, 0, 1):
-        blocks[np.clip(best + shift, 0, len(blocks) - 1), every] = lowest
-    return Peaks(top, window[within, every].astype(np.float32), blocks.max(axis=0).astype(np.float32))
+    best = _row_of_maximum(blocks)
+    first = best * BLOCK_ROWS
+    window = rows_from(smooth, first, BLOCK_ROWS, np.arange(smooth.shape[1]))
+    height = window.max(axis=0).astype(np.float32)
+    apart = np.abs(np.arange(len(blocks), dtype=np.int16)[:, None] - best.astype(np.int16)) > 1
+    second = (blocks * apart).max(axis=0).astype(np.float32)
+    return Peaks(first + _row_of_maximum(window), height, np.minimum(second, height))
 
 
 def _block_maxima(smooth: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -55,6 +53,12 @@ def _block_maxima(smooth: npt.NDArray[Any]) -> npt.NDArray[Any]:
     if whole == smooth.shape[0]:
         return np.asarray(blocks)
     return np.concatenate((blocks, smooth[whole:].max(axis=0, keepdims=True)))
+
+
+def _row_of_maximum(values: npt.NDArray[Any]) -> Index:
+    """First row of the highest value per column; numpy's argmax along the columns takes twice as long."""
+    count = np.arange(len(values), 0, -1, dtype=np.int16)[:, None]
+    return np.asarray(len(values) - (count * (values == values.max(axis=0))).max(axis=0), dtype=np.intp)
 
 
 def candidates(smooth: npt.NDArray[Any], columns: Index, threshold: float, distance: int) -> tuple[Index, Float32]:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.stripes.judge import clipped_from, is_clipped, judge
 from guara_perception.stripes.middle import middle, spread
 
 Float32 = npt.NDArray[np.float32]
@@ -19,12 +20,11 @@ Plane = npt.NDArray[Any]
 BACKGROUND_HALF_HEIGHT_PX = 12
 # A frame whose brightness away from the stripe moved by more than this share of full scale is not a pair.
 MAX_AMBIENT_CHANGE = 0.15
-# From this share of full scale a pixel counts as clipped; JPEG and demosaicing keep it from reaching 1.
-CLIPPED = 0.98
 # Statistics of a band are taken from every so many rows and columns.
 SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 24
-# No stripe is thinner than two rows.
-JUDGED_ROWS, JUDGED_COLUMNS = 2, 64
+# The tops of the stripe are taken from every so many columns, where they stand so far above the noise.
+TOP_COLUMNS = 8
+TOP_SIGMAS = 5.0
 # Even a channel that is clipped throughout says where the shoulders of the stripe are.
 LEAST_HEADROOM = 0.3
 
@@ -35,47 +35,46 @@ class LaserLight:
 
     Attributes:
         light: (rows, columns) int16 or float32, grey levels above background, negative where noise makes it so.
-        plane: (rows, columns) the channel that the laser lights most, as delivered.
-        full_scale: value at which that channel is clipped for certain.
-        channel: number of that channel.
+        channel: number of the channel that the laser lights most.
+        is_fused: whether `light` is of all channels together; otherwise it is of that one.
+        is_clipped: whether any pixel of that channel is at the end of its scale.
         reason: why the pair cannot be used, empty when it can.
     """
 
     light: Light
-    plane: Plane
-    full_scale: float
     channel: int
+    is_fused: bool = False
+    is_clipped: bool = False
     reason: str = ""
-
-    @property
-    def clipped_from(self) -> float:
-        """Grey level from which a pixel counts as clipped."""
-        return CLIPPED * self.full_scale
 
 
 def laser_light(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> LaserLight:
-    """Subtract the background in the channel that the laser lights most.
+    """Subtract the background in the channel that the laser lights most; fuse the channels where that one is clipped.
 
     Args:
         on: (rows, columns) or (rows, columns, channels), uint8 or uint16, laser on.
         off: the same with the laser off, or None: the background is then a vertical grey opening of `on`.
     """
+    seen = judge(on, off)
     full_scale = float(np.iinfo(on.dtype).max)
-    channel = strongest_channel(on, off)
-    plane = channel_of(on, channel)
-    light = difference(plane, None if off is None else channel_of(off, channel))
-    offset = middle(light[::SAMPLE_ROWS, ::SAMPLE_COLUMNS])
-    reason = ""
-    if abs(offset) > MAX_AMBIENT_CHANGE * full_scale:
-        reason = f"brightness beside the stripe changed by {offset:+.0f} of {full_scale:.0f} between laser off and on"
-    elif abs(offset) > full_scale / 256:
-        light = light - light.dtype.type(offset)
-    return LaserLight(light, plane, full_scale, channel, reason)
+    if off is not None and abs(seen.change) > MAX_AMBIENT_CHANGE * full_scale:
+        return LaserLight(
+            np.zeros(on.shape[:2], np.int16),
+            seen.channel,
+            reason=f"brightness beside the stripe changed by {seen.change:+.0f} of {full_scale:.0f} "
+            "between laser off and on",
+        )
+    if seen.is_core_clipped and has_colour(on):
+        return LaserLight(fused_light(on, off, seen.channel), seen.channel, is_fused=True, is_clipped=True)
+    plane = channel_of(on, seen.channel)
+    light = difference(plane, None if off is None else channel_of(off, seen.channel))
+    offset = middle(_sample(light))
+    if abs(offset) > full_scale / 256:
+        light -= light.dtype.type(offset)
+    return LaserLight(light, seen.channel, is_clipped=bool(plane.max() >= clipped_from(plane.dtype)))
 
 
-def fused_light(
-    on: npt.NDArray[Any], off: npt.NDArray[Any] | None, top: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]
-) -> Float32:
+def fused_light(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, channel: int) -> Float32:
     """Light of all channels together, for stripes whose core clips the strongest one.
 
     Each channel is weighted by its headroom (the share of stripe tops at which it is not clipped) times its signal
@@ -83,8 +82,7 @@ def fused_light(
 
     Args:
         on, off: as in `laser_light`; three channels.
-        top: (n,) rows of stripe tops.
-        columns: (n,) their columns.
+        channel: that the laser lights most: its tops are those of the stripe.
 
     Returns:
         (rows, columns) float32, in grey levels of the strongest channel.
@@ -92,32 +90,24 @@ def fused_light(
     full_scale = float(np.iinfo(on.dtype).max)
     on = np.ascontiguousarray(on)
     light = np.asarray(cv2.subtract(on, opening(on) if off is None else off, dtype=cv2.CV_32F))
-    sample, tops, seen = light[::SAMPLE_ROWS, ::SAMPLE_COLUMNS], light[top, columns], on[top, columns]
-    offsets, gains, weights = [], [], []
-    for channel in range(on.shape[2]):
-        offset = middle(sample[:, :, channel])
-        noise = max(spread(sample[:, :, channel]), full_scale / 512)
-        headroom = max(float(np.mean(seen[:, channel] < CLIPPED * full_scale)), LEAST_HEADROOM)
-        gain = max(middle(tops[:, channel]) - offset - noise, 0.0)
-        offsets.append(offset)
-        gains.append(gain)
-        weights.append(headroom**2 * gain / noise**2)
-    scale = max(gains) / max(float(np.dot(weights, gains)), 1e-12)
-    shares = scale * np.array(weights)
+    sample = _sample(light)
+    offsets = np.array([middle(part) for part in sample.T])
+    noise = np.array([max(spread(part), full_scale / 512) for part in sample.T])
+    smooth = cv2.GaussianBlur(np.ascontiguousarray(light[:, ::TOP_COLUMNS, channel]), (1, 5), 0)
+    shown = np.flatnonzero(smooth.max(axis=0) > TOP_SIGMAS * noise[channel])
+    columns = TOP_COLUMNS * (shown if shown.size else np.arange(smooth.shape[1]))
+    top = smooth[:, columns // TOP_COLUMNS].argmax(axis=0)
+    headroom = np.maximum(1 - is_clipped(on[top, columns]).mean(axis=0), LEAST_HEADROOM)
+    gains = np.maximum([middle(part) for part in light[top, columns].T] - offsets - noise, 0.0)
+    weights = headroom**2 * gains / noise**2
+    shares = weights * (gains.max() / max(float(weights @ gains), 1e-12))
     mixture = np.append(shares, -float(shares @ offsets)).astype(np.float32)
     return np.asarray(cv2.transform(light, mixture[None]))
 
 
-def strongest_channel(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> int:
-    """Number of the channel in which the stripe stands out most from the noise, judged on some columns; 0 for mono."""
-    if on.ndim == 2 or on.shape[2] == 1:
-        return 0
-    judged = np.s_[::JUDGED_ROWS, ::JUDGED_COLUMNS]
-    columns = on[judged].astype(np.float32).reshape(-1, on[judged].shape[1] * on.shape[2])
-    columns -= off[judged].reshape(columns.shape) if off is not None else np.median(columns, axis=0)
-    # Mean absolute value instead of a robust spread: the stripe is a small part of a column and raises it alike.
-    noise = np.abs(columns).mean(axis=0)
-    return int(np.argmax((columns.max(axis=0) - 4 * noise).reshape(-1, on.shape[2]).mean(axis=0)))
+def has_colour(frame: npt.NDArray[Any]) -> bool:
+    """Whether a picture has three channels."""
+    return frame.ndim == 3 and frame.shape[2] == 3
 
 
 def channel_of(frame: npt.NDArray[Any], channel: int) -> Plane:
@@ -134,12 +124,15 @@ def channel_of(frame: npt.NDArray[Any], channel: int) -> Plane:
 def difference(plane: Plane, background: Plane | None) -> Light:
     """Plane minus background, not saturating: negative values carry the noise."""
     background = opening(plane) if background is None else background
-    kind = cv2.CV_16S if plane.dtype == np.uint8 else cv2.CV_32F
-    light: Light = cv2.subtract(plane, background, dtype=kind)  # type: ignore[assignment]
-    return light
+    return np.subtract(plane, background, dtype=np.int16 if plane.dtype == np.uint8 else np.float32)
 
 
 def opening(plane: Plane) -> Plane:
     """Vertical grey opening: the picture without anything as narrow as a stripe."""
     kernel = np.ones((2 * BACKGROUND_HALF_HEIGHT_PX + 1, 1), np.uint8)
     return np.asarray(cv2.morphologyEx(plane, cv2.MORPH_OPEN, kernel))
+
+
+def _sample(picture: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Some pixels of a picture."""
+    return picture[::SAMPLE_ROWS, ::SAMPLE_COLUMNS]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import numpy.typing as npt
 
@@ -26,22 +28,27 @@ def smooth_line(position: Float32, weight: Float32) -> tuple[Float32, Float32]:
     Returns:
         (n,) smoothed positions, NaN where they were, and (n,) the factor by which independent noise shrinks.
     """
-    worth = np.where(np.isfinite(position), weight, 0.0).astype(np.float32)
-    value = np.where(np.isfinite(position), position, 0.0).astype(np.float32)
-    total, sum_of_weights, sum_of_squares = worth * value, worth.copy(), worth**2
-    allowed = worth > 0
-    for reach in range(1, REACH_COLUMNS + 1):
-        left, right = np.zeros_like(value), np.zeros_like(value)
-        pair = np.zeros_like(worth)
-        left[reach:], right[:-reach] = value[:-reach], value[reach:]
-        pair[reach:-reach] = np.minimum(worth[: -2 * reach], worth[2 * reach :])
-        steepest = STEEPEST_PX_PER_COLUMN * reach
-        close = (np.abs(left - value) < steepest) & (np.abs(right - value) < steepest)
-        allowed &= (pair > 0) & close
-        pair *= allowed
-        total += pair * (left + right)
-        sum_of_weights += 2 * pair
-        sum_of_squares += 2 * pair**2
-    safe = np.where(sum_of_weights > 0, sum_of_weights, 1.0)
-    smooth = np.where(np.isfinite(position), total / safe, np.nan).astype(np.float32)
-    return smooth, (np.sqrt(sum_of_squares) / safe).astype(np.float32)
+    known = np.isfinite(position)
+    worths, values = _shifted(np.where(known, weight, 0)), _shifted(np.where(known, position, 0))
+    left, right = np.s_[REACH_COLUMNS - 1 :: -1], np.s_[REACH_COLUMNS + 1 :]
+    here = values[REACH_COLUMNS]
+    reach = np.arange(1, REACH_COLUMNS + 1, dtype=np.float32)[:, None]
+    farthest = np.maximum(np.abs(values[left] - here), np.abs(values[right] - here))
+    pair = np.minimum(worths[left], worths[right])
+    allowed = (farthest < STEEPEST_PX_PER_COLUMN * reach) & (pair > 0) & (worths[REACH_COLUMNS] > 0)
+    for near, far in pairwise(allowed):
+        far &= near
+    pair *= allowed
+    own = worths[REACH_COLUMNS]
+    sum_of_weights = own + 2 * pair.sum(axis=0)
+    sum_of_squares = own**2 + 2 * (pair**2).sum(axis=0)
+    total = own * here + (pair * (values[left] + values[right])).sum(axis=0)
+    safe = np.where(sum_of_weights > 0, sum_of_weights, np.float32(1))
+    return np.where(known, total / safe, np.float32(np.nan)), np.sqrt(sum_of_squares) / safe
+
+
+def _shifted(line: npt.NDArray[np.floating]) -> Float32:
+    """View (2 * REACH_COLUMNS + 1, n): what stands so many columns to the left, the line itself, and to the right."""
+    padded = np.zeros(line.size + 2 * REACH_COLUMNS, np.float32)
+    padded[REACH_COLUMNS:-REACH_COLUMNS] = line
+    return np.ndarray((2 * REACH_COLUMNS + 1, line.size), np.float32, padded, strides=2 * padded.strides)

@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 
 from guara_perception.stripes.background import SweepBackground
 from guara_perception.stripes.centre import centres, stripe_sigma
+from guara_perception.stripes.judge import judge
 from guara_perception.stripes.middle import middle, spread
 from guara_perception.stripes.path import follow
 from guara_perception.stripes.peaks import candidates, highest_peaks
-from guara_perception.stripes.signal import difference, fused_light, laser_light, strongest_channel
+from guara_perception.stripes.signal import difference, fused_light, laser_light
 from guara_perception.stripes.smooth_line import smooth_line
 
 
@@ -154,8 +155,8 @@ def test_strongest_channel_is_that_of_the_line(channel: int) -> None:
     on[:, :, (channel + 1) % 3] = random.normal(50, 12, (60, 320))
     on[28:32, :, channel] += 80
     on, off = on.clip(0, 255).astype(np.uint8), off.clip(0, 255).astype(np.uint8)
-    assert strongest_channel(on, off) == channel
-    assert strongest_channel(on[:, :, channel], None) == 0
+    assert judge(on, off).channel == channel
+    assert judge(on[:, :, channel], None).channel == 0
     assert laser_light(on, off).channel == channel
 
 
@@ -165,7 +166,7 @@ def test_fused_light_gives_less_to_a_clipped_channel() -> None:
     core = np.exp(-0.5 * ((rows - 20) / 3.0) ** 2) * np.ones((1, 64))
     off = np.full((40, 64, 3), 120, np.uint8)
     on = np.clip(off + core[:, :, None] * (60, 90, 600), 0, 255).astype(np.uint8)
-    fused = fused_light(on, off, np.full(64, 20), np.arange(64))
+    fused = fused_light(on, off, 2)
     assert (fused.argmax(axis=0) == 20).all()
     assert (on[:, 0, 2] == 255).sum() > 5
 

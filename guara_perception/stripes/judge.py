@@ -1,0 +1,67 @@
+"""Looks at some columns of a pair of frames: which channel shows the stripe best, and whether its core is clipped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.stripes.middle import middle
+
+# Every so many rows of so many columns: a thin stripe is missed in some of them, never in all.
+JUDGED_ROWS, JUDGED_COLUMNS = 3, 20
+# Mean deviations by which the peak of a column must exceed it: noise alone reaches four of them.
+NOISE_DEVIATIONS, PEAK_DEVIATIONS = 4.0, 6.0
+# From this share of full scale a pixel counts as clipped; JPEG and demosaicing keep it from reaching 1.
+CLIPPED = 0.98
+# From this share of clipped tops on, the channels are fused.
+FUSE_FROM_CLIPPED = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """What some columns of a band say.
+
+    Attributes:
+        channel: number of the channel in which the stripe stands out most from the noise; 0 for mono.
+        change: how much brighter the surroundings of the stripe are than the background [grey levels].
+        is_core_clipped: whether the stripe's core is clipped in that channel in a good part of the columns.
+    """
+
+    channel: int
+    change: float
+    is_core_clipped: bool
+
+
+def judge(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> Judgement:
+    """Judge a pair.
+
+    Args:
+        on: (rows, columns[, channels]) uint8 or uint16, laser on.
+        off: the same with the laser off, or None.
+    """
+    step = max(on.shape[1] // JUDGED_COLUMNS, 1)
+    judged = np.s_[::JUDGED_ROWS, ::step]
+    channels = 1 if on.ndim == 2 else on.shape[2]
+    seen = on[judged].astype(np.float32).reshape(len(on[judged]), -1, channels)
+    light = seen - (np.median(seen, axis=0) if off is None else off[judged].reshape(seen.shape))
+    # Mean absolute value instead of a robust spread: the stripe is a small part of a column and raises it alike.
+    noise = np.abs(light).mean(axis=0)
+    height = light.max(axis=0)
+    channel = int(np.argmax((height - NOISE_DEVIATIONS * noise).mean(axis=0)))
+    change = middle(light[:, :, channel])
+    tops = seen[:, :, channel].max(axis=0)[height[:, channel] > PEAK_DEVIATIONS * noise[:, channel]]
+    clipped = np.count_nonzero(tops >= clipped_from(on.dtype))
+    return Judgement(channel, change, clipped > FUSE_FROM_CLIPPED * max(tops.size, 1))
+
+
+def is_clipped(values: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    """Which grey levels of a picture are at the end of its scale."""
+    return np.asarray(values >= clipped_from(values.dtype))
+
+
+def clipped_from(kind: np.dtype[Any]) -> int:
+    """Grey level from which a pixel of this type counts as clipped."""
+    return int(np.ceil(CLIPPED * np.iinfo(kind).max))
