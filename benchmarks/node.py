@@ -21,6 +21,7 @@ os.environ.update(ENVIRONMENT)
 import numpy as np
 
 import guara_perception as gp
+from benchmarks.processor_parts import REST, parts_of_the_node
 from benchmarks.truth import truth_calibration
 from drivers import LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
@@ -78,6 +79,20 @@ def running(data: Path, scan: Path, fps: float) -> Iterator[Bench]:
             yield Bench(recorded, node, status, fps)
 
 
+def print_parts(bench: Bench, first: int, scans: int) -> None:
+    """Further scans with clocks in the code: processor time by part."""
+    rows = []
+    with parts_of_the_node() as parts:
+        for step in range(first, first + scans):
+            parts.seconds.clear()
+            total = bench.pause(step)[2]
+            rows.append({**parts.seconds, REST: total - sum(parts.seconds.values()), "all": total})
+    print(f"  by part, median of {scans} further scans with clocks in the code:")
+    medians = {name: np.median([row.get(name, 0.0) for row in rows]) for name in {name for row in rows for name in row}}
+    for name, seconds in sorted(medians.items(), key=lambda item: -item[1]):
+        print(f"  {1e3 * seconds:7.1f} ms  {name}")
+
+
 def resident_mb() -> float:
     """Memory that this process holds now."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
@@ -106,6 +121,7 @@ def main() -> None:
             f"processor time per scan          median {1e3 * np.median(rows[:, 2]):5.0f} ms "
             "(driver, emulated devices, grid, map, messages)"
         )
+        print_parts(bench, arguments.scans + 1, arguments.scans)
     if arguments.memory_scans:
         with running(arguments.data, folder, 240.0) as bench:
             for step in range(20):

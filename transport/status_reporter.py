@@ -46,15 +46,18 @@ class StatusReporter(Part):
     def _run(self) -> None:
         while not self._is_closed:
             self._wake.clear()
-            try:
-                status = Status(stamp=time.time_ns(), items=tuple(self._collect()))
-                self._publisher.put(encode_status(status))
-            except TransportError as error:
-                if not self._is_closed:
-                    _LOG.error("status was not sent: %s", error)
-            except Exception:
-                _LOG.exception("collecting the status failed")
+            self._report()
             self._wake.wait(self._period)
+
+    def _report(self) -> None:
+        try:
+            status = Status(stamp=time.time_ns(), items=tuple(self._collect()))
+            self._publisher.put(encode_status(status))
+        except TransportError as error:
+            if not self._is_closed:
+                _LOG.error("status was not sent: %s", error)
+        except Exception:
+            _LOG.exception("collecting the status failed")
 
     def _release(self) -> None:
         self._wake.set()

@@ -131,3 +131,57 @@ def test_limits_can_be_set() -> None:
     weak[80:83, :, 2] += 40
     assert judge(StepProof(ProofLimits(noise_factor=30.0)), 0.0, weak)[0] is StripeVerdict.DARK
     assert judge(StepProof(), 0.0, weak)[0] is StripeVerdict.OK
+
+
+def band_of(row: int) -> tuple[int, int]:
+    return max(row - 25, 0), min(row + 25, HEIGHT)
+
+
+@given(st.lists(st.integers(30, 170), min_size=2, max_size=8), st.integers(0, 10_000))
+@settings(max_examples=25, derandomize=True)
+def test_a_look_at_the_band_tells_what_the_whole_frame_tells(rows: list[int], seed: int) -> None:
+    """One off frame for all: verdict, row, contrast, level and shift, wherever the stripes lie."""
+    in_band, whole = StepProof(), StepProof()
+    for turn, row in enumerate(rows):
+        on = scene(row, seed=seed + turn)
+        angle = 0.001 * row
+        verdict, evidence = judge(in_band, angle, on, band=band_of(row))
+        # An off frame of its own each time: nothing is known of it yet.
+        expected, of_whole = judge(whole, angle, on, OFF.copy(), band=band_of(row))
+        assert verdict is expected
+        assert evidence == of_whole
+
+
+def test_light_in_the_off_frame_is_found_however_late_it_shows() -> None:
+    """Hidden behind the first stripe, seen with the second, it is held against all further ones of that off frame."""
+    off = scene(80, seed=99, columns=slice(0, 150))
+    proof, names = StepProof(), []
+    for turn, row in enumerate([80, 90, 150, 160]):
+        names.append(judge(proof, 0.01 * turn, scene(row, seed=turn), off, band=band_of(row))[0].name)
+    assert names == ["OK", "LEAK", "LEAK", "LEAK"]
+    assert judge(proof, 0.05, scene(170, seed=7), OFF, band=band_of(170))[0] is StripeVerdict.OK
+
+
+@pytest.mark.parametrize(
+    ("row", "name"),
+    [(None, "DARK"), (30, "OUT_OF_BAND"), (190, "OUT_OF_BAND"), (80, "OUT_OF_BAND"), (118, "NOT_MOVED")],
+)
+def test_a_stripe_that_is_not_in_its_band_is_looked_for_everywhere(row: int | None, name: str) -> None:
+    """After stripes in step, however far off it lies; then the next one in step is that again."""
+    proof = StepProof()
+    for turn in range(5):
+        seen = 86 + 8 * turn
+        assert judge(proof, 0.01 * turn, scene(seen, seed=turn), band=band_of(seen))[0] is StripeVerdict.OK
+    assert judge(proof, 0.05, scene(row, seed=8), band=(110, 170))[0].name == name
+    assert judge(proof, 0.06, scene(134, seed=9), band=band_of(134))[0] is StripeVerdict.OK
+
+
+def test_a_stripe_in_few_columns_of_its_band_is_outvoted_by_a_brighter_one_elsewhere() -> None:
+    """Too little is lit in the band to take it for the stripe without a look at the rest."""
+    proof = StepProof()
+    for turn in range(4):
+        seen = 86 + 8 * turn
+        judge(proof, 0.01 * turn, scene(seen, seed=turn), band=band_of(seen))
+    on = scene(118, seed=8, columns=slice(0, 100))
+    on[30:33, :, 2] = 250
+    assert judge(proof, 0.04, on, band=band_of(118))[0] is StripeVerdict.OUT_OF_BAND
