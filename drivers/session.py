@@ -5,8 +5,9 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 from drivers import guard
 from drivers.board_config import BoardConfig
@@ -26,6 +27,7 @@ from drivers.records import BoardIdentity, BoardStatus
 from drivers.refusals import check_version, raise_refusal
 from drivers.usb_link import UsbLink
 
+_Record = TypeVar("_Record")
 _log = logging.getLogger(__name__)
 _WORTH_REPEATING = (BoardTimeout, BoardStalled, BoardTransferFailed, BadReply)
 _HOST_VERSION = PROTOCOL_MAJOR << 8 | PROTOCOL_MINOR
@@ -97,7 +99,7 @@ class BoardSession:
         self._link.open()
         guard.watch(self, self.config.handle_signals)
         try:
-            identity = BoardIdentity.unpack(self._repeat(Request.IDENTIFY, 0, IDENTITY_SIZE))
+            identity = self._repeat(Request.IDENTIFY, 0, IDENTITY_SIZE, BoardIdentity.unpack)
             check_version(identity)
             self._identity = identity
             self._command(Request.HELLO, _HOST_VERSION)
@@ -163,17 +165,15 @@ class BoardSession:
 
     def _command(self, request: Request, argument: int = 0) -> BoardStatus:
         with self._lock:
-            status = BoardStatus.unpack(self._repeat(request, argument, STATUS_SIZE))
+            status = self._repeat(request, argument, STATUS_SIZE, lambda data: _answer(request, data))
         raise_refusal(status, argument, self._identity)
         return status
 
-    def _repeat(self, request: Request, argument: int, size: int) -> bytes:
+    def _repeat(self, request: Request, argument: int, size: int, read: Callable[[bytes], _Record]) -> _Record:
         attempt = 1
         while True:
             try:
-                data = self._link.request(request, argument, size)
-                _check_answer(request, data)
-                return data
+                return read(self._link.request(request, argument, size))
             except _WORTH_REPEATING as failure:
                 if attempt >= self.config.attempts:
                     raise type(failure)(f"{failure} (asked {attempt} times)") from failure
@@ -193,10 +193,8 @@ def raise_if_stuck_on(status: BoardStatus) -> None:
         raise LaserStuckOn("the laser did not go out on command, the board opened its supply: mend its driver")
 
 
-def _check_answer(request: Request, data: bytes) -> None:
-    if request is Request.IDENTIFY:
-        BoardIdentity.unpack(data)
-        return
-    echo = BoardStatus.unpack(data).request
-    if echo != request:
-        raise BadReply(f"the answer to {request.name} is that of request 0x{echo:02x}: check the firmware")
+def _answer(request: Request, data: bytes) -> BoardStatus:
+    status = BoardStatus.unpack(data)
+    if status.request != request:
+        raise BadReply(f"the answer to {request.name} is that of request 0x{status.request:02x}: check the firmware")
+    return status

@@ -16,6 +16,8 @@ from drivers.emulator.views import BoardView, ExposureView
 from drivers.protocol import PROTOCOL_MAJOR, BoardFault, BoardFlag, Request, Result
 from drivers.records import BoardStatus
 
+_REQUESTS = {int(request): request for request in Request}
+
 
 class EmulatedBoard:
     """A laser board made of software; thread-safe.
@@ -70,9 +72,9 @@ class EmulatedBoard:
         """Carry out a command and return its data stage; None for one that the firmware does not know."""
         with self._lock:
             now = self._advance()
-            if request not in Request.__members__.values():
+            known = _REQUESTS.get(request)
+            if known is None:
                 return None
-            known = Request(request)
             if known is Request.IDENTIFY:
                 return self._identity()
             if self._session:
@@ -148,7 +150,8 @@ class EmulatedBoard:
         return now
 
     def _faults(self) -> BoardFault:
-        return self._mirror.faults | self._light.faults
+        mirror, light = self._mirror.faults, self._light.faults
+        return mirror | light if mirror and light else mirror or light
 
     def _identity(self) -> bytes:
         wrong = self.plan.holds(FaultKind.WRONG_VERSION)
@@ -194,12 +197,12 @@ class EmulatedBoard:
 
     def _status(self, result: Result, request: int) -> BoardStatus:
         now = self._advance()
-        session = BoardFlag.SESSION if self._session else BoardFlag(0)
+        session = int(BoardFlag.SESSION) if self._session else 0
         return BoardStatus(
             result=result,
             request=request,
             sequence=self._sequence,
-            flags=session | self._light.flags() | self._mirror.flags(now),
+            flags=BoardFlag(session | self._light.flags() | self._mirror.flags(now)),
             faults=self._faults(),
             step=self._mirror.step(now),
             motion=self._mirror.motions & 0xFFFF,

@@ -14,7 +14,7 @@ from drivers.emulator.faults import Fault, FaultKind
 from drivers.protocol import REQUEST_IN, Request, join_argument
 
 _GET_DESCRIPTOR_IN, _GET_DESCRIPTOR, _STRING = 0x80, 6, 3
-_REPORT_SLICE = 0.002  # s between two looks at a board that has nothing to report yet
+_REPORT_SLICE = 0.002  # s between two looks at a board that stands still and has nothing to report
 _BEFORE = (FaultKind.UNPLUG, FaultKind.STALL, FaultKind.TIMEOUT)
 _AFTER = (FaultKind.UNPLUG_AFTER, FaultKind.TIMEOUT_AFTER, FaultKind.SHORT_READ, FaultKind.GARBAGE)
 
@@ -91,7 +91,8 @@ class LocalBus:
             raise BusError(errno.EPIPE, "Pipe error")
         command = Request(request)
         self._strike_before(self._board.plan.strike(command, _BEFORE), timeout)
-        time.sleep(self._board.config.bus_delay)
+        if self._board.config.bus_delay > 0:
+            time.sleep(self._board.config.bus_delay)
         answer = self._board.serve(request, join_argument(value, index))
         if answer is None:
             raise BusError(errno.EPIPE, "Pipe error")
@@ -113,8 +114,7 @@ class LocalBus:
             if now >= deadline:
                 raise BusError(errno.ETIMEDOUT, "Operation timed out")
             motion_left = self._board.still_at() - self._board.clock()
-            pause = min(motion_left, _REPORT_SLICE) if motion_left > 0 else _REPORT_SLICE
-            time.sleep(min(pause, deadline - now))
+            time.sleep(min(motion_left if motion_left > 0 else _REPORT_SLICE, deadline - now))
 
     def _check_plugged(self) -> None:
         if not self._board.plugged:

@@ -97,11 +97,15 @@ class FaultPlan:
 
     def holds(self, kind: FaultKind) -> Fault | None:
         """Return the fault of a kind that holds as a state, or None."""
+        if not self._waiting:
+            return None
         with self._lock:
             return next((fault for fault in self._waiting if fault.kind is kind), None)
 
     def strike(self, at: Request | str, kinds: Collection[FaultKind]) -> Fault | None:
         """Return the fault among `kinds` that strikes at this transfer and count it; None when none does."""
+        if not self._waiting:
+            return None
         with self._lock:
             for place, fault in enumerate(self._waiting):
                 if fault.kind not in kinds or not _matches(fault, at):

@@ -51,14 +51,13 @@ class Laser:
         """Return the share of the interval `start` ... `end` during which it shone (0 ... 1)."""
         if end <= start:
             return 1.0 if self.at(start) else 0.0
-        lit, cursor, on = 0.0, start, self.at(start)
-        for event in self._log:
+        # From the newest change back: a camera asks for the moment just past, of a log that may be long.
+        lit, until = 0.0, end
+        for event in reversed(self._log):
+            if event.time < until:
+                since = max(event.time, start)
+                lit += (until - since) if event.on else 0.0
+                until = since
             if event.time <= start:
-                continue
-            stop = min(event.time, end)
-            lit += (stop - cursor) if on else 0.0
-            cursor, on = stop, event.on
-            if event.time >= end:
                 break
-        lit += (end - cursor) if on and cursor < end else 0.0
         return lit / (end - start)

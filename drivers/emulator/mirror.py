@@ -94,10 +94,10 @@ class MirrorUnit:
         """Return the step the firmware believes in."""
         return round(self._motor.believed_position(moment))
 
-    def flags(self, moment: float) -> BoardFlag:
-        """Return the flags that tell of the mirror."""
-        flags = BoardFlag.MOVING if self.moving(moment) else BoardFlag(0)
-        return flags | (BoardFlag.HOMED if self._homed else BoardFlag(0))
+    def flags(self, moment: float) -> int:
+        """Return the bits of the flags that tell of the mirror."""
+        flags = int(BoardFlag.MOVING) if self.moving(moment) else 0
+        return flags | (int(BoardFlag.HOMED) if self._homed else 0)
 
     def true_angle(self, moment: float) -> float:
         """Return where the mirror really was [rad]."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,7 +33,7 @@ class RecordedView:
         offs = [off for _, _, off in frames if off is not None]
         if not offs:
             raise InvalidInput(f"{scan.source}: no frame with the laser off, it cannot be shown live")
-        self._angles = np.array([stripe.mirror_angle for stripe, _, _ in frames])
+        self._angles = [stripe.mirror_angle for stripe, _, _ in frames]
         self._on = [on for _, on, _ in frames]
         self._off = offs[0]
         # Further from every recorded angle than this the sheet falls between stripes that were recorded.
@@ -40,7 +41,11 @@ class RecordedView:
 
     def render(self, view: ExposureView, settings: object) -> Frame:
         """The recorded frame nearest to the mirror's angle, or the one with the laser off."""
-        nearest = int(np.abs(self._angles - view.mirror_angle).argmin())
+        above = bisect.bisect_left(self._angles, view.mirror_angle)
+        nearest = min(
+            (place for place in (above - 1, above) if 0 <= place < len(self._angles)),
+            key=lambda place: abs(self._angles[place] - view.mirror_angle),
+        )
         is_near = abs(self._angles[nearest] - view.mirror_angle) <= self._reach
         if view.laser_fraction < LIT_FRACTION or not is_near:
             return self._off
