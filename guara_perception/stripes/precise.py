@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from guara_perception.stripes.centre import centres
 from guara_perception.stripes.choose import choose_peaks
-from guara_perception.stripes.clipped import clipped_rows
+from guara_perception.stripes.clipped import clipped_columns
 from guara_perception.stripes.filters import SCALE
 from guara_perception.stripes.find_peaks import find_peaks
 from guara_perception.stripes.judge import FUSE_FROM_CLIPPED, is_clipped
@@ -21,8 +21,6 @@ from guara_perception.stripes.windows import at_rows
 Float32 = npt.NDArray[np.float32]
 Index = npt.NDArray[np.intp]
 
-# A clipped core wider than so many sigmas of the stripe leaves no shoulders to judge by.
-MAX_CLIPPED_SIGMAS = 5.0
 # Speckle moves the centre of a stripe by this share of its sigma, whatever the light.
 SPECKLE_OF_SIGMA = 0.06
 # A surface that is brighter on one side of the stripe pulls its centre over: share of the first-order shift.
@@ -63,15 +61,14 @@ def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_ro
     row, per_grey_level = np.full((2, columns), np.nan, np.float32)
     row[peaks], per_grey_level[peaks] = centres(found.light, choice.top[peaks], peaks, sigma_of_filter(sigma))
     is_found = np.isfinite(row)
-    clipped = drowned = np.zeros(columns, np.intp)
+    is_core_clipped = is_core_lost = np.zeros(columns, dtype=bool)
     if signal.is_clipped:
-        clipped, drowned = clipped_rows(on, choice.top, sigma, signal.channel, all_channels=signal.is_fused)
+        is_core_clipped, is_core_lost = clipped_columns(on, choice.top, sigma, signal.channel, is_fused=signal.is_fused)
     is_cut = (choice.top < 2) | (choice.top > rows - 3)
-    is_drowned = drowned > MAX_CLIPPED_SIGMAS * sigma
     status = np.full(columns, StripeStatus.DROPOUT, dtype=np.uint8)
     status[is_found] = StripeStatus.OK
-    status[is_found & (clipped > 0)] = StripeStatus.SATURATED
-    status[is_found & (choice.is_ambiguous | is_drowned)] = StripeStatus.AMBIGUOUS
+    status[is_found & is_core_clipped] = StripeStatus.SATURATED
+    status[is_found & (choice.is_ambiguous | is_core_lost)] = StripeStatus.AMBIGUOUS
     status[is_peak & ~is_found] = StripeStatus.AMBIGUOUS
     status[is_peak & is_cut] = StripeStatus.OUT_OF_BAND
 

@@ -90,13 +90,13 @@ def fused_light(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, channel: int
     full_scale = float(np.iinfo(on.dtype).max)
     on = np.ascontiguousarray(on)
     light = np.asarray(cv2.subtract(on, opening(on) if off is None else off, dtype=cv2.CV_32F))
-    sample = _sample(light)
-    offsets = np.array([middle(part) for part in sample.T])
-    noise = np.array([max(spread(part), full_scale / 512) for part in sample.T])
+    sample = np.ascontiguousarray(_sample(light).reshape(-1, 3).T)
+    offsets = np.array([middle(part) for part in sample])
+    noise = np.array([max(spread(part), full_scale / 512) for part in sample])
     smooth = cv2.GaussianBlur(np.ascontiguousarray(light[:, ::TOP_COLUMNS, channel]), (1, 5), 0)
     shown = np.flatnonzero(smooth.max(axis=0) > TOP_SIGMAS * noise[channel])
-    columns = TOP_COLUMNS * (shown if shown.size else np.arange(smooth.shape[1]))
-    top = smooth[:, columns // TOP_COLUMNS].argmax(axis=0)
+    shown = shown if shown.size else np.arange(smooth.shape[1])
+    top, columns = smooth.argmax(axis=0)[shown], TOP_COLUMNS * shown
     headroom = np.maximum(1 - is_clipped(on[top, columns]).mean(axis=0), LEAST_HEADROOM)
     gains = np.maximum([middle(part) for part in light[top, columns].T] - offsets - noise, 0.0)
     weights = headroom**2 * gains / noise**2

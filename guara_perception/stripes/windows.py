@@ -11,24 +11,26 @@ Index = npt.NDArray[np.intp]
 Picture = npt.NDArray[Any]
 
 
-def rows_from(picture: Picture, first: Index, count: int, columns: Index) -> Picture:
+def rows_from(picture: Picture, first: Index, count: int, columns: Index, channel: int = 0) -> Picture:
     """Values in a window of rows; what lies beyond the edges of the picture is taken at the edge.
 
     Args:
-        picture: (rows, columns).
+        picture: (rows, columns[, channels]).
         first: (n,) first row of the window in each column.
         count: rows of a window.
         columns: (n,) columns.
+        channel: the one that is read.
 
     Returns:
         (count, n) values, in the type of the picture.
     """
-    rows, width = picture.shape
-    steps = np.arange(count)[:, None]
+    rows, width = picture.shape[:2]
+    channels = picture.shape[2] if picture.ndim == 3 else 1
+    start, steps = columns * channels + channel, np.arange(count)[:, None]
     if first.size and (first.min() < 0 or first.max() + count > rows):
-        places = np.minimum(np.maximum(first + steps, 0), rows - 1) * width + columns
+        places = np.minimum(np.maximum(first + steps, 0), rows - 1) * (width * channels) + start
     else:
-        places = (first * width + columns) + steps * width
+        places = (first * (width * channels) + start) + steps * (width * channels)
     # Places in the flat picture: several times as quick as an index per axis.
     return np.asarray(picture.reshape(-1).take(places))
 
