@@ -44,4 +44,5 @@ class OwnBody:
         return hidden
 
     def _to_base(self, points: Float) -> Float:
-        return np.asarray((points - self._transform[:3, 3]) @ self._transform[:3, :3])
+        # Coordinates in rows, each in one piece of memory: the filter goes through them one by one.
+        return np.asarray((self._transform[:3, :3].T @ (points.T - self._transform[:3, 3:])).T)

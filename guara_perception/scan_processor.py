@@ -114,7 +114,7 @@ class ScanProcessor:
             self._geometry.transform_camera_to_footprint,
             (self._settings.footprint_x, self._settings.footprint_y),
         )
-        self._widened = calibration_variance(calibration, self._geometry)
+        self._added_variance = calibration_variance(calibration, self._geometry)
         self._finder = StripeFinder(method, calibration.camera.size, self._pattern.step)
         self._body = OwnBody(
             robot.state(self._stance.joint_positions), self._pose.transform_base_to_footprint, self._geometry.eyes
@@ -193,17 +193,13 @@ class ScanProcessor:
         self._seconds["extract"] += extracted - start
         if profile.is_frame_bad:
             return profile
-        settings = self._settings
+        gates = self._settings.minimum_height, self._settings.maximum_height
         points = stripe_points(
-            profile,
-            self._locator,
-            stripe.plane_in_camera,
-            (settings.minimum_height, settings.maximum_height),
-            self._body.contains,
+            profile, self._locator, stripe.plane_in_camera, gates, self._body.contains, self._added_variance(index)
         )
         triangulated = time.perf_counter()
         self._seconds["triangulate"] += triangulated - extracted
-        self._surface.add(index, self._widened(index, points))
+        self._surface.add(index, points)
         self._seconds["raster"] += time.perf_counter() - triangulated
         return profile
 

@@ -51,10 +51,9 @@ class SelfFilter:
             if name not in ignored
             for shape in link.shapes
         )
-        self._lowest = np.min([shape.centre - shape.reach for shape in self.shapes], axis=0, initial=np.inf)
-        self._highest = np.max([shape.centre + shape.reach for shape in self.shapes], axis=0, initial=-np.inf)
         centres = np.array([shape.centre for shape in self.shapes]).reshape(-1, 3)
         reaches = np.array([shape.reach for shape in self.shapes])
+        self._lowest, self._highest = centres - reaches[:, None], centres + reaches[:, None]
         # |p - c|^2 <= r^2 reads |p|^2 - 2 p . c <= r^2 - |c|^2.
         self._twice_centres = 2.0 * centres.T
         self._powers = reaches**2 - np.einsum("ni,ni->n", centres, centres) + _ROUNDING
@@ -73,17 +72,24 @@ class SelfFilter:
         """
         points = _checked_points(points_in_base, "points_in_base")
         inside = np.zeros(len(points), dtype=np.bool_)
-        # Most points of a scan lie ahead of the robot: its bounding box leaves few for the shapes.
-        rows = np.flatnonzero(np.all((points >= self._lowest) & (points <= self._highest), axis=1))
+        if not len(points):
+            return inside
+        # Most points of a scan lie ahead of the robot: the box about them meets the boxes of few shapes, if any.
+        low, high = np.fmin.reduce(points, axis=0), np.fmax.reduce(points, axis=0)
+        shapes = np.flatnonzero(np.all((self._lowest <= high) & (self._highest >= low), axis=1))
+        if not len(shapes):
+            return inside
+        low, high = self._lowest[shapes].min(axis=0), self._highest[shapes].max(axis=0)
+        rows = np.flatnonzero(np.all((points >= low) & (points <= high), axis=1))
         close = points[rows]
         if not len(rows):
             return inside
         # All bounding spheres at once, (n, shapes): few points are within any.
         square = np.einsum("ni,ni->n", close, close)
-        is_near = square[:, None] - close @ self._twice_centres <= self._powers
+        is_near = square[:, None] - close @ self._twice_centres[:, shapes] <= self._powers[shapes]
         for place in np.flatnonzero(is_near.any(axis=0)).tolist():
             near = np.flatnonzero(is_near[:, place])
-            inside[rows[near]] |= self.shapes[place].contains(close[near])
+            inside[rows[near]] |= self.shapes[shapes[place]].contains(close[near])
         return inside
 
     def blocks(self, origins_in_base: npt.ArrayLike, points_in_base: npt.ArrayLike) -> Mask:

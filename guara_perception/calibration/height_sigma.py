@@ -83,15 +83,15 @@ class HeightUncertainty:
             up_in_camera: (3,) unit vector along which heights are measured.
         """
         nearest = min(self.planes, key=lambda other: abs(other - index))
-        homogeneous = np.column_stack((points_in_camera, np.ones(len(points_in_camera))))
-        off_plane = np.einsum("ni,ij,nj->n", homogeneous, self.planes[nearest], homogeneous)
-        sine = points_in_camera @ plane[:3]
+        # Coordinates in rows, each in one piece of memory: several times faster than points in rows.
+        in_camera = np.ascontiguousarray(points_in_camera.T)
+        off_plane = _quadratic_form(np.vstack((in_camera, np.ones(in_camera.shape[1]))), self.planes[nearest])
+        sine = plane[:3] @ in_camera
         with np.errstate(divide="ignore", invalid="ignore"):
-            gain = (points_in_camera @ up_in_camera) / np.where(np.abs(sine) < MIN_SINE, np.nan, sine)
-        points_in_base = points_in_camera @ transform_camera_to_base[:3, :3].T + transform_camera_to_base[:3, 3]
-        terms = field_terms(points_in_base - self.field_origin)
-        smooth = np.einsum("ni,ij,nj->n", terms, self.field, terms)
-        return np.asarray(gain**2 * off_plane + smooth)
+            gain = (up_in_camera @ in_camera) / np.where(np.abs(sine) < MIN_SINE, np.nan, sine)
+        offsets = transform_camera_to_base[:3, :3] @ in_camera
+        offsets += (transform_camera_to_base[:3, 3] - self.field_origin)[:, None]
+        return np.asarray(gain**2 * off_plane + _quadratic_form(field_terms(offsets.T).T, self.field))
 
     def variance_of_scan(
         self,
@@ -121,7 +121,7 @@ class HeightUncertainty:
 def field_terms(offsets: Float) -> Float:
     """(n, 10) values of FIELD_TERMS at offsets (n, 3) from the field's origin."""
     x, y, z = offsets.T
-    return np.column_stack((np.ones(len(x)), x, y, z, x * x, y * y, z * z, x * y, x * z, y * z))
+    return np.stack((np.ones(len(x)), x, y, z, x * x, y * y, z * z, x * y, x * z, y * z)).T
 
 
 def plane_covariance(bases: Float, covariance: Float) -> Float:
@@ -140,6 +140,11 @@ def field_covariance(offsets: Float, errors: Sequence[Float], parameters: Float)
     terms = field_terms(offsets)
     effect = np.linalg.lstsq(terms, np.column_stack(errors), rcond=None)[0]
     return np.asarray(effect @ parameters @ effect.T)
+
+
+def _quadratic_form(vectors: Float, matrix: Float) -> Float:
+    """Values v . M v (n,) of vectors (k, n)."""
+    return np.einsum("kn,kn->n", vectors, matrix @ vectors)
 
 
 def _matrix(value: Any, shape: tuple[int, ...], name: str) -> Float:

@@ -1,22 +1,24 @@
-"""Adds to the variance of points what their calibration does not know: plane, lens and mount."""
+"""The variance of heights that comes from what their calibration does not know: plane, lens and mount."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
 
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.height_sigma import HeightUncertainty
 from guara_perception.ranging.scan_geometry import ScanGeometry
-from guara_perception.ranging.stripe_points import StripePoints
+
+Float = npt.NDArray[np.float64]
+VarianceOfPoints = Callable[[Float], Float]
 
 
-def calibration_variance(
-    calibration: Calibration, geometry: ScanGeometry
-) -> Callable[[int, StripePoints], StripePoints]:
-    """A function of (stripe index, points) that gives the points with the larger variance.
+def calibration_variance(calibration: Calibration, geometry: ScanGeometry) -> Callable[[int], VarianceOfPoints | None]:
+    """For each stripe index a function of points (n, 3) in base_footprint that gives variances (n,) [m^2].
 
-    A calibration that holds no covariance (one made from a drawing) leaves them as they are.
+    A calibration that holds no covariance (one made from a drawing) has None for every index.
 
     Args:
         calibration: that locates the points.
@@ -27,16 +29,15 @@ def calibration_variance(
     """
     uncertainty = HeightUncertainty.of(calibration)
 
-    def widened(index: int, points: StripePoints) -> StripePoints:
+    def of_stripe(index: int) -> VarianceOfPoints | None:
         if uncertainty is None:
-            return points
-        extra = uncertainty.variance_of_scan(
+            return None
+        return lambda points: uncertainty.variance_of_scan(
             index,
-            calibration.stripe(index).plane,
-            points.points,
+            geometry.stripes[index].plane_in_camera,
+            points,
             geometry.transform_camera_to_footprint,
             calibration.transform_camera_to_base,
         )
-        return dataclasses.replace(points, variance=points.variance + extra)
 
-    return widened
+    return of_stripe

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.calibration.camera import CameraModel
+from guara_perception.ranging.column_rays import ColumnRays
 from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder
-from guara_perception.ranging.triangulate import triangulate
+from guara_perception.ranging.triangulate import sheet_depth
 
 Float = npt.NDArray[np.float64]
+Columns = npt.NDArray[np.intp]
 
 
 class Locator(Protocol):
@@ -22,8 +23,14 @@ class Locator(Protocol):
     def view_point(self) -> Float:
         """(3,) point in base_footprint about which heights are orthorectified: the optical centre, if all is right."""
 
-    def points(self, plane_in_camera: Float, position_px: npt.ArrayLike) -> Float:
-        """Points (w, 3) in base_footprint of a stripe at these rows; NaN where there is none."""
+    def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Columns | None = None) -> Float:
+        """Points (n, 3) in base_footprint of a stripe at these rows; NaN where there is none.
+
+        Args:
+            plane_in_camera: (4,) calibrated sheet.
+            position_px: (n,) rows.
+            columns: (n,) of the rows; None = every column of the picture, in order.
+        """
 
     def measure(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
@@ -31,34 +38,50 @@ class Locator(Protocol):
         """The same points and the standard deviations (w,) of their heights [m]."""
 
 
-@dataclass(frozen=True, slots=True)
 class Triangulator:
-    """Each ray meets the calibrated sheet: no step that is not exact.
+    """Each ray meets the calibrated sheet: no step that is not exact."""
 
-    Attributes:
-        camera: intrinsic model.
-        transform_camera_to_footprint: (4, 4).
-    """
+    def __init__(self, camera: CameraModel, transform_camera_to_footprint: Float) -> None:
+        """Prepare the rays.
 
-    camera: CameraModel
-    transform_camera_to_footprint: Float
+        Args:
+            camera: intrinsic model.
+            transform_camera_to_footprint: (4, 4).
+        """
+        self._rays = ColumnRays(camera)
+        self._row_step = 1.0 / camera.matrix[1, 1]
+        self._rotation = transform_camera_to_footprint[:3, :3]
+        self._translation = transform_camera_to_footprint[:3, 3]
 
     @property
     def view_point(self) -> Float:
         """Optical centre (3,)."""
-        return np.array(self.transform_camera_to_footprint[:3, 3])
+        return np.array(self._translation)
 
-    def points(self, plane_in_camera: Float, position_px: npt.ArrayLike) -> Float:
-        """Points (w, 3) in base_footprint."""
-        return self.measure(plane_in_camera, position_px, np.zeros(np.size(position_px)))[0]
+    def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Columns | None = None) -> Float:
+        """Points (n, 3) in base_footprint."""
+        rays = self._rays.at(position_px, columns)
+        return self._place(rays, sheet_depth(rays, plane_in_camera)[0])
 
     def measure(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
     ) -> tuple[Float, Float]:
         """Points (w, 3) and standard deviations (w,) of their heights [m], by the derivative of the meeting point."""
-        in_camera, spread = triangulate(self.camera, plane_in_camera, position_px, sigma_px)
-        rotation, translation = self.transform_camera_to_footprint[:3, :3], self.transform_camera_to_footprint[:3, 3]
-        return in_camera @ rotation.T + translation, np.abs(spread @ rotation[2])
+        rays = self._rays.at(position_px)
+        depth, along_normal = sheet_depth(rays, plane_in_camera)
+        # d(depth * ray)/dv with the ray moving by 1 / fy per row (the lens stretches that by a few per cent only).
+        up = self._rotation[2]
+        rise = up[0] * rays[0] + up[1] * rays[1] + up[2]
+        slope = depth * (up[1] - rise * (plane_in_camera[1] / along_normal)) * self._row_step
+        return self._place(rays, depth), np.abs(slope) * np.asarray(sigma_px, np.float64)
+
+    def _place(self, rays: Float, depth: Float) -> Float:
+        """Points (n, 3) in base_footprint at depths along rays; each coordinate lies in one piece of memory."""
+        points = self._rotation[:, :2] @ rays
+        points += self._rotation[:, 2:]
+        points *= depth
+        points += self._translation[:, None]
+        return np.asarray(points.T)
 
 
 def locator(

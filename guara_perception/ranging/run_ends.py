@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+Columns = npt.NDArray[np.intp]
 
 # A larger difference of height between neighbouring columns is a jump from one surface to another.
 JUMP_M = 0.004
@@ -20,6 +21,8 @@ FADED_OF_LEVEL = 0.6
 LEVEL_COLUMNS = 12
 # Speckle makes a single column bright in the middle of a shadow.
 SOUND_COLUMNS = 2
+# A fade is looked for in so many first columns of a run, in more only where it has not ended there.
+FADE_WINDOW = 24
 
 
 def run_ends(height: Float, strength: Float) -> Mask:
@@ -36,49 +39,68 @@ def run_ends(height: Float, strength: Float) -> Mask:
         that is short and weak.
     """
     breaks = run_breaks(height)
-    ends = np.zeros(height.size, dtype=bool)
+    if not breaks.size:
+        return np.zeros(height.size, dtype=bool)
+    is_return = np.isfinite(height)
+    ends = _faded(np.where(is_return, strength, 0.0), is_return, breaks)
     for shift in range(1 - END_COLUMNS, END_COLUMNS + 1):
         column = breaks + shift
         ends[column[(column >= 0) & (column < height.size)]] = True
-    ends |= _faded(np.where(np.isfinite(height), strength, np.nan), breaks)
-    return np.asarray(ends & np.isfinite(height))
+    return np.asarray(ends & is_return)
 
 
-def run_breaks(height: Float) -> npt.NDArray[np.intp]:
+def run_breaks(height: Float) -> Columns:
     """Columns c such that c and c + 1 do not belong to one run: a gap or a jump lies between them."""
     with np.errstate(invalid="ignore"):
         # A comparison with NaN is False: a gap breaks a run like a jump does.
         return np.flatnonzero(~(np.abs(np.diff(height)) <= JUMP_M))
 
 
-def _faded(strength: Float, breaks: npt.NDArray[np.intp]) -> Mask:
+def _faded(strength: Float, is_return: Mask, breaks: Columns) -> Mask:
     """Columns at the ends of runs from which the strength rises inwards before it reaches the level of the run."""
     faded = np.zeros(strength.size, dtype=bool)
-    returns = strength[np.isfinite(strength)]
-    weak = WEAK_OF_STRIPE * float(np.median(returns)) if returns.size else 0.0
     first = np.append(0, breaks + 1)
-    last = np.append(breaks, strength.size - 1)
-    is_run = np.isfinite(strength[first])
-    for begin, end in zip(first[is_run], last[is_run], strict=True):
-        run = strength[begin : end + 1]
-        if run.size < SHORT_RUN_COLUMNS and run.max() < weak and begin > 0 and end < strength.size - 1:
+    is_run = is_return[first]
+    strongest = np.maximum.reduceat(strength, first)[is_run]
+    first, last = first[is_run], np.append(breaks, strength.size - 1)[is_run]
+    border = strength.size - 1
+    is_short = (last - first < SHORT_RUN_COLUMNS - 1) & (first > 0) & (last < border)
+    if is_short.any():
+        is_short &= strongest < WEAK_OF_STRIPE * float(np.median(strength[is_return]))
+        for begin, end in zip(first[is_short].tolist(), last[is_short].tolist(), strict=True):
             faded[begin : end + 1] = True
-            continue
-        if begin > 0:
-            faded[begin : begin + _fade_length(run)] = True
-        if end < strength.size - 1:
-            faded[end + 1 - _fade_length(run[::-1]) : end + 1] = True
+    left, right = ~is_short & (first > 0), ~is_short & (last < border)
+    for begin, length in _fade_lengths(strength, first[left], last[left]):
+        faded[begin : begin + length] = True
+    for begin, length in _fade_lengths(strength[::-1], border - last[right], border - first[right]):
+        faded[border + 1 - begin - length : border + 1 - begin] = True
     return faded
 
 
-def _fade_length(run: Float) -> int:
-    """Number of first columns before SOUND_COLUMNS in a row reach FADED_OF_LEVEL of the columns that follow them."""
-    total = np.cumsum(np.append(0.0, run))
-    place = np.arange(run.size)
-    after = np.minimum(place + LEVEL_COLUMNS, run.size - 1)
+def _fade_lengths(strength: Float, first: Columns, last: Columns, window: int = FADE_WINDOW) -> list[tuple[int, int]]:
+    """Number of first columns of each run before SOUND_COLUMNS in a row reach FADED_OF_LEVEL of those that follow them.
+
+    Returns:
+        Pairs of first column and number; runs that do not fade may be left out.
+    """
+    if not first.size:
+        return []
+    total = np.append(0.0, np.cumsum(strength))
+    size = last - first + 1
+    looked_at = min(window, int(size.max()))
+    end = last[:, None]
+    place = np.minimum(first[:, None] + np.arange(looked_at + SOUND_COLUMNS - 1), end)
+    after = np.minimum(place + LEVEL_COLUMNS, end)
     level = (total[after + 1] - total[place + 1]) / np.maximum(after - place, 1)
-    holds = run >= FADED_OF_LEVEL * level
-    sound = holds.copy()
+    holds = strength[place] >= FADED_OF_LEVEL * level
+    sound = holds[:, :looked_at]
     for ahead in range(1, SOUND_COLUMNS):
-        sound[:-ahead] &= holds[ahead:]
-    return int(np.argmax(sound)) if sound.any() else run.size
+        sound = sound & holds[:, ahead : ahead + looked_at]
+    is_found = sound.any(axis=1)
+    length = np.where(is_found, sound.argmax(axis=1), size)
+    is_open = ~is_found & (size > looked_at)
+    known = ~is_open & (length > 0)
+    found = list(zip(first[known].tolist(), length[known].tolist(), strict=True))
+    if is_open.any():
+        found += _fade_lengths(strength, first[is_open], last[is_open], 8 * window)
+    return found

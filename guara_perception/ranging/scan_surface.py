@@ -11,6 +11,7 @@ from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import Surface, confirmed_points, joined_surface, linked_columns
 
 Key = tuple[int, int]
+Mask = npt.NDArray[np.bool_]
 
 
 def scan_surface(
@@ -27,48 +28,74 @@ def scan_surface(
     Yields:
         ((index, index), surface of that stripe's own points) and ((index, next index), surface between the two).
     """
+    links = Links(stripes, pattern, join_height)
     for index in sorted(stripes):
-        yield (index, index), stripe_surface(stripes, index, pattern, join_height)
+        yield (index, index), stripe_surface(stripes, index, links)
         if index + pattern.step in stripes:
-            yield (index, index + pattern.step), pair_surface(stripes, index, pattern, join_height, resolution)
+            yield (index, index + pattern.step), pair_surface(stripes, index, links, resolution)
 
 
-def stripe_surface(stripes: Mapping[int, StripePoints], index: int, pattern: range, join_height: float) -> Surface:
+class Links:
+    """Where neighbouring stripes lie on one surface; each pair is looked at once."""
+
+    def __init__(self, stripes: Mapping[int, StripePoints], pattern: range, join_height: float) -> None:
+        """Start.
+
+        Args:
+            stripes: points by index; more may come later, none may change.
+            pattern: indices of the stripes of the scan's mode.
+            join_height: largest height difference of one surface [m].
+        """
+        self._stripes = stripes
+        self._join_height = join_height
+        self._pattern = pattern
+        self._known: dict[int, Mask] = {}
+
+    def after(self, index: int) -> Mask:
+        """Columns in which a stripe and the next are linked; one of the two must be there.
+
+        Nowhere when the other was lost, everywhere beyond the pattern's ends: there nothing was ever going to look,
+        so that nothing came back says nothing of the surface.
+        """
+        following = index + self._pattern.step
+        if index in self._known:
+            return self._known[index]
+        first, second = self._stripes.get(index), self._stripes.get(following)
+        if first is not None and second is not None:
+            linked = self._known[index] = linked_columns(first, second, self._join_height)
+            return linked
+        there = first if first is not None else second
+        columns = 0 if there is None else len(there.points)
+        is_beyond = index not in self._pattern or following not in self._pattern
+        return np.full(columns, is_beyond)
+
+    @property
+    def step(self) -> int:
+        """Index difference of neighbouring stripes."""
+        return self._pattern.step
+
+    def before(self, index: int) -> Mask:
+        """Columns in which a stripe and the one before it are linked."""
+        return self.after(index - self._pattern.step)
+
+    def forget(self, index: int) -> None:
+        """Drop what was kept of a stripe and the next: nobody will ask again."""
+        self._known.pop(index, None)
+
+
+def stripe_surface(stripes: Mapping[int, StripePoints], index: int, links: Links) -> Surface:
     """The points of one stripe that its neighbours on both sides confirm."""
-    stripe, step = stripes[index], pattern.step
-    before = _links(stripes, (index - step, index), pattern, join_height)
-    after = _links(stripes, (index, index + step), pattern, join_height)
-    return confirmed_points(stripe.points, stripe.variance, before, after)
+    stripe = stripes[index]
+    return confirmed_points(stripe.points, stripe.variance, links.before(index), links.after(index))
 
 
-def pair_surface(
-    stripes: Mapping[int, StripePoints], index: int, pattern: range, join_height: float, resolution: float
-) -> Surface:
+def pair_surface(stripes: Mapping[int, StripePoints], index: int, links: Links, resolution: float) -> Surface:
     """The surface between a stripe and the next; both must be there."""
-    step = pattern.step
-    first, second = stripes[index], stripes[index + step]
+    following = index + links.step
+    first, second = stripes[index], stripes[following]
     return joined_surface(
         (first.points, second.points),
         (first.variance, second.variance),
-        (
-            _links(stripes, (index - step, index), pattern, join_height),
-            _links(stripes, (index, index + step), pattern, join_height),
-            _links(stripes, (index + step, index + 2 * step), pattern, join_height),
-        ),
+        (links.before(index), links.after(index), links.after(following)),
         resolution,
     )
-
-
-def _links(
-    stripes: Mapping[int, StripePoints], pair: tuple[int, int], pattern: range, join_height: float
-) -> npt.NDArray[np.bool_]:
-    """Where two neighbours lie on one surface: nowhere when one of them was lost, everywhere beyond the pattern's ends.
-
-    Beyond its ends nothing was ever going to look, so that nothing came back says nothing of the surface there.
-    """
-    columns = len(stripes[pair[0] if pair[0] in stripes else pair[1]].points) if set(pair) & set(stripes) else 0
-    if pair[0] not in pattern or pair[1] not in pattern:
-        return np.ones(columns, dtype=bool)
-    if pair[0] not in stripes or pair[1] not in stripes:
-        return np.zeros(columns, dtype=bool)
-    return linked_columns(stripes[pair[0]], stripes[pair[1]], join_height)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.ranging.stripe_points import StripePoints
+from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -66,8 +66,8 @@ def confirmed_points(points: Float, variance: Float, before: Mask, after: Mask) 
         variance: (w,) variance of the heights.
         before, after: (w,) links to the neighbouring stripes.
     """
-    inside = before & after & np.isfinite(points[:, 2])
-    return Surface(points[inside], variance[inside])
+    inside = np.flatnonzero(before & after & np.isfinite(points[:, 2]))
+    return Surface(points.T[:, inside].T, variance[inside])
 
 
 def joined_surface(
@@ -91,28 +91,29 @@ def joined_surface(
     columns = np.flatnonzero(between)
     if not columns.size:
         return Surface(np.empty((0, 3)), np.empty(0))
-    first = points[0][columns]
-    step = points[1][columns] - first
-    length = np.hypot(step[:, 0], step[:, 1])
-    cut = np.minimum(OPEN_END_M / np.maximum(length, 1e-9), 0.5)
-    start = np.where(before[columns], 0.0, cut)
-    end = 1 - np.where(after[columns], 0.0, cut)
-    n = sample_count(step, resolution)
+    # Coordinates in rows, each in one piece of memory: several times faster than points in rows.
+    first = points[0].T[:, columns]
+    step = points[1].T[:, columns] - first
+    n = sample_count(step.T, resolution)
     # The places of the samples never depend on other stripes: what is cut is left out, what is left does not move.
     share = ((np.arange(n) + 0.5) / n)[:, None]
-    kept = (share >= start) & (share <= end)
-    samples = first + share[:, :, None] * step
-    variance = (1 - share) ** 2 * variances[0][columns] + share**2 * variances[1][columns]
-    return Surface(samples[kept], variance[kept])
+    samples = (first[:, None] + share * step[:, None]).reshape(3, -1)
+    variance = ((1 - share) ** 2 * variances[0][columns] + share**2 * variances[1][columns]).ravel()
+    opens, closes = ~before[columns], ~after[columns]
+    if opens.any() or closes.any():
+        cut = np.minimum(OPEN_END_M / np.maximum(np.hypot(step[0], step[1]), 1e-9), 0.5)
+        kept = np.flatnonzero((share >= np.where(opens, cut, 0.0)) & (share <= 1 - np.where(closes, cut, 0.0)))
+        samples, variance = samples[:, kept], variance[kept]
+    return Surface(samples.T, variance)
 
 
-def line_samples(points: tuple[Float, Float], resolution: float) -> Float:
+def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> Float:
     """Points (n, 3) along the lines between two stripes, in all columns in which both have a point."""
-    columns = np.flatnonzero(np.isfinite(points[0][:, 2]) & np.isfinite(points[1][:, 2]))
-    if not columns.size:
+    _, in_first, in_second = np.intersect1d(ends[0].columns, ends[1].columns, assume_unique=True, return_indices=True)
+    if not in_first.size:
         return np.empty((0, 3))
-    first = points[0][columns]
-    step = points[1][columns] - first
+    first = ends[0].points[in_first]
+    step = ends[1].points[in_second] - first
     share = (np.arange(n := sample_count(step, resolution)) + 0.5)[:, None, None] / n
     return np.asarray((first + share * step).reshape(-1, 3))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.ranging.scan_surface import pair_surface, stripe_surface
+from guara_perception.ranging.scan_surface import Links, pair_surface, stripe_surface
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import line_samples
 from guara_perception.terrain.geometry import GridGeometry
@@ -29,8 +29,8 @@ class SurfaceRaster:
         """
         self._geometry = geometry
         self._pattern = pattern
-        self._join_height = join_height
         self._stripes: dict[int, StripePoints] = {}
+        self._links = Links(self._stripes, pattern, join_height)
         self._final: dict[Key, CellSamples] = {}
         self._marks: Flags = np.zeros(geometry.shape, dtype=np.uint16)
         self._too_high = np.zeros(geometry.shape, dtype=bool)
@@ -44,8 +44,8 @@ class SurfaceRaster:
         """Take one stripe."""
         self._stripes[index] = stripe
         spacing = self._pattern.step
-        self._mark(stripe.out_of_range, Hazard.OUT_OF_RANGE)
-        self._mark(stripe.doubtful, Hazard.AMBIGUOUS)
+        self._mark(stripe.out_of_range.points, Hazard.OUT_OF_RANGE)
+        self._mark(stripe.doubtful.points, Hazard.AMBIGUOUS)
         for first, second in ((index - spacing, index), (index, index + spacing)):
             if first in self._stripes and second in self._stripes:
                 # Between two stripes that both saw something too low or too high the ground is no better.
@@ -88,13 +88,12 @@ class SurfaceRaster:
     def _part(self, key: Key) -> CellSamples:
         first, second = key
         if first == second:
-            surface = stripe_surface(self._stripes, first, self._pattern, self._join_height)
+            surface = stripe_surface(self._stripes, first, self._links)
         else:
-            surface = pair_surface(self._stripes, first, self._pattern, self._join_height, self._geometry.resolution)
+            surface = pair_surface(self._stripes, first, self._links, self._geometry.resolution)
         return rasterise(surface.points, surface.variance, self._geometry)
 
     def _mark(self, points: npt.NDArray[np.float64], flag: Hazard) -> None:
-        points = points[np.isfinite(points[:, 2])]
         if not len(points):
             return
         iy, ix = self._geometry.indices(points[:, 0], points[:, 1])

@@ -1,11 +1,9 @@
-"""Triangulation: a stripe position in a column becomes a point where its ray meets the laser sheet."""
+"""Triangulation: a stripe position is a ray, and its point is where that meets the laser sheet."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-
-from guara_perception.calibration.camera import CameraModel
 
 Float = npt.NDArray[np.float64]
 
@@ -13,40 +11,27 @@ Float = npt.NDArray[np.float64]
 MIN_SINE_TO_SHEET = 0.05
 
 
-def triangulate(
-    camera: CameraModel, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
-) -> tuple[Float, Float]:
-    """Points on a laser sheet, one per column.
+def sheet_depth(rays: Float, plane_in_camera: Float) -> tuple[Float, Float]:
+    """Where rays meet a laser sheet.
 
     Args:
-        camera: intrinsic model.
+        rays: (2, n) x and y in the camera frame at z = 1, NaN where there is none.
         plane_in_camera: (4,) n . X + d = 0.
-        position_px: (w,) row of the stripe in each column, NaN where there is none.
-        sigma_px: (w,) its standard deviation.
 
     Returns:
-        points_in_camera (w, 3) and spread_in_camera (w, 3): the displacement of the point [m] that one sigma of row
-        causes; NaN where there is no position, where the ray meets the sheet at a grazing angle or behind the camera.
+        Depth (n,) along the camera's z [m], NaN where the ray meets the sheet at a grazing angle or behind the camera;
+        and the rays' products (n,) with the normal, by which a change of ray changes the depth.
     """
-    rows = np.asarray(position_px, dtype=np.float64)
-    known = np.flatnonzero(np.isfinite(rows))
-    points = np.full((rows.size, 3), np.nan)
-    spread = np.full((rows.size, 3), np.nan)
-    if not known.size:
-        return points, spread
-    rays = camera.rays(np.column_stack((known, rows[known])))
+    x, y = rays
     normal, offset = plane_in_camera[:3], plane_in_camera[3]
-    sine = rays @ normal
+    along_normal = normal[0] * x + normal[1] * y + normal[2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        depth = -offset / sine
-        grazing = np.abs(sine) < MIN_SINE_TO_SHEET * np.linalg.norm(rays, axis=1)
-        usable = ~grazing & (depth > 0)
-        points[known] = np.where(usable[:, None], rays * depth[:, None], np.nan)
-        # d(depth * ray)/dv with the ray moving by 1 / fy per row (the lens stretches that by a few per cent only).
-        ray_step = np.array([0.0, 1.0 / camera.matrix[1, 1], 0.0])
-        slope = depth[:, None] * (ray_step - rays * (ray_step @ normal / sine)[:, None])
-    spread[known] = np.where(usable[:, None], slope, np.nan) * np.asarray(sigma_px, np.float64)[known, None]
-    return points, spread
+        depth = -offset / along_normal
+        is_grazing = along_normal * along_normal < MIN_SINE_TO_SHEET**2 * (x * x + y * y + 1)
+        unusable = is_grazing | (depth <= 0)
+    if unusable.any():
+        depth[unusable] = np.nan
+    return depth, along_normal
 
 
 def sheet_origin(planes: Float, near: Float) -> Float:

@@ -89,11 +89,19 @@ class PaperRangefinder:
         ]
         return stripe_constants(v[0], z[0], v[1], z[1]), across
 
-    def points(self, plane_in_camera: Float, position_px: npt.ArrayLike) -> Float:
-        """Points (w, 3) in base_footprint of a stripe seen at these rows, NaN where there is none."""
+    def points(
+        self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: npt.NDArray[np.intp] | None = None
+    ) -> Float:
+        """Points (n, 3) in base_footprint of a stripe seen at these rows, NaN where there is none.
+
+        Args:
+            plane_in_camera: (4,) calibrated sheet.
+            position_px: (n,) rows.
+            columns: (n,) of the rows; None = every column of the picture, in order.
+        """
         rows = np.asarray(position_px, dtype=np.float64)
         matrix = self._camera.matrix
-        u_r = (np.arange(rows.size) - matrix[0, 2]) / matrix[0, 0]
+        u_r = ((np.arange(rows.size) if columns is None else columns) - matrix[0, 2]) / matrix[0, 0]
         v_r = (rows - matrix[1, 2]) / matrix[1, 1]
         u, v = undistort(u_r, v_r, self.lens_k, literal=self._literal.lens)
         x, y = surface_x(self._coefficients, u, v), surface_y(self._coefficients, u, v)

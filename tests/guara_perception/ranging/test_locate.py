@@ -11,7 +11,7 @@ from guara_perception.calibration.camera import CameraModel
 from guara_perception.ranging.locate import Triangulator, locator
 from guara_perception.ranging.paper.camera import rotation_of_pitch
 from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder, radial_coefficient
-from guara_perception.ranging.triangulate import sheet_origin, triangulate
+from guara_perception.ranging.triangulate import sheet_origin
 
 SIZE = (640, 512)
 MATRIX = np.array([[590.0, 0, 322.0], [0, 588.0, 250.0], [0, 0, 1]])
@@ -127,14 +127,15 @@ def test_no_position_no_point_and_no_grazing_ray() -> None:
     assert np.isfinite(points[7]).all() and np.isnan(np.delete(points, 7, axis=0)).all()
     ray = lens.rays([[7.0, 200.0]])[0]
     along = np.cross(ray, [1.0, 0, 0])
-    grazing, _ = triangulate(lens, np.append(along / np.linalg.norm(along), -0.001), rows, np.zeros(SIZE[0]))
-    assert np.isnan(grazing).all()
+    sheet_of_ray = np.append(along / np.linalg.norm(along), -0.001)
+    grazing, sigma = Triangulator(lens, np.eye(4)).measure(sheet_of_ray, rows, np.ones(SIZE[0]))
+    assert np.isnan(grazing).all() and np.isnan(sigma).all()
 
 
 def test_sheet_behind_the_camera_gives_no_point() -> None:
     """A negative depth is no point."""
     lens = camera()
-    points, _ = triangulate(lens, np.array([0.0, 0, 1.0, 1.0]), np.full(SIZE[0], 200.0), np.zeros(SIZE[0]))
+    points = Triangulator(lens, np.eye(4)).points(np.array([0.0, 0, 1.0, 1.0]), np.full(SIZE[0], 200.0))
     assert np.isnan(points).all()
 
 

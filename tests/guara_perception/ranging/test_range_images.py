@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from guara_perception.ranging.paper.ortho import ortho_u, ortho_v
 from guara_perception.ranging.range_images import COLUMNS, ROWS, range_images, to_floor, to_ortho
-from guara_perception.ranging.stripe_points import StripePoints
+from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 
 EYE = np.array([0.4, 0.02, 0.5])
 X, Y = (0.50, 0.95), (-0.27, 0.27)
@@ -42,7 +42,7 @@ def block(x0: float, x1: float, y0: float, y1: float, h: float) -> dict[int, Str
     for k, x in enumerate(np.arange(X[0] - 0.006, X[1] + 0.01, 0.006)):
         on_top = (x0 <= x <= x1) & (y >= y0) & (y <= y1)
         points = np.column_stack((np.full(y.size, x), y, np.where(on_top, h, 0.0)))
-        nothing = np.full_like(points, np.nan)
+        nothing = ColumnPoints(np.empty(0, np.int32), np.empty((0, 3)))
         ok = np.zeros(y.size, np.uint8)
         stripes[k] = StripePoints(points, np.full(y.size, 1e-8), np.full(y.size, 100.0), ok, nothing, nothing)
     return stripes

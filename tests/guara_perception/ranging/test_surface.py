@@ -7,9 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.ranging.run_ends import END_COLUMNS, run_breaks, run_ends
+from guara_perception.ranging.run_ends import (
+    END_COLUMNS,
+    FADED_OF_LEVEL,
+    LEVEL_COLUMNS,
+    SHORT_RUN_COLUMNS,
+    run_breaks,
+    run_ends,
+)
 from guara_perception.ranging.scan_surface import scan_surface
-from guara_perception.ranging.stripe_points import StripePoints, stripe_points
+from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints, stripe_points
 from guara_perception.ranging.surface import OPEN_END_M, joined_surface, line_samples, linked_columns
 from guara_perception.ranging.surface_raster import SurfaceRaster
 from guara_perception.stripes.profile import StripeProfile, StripeStatus
@@ -19,7 +26,7 @@ from guara_perception.terrain.hazard import Hazard
 COLUMNS = 40
 JOIN = 0.008
 GRID = GridGeometry((0.0, 0.0), 0.005, (8, 24))
-NOTHING = np.full((COLUMNS, 3), np.nan)
+NOTHING = ColumnPoints(np.empty(0, np.int32), np.empty((0, 3)))
 
 
 def stripe(x: float, z: object = 0.0, strength: object = 100.0, **extra: object) -> StripePoints:
@@ -33,8 +40,8 @@ def stripe(x: float, z: object = 0.0, strength: object = 100.0, **extra: object)
         variance=np.where(known, 1e-8, np.nan),
         strength=np.where(known, strength, np.nan),
         status=np.where(known, 0, 1).astype(np.uint8),
-        out_of_range=extra.get("out_of_range", NOTHING.copy()),  # type: ignore[arg-type]
-        doubtful=extra.get("doubtful", NOTHING.copy()),  # type: ignore[arg-type]
+        out_of_range=extra.get("out_of_range", NOTHING),  # type: ignore[arg-type]
+        doubtful=extra.get("doubtful", NOTHING),  # type: ignore[arg-type]
     )
 
 
@@ -130,8 +137,7 @@ def test_raster_does_not_depend_on_the_order_of_the_stripes() -> None:
 
 def test_return_above_the_gates_makes_its_cell_unknown() -> None:
     """Something above known ground is in the way: the cell is out of range, its neighbours stay."""
-    high = NOTHING.copy()
-    high[10] = 0.052, 0.0105, 0.2
+    high = ColumnPoints(np.array([10]), np.array([[0.052, 0.0105, 0.2]]))
     stripes = {k: stripe(0.004 + 0.008 * k) for k in range(12)}
     stripes[6] = stripe(0.004 + 0.048, out_of_range=high)
     result = raster(stripes)
@@ -141,8 +147,7 @@ def test_return_above_the_gates_makes_its_cell_unknown() -> None:
 
 def test_return_below_the_gates_only_names_the_cause() -> None:
     """From under ground that was seen nothing can return: a stray below it takes nothing away."""
-    low = NOTHING.copy()
-    low[10] = 0.052, 0.0105, -0.3
+    low = ColumnPoints(np.array([10]), np.array([[0.052, 0.0105, -0.3]]))
     stripes = {k: stripe(0.004 + 0.008 * k) for k in range(12)}
     stripes[6] = stripe(0.004 + 0.048, out_of_range=low)
     result = raster(stripes)
@@ -152,8 +157,10 @@ def test_return_below_the_gates_only_names_the_cause() -> None:
 
 def test_a_drop_seen_by_two_stripes_is_marked_in_between() -> None:
     """Between two returns from below the gates the ground is no better: the cells between are marked too."""
+    every = np.arange(COLUMNS)
     ends = [
-        np.column_stack((np.full(COLUMNS, x), stripe(0).points[:, 1], np.full(COLUMNS, -0.2))) for x in (0.02, 0.05)
+        ColumnPoints(every, np.column_stack((np.full(COLUMNS, x), stripe(0).points[:, 1], np.full(COLUMNS, -0.2))))
+        for x in (0.02, 0.05)
     ]
     stripes = {k: stripe(0, np.nan, out_of_range=ends[k]) for k in (0, 1)}
     marks = raster(stripes).marks()
@@ -196,14 +203,48 @@ def test_short_weak_run_is_left_out() -> None:
     assert not run_ends(height, strength)[32:36].any()
 
 
+def plainly_faded(run: list[float]) -> int:
+    """First columns of a run before two in a row reach 0.6 of the mean of the next twelve: column by column."""
+    holds = []
+    for place, value in enumerate(run):
+        following = run[place + 1 : place + 1 + LEVEL_COLUMNS]
+        holds.append(not following or value >= FADED_OF_LEVEL * sum(following) / len(following))
+    for place in range(len(run)):
+        if holds[place] and (place + 1 == len(run) or holds[place + 1]):
+            return place
+    return len(run)
+
+
+@given(data=st.data())
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_fades_of_any_length_are_found(data: st.DataObject) -> None:
+    """Runs with smooth or speckled strength, of any length: what is left out at each end is what a plain loop finds."""
+    random = np.random.default_rng(data.draw(st.integers(0, 10_000)))
+    gap = 5
+    runs = [random.integers(1, 256, size).astype(float) for size in random.integers(SHORT_RUN_COLUMNS, 300, 3)]
+    for run in runs:
+        run[:] *= np.linspace(0.0, 1.0, run.size) ** random.choice([0, 1, 4, 9])
+    height, strength, expected = [np.full(gap, np.nan)], [np.zeros(gap)], [np.zeros(gap, bool)]
+    for run in (np.round(run) for run in runs):
+        left, right = plainly_faded(run.tolist()), plainly_faded(run[::-1].tolist())
+        place = np.arange(run.size)
+        expected += [
+            (place < max(left, END_COLUMNS)) | (place >= run.size - max(right, END_COLUMNS)), np.zeros(gap, bool)
+        ]  # fmt: skip
+        height += [np.zeros(run.size), np.full(gap, np.nan)]
+        strength += [run, np.zeros(gap)]
+    np.testing.assert_array_equal(run_ends(np.concatenate(height), np.concatenate(strength)), np.concatenate(expected))
+
+
 class Level:
     """A locator whose point of column c and row r lies at (0, c mm, r mm)."""
 
     view_point = np.zeros(3)
 
-    def points(self, plane: object, rows: np.ndarray) -> np.ndarray:
+    def points(self, plane: object, rows: np.ndarray, columns: np.ndarray | None = None) -> np.ndarray:
         rows = np.asarray(rows, float)
-        points = np.column_stack((np.zeros(rows.size), 0.001 * np.arange(rows.size), 0.001 * rows))
+        columns = np.arange(rows.size) if columns is None else columns
+        points = np.column_stack((np.zeros(rows.size), 0.001 * columns, 0.001 * rows))
         points[np.isnan(rows)] = np.nan
         return points
 
@@ -228,7 +269,9 @@ def test_points_outside_the_gates_are_set_apart() -> None:
     found = stripe_points(profile(rows), Level(), np.zeros(4), (-0.08, 0.13))
     low, high = slice(24, 36), slice(64, 76)
     assert np.isnan(found.points[low]).all() and np.isnan(found.points[high]).all()
-    assert (found.out_of_range[low, 2] == pytest.approx(-0.2)) and (found.out_of_range[high, 2] == pytest.approx(0.3))
+    heights = dict(zip(found.out_of_range.columns.tolist(), found.out_of_range.points[:, 2].tolist(), strict=True))
+    assert [heights[c] for c in range(24, 36)] == pytest.approx(12 * [-0.2])
+    assert [heights[c] for c in range(64, 76)] == pytest.approx(12 * [0.3])
     assert (found.status[low] == StripeStatus.OUT_OF_BAND).all()
     assert (found.status[18:22] == StripeStatus.MIXED_EDGE).sum() >= 2
     np.testing.assert_allclose(found.variance[5:15], 1e-8)
@@ -244,7 +287,7 @@ def test_points_on_the_robot_are_dropped() -> None:
         on_robot=lambda p: (p[:, 1] > 0.02) & (p[:, 1] < 0.03),
     )
     assert np.isnan(found.points[21:30, 2]).all()
-    assert np.isnan(found.doubtful[21:30, 2]).all()
+    assert not ((found.doubtful.columns > 20) & (found.doubtful.columns < 30)).any()
     assert np.isfinite(found.points[:18, 2]).all() and np.isfinite(found.points[34:, 2]).all()
 
 
@@ -254,5 +297,5 @@ def test_doubtful_returns_keep_their_place() -> None:
     doubtful[10], doubtful[11] = 5.0, 900.0
     rows = np.where(np.isfinite(doubtful), np.nan, 0.0)
     found = stripe_points(profile(rows, doubtful), Level(), np.zeros(4), (-0.08, 0.13))
-    assert found.doubtful[10, 2] == pytest.approx(0.005)
-    assert np.isnan(found.doubtful[11]).all()
+    assert found.doubtful.points[found.doubtful.columns == 10, 2] == pytest.approx([0.005])
+    assert 11 not in found.doubtful.columns
