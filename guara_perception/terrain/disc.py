@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -71,22 +72,23 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
         resolution: cell edge [m].
     """
     known = np.isfinite(elevation)
-    mask = known.astype(np.float64)
+    place = np.flatnonzero(known)
+    # Whole numbers, which float32 adds up without loss, and in half the time.
+    mask = known.astype(np.float32)
     height = np.where(known, elevation, 0.0)
     half = kernel.shape[0] // 2
     offset = np.arange(-half, half + 1, dtype=np.float64)
     disc = kernel.astype(np.float64)
     x, y = disc * offset[None, :], disc * offset[:, None]
 
-    n = disc_sums(mask, disc)
-    sx, sy = disc_sums(mask, x), disc_sums(mask, y)
-    sxx, sxy, syy = (
-        disc_sums(mask, x * offset[None, :]),
-        disc_sums(mask, x * offset[:, None]),
-        disc_sums(mask, y * offset[:, None]),
-    )
-    sz, sxz, syz = disc_sums(height, disc), disc_sums(height, x), disc_sums(height, y)
-    szz = disc_sums(height**2, disc)
+    def sums(layer: npt.NDArray[Any], weights: Float) -> Float:
+        return disc_sums(layer, weights).reshape(-1)[place].astype(np.float64, copy=False)
+
+    n = sums(mask, disc)
+    sx, sy = sums(mask, x), sums(mask, y)
+    sxx, sxy, syy = sums(mask, x * offset[None, :]), sums(mask, x * offset[:, None]), sums(mask, y * offset[:, None])
+    sz, sxz, syz = sums(height, disc), sums(height, x), sums(height, y)
+    szz = sums(height**2, disc)
     with np.errstate(divide="ignore", invalid="ignore"):
         cxx, cxy, cyy = sxx - sx * sx / n, sxy - sx * sy / n, syy - sy * sy / n
         cxz, cyz, czz = sxz - sx * sz / n, syz - sy * sz / n, szz - sz * sz / n
@@ -98,16 +100,20 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
         residual = np.maximum(czz - a * cxz - b * cyz, 0.0) / (1 + steepness**2)
         freedom = np.maximum(n - 1, 1)
         roughness = np.sqrt(residual / freedom)
-        mean_variance = disc_sums(np.where(known, variance, 0.0), disc) / n
+        mean_variance = sums(np.where(known, variance, 0.0), disc) / n
         slope_sigma = np.sqrt(mean_variance * (cxx + cyy) / (2 * determinant)) / resolution / (1 + steepness**2)
         roughness_sigma = np.sqrt(mean_variance / (2 * freedom))
     # Known on all four sides, or the plane would lean on nothing.
-    enough = known & (n >= KNOWN_SHARE * disc.sum()) & (determinant > 1e-6 * cxx * cyy)
+    enough = (n >= KNOWN_SHARE * disc.sum()) & (determinant > 1e-6 * cxx * cyy)
+    present = known.astype(np.uint8)
     for side in (offset[None, :] < 0, offset[None, :] > 0, offset[:, None] < 0, offset[:, None] > 0):
-        enough &= disc_sums(mask, disc * side) > 0.5
+        beside = cv2.dilate(present, kernel * side.astype(np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=(0,))
+        enough &= beside.reshape(-1)[place] > 0
 
-    def where(layer: Float) -> Float:
-        return np.where(enough, layer, np.nan)
+    def where(values: Float) -> Float:
+        layer = np.full(elevation.shape, np.nan)
+        layer.reshape(-1)[place] = np.where(enough, values, np.nan)
+        return layer
 
     return DiscFit(
         slope=where(np.arctan(steepness)),
@@ -117,22 +123,22 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     )
 
 
-def disc_sums(layer: Float, weights: Float) -> Float:
+def disc_sums(layer: npt.NDArray[Any], weights: Float) -> npt.NDArray[Any]:
     """Weighted sum over the window around each cell, zeros outside; each cell exactly from its window alone.
 
     Args:
-        layer: (ny, nx).
+        layer: (ny, nx) float32 or float64, the type of the sums.
         weights: (2 r + 1, 2 r + 1).
     """
     side = weights.shape[0]
     if weights.size <= MOST_WEIGHTS:
-        return np.asarray(cv2.filter2D(layer, cv2.CV_64F, weights, borderType=cv2.BORDER_CONSTANT))
+        return np.asarray(cv2.filter2D(layer, -1, weights, borderType=cv2.BORDER_CONSTANT))
     half = side // 2
     ny, nx = layer.shape
-    padded = np.zeros((ny + 2 * half, nx))
+    padded = np.zeros((ny + 2 * half, nx), layer.dtype)
     padded[half : half + ny] = layer
-    sums = np.zeros((ny, nx))
+    sums = np.zeros((ny, nx), layer.dtype)
     for row in range(side):
         part = weights[row : row + 1]
-        sums += cv2.filter2D(padded[row : row + ny], cv2.CV_64F, part, borderType=cv2.BORDER_ISOLATED)
+        sums += cv2.filter2D(padded[row : row + ny], -1, part, borderType=cv2.BORDER_ISOLATED)
     return sums

@@ -42,15 +42,12 @@ def clearance(flags: Flags, resolution: float) -> Float:
     bad = (flags & ALL_BUT_EDGE) != 0
     iy, ix = np.arange(ny)[:, None], np.arange(nx)[None, :]
     to_border = np.minimum(np.minimum(iy, ny - 1 - iy), np.minimum(ix, nx - 1 - ix)) + 0.5
-    outside = to_border.astype(np.float64)
-    inside = np.zeros((ny, nx))
-    if bad.any():
-        outside = np.minimum(outside, _distance_cells(~bad) - 0.5)
-    if not bad.all():
-        inside = _distance_cells(bad) - 0.5
-    else:
-        inside = to_border
-    return np.where(bad, -inside, outside) * resolution
+    if not bad.any():
+        return np.asarray(to_border * resolution)
+    if bad.all():
+        return np.asarray(-to_border * resolution)
+    to_other = _distance_cells(bad) - 0.5
+    return np.where(bad, -to_other, np.minimum(to_other, to_border)) * resolution
 
 
 def half_cells(length: float, resolution: float) -> int:
@@ -59,6 +56,9 @@ def half_cells(length: float, resolution: float) -> int:
 
 
 def _distance_cells(mask: npt.NDArray[np.bool_]) -> Float:
-    distance = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float64)
+    """From each cell to the nearest one on the other side of the mask, centre to centre."""
+    within = mask.astype(np.uint8)
+    inside, outside = (cv2.distanceTransform(m, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for m in (within, 1 - within))
+    distance = np.where(mask, inside, outside).astype(np.float64)
     # OpenCV's last bit depends on where the memory lies; the squares are whole numbers, so it can be mended.
     return np.sqrt(np.rint(distance**2))

@@ -77,6 +77,8 @@ def map_report(
         "known_ground": [dict(patch) for patch in known_ground],
         "coverage": float((~unknown).mean()),
         "known": float((~unknown).mean()),
-        "hazard_cells": {flag.name: int(((hazard & flag) != 0).sum()) for flag in Hazard if flag and flag.name},
+        "hazard_cells": {
+            flag.name: int(np.count_nonzero(hazard & np.uint16(flag))) for flag in Hazard if flag and flag.name
+        },
         "health": {"level": "ok" if not reasons else "degraded", "reasons": reasons},
     }

@@ -71,13 +71,17 @@ def obstacles(terrain: LayeredGrid) -> list[Obstacle]:
     for mask in (over > threshold, over < -threshold):
         count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
         for label in range(1, count):
-            if stats[label, cv2.CC_STAT_AREA] >= least:
-                found.append(_obstacle(terrain, floor, over, labels == label))
+            left, top, width, height, area = (int(value) for value in stats[label])
+            if area >= least:
+                window = slice(top, top + height), slice(left, left + width)
+                found.append(_obstacle(terrain, floor, over, labels[window] == label, (top, left)))
     return sorted(found, key=lambda o: (float(o.position[0]), float(o.position[1])))
 
 
-def _obstacle(terrain: LayeredGrid, floor: FloorPlane, over: Float, cells: Mask) -> Obstacle:
+def _obstacle(terrain: LayeredGrid, floor: FloorPlane, over: Float, cells: Mask, corner: tuple[int, int]) -> Obstacle:
+    """The obstacle of some cells of a window of the grid, whose first cell (iy, ix) is `corner`."""
     iy, ix = np.nonzero(cells)
+    iy, ix = iy + corner[0], ix + corner[1]
     cx, cy = terrain.geometry.centres()
     x, y, rise = cx[ix], cy[iy], over[iy, ix]
     elevation = terrain.elevation[iy, ix].astype(np.float64)
@@ -93,7 +97,7 @@ def _obstacle(terrain: LayeredGrid, floor: FloorPlane, over: Float, cells: Mask)
     looks = max(int(top.sum()) / 9, 1.0)
     spread = (float(variance[top].mean()) + float(np.mean(residual**2))) / looks + floor.sigma**2 / 9
     return Obstacle(
-        outline=_outline(terrain, cells),
+        outline=_outline(terrain, cells, corner),
         height=z - float(floor.height_at(centre[0], centre[1])),
         top_plane=plane,
         position=np.array([centre[0], centre[1], z]),
@@ -112,7 +116,7 @@ def _plane(x: Float, y: Float, z: Float) -> tuple[float, float, float]:
     return a, b, c - a * float(x.mean()) - b * float(y.mean())
 
 
-def _outline(terrain: LayeredGrid, cells: Mask) -> Float:
+def _outline(terrain: LayeredGrid, cells: Mask, corner: tuple[int, int]) -> Float:
     """Outer contour through the corners of the cells, straight runs as single edges."""
     ny, nx = cells.shape
     corners = np.zeros((ny + 1, nx + 1), dtype=np.uint8)
@@ -121,7 +125,7 @@ def _outline(terrain: LayeredGrid, cells: Mask) -> Float:
             corners[dy : dy + ny, dx : dx + nx] |= cells.astype(np.uint8)
     contours, _ = cv2.findContours(corners, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     contour = max(contours, key=cv2.contourArea).reshape(-1, 2).astype(np.float64)
-    points = np.asarray(terrain.origin) + contour * terrain.resolution
+    points = np.asarray(terrain.origin) + (contour + corner[::-1]) * terrain.resolution
     nxt = np.roll(points, -1, axis=0)
     turns = float(np.sum(points[:, 0] * nxt[:, 1] - nxt[:, 0] * points[:, 1]))
     return points if turns > 0 else points[::-1].copy()

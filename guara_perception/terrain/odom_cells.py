@@ -77,6 +77,26 @@ class OdomCells:
         inside = (cy >= first_y) & (cy < first_y + self.side) & (cx >= first_x) & (cx < first_x + self.side)
         return np.where(inside, (cy % self.side) * self.side + cx % self.side, -1)
 
+    def patch(self, name: str, first: tuple[int, int], shape: tuple[int, int], outside: Any) -> npt.NDArray[Any]:
+        """What is remembered of the cells of a rectangle, as an array of its own.
+
+        Args:
+            name: of MEMORY.
+            first: (cy, cx) of its lowest cell.
+            shape: (rows, columns).
+            outside: value of cells outside the window.
+        """
+        square = self.memory[name].reshape(self.side, self.side)
+        if self._first is None:
+            return np.full(shape, outside, square.dtype)
+        rows, columns = (np.arange(start, start + count) for start, count in zip(first, shape, strict=True))
+        values = square.take(rows % self.side, axis=0).take(columns % self.side, axis=1)
+        for axis, (cells, start) in enumerate(zip((rows, columns), self._first, strict=True)):
+            is_out = (cells < start) | (cells >= start + self.side)
+            if is_out.any():
+                values[(slice(None),) * axis + (is_out,)] = outside
+        return values
+
     def centre_on(self, x: float, y: float) -> None:
         """Move the window so that a point of `odom` is in its middle; forget what falls out."""
         cy, cx = (int(np.floor(value / self.resolution)) - self.side // 2 for value in (y, x))

@@ -13,10 +13,10 @@ from guara_perception.terrain.assess import assess_layers
 from guara_perception.terrain.fuse_heights import Drift, drift_variance
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.hazard import Hazard
+from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.look import tilt_variance
 from guara_perception.terrain.odom_cells import Index, OdomCells
-from guara_perception.terrain.touched import touched_places
+from guara_perception.terrain.touched import touched_rows_and_columns
 
 Float = npt.NDArray[np.float64]
 
@@ -60,51 +60,102 @@ def snapshot_layers(
         place = cells.places(*cells.cells_of(in_odom[:, 0], in_odom[:, 1]))
         height = np.nan_to_num(np.where(place >= 0, memory["height"][place] - drop, 0.0) / row[2])
         in_odom = in_odom + height[:, None] * transform[:2, 2]
-    stale = is_stale(cells, now, settings)
-    bottom, top = memory["height"] - memory["below"], memory["height"] + memory["above"]
-
-    flags = np.zeros(x.size, dtype=np.uint16)
-    low, high = np.full(x.size, np.inf), np.full(x.size, -np.inf)
     half = 0.5 * geometry.resolution * (abs(transform[0, 0]) + abs(transform[1, 0]))
-    for cy, cx in touched_places(_Window(cells), in_odom[:, 0], in_odom[:, 1], half):
-        place = cells.places(cy, cx)
-        outside = place < 0
-        flags |= np.where(outside, np.uint16(Hazard.UNSCANNED), memory["cause"][place])
-        flags |= np.where(memory["conflict"][place] & ~outside, np.uint16(Hazard.CONFLICT), 0).astype(np.uint16)
-        flags |= np.where(stale[place] & ~outside, np.uint16(Hazard.STALE), 0).astype(np.uint16)
-        low, high = np.fmin(low, bottom[place]), np.fmax(high, top[place])
+    squares = _Squares.of(cells, in_odom[:, 0], in_odom[:, 1], half)
+    flags = squares.joined(_flags(cells, squares, now, settings), np.bitwise_or)
 
-    place = cells.places(*cells.cells_of(in_odom[:, 0], in_odom[:, 1]))
-    known = (flags & 0xFF) == 0
+    known = np.flatnonzero((flags & UNKNOWN_MASK) == 0)
+    x, y, drop = x[known], y[known], drop[known]
+    heights = cells.patch("height", squares.first, squares.shape, np.nan)
+    low = heights - cells.patch("below", squares.first, squares.shape, 0.0)
+    high = heights + cells.patch("above", squares.first, squares.shape, 0.0)
+    place = cells.places(squares.centre[0][known], squares.centre[1][known])
     pauses = np.clip(now.pause - memory["pause"][place], 0, NEVER_SEEN_AGE - 1)
     variance = memory["variance"][place] + drift_variance(cells, place, now.drift, np.hypot(x, y))
     # What was seen at this very pause shares its tilt; older heights do not.
     variance += np.where(pauses > 0, tilt_variance(terrain, x, y), 0.0)
 
-    def shaped(values: Float) -> Float:
-        return np.where(known, values, np.nan).reshape(geometry.shape)
+    def shaped(values: npt.NDArray[Any], unknown: Any) -> npt.NDArray[Any]:
+        layer = np.full(geometry.size, unknown, dtype=values.dtype)
+        layer[known] = values
+        return layer.reshape(geometry.shape)
 
     layers = assess_layers(
-        shaped((memory["height"][place] - drop) / row[2]),
-        shaped(variance),
-        shaped((low - drop) / row[2]),
-        shaped((high - drop) / row[2]),
+        shaped((memory["height"][place] - drop) / row[2], np.nan),
+        shaped(variance, np.nan),
+        shaped((squares.joined(low, np.fmin, known) - drop) / row[2], np.nan),
+        shaped((squares.joined(high, np.fmax, known) - drop) / row[2], np.nan),
         flags.reshape(geometry.shape),
         geometry.resolution,
         settings.limits,
     )
-    layers["age"] = np.where(known, pauses, NEVER_SEEN_AGE).astype(np.uint8).reshape(geometry.shape)
-    layers["looks"] = np.where(known, memory["looks"][place], 0).astype(np.uint8).reshape(geometry.shape)
+    layers["age"] = shaped(pauses.astype(np.uint8), NEVER_SEEN_AGE)
+    layers["looks"] = shaped(memory["looks"][place], 0)
     return layers
 
 
-def is_stale(cells: OdomCells, now: Moment, settings: Settings) -> npt.NDArray[np.bool_]:
-    """Whether the last look at each cell of the memory is older than its validity, in pauses or in seconds."""
-    memory = cells.memory
-    seen = np.isfinite(memory["height"])
-    old = now.pause - memory["pause"] > settings.validity_pauses
-    old |= now.stamp - memory["stamp"] > settings.validity_seconds * 1e9
-    return np.asarray(seen & old)
+def _flags(cells: OdomCells, squares: _Squares, now: Moment, settings: Settings) -> npt.NDArray[np.uint16]:
+    """Why each cell of the memory is unknown, and whether it is in conflict or stale; UNSCANNED outside."""
+
+    def patch(name: str, outside: Any) -> npt.NDArray[Any]:
+        return cells.patch(name, squares.first, squares.shape, outside)
+
+    flags = patch("cause", np.uint16(Hazard.UNSCANNED))
+    flags[patch("conflict", False)] |= np.uint16(Hazard.CONFLICT)
+    # Older than its validity, in pauses or in seconds.
+    old = now.pause - patch("pause", now.pause) > settings.validity_pauses
+    old |= now.stamp - patch("stamp", now.stamp) > settings.validity_seconds * 1e9
+    flags[old & np.isfinite(patch("height", np.nan))] |= np.uint16(Hazard.STALE)
+    return flags
+
+
+@dataclass(frozen=True, slots=True)
+class _Squares:
+    """The cells of a grid, laid over the memory: which of its cells each of them touches.
+
+    Attributes:
+        first: (cy, cx) of the lowest cell of the memory that any touches.
+        shape: rows and columns from there to the highest one.
+        lowest: place of the lowest cell that each touches, in arrays of that shape.
+        rows, columns: how many more it touches each way, 0 ... 2.
+        centre: cells (cy, cx) under the centres.
+    """
+
+    first: tuple[int, int]
+    shape: tuple[int, int]
+    lowest: Index
+    rows: Index
+    columns: Index
+    centre: tuple[Index, Index]
+
+    @classmethod
+    def of(cls, cells: OdomCells, x: Float, y: Float, half: float) -> _Squares:
+        """Upright squares of half edge `half` about points of `odom`."""
+        (low_y, low_x), centre, (high_y, high_x) = touched_rows_and_columns(_Window(cells), x, y, half)
+        first = int(low_y.min()), int(low_x.min())
+        shape = int(high_y.max()) - first[0] + 1, int(high_x.max()) - first[1] + 1
+        lowest = (low_y - first[0]) * shape[1] + low_x - first[1]
+        return cls(first, shape, lowest, high_y - low_y, high_x - low_x, centre)
+
+    def joined(self, layer: npt.NDArray[Any], join: np.ufunc, which: Index | None = None) -> npt.NDArray[Any]:
+        """Values of an array of this shape, joined over all cells that each square touches.
+
+        Args:
+            layer: (rows, columns).
+            join: of two values, in any order.
+            which: squares asked for; None for all.
+        """
+        lowest, rows, columns = (a if which is None else a[which] for a in (self.lowest, self.rows, self.columns))
+        most_columns = int(columns.max(initial=0))
+        # Rolled in from the other side comes only what lies beyond the array, which no square touches.
+        tables: list[npt.NDArray[Any]] = []
+        for down in range(int(rows.max(initial=0)) + 1):
+            tables.append(layer if not down else join(tables[-most_columns - 1], np.roll(layer, -down, axis=0)))
+            base = tables[-1]
+            for right in range(1, most_columns + 1):
+                tables.append(join(tables[-1], np.roll(base, -right, axis=1)))
+        table = np.stack(tables).reshape(-1)
+        return table.take((rows * (most_columns + 1) + columns) * layer.size + lowest)
 
 
 @dataclass(frozen=True, slots=True)

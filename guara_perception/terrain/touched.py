@@ -28,7 +28,18 @@ def touched_places(grid: HasIndices, x: Float, y: Float, half: float) -> Iterato
     For turned squares give half the edge of the upright square around them. `half` must be less than a cell: then the
     nine points, corners, middles of edges and centre, miss no cell.
     """
+    lowest, middle, highest = touched_rows_and_columns(grid, x, y, half)
+    for iy in (lowest[0], middle[0], highest[0]):
+        for ix in (lowest[1], middle[1], highest[1]):
+            yield iy, ix
+
+
+def touched_rows_and_columns(
+    grid: HasIndices, x: Float, y: Float, half: float
+) -> tuple[tuple[Index, Index], tuple[Index, Index], tuple[Index, Index]]:
+    """Cells (iy, ix) of the lowest corner, the centre and the highest corner of the same squares.
+
+    A square touches all rows and columns from the one corner's to the other's, which are at most two apart.
+    """
     reach = half - SHRUNK_M
-    for dy in (-reach, 0.0, reach):
-        for dx in (-reach, 0.0, reach):
-            yield grid.indices(x + dx, y + dy)
+    return grid.indices(x - reach, y - reach), grid.indices(x, y), grid.indices(x + reach, y + reach)

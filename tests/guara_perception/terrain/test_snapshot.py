@@ -1,0 +1,86 @@
+"""A view of the rolling map says of each cell what all the cells of the memory that it touches say, at any turn."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from guara_perception.settings import Settings
+from guara_perception.terrain.fuse_heights import Drift
+from guara_perception.terrain.geometry import GridGeometry
+from guara_perception.terrain.hazard import Hazard
+from guara_perception.terrain.odom_cells import OdomCells
+from guara_perception.terrain.snapshot import Moment, snapshot_layers
+from guara_perception.terrain.touched import touched_places
+from kinematics import RobotModel
+
+RESOLUTION = 0.005
+GRID = GridGeometry.over((-0.15, 0.15), (-0.1, 0.1), RESOLUTION)
+NOW = 200
+
+
+def memory_of_a_walk(seed: int, reach: float) -> OdomCells:
+    """Cells with every state: known and unknown, in conflict, old."""
+    rng = np.random.default_rng(seed)
+    cells = OdomCells(RESOLUTION, reach)
+    cells.centre_on(1.0, -0.5)
+    memory, n = cells.memory, cells.side**2
+    is_unknown = rng.random(n) < 0.03
+    memory["height"][:] = np.where(is_unknown, np.nan, rng.normal(0, 0.002, n))
+    memory["cause"][:] = np.where(is_unknown, rng.choice([1, 2, 4, 16, 33], n), 0)
+    for name in ("below", "above"):
+        memory[name][:] = np.abs(rng.normal(0, 0.001, n))
+    memory["variance"][:] = 1e-8
+    memory["conflict"][:] = ~is_unknown & (rng.random(n) < 0.02)
+    memory["pause"][:] = np.where(rng.random(n) < 0.03, 1, NOW)
+    memory["stamp"][:] = 0
+    memory["looks"][:] = rng.integers(0, 9, n)
+    return cells
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.3, np.pi / 4, -2.0])
+@pytest.mark.parametrize("reach", [0.5, 0.12], ids=["inside", "reaching out of the window"])
+def test_each_cell_tells_of_all_that_it_touches(
+    robot: RobotModel, make_scan: Any, monkeypatch: pytest.MonkeyPatch, yaw: float, reach: float
+) -> None:
+    """Flags joined, lowest and highest sample of all, the value of the cell under the centre."""
+    cells, settings = memory_of_a_walk(int(10 * yaw) + 100, reach), Settings.of(robot)
+    transform = np.eye(4)
+    transform[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    transform[:3, 3] = 1.003, -0.497, 0.01
+    now = Moment(NOW, 0, Drift(0.0, 0.0, 0.0), transform)
+    layers = snapshot_layers(cells, GRID, make_scan(), now, settings)
+
+    x, y = (a.ravel() for a in np.meshgrid(*GRID.centres()))
+    in_odom = np.column_stack((x, y)) @ transform[:2, :2].T + transform[:2, 3]
+    half = 0.5 * RESOLUTION * (abs(np.cos(yaw)) + abs(np.sin(yaw)))
+    monkeypatch.setattr(OdomCells, "indices", OdomCells.cells_of, raising=False)
+    memory = cells.memory
+    flags = np.zeros(x.size, np.uint16)
+    low, high = np.full(x.size, np.inf), np.full(x.size, -np.inf)
+    for cy, cx in touched_places(cells, in_odom[:, 0], in_odom[:, 1], half):
+        place = cells.places(cy, cx)
+        height = memory["height"][place]
+        is_old = (NOW - memory["pause"][place] > settings.validity_pauses) & np.isfinite(height)
+        of_cell = memory["cause"][place] | np.where(memory["conflict"][place], Hazard.CONFLICT, 0)
+        of_cell = of_cell | np.where(is_old, Hazard.STALE, 0)
+        flags |= np.where(place < 0, Hazard.UNSCANNED, of_cell).astype(np.uint16)
+        low = np.fmin(low, height - memory["below"][place])
+        high = np.fmax(high, height + memory["above"][place])
+    known = (flags & 0xFF) == 0
+    centre = cells.places(*cells.cells_of(in_odom[:, 0], in_odom[:, 1]))
+
+    told = layers["hazard"].ravel() & np.uint16(0xFF | Hazard.CONFLICT | Hazard.STALE)
+    np.testing.assert_array_equal(told, flags)
+    assert known.any() and (flags & Hazard.CONFLICT).any() and (flags & Hazard.STALE).any()
+    for name, expected in (
+        ("elevation", memory["height"][centre] - 0.01),
+        ("elevation_min", low - 0.01),
+        ("elevation_max", high - 0.01),
+    ):
+        np.testing.assert_array_equal(layers[name].ravel()[known], expected[known].astype(np.float32))
+        assert np.isnan(layers[name].ravel()[~known]).all()
+    np.testing.assert_array_equal(layers["looks"].ravel(), np.where(known, memory["looks"][centre], 0))
+    np.testing.assert_array_equal(layers["age"].ravel(), np.where(known, NOW - memory["pause"][centre], 255))
