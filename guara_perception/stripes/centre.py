@@ -13,6 +13,7 @@ from guara_perception.stripes.windows import rows_from
 
 Float32 = npt.NDArray[np.float32]
 Index = npt.NDArray[np.intp]
+Light = npt.NDArray[Any]
 
 # The crossing is sought this far from the top, on a grid so fine that a straight line in between is exact enough.
 SEARCH_PX = 1.5
@@ -28,33 +29,37 @@ LEAST_SIGMA_PX, LARGEST_SIGMA_PX = 1.0, 8.0
 FWHM_PER_SIGMA = 2.3548
 
 
-def stripe_sigma(light: npt.NDArray[Any], top: Index, columns: Index, height: Float32) -> float:
+def stripe_sigma(smooth: Light, top: Index, columns: Index, height: Float32, smoothed_by: float = 0.0) -> float:
     """Typical width of a stripe as the sigma of a Gaussian [px], from the rows above half the peak.
 
     Args:
-        light: (rows, columns) laser light.
+        smooth: (rows, columns) laser light.
         top, columns, height: (n,) some peaks.
+        smoothed_by: sigma of the Gaussian that the light was smoothed by over rows [px].
     """
     reach = int(np.ceil(FWHM_PER_SIGMA * LARGEST_SIGMA_PX))
-    above = rows_from(light, top - reach, 2 * reach + 1, columns) > np.float32(0.5) * height
+    above = rows_from(smooth, top - reach, 2 * reach + 1, columns) > np.float32(0.5) * height
     # Only the unbroken stretch around the top counts, not a second stripe further off.
     above[0] = above[-1] = False
     down, up = above[reach:].argmin(axis=0), above[reach::-1].argmin(axis=0)
-    width = middle(up + down - 1) if top.size else FWHM_PER_SIGMA * LEAST_SIGMA_PX
-    return min(max(width / FWHM_PER_SIGMA, LEAST_SIGMA_PX), LARGEST_SIGMA_PX)
+    width = middle(up + down - 1) / FWHM_PER_SIGMA if top.size else 0.0
+    return min(max(float(np.sqrt(max(width**2 - smoothed_by**2, 0.0))), LEAST_SIGMA_PX), LARGEST_SIGMA_PX)
 
 
-def centres(light: npt.NDArray[Any], top: Index, columns: Index, sigma: float) -> tuple[Float32, Float32]:
+def centres(
+    light: Light, top: Index, columns: Index, sigma: float, taps: npt.NDArray[np.float64] | None = None
+) -> tuple[Float32, Float32]:
     """Where the filtered light peaks.
 
     Args:
         light: (rows, columns) laser light.
         top, columns: (n,) peaks.
         sigma: of the filter, that of the stripe [px].
+        taps: that the light was smoothed by over rows; None = it was not.
 
     Returns:
         (n,) rows, NaN where there is no crossing near the top, and (n,) standard deviation of the row for noise of
-        one grey level per pixel.
+        one grey level per pixel before smoothing.
     """
     filters = derivative_filters(sigma)
     size = filters.shape[1]
@@ -68,7 +73,8 @@ def centres(light: npt.NDArray[Any], top: Index, columns: Index, sigma: float) -
     slope = np.maximum(before - after, np.float32(1e-9))
     step = (place + before / slope).astype(np.float32)
     row = (top + (step * np.float32(GRID_PX) - np.float32(SEARCH_PX))).astype(np.float32)
-    per_level = np.float32(np.sqrt((filters[len(filters) // 2] ** 2).sum()) * GRID_PX) / slope
+    weights = np.convolve(filters[len(filters) // 2], np.ones(1) if taps is None else taps)
+    per_level = np.float32(np.linalg.norm(weights) * GRID_PX) / slope
     lost = ~falling.take(flat)
     row[lost] = np.nan
     per_level[lost] = np.nan

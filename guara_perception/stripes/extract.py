@@ -14,6 +14,8 @@ from guara_perception.stripes.paper import extract_paper
 from guara_perception.stripes.precise import extract_precise
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 
+# Whether a frame is blank or white is asked in every so many rows of so many columns.
+CHECKED_ROWS, CHECKED_COLUMNS = 8, 40
 Extract = Callable[[npt.NDArray[Any], npt.NDArray[Any] | None, int], StripeProfile]
 METHODS: dict[str, Extract] = {"precise": extract_precise, "paper": extract_paper}
 
@@ -72,7 +74,7 @@ def unusable_frame(band: npt.NDArray[Any], off: npt.NDArray[Any] | None, shape: 
         if not isinstance(off, np.ndarray) or off.dtype != band.dtype or off.shape != shape:
             given = f"{off.dtype} {off.shape}" if isinstance(off, np.ndarray) else type(off).__name__
             return f"laser-off frame is {given}, laser-on frame is {band.dtype} {shape}: they must be alike"
-    thin = np.ascontiguousarray(band[::8, ::8])
+    thin = np.ascontiguousarray(band[::CHECKED_ROWS, :: max(band.shape[1] // CHECKED_COLUMNS, 1)])
     low, high = float(thin.min()), float(thin.max())
     if low == high and float(band.min()) == float(band.max()):
         return f"the frame is blank: every pixel is {low:.0f}"

@@ -11,12 +11,11 @@ import numpy.typing as npt
 from guara_perception.stripes.centre import stripe_sigma
 from guara_perception.stripes.filters import (
     COLUMN_MEAN_PX,
-    MARGIN,
-    ROW_SCALE,
+    ROW_SMOOTHING_SIGMA_PX,
     SCALE,
-    smooth_rows,
+    smooth_light,
     smooth_wide,
-    sum_of_columns,
+    sums_of_columns,
 )
 from guara_perception.stripes.middle import middle, spread
 from guara_perception.stripes.peaks import Peaks, highest_peaks
@@ -42,24 +41,20 @@ class FoundPeaks:
     """The highest peaks of a band.
 
     Attributes:
-        light: (rows, columns) sums of COLUMN_MEAN_PX columns of laser light.
-        smooth: (rows, columns) the same smoothed over rows, SCALE times a grey level.
-        peaks: the highest peak per column of `smooth`.
-        columns: (n,) columns whose peak stands out from the noise.
-        threshold: least height of a peak that counts, in units of `smooth`.
-        noise: standard deviation of `light` [grey levels times COLUMN_MEAN_PX].
+        smooth: (rows, columns) laser light after `smooth_light`.
+        sought: (rows, columns) what the peaks were sought in: `smooth`, or for a wide stripe smoother still.
+        peaks: the highest peak per column of `sought`.
+        threshold: least height of a peak that counts, in units of `sought`.
+        noise: standard deviation of sums of COLUMN_MEAN_PX columns of laser light.
         sigma: width of the stripe [px].
-        is_swapped: whether the dark side looks like a stripe and the bright side does not.
     """
 
-    light: Light
     smooth: Light
+    sought: Light
     peaks: Peaks
-    columns: Index
     threshold: float
     noise: float
     sigma: float
-    is_swapped: bool
 
 
 def find_peaks(light: Light) -> FoundPeaks:
@@ -68,32 +63,21 @@ def find_peaks(light: Light) -> FoundPeaks:
     Args:
         light: (rows, columns) int16 or float32 laser light [grey levels].
     """
-    padded = sum_of_columns(light)
-    light, smooth = padded[MARGIN:-MARGIN], smooth_rows(padded)
-    peaks, noise, columns = _strong(smooth)
-    is_swapped = _is_swapped(smooth, peaks, noise)
+    smooth = sought = smooth_light(light)
+    peaks, noise, columns = _strong(sought)
     some = columns[::WIDTH_COLUMNS]
-    sigma = round(stripe_sigma(light, peaks.top[some], some, peaks.height[some] / np.float32(ROW_SCALE)), 1)
+    sigma = round(stripe_sigma(smooth, peaks.top[some], some, peaks.height[some], ROW_SMOOTHING_SIGMA_PX), 1)
     if sigma > WIDE_SIGMA_PX:
-        smooth = smooth_wide(light, sigma)
-        peaks, noise, columns = _strong(smooth)
+        sought = smooth_wide(light, sigma)
+        peaks, noise, columns = _strong(sought)
     median_peak = middle(peaks.height[columns]) if columns.size else 0.0
     threshold = max(THRESHOLD_SIGMAS * noise, THRESHOLD_OF_MEDIAN_PEAK * median_peak)
-    return FoundPeaks(
-        light, smooth, peaks, columns, threshold, _noise(light, LEAST_NOISE * COLUMN_MEAN_PX), sigma, is_swapped
-    )
+    own_noise = max(spread(sums_of_columns(light, SAMPLE_ROWS, SAMPLE_COLUMNS)), LEAST_NOISE * COLUMN_MEAN_PX)
+    return FoundPeaks(smooth, sought, peaks, threshold, own_noise, sigma)
 
 
-def _strong(smooth: Light) -> tuple[Peaks, float, Index]:
-    peaks = highest_peaks(smooth)
-    noise = _noise(smooth, LEAST_NOISE * SCALE)
+def _strong(sought: Light) -> tuple[Peaks, float, Index]:
+    """Highest peaks, standard deviation of the noise, and the columns whose peak stands out from it."""
+    peaks = highest_peaks(sought)
+    noise = max(spread(sought[::SAMPLE_ROWS, ::SAMPLE_COLUMNS]), LEAST_NOISE * SCALE)
     return peaks, noise, np.flatnonzero(peaks.height > THRESHOLD_SIGMAS * noise)
-
-
-def _is_swapped(smooth: Light, peaks: Peaks, noise: float) -> bool:
-    lowest = -smooth[:, ::WIDTH_COLUMNS].min(axis=0).astype(np.float32)
-    return bool(lowest.max() > 2 * peaks.height.max() and middle(lowest) > 2 * THRESHOLD_SIGMAS * noise)
-
-
-def _noise(light: Light, least: float) -> float:
-    return max(spread(light[::SAMPLE_ROWS, ::SAMPLE_COLUMNS]), least)

@@ -20,17 +20,22 @@ CLIPPED = 0.98
 FUSE_FROM_CLIPPED = 0.2
 
 
+Float32 = npt.NDArray[np.float32]
+
+
 @dataclass(frozen=True, slots=True)
 class Judgement:
     """What some columns of a band say.
 
     Attributes:
         channel: number of the channel in which the stripe stands out most from the noise; 0 for mono.
+        is_swapped: whether the dark side looks like a stripe and the bright side does not.
         change: how much brighter the surroundings of the stripe are than the background [grey levels].
         is_core_clipped: whether the stripe's core is clipped in that channel in a good part of the columns.
     """
 
     channel: int
+    is_swapped: bool
     change: float
     is_core_clipped: bool
 
@@ -54,7 +59,16 @@ def judge(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> Judgement:
     change = middle(light[:, :, channel])
     tops = seen[:, :, channel].max(axis=0)[height[:, channel] > PEAK_DEVIATIONS * noise[:, channel]]
     clipped = np.count_nonzero(tops >= clipped_from(on.dtype))
-    return Judgement(channel, change, clipped > FUSE_FROM_CLIPPED * max(tops.size, 1))
+    return Judgement(channel, _is_swapped(light, noise), change, clipped > FUSE_FROM_CLIPPED * max(tops.size, 1))
+
+
+def _is_swapped(light: Float32, noise: Float32) -> bool:
+    """Whether the deepest dips are deeper than twice the highest peaks, and dips in most columns."""
+    depth = -light.min(axis=0)
+    if depth.max() <= 2 * light.max():
+        return False
+    channel = int(np.argmax(depth.mean(axis=0)))
+    return bool(np.median(depth[:, channel] - PEAK_DEVIATIONS * noise[:, channel]) > 0)
 
 
 def is_clipped(values: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:

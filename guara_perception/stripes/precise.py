@@ -10,11 +10,10 @@ import numpy.typing as npt
 from guara_perception.stripes.centre import centres
 from guara_perception.stripes.choose import choose_peaks
 from guara_perception.stripes.clipped import clipped_columns
-from guara_perception.stripes.filters import SCALE
+from guara_perception.stripes.filters import ROW_SMOOTHING_SIGMA_PX, ROW_TAPS, SCALE
 from guara_perception.stripes.find_peaks import find_peaks
-from guara_perception.stripes.judge import FUSE_FROM_CLIPPED, is_clipped
 from guara_perception.stripes.profile import StripeProfile, StripeStatus, bad_frame
-from guara_perception.stripes.signal import LaserLight, fused_light, has_colour, laser_light
+from guara_perception.stripes.signal import laser_light
 from guara_perception.stripes.smooth_line import smooth_line
 from guara_perception.stripes.windows import at_rows
 
@@ -44,22 +43,14 @@ def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_ro
     if signal.reason:
         return bad_frame(columns, signal.reason)
     found = find_peaks(signal.light)
-    if found.is_swapped:
-        return bad_frame(
-            columns, "the stripe is darker than its surroundings: laser-on and laser-off frames are swapped"
-        )
-    if signal.is_clipped and not signal.is_fused and has_colour(on) and found.columns.size:
-        tops = found.peaks.top[found.columns]
-        if is_clipped(on[tops, found.columns, signal.channel]).mean() > FUSE_FROM_CLIPPED:
-            light = fused_light(on, off, signal.channel)
-            signal = LaserLight(light, signal.channel, is_fused=True, is_clipped=True)
-            found = find_peaks(signal.light)
     sigma = found.sigma
-    choice = choose_peaks(found.smooth, found.peaks, found.threshold, sigma)
+    choice = choose_peaks(found.sought, found.peaks, found.threshold, sigma)
     is_peak = choice.height > found.threshold
     peaks = np.flatnonzero(is_peak)
     row, per_grey_level = np.full((2, columns), np.nan, np.float32)
-    row[peaks], per_grey_level[peaks] = centres(found.light, choice.top[peaks], peaks, sigma_of_filter(sigma))
+    row[peaks], per_grey_level[peaks] = centres(
+        found.smooth, choice.top[peaks], peaks, sigma_of_filter(sigma), ROW_TAPS
+    )
     is_found = np.isfinite(row)
     is_core_clipped = is_core_lost = np.zeros(columns, dtype=bool)
     if signal.is_clipped:
@@ -89,11 +80,12 @@ def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_ro
 
 
 def sigma_of_filter(sigma: float) -> float:
-    """Width of the filter that finds the centre of a stripe of this width [px].
+    """Width of the filter that finds the centre of a stripe of this width in smoothed light [px].
 
     Speckle makes a thin stripe's own width too narrow a window; of a wide one, clipped or in a halo, the core is best.
+    What the light was smoothed by already counts as part of it.
     """
-    return round(float(np.hypot(0.85 * sigma, 1.3)), 1)
+    return round(float(np.sqrt((0.85 * sigma) ** 2 + 1.3**2 - ROW_SMOOTHING_SIGMA_PX**2)), 1)
 
 
 def _albedo_shift(off: npt.NDArray[Any], channel: int, top: Index, sigma: float) -> Float32:

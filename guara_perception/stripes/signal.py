@@ -57,12 +57,12 @@ def laser_light(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> LaserLigh
     """
     seen = judge(on, off)
     full_scale = float(np.iinfo(on.dtype).max)
+    if seen.is_swapped:
+        return _unusable(on, "the stripe is darker than its surroundings: laser-on and laser-off frames are swapped")
     if off is not None and abs(seen.change) > MAX_AMBIENT_CHANGE * full_scale:
-        return LaserLight(
-            np.zeros(on.shape[:2], np.int16),
-            seen.channel,
-            reason=f"brightness beside the stripe changed by {seen.change:+.0f} of {full_scale:.0f} "
-            "between laser off and on",
+        return _unusable(
+            on,
+            f"brightness beside the stripe changed by {seen.change:+.0f} of {full_scale:.0f} between laser off and on",
         )
     if seen.is_core_clipped and has_colour(on):
         return LaserLight(fused_light(on, off, seen.channel), seen.channel, is_fused=True, is_clipped=True)
@@ -72,6 +72,10 @@ def laser_light(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> LaserLigh
     if abs(offset) > full_scale / 256:
         light -= light.dtype.type(offset)
     return LaserLight(light, seen.channel, is_clipped=bool(plane.max() >= clipped_from(plane.dtype)))
+
+
+def _unusable(on: npt.NDArray[Any], reason: str) -> LaserLight:
+    return LaserLight(np.zeros(on.shape[:2], np.int16), 0, reason=reason)
 
 
 def fused_light(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, channel: int) -> Float32:
