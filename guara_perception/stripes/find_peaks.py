@@ -33,7 +33,7 @@ THRESHOLD_OF_MEDIAN_PEAK = 0.05
 # Statistics of a band are taken from every so many rows and columns.
 SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 24
 # The width of the stripe is taken from every so many columns.
-WIDTH_COLUMNS = 16
+WIDTH_COLUMNS = 32
 
 
 @dataclass(frozen=True, slots=True)

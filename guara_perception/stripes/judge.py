@@ -11,7 +11,7 @@ import numpy.typing as npt
 from guara_perception.stripes.middle import middle
 
 # Every so many rows of so many columns: a thin stripe is missed in some of them, never in all.
-JUDGED_ROWS, JUDGED_COLUMNS = 3, 20
+JUDGED_ROWS, JUDGED_COLUMNS = 3, 16
 # Mean deviations by which the peak of a column must exceed it: noise alone reaches four of them.
 NOISE_DEVIATIONS, PEAK_DEVIATIONS = 4.0, 6.0
 # From this share of full scale a pixel counts as clipped; JPEG and demosaicing keep it from reaching 1.

@@ -54,7 +54,9 @@ def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_ro
     is_found = np.isfinite(row)
     is_core_clipped = is_core_lost = np.zeros(columns, dtype=bool)
     if signal.is_clipped:
-        is_core_clipped, is_core_lost = clipped_columns(on, choice.top, sigma, signal.channel, is_fused=signal.is_fused)
+        is_core_clipped, is_core_lost = clipped_columns(
+            signal.frame, choice.top, sigma, signal.channel, is_fused=signal.is_fused
+        )
     is_cut = (choice.top < 2) | (choice.top > rows - 3)
     status = np.full(columns, StripeStatus.DROPOUT, dtype=np.uint8)
     status[is_found] = StripeStatus.OK
@@ -66,8 +68,8 @@ def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_ro
     row, shrink = smooth_line(row, choice.height)
     usable = (status == StripeStatus.OK) | (status == StripeStatus.SATURATED)
     variance = (found.noise * per_grey_level * shrink) ** 2 + (SPECKLE_OF_SIGMA * sigma) ** 2 * shrink
-    if off is not None:
-        variance += _albedo_shift(off, signal.channel, choice.top, sigma) ** 2
+    if signal.background is not None:
+        variance += _albedo_shift(signal.background, signal.channel, choice.top, sigma) ** 2
     nan = np.float32(np.nan)
     position = row + np.float32(first_row)
     return StripeProfile(

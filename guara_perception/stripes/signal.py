@@ -35,14 +35,18 @@ class LaserLight:
 
     Attributes:
         light: (rows, columns) int16 or float32, grey levels above background, negative where noise makes it so.
-        channel: number of the channel that the laser lights most.
+        frame: (rows, columns[, channels]) laser on, as delivered; only the channel used where only one was.
+        background: the same with the laser off, None where there was no picture of it.
+        channel: of `frame` and `background` that the laser lights most.
         is_fused: whether `light` is of all channels together; otherwise it is of that one.
         is_clipped: whether any pixel of that channel is at the end of its scale.
         reason: why the pair cannot be used, empty when it can.
     """
 
     light: Light
-    channel: int
+    frame: Plane
+    background: Plane | None
+    channel: int = 0
     is_fused: bool = False
     is_clipped: bool = False
     reason: str = ""
@@ -65,17 +69,18 @@ def laser_light(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> LaserLigh
             f"brightness beside the stripe changed by {seen.change:+.0f} of {full_scale:.0f} between laser off and on",
         )
     if seen.is_core_clipped and has_colour(on):
-        return LaserLight(fused_light(on, off, seen.channel), seen.channel, is_fused=True, is_clipped=True)
-    plane = channel_of(on, seen.channel)
-    light = difference(plane, None if off is None else channel_of(off, seen.channel))
+        fused = fused_light(on, off, seen.channel)
+        return LaserLight(fused, on, off, seen.channel, is_fused=True, is_clipped=True)
+    plane, background = channel_of(on, seen.channel), None if off is None else channel_of(off, seen.channel)
+    light = difference(plane, background)
     offset = middle(_sample(light))
     if abs(offset) > full_scale / 256:
         light -= light.dtype.type(offset)
-    return LaserLight(light, seen.channel, is_clipped=bool(plane.max() >= clipped_from(plane.dtype)))
+    return LaserLight(light, plane, background, is_clipped=bool(plane.max() >= clipped_from(plane.dtype)))
 
 
 def _unusable(on: npt.NDArray[Any], reason: str) -> LaserLight:
-    return LaserLight(np.zeros(on.shape[:2], np.int16), 0, reason=reason)
+    return LaserLight(np.zeros(on.shape[:2], np.int16), on, None, reason=reason)
 
 
 def fused_light(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, channel: int) -> Float32:

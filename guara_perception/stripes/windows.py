@@ -43,5 +43,4 @@ def at_rows(picture: Picture, rows: Index, columns: Index, channel: int = 0) -> 
         rows, columns: (n,) places.
         channel: the one that is read.
     """
-    inside = np.minimum(np.maximum(rows, 0), len(picture) - 1)
-    return np.asarray(picture[inside, columns] if picture.ndim == 2 else picture[inside, columns, channel])
+    return rows_from(picture, np.minimum(np.maximum(rows, 0), len(picture) - 1), 1, columns, channel)[0]
