@@ -12,22 +12,23 @@ Light = npt.NDArray[Any]
 
 # Averaging three columns before looking for the peak halves the noise of a dim stripe.
 COLUMN_MEAN_PX = 3
-# Smoothing across the stripe, a Gaussian of this sigma; a wide stripe is smoothed to its own width.
-ROW_TAPS = np.array([1.0, 4.0, 6.0, 4.0, 1.0])
-ROW_SMOOTHING_SIGMA_PX = 1.0
-# Sums instead of means keep the fractions of a grey level in whole numbers: 255 * 3 * 16 fits 16 bits.
-SCALE = COLUMN_MEAN_PX * float(ROW_TAPS.sum())
+# Three rows lose next to nothing of a thin stripe's peak; a wide stripe is smoothed to its own width.
+ROW_TAPS = np.ones(3)
+# Sigma of that mean [px].
+ROW_SMOOTHING_SIGMA_PX = float(np.sqrt(2 / 3))
+# Sums instead of means keep the fractions of a grey level in whole numbers.
+SCALE = COLUMN_MEAN_PX * ROW_TAPS.size
 
 
 def smooth_light(light: Light) -> Light:
-    """SCALE times the light (rows, columns), smoothed over COLUMN_MEAN_PX columns and by ROW_TAPS over rows."""
-    return _filtered(light, ROW_TAPS)
+    """SCALE times the light (rows, columns), averaged over COLUMN_MEAN_PX columns and the rows of ROW_TAPS."""
+    return np.asarray(cv2.boxFilter(light, -1, (COLUMN_MEAN_PX, ROW_TAPS.size), normalize=False))
 
 
 def smooth_wide(light: Light, sigma: float) -> Light:
-    """The same with a Gaussian of another sigma [px] over rows."""
-    taps = cv2.getGaussianKernel(2 * int(np.ceil(2 * sigma)) + 1, sigma)
-    return _filtered(light, ROW_TAPS.sum() * taps)
+    """The same with a Gaussian of this sigma [px] over rows."""
+    taps = ROW_TAPS.size * cv2.getGaussianKernel(2 * int(np.ceil(2 * sigma)) + 1, sigma)
+    return np.asarray(cv2.sepFilter2D(light, -1, np.ones(COLUMN_MEAN_PX), taps, borderType=cv2.BORDER_REPLICATE))
 
 
 def sums_of_columns(light: Light, rows: int, columns: int) -> Light:
@@ -36,7 +37,3 @@ def sums_of_columns(light: Light, rows: int, columns: int) -> Light:
     count = (light.shape[1] - COLUMN_MEAN_PX) // columns + 1
     first, second, third = (some[:, shift : shift + count * columns : columns] for shift in range(COLUMN_MEAN_PX))
     return np.asarray(first + second + third)
-
-
-def _filtered(light: Light, taps: npt.NDArray[np.float64]) -> Light:
-    return np.asarray(cv2.sepFilter2D(light, -1, np.ones(COLUMN_MEAN_PX), taps, borderType=cv2.BORDER_REPLICATE))
