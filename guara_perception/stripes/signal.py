@@ -23,7 +23,7 @@ MAX_AMBIENT_CHANGE = 0.15
 # Statistics of a band are taken from every so many rows and columns.
 SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 24
 # The tops of the stripe are taken from every so many columns, where they stand so far above the noise.
-TOP_COLUMNS = 8
+TOP_COLUMNS = 16
 TOP_SIGMAS = 5.0
 # Even a channel that is clipped throughout says where the shoulders of the stripe are.
 LEAST_HEADROOM = 0.3
