@@ -89,8 +89,18 @@ def stripe_surface(stripes: Mapping[int, StripePoints], index: int, links: Links
     return confirmed_points(stripe.points, stripe.variance, links.before(index), links.after(index))
 
 
-def pair_surface(stripes: Mapping[int, StripePoints], index: int, links: Links, resolution: float) -> Surface:
-    """The surface between a stripe and the next; both must be there."""
+def pair_surface(
+    stripes: Mapping[int, StripePoints], index: int, links: Links, resolution: float, wanted: Mask | None = None
+) -> Surface:
+    """The surface between a stripe and the next; both must be there.
+
+    Args:
+        stripes: points by index.
+        index: of the first.
+        links: of these stripes.
+        resolution: edge of the cells that will be filled [m].
+        wanted: (w,) columns that are asked for; None = all.
+    """
     following = index + links.step
     first, second = stripes[index], stripes[following]
     return joined_surface(
@@ -98,4 +108,5 @@ def pair_surface(stripes: Mapping[int, StripePoints], index: int, links: Links, 
         (first.variance, second.variance),
         (links.before(index), links.after(index), links.after(following)),
         resolution,
+        wanted,
     )

@@ -67,7 +67,7 @@ def confirmed_points(points: Float, variance: Float, before: Mask, after: Mask) 
         before, after: (w,) links to the neighbouring stripes.
     """
     inside = np.flatnonzero(before & after & np.isfinite(points[:, 2]))
-    return Surface(points.T[:, inside].T, variance[inside])
+    return Surface(points.T.take(inside, axis=1).T, variance.take(inside))
 
 
 def joined_surface(
@@ -75,6 +75,7 @@ def joined_surface(
     variances: tuple[Float, Float],
     links: tuple[Mask, Mask, Mask],
     resolution: float,
+    wanted: Mask | None = None,
 ) -> Surface:
     """Sample the lines between two neighbouring stripes in the columns in which they are linked.
 
@@ -86,24 +87,34 @@ def joined_surface(
         links: (w,) links of the first stripe to the one before it, of the two stripes, and of the second stripe to
             the one after it.
         resolution: edge of the cells that will be filled [m].
+        wanted: (w,) columns that are asked for; None = all.
     """
     before, between, after = links
     columns = np.flatnonzero(between)
     if not columns.size:
         return Surface(np.empty((0, 3)), np.empty(0))
     # Coordinates in rows, each in one piece of memory: several times faster than points in rows.
-    first = points[0].T[:, columns]
-    step = points[1].T[:, columns] - first
+    first = points[0].T.take(columns, axis=1)
+    step = points[1].T.take(columns, axis=1) - first
     n = sample_count(step.T, resolution)
+    if wanted is not None:
+        chosen = np.flatnonzero(wanted.take(columns))
+        columns, first, step = columns.take(chosen), first.take(chosen, axis=1), step.take(chosen, axis=1)
+    first, step = first.astype(np.float64), step.astype(np.float64)
     # The places of the samples never depend on other stripes: what is cut is left out, what is left does not move.
     share = ((np.arange(n) + 0.5) / n)[:, None]
-    samples = (first[:, None] + share * step[:, None]).reshape(3, -1)
-    variance = ((1 - share) ** 2 * variances[0][columns] + share**2 * variances[1][columns]).ravel()
-    opens, closes = ~before[columns], ~after[columns]
+    samples = share * step[:, None]
+    samples += first[:, None]
+    variance = (1 - share) ** 2 * variances[0].take(columns).astype(np.float64)
+    variance += share**2 * variances[1].take(columns).astype(np.float64)
+    samples, variance = samples.reshape(3, -1), variance.reshape(-1)
+    opens, closes = ~before.take(columns), ~after.take(columns)
     if opens.any() or closes.any():
         cut = np.minimum(OPEN_END_M / np.maximum(np.hypot(step[0], step[1]), 1e-9), 0.5)
-        kept = np.flatnonzero((share >= np.where(opens, cut, 0.0)) & (share <= 1 - np.where(closes, cut, 0.0)))
-        samples, variance = samples[:, kept], variance[kept]
+        start, end = np.where(opens, cut, 0.0), 1 - np.where(closes, cut, 0.0)
+        if start.max() > share[0] or end.min() < share[-1]:
+            kept = np.flatnonzero((share >= start) & (share <= end))
+            samples, variance = samples.take(kept, axis=1), variance.take(kept)
     return Surface(samples.T, variance)
 
 
@@ -120,5 +131,5 @@ def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> 
 
 def sample_count(step: Float, resolution: float) -> int:
     """Samples per line that leave no crossed cell out, for lines (n, 3) of this extent."""
-    longest = float(np.hypot(step[:, 0], step[:, 1]).max())
+    longest = float(np.sqrt((step[:, 0] ** 2 + step[:, 1] ** 2).max()))
     return int(np.clip(np.ceil(SAMPLES_PER_CELL * longest / resolution), 2, 64))

@@ -90,8 +90,17 @@ class SurfaceRaster:
         if first == second:
             surface = stripe_surface(self._stripes, first, self._links)
         else:
-            surface = pair_surface(self._stripes, first, self._links, self._geometry.resolution)
+            wanted = ~self._off_grid(self._stripes[first], self._stripes[second])
+            surface = pair_surface(self._stripes, first, self._links, self._geometry.resolution, wanted)
         return rasterise(surface.points, surface.variance, self._geometry)
+
+    def _off_grid(self, first: StripePoints, second: StripePoints) -> npt.NDArray[np.bool_]:
+        """Columns whose two points both lie beyond the same side of the grid, and so all between them."""
+        margin = self._geometry.resolution
+        low = self._geometry.origin[1] - margin
+        high = low + self._geometry.shape[0] * self._geometry.resolution + 2 * margin
+        y = first.points[:, 1], second.points[:, 1]
+        return np.asarray((np.maximum(*y) < low) | (np.minimum(*y) > high))
 
     def _mark(self, points: npt.NDArray[np.float64], flag: Hazard) -> None:
         if not len(points):

@@ -20,7 +20,7 @@ ROUNDING = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class CellSamples:
-    """Samples of one stripe or one pair, summed per cell; arrays of equal length, cells ascending.
+    """Samples of one stripe or one pair, summed per cell; arrays of equal length, each cell once.
 
     Attributes:
         cell: flat cell index iy * nx + ix.
@@ -57,50 +57,61 @@ def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSam
         geometry: the grid.
     """
     # Coordinates in rows, each in one piece of memory; equal types, without which `at` below is many times slower.
-    coordinates = np.ascontiguousarray(points.T, dtype=np.float64)
-    flat, inside = _cells(coordinates, geometry)
-    height, spread = coordinates[2], variance
-    if inside is not None:
-        height, spread = height[inside], spread[inside]
-    if not flat.size:
+    x, y, height = np.asarray(points.T, dtype=np.float64)
+    place, outside = _places(x, y, height, geometry)
+    if outside.size == place.size:
         nothing = np.empty(0)
         return CellSamples(np.empty(0, np.int64), nothing, nothing, nothing, nothing, nothing)
-    start = int(flat.min())
-    local = flat - start
-    length = int(local.max()) + 1
+    # One more place before the first takes what lies outside.
+    start = int(place.min()) - 1
+    place -= start
+    place[outside] = 0
+    length = int(place.max()) + 1
     high = np.full(length, -np.inf)
     low = np.full(length, np.inf)
-    np.maximum.at(high, local, height)
-    np.minimum.at(low, local, height)
-    top = local
-    if not (low > high - TOP_LAYER_M).all():
-        is_top = np.flatnonzero(height > high[local] - TOP_LAYER_M)
-        top, height, spread = local[is_top], height[is_top], spread[is_top]
-    count = np.bincount(top, minlength=length).astype(np.float64)
-    total = _sum(top, height, length)
-    variance_total = _sum(top, spread, length)
-    used = np.flatnonzero(count)
+    np.maximum.at(high, place, height)
+    np.minimum.at(low, place, height)
+    spread = variance
+    if not (low > high - TOP_LAYER_M)[1:].all():
+        is_top = np.flatnonzero(height > high.take(place) - TOP_LAYER_M)
+        place, height, spread = place.take(is_top), height.take(is_top), spread.take(is_top)
+    count = np.bincount(place, minlength=length)
+    used = np.flatnonzero(count[1:]) + 1
+    ix, iy = np.divmod(used + start, geometry.shape[0])
     return CellSamples(
-        (used + start).astype(np.int64), total[used], count[used], variance_total[used], low[used], high[used]
+        (iy * geometry.shape[1] + ix).astype(np.int64),
+        _sum(place, height, length).take(used),
+        count.take(used).astype(np.float64),
+        _sum(place, spread, length).take(used),
+        low.take(used),
+        high.take(used),
     )
 
 
-def _cells(coordinates: Float, geometry: GridGeometry) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.intp] | None]:
-    """Flat cells of those points (3, n) that are known and lie on the grid; and which these are, None = all.
+def _places(
+    x: Float, y: Float, height: Float, geometry: GridGeometry
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]:
+    """Places ix * ny + iy (n,) of points on the grid, and which points are unknown or lie elsewhere.
 
-    The same cells as by `GridGeometry.indices`, without the cost of points that lie elsewhere.
+    The cells are those of `GridGeometry.indices`, counted along y because stripes run along y: few numbers apart.
+    Points that have none are given that of another.
     """
     ny, nx = geometry.shape
-    column = (coordinates[0] - geometry.origin[0]) / geometry.resolution + ROUNDING
-    row = (coordinates[1] - geometry.origin[1]) / geometry.resolution + ROUNDING
+    scale = 1 / geometry.resolution
+    column = x * scale
+    column += ROUNDING - geometry.origin[0] * scale
+    row = y * scale
+    row += ROUNDING - geometry.origin[1] * scale
     with np.errstate(invalid="ignore"):
-        inside = (column >= 0) & (column < nx) & (row >= 0) & (row < ny) & (coordinates[2] == coordinates[2])
-    chosen = None
-    if not inside.all():
-        chosen = np.flatnonzero(inside)
-        column, row = column[chosen], row[chosen]
-    # None is negative: to cut off the fraction is to round down.
-    return row.astype(np.int64) * nx + column.astype(np.int64), chosen
+        inside = (column >= 0) & (column < nx) & (row >= 0) & (row < ny) & (height == height)
+        # None inside is negative: to cut off the fraction is to round down.
+        place = column.astype(np.int64)
+        place *= ny
+        place += row.astype(np.int64)
+    outside = np.flatnonzero(~inside)
+    if outside.size:
+        place[outside] = place[inside.argmax()]
+    return place, outside
 
 
 def _sum(cell: npt.NDArray[np.int64], weights: Float, size: int) -> Float:
