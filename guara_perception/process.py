@@ -8,9 +8,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from guara_perception.calibration.calibration import Calibration, format_indices
-from guara_perception.exceptions import CalibrationMismatch, InvalidInput
+from guara_perception.exceptions import CalibrationMismatch, FileFormatError, InvalidInput, MissingFile
 from guara_perception.ranging.range_images import range_images
-from guara_perception.scan import Scan
+from guara_perception.scan import FrameReader, Scan
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
@@ -54,7 +54,7 @@ def process_scan(
         CalibrationMismatch: robot, stripes or picture size of scan and calibration do not belong together.
         InvalidInput: unknown method, bad resolution, a stance or a stripe index that does not fit the robot; with
             `strict` a frame that cannot be used.
-        MissingFile, FileFormatError: a frame cannot be read.
+        MissingFile, FileFormatError: a frame cannot be read, with `strict`; otherwise only when none can.
     """
     processor = run_scan(scan, calibration, robot, method, resolution, strict=strict, progress=progress)
     terrain = processor.finish()
@@ -111,13 +111,25 @@ def run_scan(
         raise InvalidInput(f"{scan.source}: stance: {error}") from error
     width, height = calibration.camera.size
     fitting = 0
-    for done, (stripe, on, off) in enumerate(scan.frames(), start=1):
-        profile = processor.add(stripe.index, on, off)
-        if strict and profile.is_frame_bad:
-            raise InvalidInput(f"{scan.source}: frame {stripe.on}: {profile.reason}")
-        fitting += on.shape[:2] == (height, width)
+    unreadable: list[MissingFile | FileFormatError] = []
+    reader = FrameReader(scan)
+    for done, stripe in enumerate(scan.stripes, start=1):
+        try:
+            on, off = reader.read(stripe)
+        except (MissingFile, FileFormatError) as error:
+            if strict:
+                raise
+            unreadable.append(error)
+            processor.mark_bad(stripe.index, str(error))
+        else:
+            profile = processor.add(stripe.index, on, off)
+            if strict and profile.is_frame_bad:
+                raise InvalidInput(f"{scan.source}: frame {stripe.on}: {profile.reason}")
+            fitting += on.shape[:2] == (height, width)
         if progress is not None:
             progress(done, len(scan.stripes))
+    if len(unreadable) == len(scan.stripes):
+        raise unreadable[0]
     if not fitting:
         raise CalibrationMismatch(
             f"{scan.source}: no frame is {width}x{height} px as the calibrated camera's: another camera's calibration?"

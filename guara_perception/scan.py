@@ -82,11 +82,28 @@ class Scan:
         Raises:
             MissingFile, FileFormatError: a frame cannot be read; the message names it.
         """
-        last: tuple[str, Frame] | None = None
+        reader = FrameReader(self)
         for stripe in self.stripes:
-            off: Frame | None = None
-            if stripe.off is not None:
-                if last is None or last[0] != stripe.off:
-                    last = (stripe.off, self.read_frame(stripe.off))
-                off = last[1]
-            yield stripe, self.read_frame(stripe.on), off
+            yield stripe, *reader.read(stripe)
+
+
+class FrameReader:
+    """Reads the frames of a scan stripe by stripe."""
+
+    def __init__(self, scan: Scan) -> None:
+        """Start with nothing read."""
+        self._read_frame = scan.read_frame
+        self._last: tuple[str, Frame] | None = None
+
+    def read(self, stripe: ScanStripe) -> tuple[Frame, Frame | None]:
+        """Laser-on and laser-off picture; an off frame shared with the stripe read before is not read again.
+
+        Raises:
+            MissingFile, FileFormatError: a frame cannot be read; the message names it.
+        """
+        off: Frame | None = None
+        if stripe.off is not None:
+            if self._last is None or self._last[0] != stripe.off:
+                self._last = (stripe.off, self._read_frame(stripe.off))
+            off = self._last[1]
+        return self._read_frame(stripe.on), off

@@ -281,6 +281,28 @@ def test_keep_going_leaves_a_bad_frame_unknown(guara, paper_copy: Path, calibrat
     assert list(gp.load_terrain(tmp_path / "out.npz").metadata["frames_bad"]) == ["20"]
 
 
+def test_keep_going_leaves_an_unreadable_frame_unknown(guara, paper_copy: Path, calibration_file: Path, tmp_path: Path):
+    """A frame file that was cut off costs its stripe with --keep-going, and is refused by name without."""
+    name = "on_010.jpg"
+    (paper_copy / name).write_bytes((paper_copy / name).read_bytes()[:30])
+    words = ["process", paper_copy, "-c", calibration_file, "-o", tmp_path / "out.npz"]
+    refused = guara(*words)
+    assert refused.code == 2 and f"{name}: not a readable picture (30 bytes)" in refused.err
+    said = guara(*words, "--keep-going")
+    assert said.code == 0 and f"{name}: not a readable picture" in said.out
+    terrain = gp.load_terrain(tmp_path / "out.npz")
+    assert list(terrain.metadata["frames_bad"]) == ["20"] and terrain.metadata["stripes_used"] > 30
+
+
+def test_scan_without_a_readable_frame_is_refused(guara, paper_copy: Path, calibration_file: Path, tmp_path: Path):
+    """Going on with nothing makes no sense: the first frame is named."""
+    for path in paper_copy.glob("on_*.jpg"):
+        path.write_bytes(b"")
+    words = ["process", paper_copy, "-c", calibration_file, "-o", tmp_path / "out.npz", "--keep-going"]
+    said = guara(*words)
+    assert said.code == 2 and "on_000.jpg: not a readable picture (0 bytes)" in said.err
+
+
 def test_two_methods_give_two_files(guara, data: Path, calibration_file: Path, tmp_path: Path):
     """The first method goes into OUT, the second beside it, each line saying which file it is about."""
     out = tmp_path / "out.npz"
