@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from importlib.util import find_spec
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-from benchmarks.stripe_speed import Reference, library_skeleton
+from benchmarks.stripe_speed import Reference, library_skeletons
 from guara_perception.stripes.extract import METHODS
 from guara_perception.stripes.thinning import skeleton
 
@@ -70,13 +69,11 @@ def ours(method: str) -> Extract:
 
 
 def extractors() -> dict[str, Extract]:
-    """All that find a stripe; scikit-image's skeleton only where that library happens to be installed."""
+    """All that find a stripe; skeletons of other libraries only where those happen to be installed."""
     found: dict[str, Extract] = {REFERENCE: reference}
     found |= {name: ours(method) for name, method in OURS.items()}
     found |= {LITERAL: literal, USER: opencv_user}
-    if find_spec("skimage") is not None:
-        found[f"{LITERAL}, scikit-image"] = library_skeleton
-    return found
+    return found | {f"{LITERAL}, {name}": extract for name, extract in library_skeletons().items()}
 
 
 def touch(*arrays: Frame) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 from typing import Any
 
 import cv2
@@ -65,28 +66,40 @@ class Reference:
         return np.where(strong, centre, np.nan).astype(np.float32)
 
 
-def library_skeleton(on: Frame, off: Frame) -> npt.NDArray[np.float32]:
-    """The paper's way with scikit-image: Otsu on the red difference, skeletonize, mean row per column."""
-    from skimage.morphology import skeletonize
+def red_skeleton(skeleton: Callable[[Frame], npt.NDArray[Any]]) -> Contender:
+    """The paper's way: Otsu on the red difference, a skeleton of the mask (0 and 255), mean row per column."""
 
-    light = cv2.subtract(on[:, :, 2], off[:, :, 2])
-    _, mask = cv2.threshold(light, 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
-    thin = skeletonize(mask.astype(bool))
-    count = thin.sum(axis=0)
-    rows = (thin * np.arange(thin.shape[0])[:, None]).sum(axis=0)
-    return np.where(count > 0, rows / np.maximum(count, 1), np.nan).astype(np.float32)
+    def extract(on: Frame, off: Frame) -> npt.NDArray[np.float32]:
+        light = cv2.subtract(on[:, :, 2], off[:, :, 2])
+        _, mask = cv2.threshold(light, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+        thin = skeleton(np.asarray(mask, np.uint8)) > 0
+        count = thin.sum(axis=0)
+        rows = (thin * np.arange(thin.shape[0])[:, None]).sum(axis=0)
+        return np.where(count > 0, rows / np.maximum(count, 1), np.nan).astype(np.float32)
+
+    return extract
+
+
+def library_skeletons() -> dict[str, Contender]:
+    """The paper's way with each library that is installed and makes skeletons; neither is in the lock file."""
+    found: dict[str, Contender] = {}
+    if find_spec("skimage") is not None:
+        from skimage.morphology import skeletonize
+
+        found["scikit-image"] = red_skeleton(lambda mask: skeletonize(mask > 0))
+    if hasattr(cv2, "ximgproc"):
+        found["OpenCV contrib"] = red_skeleton(cv2.ximgproc.thinning)
+    return found
 
 
 def contenders(rows: int, columns: int) -> dict[str, Contender]:
     """All that is compared, the reference first."""
     found: dict[str, Contender] = {REFERENCE: Reference(rows, columns), "floor: touch every byte": band_floor}
     found |= {f"ours: {name}": method for name, method in METHODS.items()}
-    try:
-        import skimage  # noqa: F401
-
-        found["red + skeletonize (scikit-image)"] = library_skeleton
-    except ImportError:
-        print("scikit-image is not installed: its skeleton is not in the table")
+    skeletons = library_skeletons()
+    if not skeletons:
+        print("neither scikit-image nor OpenCV's contrib modules are installed: no library's skeleton in the table")
+    found |= {f"red + skeleton ({name})": extract for name, extract in skeletons.items()}
     return found
 
 
