@@ -9,12 +9,15 @@ from hypothesis import strategies as st
 
 from guara_perception.stripes.background import SweepBackground
 from guara_perception.stripes.centre import centres, stripe_sigma
+from guara_perception.stripes.clipped import clipped_columns
+from guara_perception.stripes.filters import SCALE, smooth_light, smooth_wide, sums_of_columns
 from guara_perception.stripes.judge import judge
 from guara_perception.stripes.middle import middle, spread
 from guara_perception.stripes.path import follow
 from guara_perception.stripes.peaks import candidates, highest_peaks
 from guara_perception.stripes.signal import difference, fused_light, laser_light
 from guara_perception.stripes.smooth_line import smooth_line
+from guara_perception.stripes.windows import at_rows, rows_from
 
 
 def gaussian(centre: float, sigma: float, rows: int = 60, columns: int = 5) -> np.ndarray:
@@ -169,6 +172,61 @@ def test_fused_light_gives_less_to_a_clipped_channel() -> None:
     fused = fused_light(on, off, 2)
     assert (fused.argmax(axis=0) == 20).all()
     assert (on[:, 0, 2] == 255).sum() > 5
+
+
+@given(first=st.integers(-30, 70), count=st.integers(1, 25), channels=st.sampled_from([0, 1, 3]))
+@settings(max_examples=60, deadline=None, derandomize=True)
+def test_windows_are_cut_at_the_edges_of_the_picture(first: int, count: int, channels: int) -> None:
+    """The quick way of reading windows gives what clipped indices give, inside the picture and beyond its edges."""
+    random = np.random.default_rng(count)
+    shape = (50, 9) if channels == 0 else (50, 9, channels)
+    picture = random.integers(0, 255, shape).astype(np.uint8)
+    columns = np.array([0, 3, 8])
+    starts = np.array([first, first + 2, 10])
+    channel = max(channels - 1, 0)
+    rows = np.clip(starts + np.arange(count)[:, None], 0, 49)
+    expected = picture[rows, columns] if channels == 0 else picture[rows, columns, channel]
+    np.testing.assert_array_equal(rows_from(picture, starts, count, columns, channel), expected)
+    np.testing.assert_array_equal(at_rows(picture, starts, columns, channel), expected[0])
+
+
+@pytest.mark.parametrize("kind", [np.int16, np.float32])
+def test_smoothing_is_the_mean_around_times_a_scale(kind: type) -> None:
+    """A smoothed pixel is SCALE times the mean of its neighbourhood, and the sums of columns are of the same pixels."""
+    light = np.random.default_rng(3).integers(-200, 250, (40, 60)).astype(kind)
+    np.testing.assert_allclose(smooth_light(light)[20, 30], SCALE * light[19:22, 29:32].mean(), rtol=1e-5)
+    assert smooth_light(np.full((20, 20), 255, kind)).max() == SCALE * 255
+    np.testing.assert_allclose(smooth_wide(np.full((40, 20), 255, kind), 4.0), SCALE * 255, rtol=2e-3)
+    np.testing.assert_array_equal(
+        sums_of_columns(light, 8, 24)[1], [light[8, :3].sum(), light[8, 24:27].sum(), light[8, 48:51].sum()]
+    )
+
+
+def test_clipped_cores_and_those_that_are_lost() -> None:
+    """Clipped in one channel is still of use; a core that is white over five sigmas in all of them is lost."""
+    on = np.full((60, 40, 3), 40, np.uint8)
+    on[28:33, :10, 2] = 255
+    on[22:40, 10:20, 2] = 255
+    on[22:40, 20:30] = 255
+    top, sigma = np.full(40, 30), 3.0
+    clipped, lost = clipped_columns(on, top, sigma, 2, is_fused=True)
+    np.testing.assert_array_equal(clipped, np.arange(40) < 30)
+    np.testing.assert_array_equal(lost, np.arange(40) // 10 == 2)
+    _, lost_in_red = clipped_columns(on, top, sigma, 2, is_fused=False)
+    np.testing.assert_array_equal(lost_in_red, np.isin(np.arange(40) // 10, (1, 2)))
+
+
+@pytest.mark.parametrize(("level", "is_clipped"), [(150.0, False), (220.0, False), (900.0, True)])
+def test_some_columns_tell_channel_clipping_and_swapped_frames(level: float, is_clipped: bool) -> None:
+    """The channel of the line, whether its core is clipped there, and whether on and off were exchanged."""
+    rows = np.arange(80)[:, None]
+    line = np.exp(-0.5 * ((rows - 40.3) / 1.7) ** 2) * np.ones((1, 320))
+    off = np.full((80, 320, 3), 30, np.uint8)
+    on = np.clip(off + line[:, :, None] * (0.1 * level, 0.1 * level, level), 0, 255).astype(np.uint8)
+    seen = judge(on, off)
+    assert seen.channel == 2 and not seen.is_swapped
+    assert seen.is_core_clipped == is_clipped
+    assert judge(off, on).is_swapped
 
 
 def sweep_frame(place: int) -> np.ndarray:
