@@ -70,10 +70,15 @@ def _faded(strength: Float, is_return: Mask, breaks: Columns) -> Mask:
         for begin, end in zip(first[is_short].tolist(), last[is_short].tolist(), strict=True):
             faded[begin : end + 1] = True
     left, right = ~is_short & (first > 0), ~is_short & (last < border)
-    for begin, length in _fade_lengths(strength, first[left], last[left]):
-        faded[begin : begin + length] = True
-    for begin, length in _fade_lengths(strength[::-1], border - last[right], border - first[right]):
-        faded[border + 1 - begin - length : border + 1 - begin] = True
+    # The right ends are the left ends of the row turned round, which is put behind the row: both in one go.
+    both = np.concatenate((strength, strength[::-1]))
+    turned = both.size - 1
+    starts = np.concatenate((first[left], turned - last[right]))
+    for begin, length in _fade_lengths(both, starts, np.concatenate((last[left], turned - first[right]))):
+        if begin > border:
+            faded[turned + 1 - begin - length : turned + 1 - begin] = True
+        else:
+            faded[begin : begin + length] = True
     return faded
 
 

@@ -102,10 +102,16 @@ def stripe_points(
         points=_without(points, unusable),
         variance=np.where(kept, variance, np.nan),
         strength=np.where(kept, profile.peak, np.float32(np.nan)),
-        status=np.where(outside, OUT_OF_BAND, np.where(mixed, MIXED_EDGE, profile.status)),
+        status=_status(profile.status, mixed, outside),
         out_of_range=_picked(points, np.flatnonzero(outside & ~mixed)),
         doubtful=_doubtful(profile, locator, plane_in_camera, gates, on_robot, points, mixed),
     )
+
+
+def _status(found: npt.NDArray[np.uint8], mixed: Mask, outside: Mask) -> npt.NDArray[np.uint8]:
+    if mixed.any():
+        found = np.where(mixed, MIXED_EDGE, found)
+    return np.where(outside, OUT_OF_BAND, found) if outside.any() else found
 
 
 def _doubtful(

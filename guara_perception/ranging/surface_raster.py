@@ -7,10 +7,10 @@ import numpy.typing as npt
 
 from guara_perception.ranging.scan_surface import Links, pair_surface, stripe_surface
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.ranging.surface import line_samples
+from guara_perception.ranging.surface import Surface, line_samples
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.hazard import Hazard
-from guara_perception.terrain.raster import CellSamples, Raster, merge, rasterise, without_cells
+from guara_perception.terrain.raster import CellSamples, Raster, cells_of, merge, rasterise_parts, without_cells
 
 Flags = npt.NDArray[np.uint16]
 Key = tuple[int, int]
@@ -51,9 +51,7 @@ class SurfaceRaster:
                 # Between two stripes that both saw something too low or too high the ground is no better.
                 ends = (self._stripes[first].out_of_range, self._stripes[second].out_of_range)
                 self._mark(line_samples(ends, self._geometry.resolution), Hazard.OUT_OF_RANGE)
-        for key in self._touched(index):
-            if self._is_settled(key):
-                self._final[key] = self._part(key)
+        self._final.update(self._parts([key for key in self._touched(index) if self._is_settled(key)]))
 
     def raster(self) -> Raster:
         """Heights of all that was added so far; a cell with a return above the height gates is not known.
@@ -62,7 +60,8 @@ class SurfaceRaster:
         there it is a stray reflection.
         """
         keys = {key for index in self._stripes for key in self._touched(index) if self._is_there(key)}
-        merged = merge((self._final.get(key) or self._part(key) for key in sorted(keys)), self._geometry)
+        parts = self._final | self._parts([key for key in keys if key not in self._final])
+        merged = merge((parts[key] for key in sorted(parts)), self._geometry)
         return without_cells(merged, self._too_high)
 
     def marks(self) -> Flags:
@@ -85,14 +84,18 @@ class SurfaceRaster:
         around = (first - self._pattern.step, second + self._pattern.step)
         return self._is_there(key) and all(i in self._stripes or i not in self._pattern for i in around)
 
-    def _part(self, key: Key) -> CellSamples:
-        first, second = key
+    def _parts(self, keys: list[Key]) -> dict[Key, CellSamples]:
+        if not keys:
+            return {}
+        surfaces = [self._surface(*key) for key in keys]
+        parts = rasterise_parts([(surface.points, surface.variance) for surface in surfaces], self._geometry)
+        return dict(zip(keys, parts, strict=True))
+
+    def _surface(self, first: int, second: int) -> Surface:
         if first == second:
-            surface = stripe_surface(self._stripes, first, self._links)
-        else:
-            wanted = ~self._off_grid(self._stripes[first], self._stripes[second])
-            surface = pair_surface(self._stripes, first, self._links, self._geometry.resolution, wanted)
-        return rasterise(surface.points, surface.variance, self._geometry)
+            return stripe_surface(self._stripes, first, self._links)
+        wanted = ~self._off_grid(self._stripes[first], self._stripes[second])
+        return pair_surface(self._stripes, first, self._links, self._geometry.resolution, wanted)
 
     def _off_grid(self, first: StripePoints, second: StripePoints) -> npt.NDArray[np.bool_]:
         """Columns whose two points both lie beyond the same side of the grid, and so all between them."""
@@ -105,8 +108,7 @@ class SurfaceRaster:
     def _mark(self, points: npt.NDArray[np.float64], flag: Hazard) -> None:
         if not len(points):
             return
-        iy, ix = self._geometry.indices(points[:, 0], points[:, 1])
-        inside = self._geometry.contains(iy, ix)
-        self._marks[iy[inside], ix[inside]] |= np.uint16(flag)
+        cell, inside = cells_of(points, self._geometry)
+        self._marks.ravel()[cell] |= np.uint16(flag)
         if flag is Hazard.OUT_OF_RANGE:
-            self._too_high[iy[inside], ix[inside]] |= points[inside, 2] > 0
+            self._too_high.ravel()[cell[points[inside, 2] > 0]] = True

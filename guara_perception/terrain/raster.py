@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +37,9 @@ class CellSamples:
     high: Float
 
 
+NO_SAMPLES = CellSamples(np.empty(0, np.int64), *(np.empty(0) for _ in range(5)))
+
+
 @dataclass(frozen=True, slots=True)
 class Raster:
     """A grid of heights: all (ny, nx) float64, NaN (count 0) where no sample fell."""
@@ -56,45 +59,62 @@ def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSam
         variance: (n,) variance of the heights [m^2].
         geometry: the grid.
     """
+    return rasterise_parts([(points, variance)], geometry)[0]
+
+
+def rasterise_parts(parts: Sequence[tuple[Float, Float]], geometry: GridGeometry) -> list[CellSamples]:
+    """The same for several sets of points and variances at once, each by itself."""
     # Coordinates in rows, each in one piece of memory; equal types, without which `at` below is many times slower.
-    x, y, height = np.asarray(points.T, dtype=np.float64)
-    place, outside = _places(x, y, height, geometry)
+    x, y, height = np.concatenate([points.T for points, _ in parts], axis=1, dtype=np.float64)
+    spread = np.concatenate([variance for _, variance in parts], dtype=np.float64)
+    place, inside = _places(x, y, height, geometry)
+    outside = np.flatnonzero(~inside)
     if outside.size == place.size:
-        nothing = np.empty(0)
-        return CellSamples(np.empty(0, np.int64), nothing, nothing, nothing, nothing, nothing)
-    # One more place before the first takes what lies outside.
+        return [NO_SAMPLES for _ in parts]
+    place[outside] = place[inside.argmax()]
+    # Each part has its own places; one more before its first takes what lies outside.
     start = int(place.min()) - 1
     place -= start
     place[outside] = 0
-    length = int(place.max()) + 1
+    span = int(place.max()) + 1
+    end = len(parts[0][0])
+    for number, (points, _) in enumerate(parts[1:], start=1):
+        place[end : (end := end + len(points))] += number * span
+    length = len(parts) * span
     high = np.full(length, -np.inf)
     low = np.full(length, np.inf)
-    np.maximum.at(high, place, height)
-    np.minimum.at(low, place, height)
-    spread = variance
-    if not (low > high - TOP_LAYER_M)[1:].all():
+    with np.errstate(invalid="ignore"):
+        np.maximum.at(high, place, height)
+        np.minimum.at(low, place, height)
+        is_one_layer = (low > high - TOP_LAYER_M).all()
+    if not is_one_layer:
         is_top = np.flatnonzero(height > high.take(place) - TOP_LAYER_M)
         place, height, spread = place.take(is_top), height.take(is_top), spread.take(is_top)
     count = np.bincount(place, minlength=length)
-    used = np.flatnonzero(count[1:]) + 1
-    ix, iy = np.divmod(used + start, geometry.shape[0])
-    return CellSamples(
-        (iy * geometry.shape[1] + ix).astype(np.int64),
+    count[::span] = 0
+    used = np.flatnonzero(count)
+    ix, iy = np.divmod(used % span + start, geometry.shape[0])
+    samples = (
+        iy * geometry.shape[1] + ix,
         _sum(place, height, length).take(used),
         count.take(used).astype(np.float64),
         _sum(place, spread, length).take(used),
         low.take(used),
         high.take(used),
     )
+    ends = np.searchsorted(used, span * np.arange(1, len(parts))).tolist()
+    return [
+        CellSamples(*(layer[first:last] for layer in samples))
+        for first, last in zip([0, *ends], [*ends, used.size], strict=True)
+    ]
 
 
 def _places(
     x: Float, y: Float, height: Float, geometry: GridGeometry
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]:
-    """Places ix * ny + iy (n,) of points on the grid, and which points are unknown or lie elsewhere.
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
+    """Places ix * ny + iy (n,) of points, and which points (n,) are known and lie on the grid; others have no place.
 
     The cells are those of `GridGeometry.indices`, counted along y because stripes run along y: few numbers apart.
-    Points that have none are given that of another.
     """
     ny, nx = geometry.shape
     scale = 1 / geometry.resolution
@@ -108,10 +128,14 @@ def _places(
         place = column.astype(np.int64)
         place *= ny
         place += row.astype(np.int64)
-    outside = np.flatnonzero(~inside)
-    if outside.size:
-        place[outside] = place[inside.argmax()]
-    return place, outside
+    return place, inside
+
+
+def cells_of(points: Float, geometry: GridGeometry) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
+    """Flat cells iy * nx + ix (m,) of those points (n, 3) that are known and lie on the grid, and which these are."""
+    place, inside = _places(*np.asarray(points.T, dtype=np.float64), geometry)
+    ix, iy = np.divmod(place[inside], geometry.shape[0])
+    return iy * geometry.shape[1] + ix, inside
 
 
 def _sum(cell: npt.NDArray[np.int64], weights: Float, size: int) -> Float:
