@@ -145,6 +145,7 @@ def main() -> None:
     parser.add_argument("-c", "--calibration", type=Path, help="calibration.json; default: the truth of each folder")
     parser.add_argument("--method", default="precise", help="comma-separated methods")
     parser.add_argument("--no-gravity", action="store_true", help="leave gravity out of each stance")
+    parser.add_argument("--no-off", action="store_true", help="leave out the frames with the laser off")
     parser.add_argument("--scans", default="", help="comma-separated names of scans; default: all")
     arguments = parser.parse_args()
     robot = load_robot("guara")
@@ -161,6 +162,9 @@ def main() -> None:
             if arguments.no_gravity:
                 stance = dataclasses.replace(scan.stance, gravity_in_base=None)
                 scan = dataclasses.replace(scan, stance=stance)
+            if arguments.no_off:
+                stripes = tuple(dataclasses.replace(stripe, off=None) for stripe in scan.stripes)
+                scan = dataclasses.replace(scan, stripes=stripes)
             for method in arguments.method.split(","):
                 start = time.perf_counter()
                 terrain = gp.process_scan(scan, calibration, robot, method=method, pictures=False)
