@@ -12,7 +12,7 @@ from guara_perception.stripes.choose import choose_peaks
 from guara_perception.stripes.clipped import clipped_columns
 from guara_perception.stripes.filters import ROW_SMOOTHING_SIGMA_PX, ROW_TAPS, SCALE
 from guara_perception.stripes.find_peaks import find_peaks
-from guara_perception.stripes.profile import StripeProfile, StripeStatus, bad_frame
+from guara_perception.stripes.profile import StripeProfile, StripeStatus, bad_frame, nothing
 from guara_perception.stripes.signal import laser_light
 from guara_perception.stripes.smooth_line import smooth_line
 from guara_perception.stripes.windows import at_rows
@@ -70,6 +70,7 @@ def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_ro
     variance = (found.noise * per_grey_level * shrink) ** 2 + (SPECKLE_OF_SIGMA * sigma) ** 2 * shrink
     if signal.background is not None:
         variance += _albedo_shift(signal.background, signal.channel, choice.top, sigma) ** 2
+    is_doubtful = is_found & ~usable
     nan = np.float32(np.nan)
     position = row + np.float32(first_row)
     return StripeProfile(
@@ -77,7 +78,7 @@ def extract_precise(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_ro
         sigma_px=np.where(usable, np.sqrt(variance), nan),
         status=status,
         peak=choice.height / np.float32(SCALE),
-        doubtful_px=np.where(is_found & ~usable, position, nan),
+        doubtful_px=np.where(is_doubtful, position, nan) if is_doubtful.any() else nothing(columns),
     )
 
 

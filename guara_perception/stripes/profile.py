@@ -56,6 +56,12 @@ class StripeProfile:
 
 def bad_frame(n: int, reason: str) -> StripeProfile:
     """The profile of a frame that cannot be used: nothing known, the reason said."""
-    nothing = np.full(n, np.nan, dtype=np.float32)
     status = np.full(n, StripeStatus.FRAME_BAD, dtype=np.uint8)
-    return StripeProfile(nothing, nothing.copy(), status, nothing.copy(), nothing.copy(), reason)
+    return StripeProfile(nothing(n), nothing(n), status, nothing(n), nothing(n), reason)
+
+
+def nothing(n: int) -> npt.NDArray[np.float32]:
+    """NaN (n,) read-only, in the memory of one number: a scan keeps the profiles of all its stripes."""
+    one = np.full((), np.nan, dtype=np.float32)
+    one.setflags(write=False)
+    return np.broadcast_to(one, n)
