@@ -202,11 +202,17 @@ class NewestReceiver(Part, Generic[T]):
                     return None
                 self._changed.wait(remaining)
 
-    def on_newest(self, callback: Callable[[Received[T]], None]) -> None:
+    def on_newest(
+        self, callback: Callable[[Received[T]], None], *, on_refused: Callable[[MessageError], None] | None = None
+    ) -> None:
         """Call `callback` with the newest message, again and again, on a thread of its own.
 
         What arrives while it works is skipped but for the newest. An error that it raises is logged, and
         it is called again with the next message.
+
+        Args:
+            callback: Called with each newest message.
+            on_refused: Called, on the same thread, when the newest sample is no valid message.
 
         Raises:
             SessionClosed: The receiver is closed.
@@ -214,22 +220,43 @@ class NewestReceiver(Part, Generic[T]):
         if self._is_closed:
             raise SessionClosed(f"the receiver of {self.key!r} is closed")
         # A daemon: a callback that never returns must not keep the interpreter from ending.
-        thread = threading.Thread(target=self._dispatch, args=(callback,), name=f"transport-{self.key}", daemon=True)
+        thread = threading.Thread(
+            target=self._dispatch, args=(callback, on_refused), name=f"transport-{self.key}", daemon=True
+        )
         self._threads.append(thread)
         thread.start()
 
-    def _dispatch(self, callback: Callable[[Received[T]], None]) -> None:
+    def _dispatch(
+        self, callback: Callable[[Received[T]], None], on_refused: Callable[[MessageError], None] | None
+    ) -> None:
         number = 0
         while True:
             try:
-                received = self.wait_until(lambda _: True, None, after=number)
+                slot = self._next(number, None)
             except SessionClosed:
                 return
-            number = received.number
+            if slot is None:
+                continue
+            number = slot.number
             try:
-                callback(received)
+                self._hand_over(slot, callback, on_refused)
             except Exception:
                 _LOG.exception("the callback for %s failed", self.key)
+
+    def _hand_over(
+        self,
+        slot: _Slot[T],
+        callback: Callable[[Received[T]], None],
+        on_refused: Callable[[MessageError], None] | None,
+    ) -> None:
+        try:
+            received = self._open(slot)
+        except MessageError as error:
+            _LOG.warning("message on %s refused: %s", self.key, error)
+            if on_refused is not None:
+                on_refused(error)
+            return
+        callback(received)
 
     def _release(self) -> None:
         with self._changed:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from transport.exceptions import MessageError
 from transport.keys import DEFAULT_ROBOT, stance_key
 from transport.outbox import Outbox
 from transport.part import Part
@@ -54,8 +55,17 @@ class StanceReceiver(NewestReceiver[StancePause]):
         *,
         robot: str = DEFAULT_ROBOT,
         on_pause: Callable[[StancePause], None] | None = None,
+        on_refused: Callable[[MessageError], None] | None = None,
     ) -> None:
-        """Subscribe; `on_pause` is called with each newest announcement on a thread of its own."""
+        """Subscribe.
+
+        Args:
+            session: Open session.
+            robot: Instance name.
+            on_pause: Called with each newest announcement, on a thread of its own.
+            on_refused: Called on that thread when an announcement is unreadable or holds a joint that is not finite:
+                what the robot does now is then not known.
+        """
         super().__init__(session, stance_key(robot), decode_stance_pause)
         if on_pause is not None:
-            self.on_newest(lambda received: on_pause(received.message))
+            self.on_newest(lambda received: on_pause(received.message), on_refused=on_refused)

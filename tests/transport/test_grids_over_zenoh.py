@@ -8,7 +8,9 @@ import pytest
 
 import transport
 from transport import keys
-from transport.codec import decode
+from transport.codec import decode, encode
+from transport.publisher import Publisher
+from transport.stance_pause import make_stance_pause
 
 
 def _client(endpoint: str) -> transport.PerceptionClient:
@@ -343,3 +345,26 @@ def test_both_ends_of_a_pause_reach_the_node(start, endpoint: str, peer) -> None
         late: list[int] = []
         receiver = transport.StanceReceiver(session, on_pause=lambda pause: late.append(pause.step))
         assert receiver.wait_for(lambda pause: pause.step == 5, 30.0)
+
+
+def test_an_announcement_that_is_none_is_told_and_the_next_one_heard(endpoint: str, eventually) -> None:
+    """Damaged bytes, or a joint that is NaN, must not pass unnoticed: it may have been the end of a pause."""
+    refused: list[str] = []
+    heard: list[int] = []
+    with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint, timeout=30.0) as other:
+        transport.StanceReceiver(
+            session,
+            on_pause=lambda pause: heard.append(pause.step),
+            on_refused=lambda error: refused.append(str(error)),
+        )
+        raw = Publisher(other, keys.stance_key("guara"))
+        raw.put(b"no message at all")
+        assert eventually(lambda: len(refused) == 1)
+        stance = transport.StanceMessage(joint_positions={"lf_haa_joint": 0.1}, support_feet=("lf",))
+        good = transport.StancePause(robot="guara", step=7, phase=transport.PausePhase.END, stamp=1, stance=stance)
+        broken = make_stance_pause(good)
+        broken.stance.joint_positions[0] = np.nan
+        raw.put(encode(broken))
+        assert eventually(lambda: len(refused) == 2) and "lf_haa_joint" in refused[1] and heard == []
+        raw.put(encode(make_stance_pause(good)))
+        assert eventually(lambda: heard == [7])

@@ -83,7 +83,7 @@ def command(
                 rig.robot, rig.calibration, rig.rangefinder, server, mode=mode, recorder=recorder, status=status
             )
         )
-        StanceReceiver(session, robot=instance, on_pause=node.on_pause)
+        StanceReceiver(session, robot=instance, on_pause=node.on_pause, on_refused=node.on_refused)
         click.echo(f"{instance}: listening on {', '.join(session.endpoints)}; Ctrl-C stops")
         if rig.simulation is not None:
             from guara_perception.app.node.simulated_walk import walk_until_stopped

@@ -90,7 +90,7 @@ def demo_walk(check: DemoCheck, *, recording: Path | None, cycles: float, seed: 
                 status=status,
             )
         )
-        StanceReceiver(session, on_pause=node.on_pause)
+        StanceReceiver(session, on_pause=node.on_pause, on_refused=node.on_refused)
         gait = SimulatedGait(StancePublisher(stack.enter_context(open_client(endpoint))), DEFAULT_ROBOT)
         client = stack.enter_context(TerrainClient(endpoint))
         planner = stack.enter_context(PlannerProcess(endpoint, DEFAULT_ROBOT))

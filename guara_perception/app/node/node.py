@@ -37,7 +37,9 @@ class PerceptionNode:
 
     Example:
         with rangefinder, PerceptionNode(robot, calibration, rangefinder, server) as node:
-            receiver = StanceReceiver(session, robot=server.robot, on_pause=node.on_pause)
+            receiver = StanceReceiver(
+                session, robot=server.robot, on_pause=node.on_pause, on_refused=node.on_refused
+            )
     """
 
     def __init__(
@@ -98,8 +100,8 @@ class PerceptionNode:
     def on_pause(self, announcement: StancePause) -> None:
         """Take note that a stance pause begins or ends; returns at once, the scan runs on the node's own thread.
 
-        A stance that cannot be used (NaN, an unknown foot) ends the pause that it speaks of: what is not known to
-        stand still is not scanned.
+        A stance that cannot be used (an unknown foot) ends the pause that it speaks of: what is not known to stand
+        still is not scanned, and a scan under way is not used.
         """
         try:
             stance: Stance | None = stance_of(announcement)
@@ -109,19 +111,35 @@ class PerceptionNode:
         with self._changed:
             current = self._pause
             if announcement.phase is PausePhase.END or stance is None:
-                if current is not None and current.step == announcement.step:
-                    current.end(stance)
+                if current is not None and not current.ended.is_set():
+                    if current.step == announcement.step:
+                        current.end(stance)
+                    elif announcement.phase is PausePhase.BEGIN or announcement.step > current.step:
+                        # Another pause: the end of this one was never told.
+                        current.end(None)
                 return
             if current is not None:
                 if current.step == announcement.step and not current.ended.is_set():
                     return
-                current.ended.set()
+                if not current.ended.is_set():
+                    # Its end was never told.
+                    current.end(None)
             self._pause = self._to_scan = Pause(
                 announcement.step, stance, announcement.known_ground, announcement.time_available
             )
             self._changed.notify_all()
         self.status.solved("stance")
         self._server.begin_step(announcement.step)
+
+    def on_refused(self, error: TransportError) -> None:
+        """Take note that the gait announced something that cannot be read, a joint that is NaN for instance.
+
+        It may have been the end of the pause, so that it counts as one.
+        """
+        self.status.problem("stance", f"announcement refused: {error}")
+        with self._changed:
+            if self._pause is not None and not self._pause.ended.is_set():
+                self._pause.end(None)
 
     @property
     def latest_map(self) -> TerrainGrid | None:

@@ -19,7 +19,7 @@ class Pause:
         known_ground: what the gait declares, in base_footprint of this pause.
         time_available: from its beginning to its planned end [s]; 0 when not known.
         ended: set when the gait moves on.
-        end_stance: read again at the end, None until then or when it was not told.
+        end_stance: read again at the end, None until then and when it could not be used.
     """
 
     step: int
@@ -30,7 +30,7 @@ class Pause:
     end_stance: Stance | None = None
 
     def end(self, stance: Stance | None) -> None:
-        """The gait moves on."""
+        """The gait moves on; without a stance nobody can tell whether the robot stood still until now."""
         self.end_stance = stance
         self.ended.set()
 

@@ -23,7 +23,7 @@ from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.policy import ScanPolicy
-from kinematics import RobotModel, Stance, check_camera_still
+from kinematics import CameraMoved, RobotModel, Stance, check_camera_still
 from transport import TerrainMessage, TransportError
 from transport.server import PerceptionServer
 
@@ -74,7 +74,7 @@ class PauseScanner:
             The message of the scan's own grid, handed over for sending.
 
         Raises:
-            CameraMoved: the robot moved during the scan; nothing was published.
+            CameraMoved: the robot moved during the scan, or nobody can tell; nothing was published.
             MirrorSlipped: the mirror lost steps; the grid was published and withdrawn, and is not in the map.
             KinematicsError: the stance does not fit the robot.
         """
@@ -132,13 +132,19 @@ class PauseScanner:
         return dataclasses.replace(empty, metadata={**empty.metadata, "health": health})
 
     def _check_still(self, pause: Pause) -> None:
-        if pause.end_stance is not None:
-            check_camera_still(
-                self._robot,
-                pause.stance,
-                pause.end_stance,
-                transform_camera_to_base=self._calibration.transform_camera_to_base,
+        if not pause.ended.is_set():
+            return
+        if pause.end_stance is None:
+            raise CameraMoved(
+                "the pause ended without a stance that can be used: whether the camera stood still during the scan is "
+                "not known. The gait must send joints and support feet with END, all finite"
             )
+        check_camera_still(
+            self._robot,
+            pause.stance,
+            pause.end_stance,
+            transform_camera_to_base=self._calibration.transform_camera_to_base,
+        )
 
     def _check_steps(self) -> None:
         """Count the steps that the mirror lost: only now is it known that every stripe lay where it was commanded.

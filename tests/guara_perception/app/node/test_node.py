@@ -1,9 +1,7 @@
 """The node from end to end: real Zenoh, real driver over an emulated board, a gait and a planner as clients."""
 
 import resource
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,61 +10,13 @@ import pytest
 import guara_perception as gp
 from drivers.emulator import Fault, FaultKind
 from drivers.protocol import Request
-from guara_perception.app.node.node import PerceptionNode
-from guara_perception.app.node.node_status import NodeStatus
-from guara_perception.app.node.recorder import ScanRecorder, stance_message
+from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.open_scan import open_scans
 from guara_perception.terrain.hazard import UNKNOWN_MASK
 from kinematics import RobotModel, Stance
 from tests.guara_perception.app.node.conftest import Rig
-from transport import Health, PausePhase, StancePause, open_client, open_node
-from transport.server import PerceptionServer
-from transport.stance_link import StancePublisher, StanceReceiver
-
-TIMEOUT = 30.0
-
-
-class Gait:
-    """A gait controller of its own session."""
-
-    def __init__(self, endpoint: str, stance: Stance) -> None:
-        self.session = open_client(endpoint)
-        self.publisher = StancePublisher(self.session)
-        self.stance = stance
-
-    def say(self, step: int, phase: PausePhase, stance: Stance | None = None) -> None:
-        message = stance_message(stance or self.stance)
-        self.publisher.publish(StancePause(robot="guara", step=step, phase=phase, stamp=time.time_ns(), stance=message))
-
-
-class Bench:
-    """A running node with a gait and a planner."""
-
-    def __init__(self, rig: Rig, gait: Gait, client: gp.TerrainClient, status: NodeStatus) -> None:
-        self.rig, self.gait, self.client, self.status = rig, gait, client, status
-
-
-@contextmanager
-def running(
-    rig: Rig,
-    endpoint: str,
-    robot: RobotModel,
-    calibration: gp.Calibration,
-    stance: Stance,
-    recorder: ScanRecorder | None = None,
-) -> Iterator[Bench]:
-    status = NodeStatus(calibration)
-    with open_node(listen=endpoint) as session:
-        server = PerceptionServer(session, collect_status=status.items)
-        node = PerceptionNode(
-            robot, calibration, rig.rangefinder, server, mode="coarse", recorder=recorder, status=status
-        )
-        with node:
-            StanceReceiver(session, on_pause=node.on_pause)
-            gait = Gait(endpoint, stance)
-            with gp.TerrainClient(endpoint) as client:
-                yield Bench(rig, gait, client, status)
-            gait.session.close()
+from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, running, wait_until
+from transport import Health, PausePhase
 
 
 @pytest.fixture
@@ -75,15 +25,6 @@ def bench(
 ) -> Iterator[Bench]:
     with running(rig, free_endpoint, robot, calibration, paper_scan.stance) as made:
         yield made
-
-
-def wait_until(condition: Callable[[], bool]) -> bool:
-    deadline = time.monotonic() + TIMEOUT
-    while time.monotonic() < deadline:
-        if condition():
-            return True
-        time.sleep(0.02)
-    return False
 
 
 def test_each_pause_gives_a_grid_and_a_map(bench: Bench) -> None:

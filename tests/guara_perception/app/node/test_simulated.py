@@ -37,7 +37,7 @@ def walking(
             robot.robot, robot.calibration, robot.rangefinder, server, mode="adaptive", recorder=recorder
         )
         with node:
-            StanceReceiver(session, on_pause=node.on_pause)
+            StanceReceiver(session, on_pause=node.on_pause, on_refused=node.on_refused)
             with open_client(endpoint) as client_session, gp.TerrainClient(endpoint) as client:
                 yield node, SimulatedGait(StancePublisher(client_session), "guara"), client, session
 

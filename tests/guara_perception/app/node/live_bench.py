@@ -1,0 +1,80 @@
+"""A node that runs in this process, with a gait and a planner of their own sessions."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import guara_perception as gp
+from guara_perception.app.node.node import PerceptionNode
+from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.app.node.recorder import ScanRecorder, stance_message
+from kinematics import RobotModel, Stance
+from tests.guara_perception.app.node.conftest import Rig
+from transport import PausePhase, Session, StancePause, open_client, open_node
+from transport.server import PerceptionServer
+from transport.stance_link import StancePublisher, StanceReceiver
+
+TIMEOUT = 30.0
+
+
+class Gait:
+    """A gait controller of its own session."""
+
+    def __init__(self, endpoint: str, stance: Stance) -> None:
+        self.session = open_client(endpoint)
+        self.publisher = StancePublisher(self.session)
+        self.stance = stance
+
+    def say(self, step: int, phase: PausePhase, stance: Stance | None = None) -> None:
+        message = stance_message(stance or self.stance)
+        self.publisher.publish(StancePause(robot="guara", step=step, phase=phase, stamp=time.time_ns(), stance=message))
+
+
+class Bench:
+    """A running node with a gait and a planner."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        gait: Gait,
+        client: gp.TerrainClient,
+        status: NodeStatus,
+        node: PerceptionNode,
+        session: Session,
+    ) -> None:
+        self.rig, self.gait, self.client, self.status = rig, gait, client, status
+        self.node, self.session = node, session
+
+
+@contextmanager
+def running(
+    rig: Rig,
+    endpoint: str,
+    robot: RobotModel,
+    calibration: gp.Calibration,
+    stance: Stance,
+    recorder: ScanRecorder | None = None,
+    *,
+    mode: str = "coarse",
+    has_router: bool = False,
+) -> Iterator[Bench]:
+    """Node, gait and planner, joined by the node's own router or by one that listens at `endpoint` already."""
+    status = NodeStatus(calibration)
+    with open_node(connect=endpoint, timeout=TIMEOUT) if has_router else open_node(listen=endpoint) as session:
+        server = PerceptionServer(session, collect_status=status.items)
+        node = PerceptionNode(robot, calibration, rig.rangefinder, server, mode=mode, recorder=recorder, status=status)
+        with node:
+            StanceReceiver(session, on_pause=node.on_pause, on_refused=node.on_refused)
+            gait = Gait(endpoint, stance)
+            with gp.TerrainClient(endpoint) as client:
+                yield Bench(rig, gait, client, status, node, session)
+            gait.session.close()
+
+
+def wait_until(condition: Callable[[], bool]) -> bool:
+    deadline = time.monotonic() + TIMEOUT
+    while time.monotonic() < deadline:
+        if condition():
+            return True
+        time.sleep(0.02)
+    return False

@@ -1,0 +1,267 @@
+"""Faults around a running node: the router lost, pauses that end at any stripe, joints lost at the end of a pause."""
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from drivers import LaserBoard, StripeStream
+from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
+from guara_perception.app.node.rangefinder import Rangefinder
+from guara_perception.app.node.recorded_rig import RecordedView
+from guara_perception.app.node.recorder import stance_message
+from guara_perception.app.node.simulated import SimulatedRobot
+from guara_perception.scan import Scan, ScanStripe
+from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
+from kinematics import RobotModel, Stance
+from tests.guara_perception.app.node.conftest import Rig
+from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, running, wait_until
+from transport import Health, PausePhase, StancePause
+from transport.codec import encode
+from transport.stance_pause import make_stance_pause
+
+PEER = Path(__file__).parents[3] / "transport" / "peer.py"
+FPS = 200.0
+
+
+@pytest.fixture
+def bench(
+    rig: Rig, free_endpoint: str, robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan
+) -> Iterator[Bench]:
+    with running(rig, free_endpoint, robot, calibration, paper_scan.stance) as made:
+        yield made
+
+
+# A standard scan of 70 stripes, simulated once and then shown live: the same bytes every time.
+
+
+@pytest.fixture(scope="module")
+def standard_scan() -> tuple[Scan, gp.Calibration]:
+    robot = SimulatedRobot()
+    angles = {stripe.index: stripe.mirror_angle for stripe in robot.calibration.stripes}
+    pictures = {f"on {index}": on for index, on, _ in robot._rig.frames(angles)}
+    pictures["off"] = robot._rig.frame(laser=0.0)
+    scan = Scan(
+        robot="guara",
+        mode="standard",
+        stamp=0,
+        step=0,
+        stripes=tuple(ScanStripe(index, angle, f"on {index}", "off") for index, angle in angles.items()),
+        stance=next(robot.walk(cycles=0)).stance,
+        stance_end=None,
+        calibration_hash=None,
+        source="simulated",
+        read_frame=pictures.__getitem__,
+    )
+    return scan, robot.calibration
+
+
+@pytest.fixture(scope="module")
+def standard_terrain(standard_scan: tuple[Scan, gp.Calibration], robot: RobotModel) -> gp.TerrainGrid:
+    return gp.process_scan(*standard_scan, robot, pictures=False)
+
+
+@pytest.fixture
+def standard_bench(
+    standard_scan: tuple[Scan, gp.Calibration],
+    standard_terrain: gp.TerrainGrid,
+    robot: RobotModel,
+    free_endpoint: str,
+) -> Iterator[Bench]:
+    scan, calibration = standard_scan
+    board = EmulatedBoard()
+    camera = EmulatedCamera(board, RecordedView(scan).render, fps=FPS, exposure=0.002, latency=0.001)
+    rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
+    rig = Rig(rangefinder, board, camera, lambda: pytest.fail("not used"), [], standard_terrain)
+    with rangefinder, running(rig, free_endpoint, robot, calibration, scan.stance, mode="standard") as made:
+        yield made
+
+
+def end_at(bench: Bench, stripe: int, step: int) -> Callable[[], None]:
+    """Let the gait end the pause when so many stripes were fired; returns what takes this back."""
+    rangefinder = bench.rig.rangefinder
+    sweep = rangefinder.sweep
+
+    def watched(pattern: object, band: object, should_stop: Callable[[], bool]) -> StripeStream:
+        def stop() -> bool:
+            if not said and len(stream._worker.fired) >= stripe:
+                said.append(stripe)
+                bench.gait.say(step, PausePhase.END)
+                assert wait_until(should_stop)
+            return should_stop()
+
+        stream = sweep(pattern, band, stop)  # type: ignore[arg-type]
+        return stream
+
+    said: list[int] = []
+    rangefinder.sweep = watched  # type: ignore[method-assign,assignment]
+    return lambda: rangefinder.__dict__.pop("sweep")
+
+
+@pytest.mark.parametrize("stripe", [0, 1, 34, 35, 69])
+def test_a_standard_scan_cut_at_any_stripe_leaves_the_rest_unscanned(standard_bench: Bench, stripe: int) -> None:
+    """What was not fired is UNSCANNED, nothing unknown is free in grid or map, and the next pause is whole."""
+    bench, whole = standard_bench, standard_bench.rig.reference
+    undo = end_at(bench, stripe, step=0)
+    bench.gait.say(0, PausePhase.BEGIN)
+    cut = bench.client.wait_for_step(0, timeout=TIMEOUT)
+    fused = bench.client.wait_for_step(0, timeout=TIMEOUT, extent="map")
+    undo()
+    assert not bench.rig.board.view().laser_on
+    # The frame of the stripe that was just fired is no longer waited for.
+    assert cut.metadata["stripes_used"] == max(stripe - 1, 0)
+    assert "the pause ended before the scan" in cut.metadata["health"]["reasons"]
+    assert bench.rig.never_safer(cut)
+    for grid in (cut, fused):
+        unknown = (grid.hazard & UNKNOWN_MASK) != 0
+        np.testing.assert_array_equal(np.isnan(grid.elevation), unknown)
+        assert not np.any((grid.traversability > 0) & unknown)
+        assert (grid.to_occupancy()[unknown] == 100).all()
+    assert np.any(cut.hazard & Hazard.UNSCANNED)
+    lost = np.isfinite(whole.elevation) & np.isnan(cut.elevation)
+    assert lost.sum() >= (70 - stripe) / 70 * 0.8 * np.isfinite(whole.elevation).sum()
+    if stripe == 0:
+        assert (cut.hazard & Hazard.UNSCANNED).all() and not np.isfinite(cut.elevation).any()
+    bench.gait.say(1, PausePhase.BEGIN)
+    again = bench.client.wait_for_step(1, timeout=TIMEOUT)
+    np.testing.assert_array_equal(again.hazard, whole.hazard)
+    assert again.metadata["health"]["level"] == "ok"
+
+
+def bad_end(stance: Stance, what: str) -> bytes:
+    """The END of step 0 as another program may send it, joints lost."""
+    message = make_stance_pause(
+        StancePause(robot="guara", step=0, phase=PausePhase.END, stamp=1, stance=stance_message(stance))
+    )
+    told = message.stance
+    if what == "a joint is NaN":
+        told.joint_positions[5] = np.nan
+    elif what == "all joints are NaN":
+        told.joint_positions[:] = np.nan
+    elif what == "no joints":
+        told.joint_names, told.joint_positions = [], np.zeros(0)
+    elif what == "a joint is missing":
+        told.joint_names, told.joint_positions = told.joint_names[1:], told.joint_positions[1:]
+    elif what == "gravity is NaN":
+        told.gravity_known, told.gravity_in_base.x = True, float("nan")
+    return bytes(encode(message))
+
+
+@pytest.mark.parametrize(
+    "what", ["a joint is NaN", "all joints are NaN", "no joints", "a joint is missing", "gravity is NaN", "no message"]
+)
+def test_a_scan_whose_pause_ends_with_joints_lost_is_not_used(bench: Bench, what: str) -> None:
+    """Nobody knows whether the robot stood still: laser off, no grid, the status says why, the next pause is whole."""
+    bench.gait.say(0, PausePhase.BEGIN)
+    assert wait_until(lambda: bench.rig.board.view().laser_on)
+    payload = b"\x00\x01nonsense" if what == "no message" else bad_end(bench.gait.stance, what)
+    bench.gait.publisher._publisher.put(payload)
+    assert wait_until(lambda: any(item.name == "scan" for item in bench.status.items()))
+    told = [item for item in bench.status.items() if item.name in ("scan", "stance")]
+    assert all(item.level is Health.ERROR for item in told)
+    assert any("stance" in item.message or "joint" in item.message for item in told)
+    assert not bench.rig.board.view().laser_on
+    assert bench.node.latest_map is None
+    bench.gait.say(1, PausePhase.BEGIN)
+    first = bench.client.wait_for_step(0, timeout=TIMEOUT)
+    assert first.step == 1 and first.metadata["sequence"] == 1
+    np.testing.assert_array_equal(first.hazard, bench.rig.reference.hazard)
+    assert bench.client.wait_for_step(0, timeout=TIMEOUT, extent="map").step == 1
+    assert all(item.level is Health.OK for item in bench.status.items())
+
+
+@pytest.mark.parametrize("phase", list(PausePhase))
+@pytest.mark.parametrize("is_usable", [True, False])
+def test_news_of_a_later_pause_end_the_one_under_way(bench: Bench, phase: PausePhase, is_usable: bool) -> None:
+    """Its own end was lost: the robot has moved on, the scan under way is not used."""
+    legs = bench.gait.stance.support_feet if is_usable else ("lf", "xx", "rh")
+    stance = Stance(bench.gait.stance.joint_positions, legs, bench.gait.stance.gravity_in_base)
+    problems: list[str] = []
+    tell = bench.status.problem
+
+    def problem(part: str, message: str) -> None:
+        problems.append(message)
+        tell(part, message)
+
+    bench.status.problem = problem  # type: ignore[method-assign]
+    seen: list[int] = []
+    bench.client.on_terrain(lambda terrain: seen.append(terrain.step))
+    bench.gait.say(0, PausePhase.BEGIN)
+    assert wait_until(lambda: bench.rig.board.view().laser_on)
+    bench.gait.say(1, phase, stance)
+    assert wait_until(lambda: any("step 0: the pause ended without a stance" in message for message in problems))
+    bench.gait.say(2, PausePhase.BEGIN)
+    np.testing.assert_array_equal(bench.client.wait_for_step(2, timeout=TIMEOUT).hazard, bench.rig.reference.hazard)
+    assert wait_until(lambda: 2 in seen) and 0 not in seen
+    assert wait_until(lambda: bench.node.latest_map is not None and bench.node.latest_map.step == 2)
+
+
+class Router:
+    """A Zenoh router in a process of its own, at one endpoint, that can die and come back."""
+
+    def __init__(self, endpoint: str) -> None:
+        self._endpoint = endpoint
+        self.start()
+
+    def start(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, str(PEER), "router", self._endpoint],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self._process.stdout is not None and self._process.stdout.readline().strip() == "ready"
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.wait(TIMEOUT)
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            pipe.close()
+
+
+def test_a_router_that_dies_and_comes_back_costs_no_scan(
+    rig: Rig, free_endpoint: str, robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan
+) -> None:
+    """The scan under way ends well, its grid arrives later; then pauses, planners old and new, and status as ever."""
+    router = Router(free_endpoint)
+    try:
+        with running(rig, free_endpoint, robot, calibration, paper_scan.stance, has_router=True) as bench:
+            bench.gait.say(0, PausePhase.BEGIN)
+            assert bench.client.wait_for_step(0, timeout=TIMEOUT).step == 0
+            bench.gait.say(0, PausePhase.END)
+            assert wait_until(lambda: bench.node.wait_for_step(0, TIMEOUT) and bool(bench.session.links()))
+
+            bench.gait.say(1, PausePhase.BEGIN)
+            assert wait_until(lambda: rig.board.view().laser_on)
+            router.kill()
+            assert bench.node.wait_for_step(1, TIMEOUT)
+            assert wait_until(lambda: not bench.session.links() and not bench.client.is_alive)
+            scanner = next(item for item in bench.status.items() if item.name == "scanner")
+            assert (scanner.level, scanner.values["step"], scanner.values["failures"]) == (Health.OK, "1", "0")
+            assert bench.node.latest_map is not None and bench.node.latest_map.step == 1
+
+            router.start()
+            late = bench.client.wait_for_step(1, timeout=TIMEOUT)
+            np.testing.assert_array_equal(late.hazard, rig.reference.hazard)
+            bench.gait.say(1, PausePhase.END)
+            bench.gait.say(2, PausePhase.BEGIN)
+            after = bench.client.wait_for_step(2, timeout=TIMEOUT)
+            np.testing.assert_array_equal(after.hazard, rig.reference.hazard)
+            assert bench.client.wait_for_step(2, timeout=TIMEOUT, extent="map").step == 2
+            with gp.TerrainClient(free_endpoint, timeout=TIMEOUT) as newcomer:
+                assert newcomer.wait_for_step(2, timeout=TIMEOUT).step == 2
+
+            def told() -> dict[str, str]:
+                status = bench.client.status()
+                items = () if status is None else status.items
+                assert all(item.level is Health.OK for item in items)
+                return {name: value for item in items for name, value in item.values.items()}
+
+            assert wait_until(lambda: told().get("last_scan_step") == "2" and told().get("links") == "1")
+    finally:
+        router.kill()
