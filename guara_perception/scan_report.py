@@ -73,8 +73,9 @@ def scan_report(
     """Metadata of a grid; see docs/files.md for the fields."""
     bad = {index: profile.reason for index, profile in sorted(profiles.items()) if profile.is_frame_bad}
     counts = np.zeros(len(StripeStatus), dtype=np.int64)
-    for stripe in points.values():
-        counts += np.bincount(stripe.status, minlength=len(StripeStatus))
+    if points:
+        status = np.concatenate([stripe.status for stripe in points.values()])
+        counts[:] = [np.count_nonzero(status == np.uint8(each)) for each in StripeStatus]
     used = int(counts[StripeStatus.OK] + counts[StripeStatus.SATURATED])
     hazard = np.asarray(layers["hazard"], np.uint16)
     unknown = (hazard & UNKNOWN_MASK) != 0
@@ -115,7 +116,7 @@ def scan_report(
         "coverage": coverage,
         "coverage_regions": regional_coverage(~unknown, expected),
         "known": float((~unknown).mean()),
-        "hazard_cells": {flag.name: int(((hazard & flag) != 0).sum()) for flag in Hazard if flag and flag.name},
+        "hazard_cells": {flag.name: int(np.count_nonzero(hazard & flag)) for flag in Hazard if flag and flag.name},
         "health": {"level": "ok" if not reasons else "degraded", "reasons": reasons},
         "seconds": {name: round(value, 6) for name, value in seconds.items()},
     }

@@ -122,7 +122,14 @@ class SelfFilter:
             np.einsum("ni,ni->n", origins, origins),
         )
         blocked = np.zeros(len(points), dtype=np.bool_)
-        for shape in self.shapes:
+        if not len(points):
+            return blocked
+        low, high = (
+            np.fmin(np.fmin.reduce(points, axis=0), origins.min(axis=0)),
+            np.fmax(np.fmax.reduce(points, axis=0), origins.max(axis=0)),
+        )
+        for place in np.flatnonzero(np.all((self._lowest <= high) & (self._highest >= low), axis=1)).tolist():
+            shape = self.shapes[place]
             near = np.flatnonzero(segments.pass_by(shape.centre, shape.reach) & ~blocked)
             if len(near):
                 blocked[near] = shape.blocks(origins if len(origins) == 1 else origins[near], ways[near])
@@ -130,7 +137,7 @@ class SelfFilter:
 
     def _check_outside(self, origins: Array) -> None:
         inside = origins[self.contains(origins)]
-        for shape in self.shapes:
+        for shape in self.shapes if len(inside) else ():
             if np.any(shape.contains(inside)):
                 raise ArgumentError(
                     f"an origin lies inside the shape of link {shape.link!r} (margin {self.margin:g} m); "

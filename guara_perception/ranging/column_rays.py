@@ -11,7 +11,7 @@ from guara_perception.calibration.camera import CameraModel
 Float = npt.NDArray[np.float64]
 
 # Number of coefficients that are tried. A usual lens needs 16; one that folds near a corner of the picture needs more.
-COUNTS = (10, 16, 24)
+COUNTS = (16, 24)
 # Largest error of a ray, seen in the picture [px]: the triangulated point is then right to a few nanometres.
 TOLERANCE_PX = 1e-6
 

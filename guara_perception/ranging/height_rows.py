@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+
 import numpy as np
 import numpy.typing as npt
 
@@ -15,15 +18,15 @@ SAMPLES = 49
 
 
 def plane_in_frame(plane_in_camera: Float, transform_camera_to_frame: Float) -> Float:
-    """A plane (4,) n . X + d = 0 of the camera frame, expressed in another frame."""
+    """A plane (4,) n . X + d = 0 of the camera frame, or several (s, 4), expressed in another frame."""
     rotation, translation = transform_camera_to_frame[:3, :3], transform_camera_to_frame[:3, 3]
-    normal = rotation @ plane_in_camera[:3]
-    return np.append(normal, plane_in_camera[3] - normal @ translation)
+    normal = plane_in_camera[..., :3] @ rotation.T
+    return np.concatenate((normal, plane_in_camera[..., 3:] - (normal @ translation)[..., None]), axis=-1)
 
 
 def height_rows(
     camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float
-) -> Float:
+) -> Iterator[Float]:
     """Rows at which each sheet crosses each height.
 
     Args:
@@ -32,40 +35,42 @@ def height_rows(
         planes_in_camera: (s, 4) one plane per stripe.
         heights: (h,) heights above z = 0 of the footprint [m].
 
-    Returns:
-        (s, h, width) float64 rows; NaN in columns from which that line is not seen.
+    Yields:
+        For each plane (h, width) float64 rows; NaN in columns from which that line is not seen.
     """
-    rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
+    translation = transform_camera_to_footprint[:3, 3]
+    planes = plane_in_frame(planes_in_camera, transform_camera_to_footprint)
+    steepness = np.maximum(np.hypot(planes[:, 0], planes[:, 1]), 1e-12)[:, None]
+    across = planes[:, :2] / steepness
+    # The point of the line nearest to the spot below the camera, (s, h) along `across`.
+    distance = -(planes[:, :2] @ translation[:2] + planes[:, 3])[:, None] - planes[:, 2:3] * heights
+    distance /= steepness
     along = np.linspace(-HALF_LENGTH_M, HALF_LENGTH_M, SAMPLES)
-    points = np.empty((len(planes_in_camera), len(heights), SAMPLES, 3))
-    for i, plane_in_camera in enumerate(planes_in_camera):
-        plane = plane_in_frame(plane_in_camera, transform_camera_to_footprint)
-        horizontal = plane[:2]
-        steepness = float(np.linalg.norm(horizontal))
-        direction = np.array([-horizontal[1], horizontal[0]]) / max(steepness, 1e-12)
-        for j, height in enumerate(heights):
-            # The point of the line nearest to the spot below the camera.
-            distance = -(plane @ np.append(translation[:2], [height, 1.0])) / max(steepness, 1e-12)
-            foot = translation[:2] + distance * horizontal / max(steepness, 1e-12)
-            points[i, j, :, :2] = foot + along[:, None] * direction
-            points[i, j, :, 2] = height
-    pixels = camera.project((points.reshape(-1, 3) - translation) @ rotation)
-    pixels = pixels.reshape(*points.shape[:3], 2)
-    rows = np.full((*points.shape[:2], camera.size[0]), np.nan)
+    points = np.empty((3, *distance.shape, SAMPLES))
+    points[0] = (translation[0] + distance * across[:, :1])[:, :, None] - across[:, 1, None, None] * along
+    points[1] = (translation[1] + distance * across[:, 1:])[:, :, None] + across[:, 0, None, None] * along
+    points[2] = heights[:, None]
+    in_camera = transform_camera_to_footprint[:3, :3].T @ (points.reshape(3, -1) - translation[:, None])
+    pixels = camera.project(in_camera.T).reshape(*distance.shape, SAMPLES, 2)
     columns = np.arange(camera.size[0])
-    for i, j in np.ndindex(*points.shape[:2]):
-        seen = pixels[i, j][np.isfinite(pixels[i, j, :, 0])]
-        if len(seen) > 1:
-            seen = seen[np.argsort(seen[:, 0])]
-            rows[i, j] = np.interp(columns, seen[:, 0], seen[:, 1], left=np.nan, right=np.nan)
-    return rows
+    for lines in pixels:
+        yield np.array([_rows_of_line(line, columns) for line in lines])
+
+
+def _rows_of_line(pixels: Float, columns: npt.NDArray[np.int64]) -> Float:
+    """Rows of a line, given by some of its pixels (n, 2), at columns; NaN beyond its ends."""
+    seen = pixels[np.isfinite(pixels[:, 0])]
+    if len(seen) < 2:
+        return np.full(columns.size, np.nan)
+    seen = seen[np.argsort(seen[:, 0])]
+    return np.interp(columns, seen[:, 0], seen[:, 1], left=np.nan, right=np.nan)
 
 
 def row_band(rows: Float, margin: int, height: int) -> tuple[int, int]:
     """First and end row of a band that holds all finite `rows` and a margin, cut to the picture; (0, 0) when empty."""
-    finite = rows[np.isfinite(rows)]
-    if not finite.size:
+    lowest, highest = float(np.fmin.reduce(rows, axis=None)), float(np.fmax.reduce(rows, axis=None))
+    if not (math.isfinite(lowest) and math.isfinite(highest)):
         return (0, 0)
-    first = max(int(np.floor(finite.min())) - margin, 0)
-    end = min(int(np.ceil(finite.max())) + margin + 1, height)
+    first = max(math.floor(lowest) - margin, 0)
+    end = min(math.ceil(highest) + margin + 1, height)
     return (first, end) if end - first >= 2 * margin else (0, 0)

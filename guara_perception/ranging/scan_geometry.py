@@ -72,10 +72,11 @@ def scan_geometry(
     rows = height_rows(calibration.camera, transform, planes, gates)
     height = calibration.camera.size[1]
     stripes = {
-        stripe.index: StripeGeometry(stripe.index, stripe.plane, row_band(rows[i], ROW_MARGIN_PX, height))
-        for i, stripe in enumerate(planned)
+        stripe.index: StripeGeometry(stripe.index, stripe.plane, row_band(of_stripe, ROW_MARGIN_PX, height))
+        for stripe, of_stripe in zip(planned, rows, strict=True)
     }
     camera = transform[:3, 3]
-    every_plane = np.array([plane_in_frame(stripe.plane, transform) for stripe in calibration.stripes])
-    in_pattern = np.array([plane_in_frame(plane, transform) for plane in planes]).reshape(-1, 4)
-    return ScanGeometry(transform, stripes, in_pattern, (camera, sheet_origin(every_plane, camera)))
+    every_plane = plane_in_frame(np.array([stripe.plane for stripe in calibration.stripes]), transform)
+    return ScanGeometry(
+        transform, stripes, plane_in_frame(planes, transform), (camera, sheet_origin(every_plane, camera))
+    )

@@ -59,7 +59,8 @@ class SurfaceRaster:
         A return below them says only why a cell is unknown: from under a surface that was seen nothing can return, so
         there it is a stray reflection.
         """
-        keys = {key for index in self._stripes for key in self._touched(index) if self._is_there(key)}
+        step = self._pattern.step
+        keys = [key for k in self._stripes for key in ((k, k), (k, k + step)) if self._is_there(key)]
         parts = self._final | self._parts([key for key in keys if key not in self._final])
         merged = merge((parts[key] for key in sorted(parts)), self._geometry)
         return without_cells(merged, self._too_high)

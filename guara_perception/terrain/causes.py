@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.hazard import Hazard
+from guara_perception.terrain.raster import ROUNDING
 
 Float = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.uint16]
@@ -42,15 +43,16 @@ def plan_looks(geometry: GridGeometry, planes_in_footprint: Float, pixels: Float
         size: picture width and height [px].
     """
     x, y = geometry.centres()
-    ground = np.column_stack(
-        (np.tile(x, len(y)), np.repeat(y, len(x)), np.zeros(geometry.size), np.ones(geometry.size))
-    )
-    side = ground @ planes_in_footprint.T > 0
-    changes = side[:, 1:] != side[:, :-1]
-    pair = np.where(changes.any(axis=1), changes.argmax(axis=1), -1)
+    pair = np.empty(geometry.shape, dtype=np.int64)
+    for iy, beside in enumerate(np.multiply.outer(y, planes_in_footprint[:, 1]) + planes_in_footprint[:, 3]):
+        # Row by row: all cells and sheets at once would take megabytes.
+        side = np.multiply.outer(x, planes_in_footprint[:, 0]) + beside > 0
+        changes = side[:, 1:] != side[:, :-1]
+        first = changes.argmax(axis=1)
+        pair[iy] = np.where(changes[np.arange(x.size), first], first, -1)
     with np.errstate(invalid="ignore"):
         in_view = (pixels >= 0).all(axis=1) & (pixels[:, 0] <= size[0] - 1) & (pixels[:, 1] <= size[1] - 1)
-    return LookPlan(pair.reshape(geometry.shape), in_view.reshape(geometry.shape))
+    return LookPlan(pair, in_view.reshape(geometry.shape))
 
 
 def unknown_causes(
@@ -80,17 +82,16 @@ def unknown_causes(
     flags = np.where(unknown, marks, 0).astype(np.uint16)
     looked_at = np.append(pair_usable, False)[plan.pair] & (plan.pair >= 0) & plan.in_view
     flags[unknown & ~looked_at & (flags == 0)] = np.uint16(Hazard.UNSCANNED)
-    open_cells = unknown & (flags == 0)
-    if in_own_shadow is not None and open_cells.any():
-        iy, ix = np.nonzero(open_cells)
-        x, y = geometry.centres()
-        own = in_own_shadow(np.column_stack((x[ix], y[iy], _ground_height(elevation)[iy, ix])))
-        flags[iy[own], ix[own]] = np.uint16(Hazard.SELF)
-        open_cells = unknown & (flags == 0)
-    hidden = np.zeros_like(open_cells)
+    cells = np.flatnonzero(unknown & (flags == 0))
+    if not cells.size:
+        return flags
+    targets = _lowest_ground(elevation, cells, geometry)
+    cause = np.full(cells.size, Hazard.DROPOUT, dtype=np.uint16)
     for eye in eyes:
-        hidden |= is_hidden(elevation, open_cells, eye, geometry)
-    flags[open_cells] = np.where(hidden[open_cells], np.uint16(Hazard.OCCLUDED), np.uint16(Hazard.DROPOUT))
+        cause[_behind_surface(elevation, targets, eye, geometry)] = Hazard.OCCLUDED
+    if in_own_shadow is not None:
+        cause[in_own_shadow(targets)] = Hazard.SELF
+    flags.ravel()[cells] = cause
     return flags
 
 
@@ -106,27 +107,46 @@ def is_hidden(
         geometry: the grid.
     """
     result = np.zeros(geometry.shape, dtype=bool)
-    iy, ix = np.nonzero(cells)
-    if not iy.size:
-        return result
-    ground = _ground_height(elevation)
-    x, y = geometry.centres()
-    target = np.column_stack((x[ix], y[iy], ground[iy, ix]))
-    top = float(np.nanmax(elevation)) if np.isfinite(elevation).any() else 0.0
+    asked = np.flatnonzero(cells)
+    if asked.size:
+        result.ravel()[asked] = _behind_surface(elevation, _lowest_ground(elevation, asked, geometry), eye, geometry)
+    return result
+
+
+def _behind_surface(elevation: Float, targets: Float, eye: Float, geometry: GridGeometry) -> npt.NDArray[np.bool_]:
+    """Whether a measured surface stands between an eye and each of the targets (n, 3)."""
+    top = float(np.fmax.reduce(elevation, axis=None))
+    x, y, z = targets.T
+    if np.isnan(top):
+        return np.zeros(len(targets), dtype=bool)
     # Above the highest surface nothing can hide: only the last stretch of each line needs a look.
-    climb = np.maximum(eye[2] - target[:, 2], 1e-6)
-    start = np.clip(1 - (top - target[:, 2]) / climb, 0.0, 1.0)
-    length = np.linalg.norm(eye[:2] - target[:, :2], axis=1) * (1 - start)
+    climb = np.maximum(eye[2] - z, 1e-6)
+    start = np.clip(1 - (top - z) / climb, 0.0, 1.0)
+    length = np.hypot(eye[0] - x, eye[1] - y) * (1 - start)
     steps = int(np.clip(np.ceil(2 * length.max() / geometry.resolution), 1, 400))
     share = start + (1 - start) * ((np.arange(steps) + 0.5) / steps)[:, None]
-    # One array per coordinate: an array of points would be walked through with gaps.
-    line_x, line_y, line_z = (eye[i] + share * (target[:, i] - eye[i]) for i in range(3))
-    jy, jx = geometry.indices(line_x, line_y)
-    inside = geometry.contains(jy, jx)
-    surface = np.where(inside, elevation[np.where(inside, jy, 0), np.where(inside, jx, 0)], np.nan)
+    # Cells counted with a border of one, where nothing is known: what lies beyond the grid is cut to it.
+    around = np.pad(elevation, 1, constant_values=np.nan)
+    row, column = (
+        ((end + share * (place - end) - origin) * (1 / geometry.resolution) + (1 + ROUNDING))
+        .clip(0, count + 1)
+        .astype(np.intp)
+        for place, end, origin, count in (
+            (y, eye[1], geometry.origin[1], geometry.shape[0]),
+            (x, eye[0], geometry.origin[0], geometry.shape[1]),
+        )
+    )
+    row *= around.shape[1]
+    row += column
     with np.errstate(invalid="ignore"):
-        result[iy, ix] = (surface > line_z + HIDING_MARGIN_M).any(axis=0)
-    return result
+        return np.asarray((around.ravel().take(row) > eye[2] + share * (z - eye[2]) + HIDING_MARGIN_M).any(axis=0))
+
+
+def _lowest_ground(elevation: Float, cells: npt.NDArray[np.intp], geometry: GridGeometry) -> Float:
+    """Centres (n, 3) of flat cells at the lowest height measured around them, at 0 where nothing is known nearby."""
+    x, y = geometry.centres()
+    iy, ix = np.divmod(cells, x.size)
+    return np.stack((x[ix], y[iy], _ground_height(elevation).ravel()[cells])).T
 
 
 def _ground_height(elevation: Float) -> Float:
