@@ -24,14 +24,27 @@ def read_json(path: str | Path) -> Fields:
     path = Path(path)
     if not path.is_file():
         raise MissingFile(f"{path}: no such file")
+    return parse_json(path.read_bytes(), str(path))
+
+
+def parse_json(content: bytes, source: str) -> Fields:
+    """Read JSON whose top level is an object.
+
+    Args:
+        content: of the file.
+        source: where it came from, for messages.
+
+    Raises:
+        FileFormatError: it is not JSON, not an object, or holds NaN or infinity anywhere.
+    """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(content.decode())
     except (ValueError, RecursionError) as error:  # ValueError: no JSON, no UTF-8, a number of thousands of digits
-        raise FileFormatError(f"{path}: not a JSON file ({error})") from None
+        raise FileFormatError(f"{source}: not a JSON file ({error})") from None
     if not isinstance(data, dict):
-        raise FileFormatError(f"{path}: the top level is {_kind(data)}, it must be a JSON object")
-    refuse_not_finite(data, str(path))
-    return Fields(data, str(path))
+        raise FileFormatError(f"{source}: the top level is {_kind(data)}, it must be a JSON object")
+    refuse_not_finite(data, source)
+    return Fields(data, source)
 
 
 def refuse_not_finite(data: Any, source: str, path: str = "") -> None:

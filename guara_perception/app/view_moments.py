@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.file import parse_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.view.moment import Moment
 
@@ -30,7 +31,8 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
     Args:
         path: a grid (.npz), a recording (.mcap) or a scan folder.
         robot: that recorded it.
-        calibration: with it, scans are processed anew and their stripes are shown.
+        calibration: with it, scans are processed anew and their stripes are shown; None = the one that a recording
+            carries, if it does.
 
     Raises:
         MissingFile: nothing there.
@@ -103,6 +105,8 @@ def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) ->
             for extent in ("footprint", "map"):
                 for message in recording.terrains(extent):
                     grids.setdefault(message.step, {})[extent] = message_to_terrain(message)
+            if calibration is None and recording.calibration is not None:
+                calibration = parse_calibration(recording.calibration, f"{path}: calibration.json")
     except TransportError as error:
         raise FileFormatError(str(error)) from None
     scans = {scan.step: scan for scan in open_scans(path)}

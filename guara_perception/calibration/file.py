@@ -13,7 +13,7 @@ from typing import Any
 from guara_perception.calibration.calibration import VERDICTS, Calibration, StripePlane
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.exceptions import FileFormatError, InvalidInput
-from guara_perception.fields import Fields, read_json, refuse_not_finite
+from guara_perception.fields import Fields, parse_json, read_json, refuse_not_finite
 from guara_perception.whole_file import whole_file
 
 FORMAT = "guara-calibration/1"
@@ -30,16 +30,32 @@ def load_calibration(path: str | Path) -> Calibration:
         MissingFile: no such file.
         FileFormatError: the content is not a calibration; the message names the field.
     """
-    fields = read_json(path)
+    return _validated(read_json(path), str(path))
+
+
+def parse_calibration(content: bytes, source: str) -> Calibration:
+    """A calibration from the text of its file, as a recording carries it; see `load_calibration`.
+
+    Args:
+        content: text of `calibration.json`.
+        source: where it came from, for messages.
+
+    Raises:
+        FileFormatError: the content is not a calibration; the message names the field.
+    """
+    return _validated(parse_json(content, source), source)
+
+
+def _validated(fields: Fields, source: str) -> Calibration:
     fields.text("format", (FORMAT,))
     try:
         calibration = _parse(fields)
     except InvalidInput as error:
-        raise FileFormatError(f"{path}: {error}") from None
+        raise FileFormatError(f"{source}: {error}") from None
     content = dataclasses.replace(calibration, hash=content_hash(calibration))
     stored = fields.text("hash") if fields.has("hash") else ""
     if stored and stored != content.hash:
-        logger.warning("%s: stored hash %s, content hash %s: edited after it was made", path, stored, content.hash)
+        logger.warning("%s: stored hash %s, content hash %s: edited after it was made", source, stored, content.hash)
     return content
 
 

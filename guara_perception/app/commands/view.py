@@ -17,7 +17,12 @@ if TYPE_CHECKING:
 
 @click.command(name="view")
 @click.argument("file", type=click.Path(path_type=Path), required=False)
-@click.option("-c", "--calibration", type=click.Path(path_type=Path), help="process the scans of FILE, show stripes")
+@click.option(
+    "-c",
+    "--calibration",
+    type=click.Path(path_type=Path),
+    help="to process the scans of FILE with; default: the one that a recording carries",
+)
 @click.option("--robot", default="guara", show_default=True, help="name of a robot, or its folder")
 @click.option("--connect", "endpoint", help="live: where the node listens; default: tcp/127.0.0.1:7447")
 @click.option("--instance", default="guara", show_default=True, help="live: instance name of the robot")

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
+from drivers import StripeCapture, StripeVerdict
 from guara_perception.app.commands.view import show_live
 from guara_perception.app.messages import terrain_to_message
+from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.view_moments import load_moments
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.view.moment import Moment
@@ -78,6 +80,26 @@ def test_a_recording_of_scans_needs_a_calibration(
     assert len(moment.stripes()) == 35
     with pytest.raises(InvalidInput, match="holds scans but no grids: give the calibration"):
         load_moments(path, robot)
+
+
+def test_a_recording_that_carries_its_calibration_needs_no_other(
+    tmp_path: Path, robot: RobotModel, paper_scan: gp.Scan, calibration: gp.Calibration
+) -> None:
+    """The calibration attached by the recorder serves; one that is damaged is named."""
+    path = tmp_path / "scan.mcap"
+    with ScanRecorder(path, robot="guara", calibration=calibration) as recorder:
+        recording = recorder.begin(0, paper_scan.mode, paper_scan.stance)
+        for stripe, on, off in paper_scan.frames():
+            angle = stripe.mirror_angle
+            recording.add(StripeCapture(stripe.index, angle, angle, on, off, 0.0, 0.0, StripeVerdict.OK, None))
+        recording.finish((), None)
+    (moment,) = load_moments(path, robot)
+    assert len(moment.stripes()) == 35
+    damaged = tmp_path / "damaged.mcap"
+    with RecordingWriter(damaged, robot="guara", calibration=b"{}"):
+        pass
+    with pytest.raises(FileFormatError, match=r"damaged.mcap: calibration.json: format is missing"):
+        load_moments(damaged, robot)
 
 
 def test_what_cannot_be_shown_is_refused(guara: Callable, tmp_path: Path, robot: RobotModel) -> None:
