@@ -27,22 +27,16 @@ class OwnBody:
         """
         from kinematics.self_filter import SelfFilter
 
-        self._filter = SelfFilter(state)
-        self._transform = transform_base_to_footprint
+        self._filter = SelfFilter(state, transform_base_to_frame=transform_base_to_footprint)
         self._eyes = eyes
 
     def contains(self, points: Float) -> Mask:
         """Which points (n, 3) lie on the robot; NaN points do not."""
-        return np.asarray(self._filter.contains(self._to_base(points)))
+        return np.asarray(self._filter.contains(points))
 
     def hides(self, points: Float) -> Mask:
         """Which points (n, 3) the robot hides from its camera or its laser."""
-        in_base = self._to_base(points)
         hidden = np.zeros(len(points), dtype=bool)
         for eye in self._eyes:
-            hidden |= self._filter.blocks(self._to_base(eye[None])[0], in_base)
+            hidden |= self._filter.blocks(eye, points)
         return hidden
-
-    def _to_base(self, points: Float) -> Float:
-        # Coordinates in rows, each in one piece of memory: the filter goes through them one by one.
-        return np.asarray((self._transform[:3, :3].T @ (points.T - self._transform[:3, 3:])).T)

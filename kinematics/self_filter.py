@@ -26,6 +26,7 @@ class SelfFilter:
         state: the robot's state.
         margin: added to every shape on all sides [m]; default robot.toml's `[self_filter] margin`.
         ignore: links to leave out; default robot.toml's `[self_filter] ignore`.
+        transform_base_to_frame: (4, 4) to the frame in which points will be given; default `base_link` itself.
 
     Raises:
         UnknownName: an ignored link that the robot does not have.
@@ -33,7 +34,12 @@ class SelfFilter:
     """
 
     def __init__(
-        self, state: RobotState, *, margin: float | None = None, ignore: tuple[str, ...] | None = None
+        self,
+        state: RobotState,
+        *,
+        margin: float | None = None,
+        ignore: tuple[str, ...] | None = None,
+        transform_base_to_frame: npt.ArrayLike | None = None,
     ) -> None:
         """Place every shape by the state's forward kinematics."""
         links = state.tree.links
@@ -45,8 +51,9 @@ class SelfFilter:
         for link in ignored:
             if link not in links:
                 raise unknown_name("link to ignore", link, links)
+        to_frame = np.eye(4) if transform_base_to_frame is None else np.asarray(transform_base_to_frame, np.float64)
         self.shapes = tuple(
-            place_shape(shape, name, state.transform_to_base(name), self.margin)
+            place_shape(shape, name, to_frame @ state.transform_to_base(name), self.margin)
             for name, link in links.items()
             if name not in ignored
             for shape in link.shapes

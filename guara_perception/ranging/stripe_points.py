@@ -46,7 +46,7 @@ class StripePoints:
     Attributes:
         points: (w, 3) in base_footprint [m], NaN where there is no trusted return within the height gates.
         variance: (w,) variance of the height from the stripe position [m^2], NaN likewise.
-        strength: (w,) height of the return above background [grey levels], NaN likewise.
+        strength: (w,) height of the return above background [grey levels]; of use only where there is a point.
         status: (w,) uint8 StripeStatus.
         out_of_range: points seen below or above the gates.
         doubtful: points of returns that may not be used.
@@ -101,7 +101,7 @@ def stripe_points(
     return StripePoints(
         points=_without(points, unusable),
         variance=np.where(kept, variance, np.nan),
-        strength=np.where(kept, profile.peak, np.float32(np.nan)),
+        strength=profile.peak,
         status=_status(profile.status, mixed, outside),
         out_of_range=_picked(points, np.flatnonzero(outside & ~mixed)),
         doubtful=_doubtful(profile, locator, plane_in_camera, gates, on_robot, points, mixed),

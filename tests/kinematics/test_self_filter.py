@@ -99,6 +99,23 @@ def test_coarse_tests_change_nothing(robot: RobotModel) -> None:
     assert inside.any() and blocked.any() and not blocked.all()
 
 
+def test_another_frame_changes_nothing(robot: RobotModel) -> None:
+    """Points given in a frame that is turned and moved are told as the same points in the body's frame."""
+    state = robot.state(robot.posture("scan"))
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = rotation_from_rpy(0.1, -0.05, 0.02), (0.02, -0.01, 0.4)
+    points = np.random.default_rng(5).uniform((-0.6, -0.5, -0.5), (1.0, 0.5, 0.2), (4000, 3))
+    moved = points @ transform[:3, :3].T + transform[:3, 3]
+    camera = state.position_in_base(robot.config.camera_frame)
+    here, there = SelfFilter(state), SelfFilter(state, transform_base_to_frame=transform)
+    np.testing.assert_array_equal(here.contains(points), there.contains(moved))
+    blocked = there.blocks(transform[:3, :3] @ camera + transform[:3, 3], moved)
+    np.testing.assert_array_equal(here.blocks(camera, points), blocked)
+    # The strip of one stripe ahead of the robot meets no shape, one through its body does.
+    strip = np.column_stack((np.full(50, 0.8), np.linspace(-0.3, 0.3, 50), np.full(50, -0.3)))
+    assert not here.contains(strip).any() and here.contains(strip - (0.8, 0.0, -0.3)).any()
+
+
 def test_what_lies_on_the_robot_is_blocked(robot: RobotModel) -> None:
     """A point on the robot is never visible: its segment ends inside a shape."""
     state = robot.state(robot.posture("scan"))

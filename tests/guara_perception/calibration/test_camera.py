@@ -2,12 +2,14 @@
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
+from guara_perception.calibration.camera import BLOCK
 
 MATRIX = np.array([[590.0, 0, 323], [0, 588, 252], [0, 0, 1]])
 
@@ -46,6 +48,18 @@ def test_distortion_is_that_of_brown():
     v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     expected = [[590 * u + 323, 588 * v + 252]]
     np.testing.assert_allclose(camera((k1, k2, p1, p2, k3)).project([[x, y, 1.0]]), expected, atol=1e-9)
+
+
+def test_any_number_of_points_is_projected_as_by_opencv():
+    """None, one, and more than fit into one block: what OpenCV gives, each by itself."""
+    model = camera((-0.24, 0.06, 0.001, -0.0005, 0.01))
+    points = np.random.default_rng(1).uniform((-0.4, -0.3, 0.9), (0.4, 0.3, 1.1), (2 * BLOCK + 7, 3))
+    for n in (0, 1, BLOCK, len(points)):
+        found = model.project(points[:n])
+        assert found.shape == (n, 2)
+        if n:
+            expected = cv2.projectPoints(points[:n], np.zeros(3), np.zeros(3), model.matrix, model.distortion)[0]
+            np.testing.assert_allclose(found, expected[:, 0], atol=1e-9)
 
 
 def test_points_behind_the_camera_have_no_pixel():

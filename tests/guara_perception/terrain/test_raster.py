@@ -8,7 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.terrain.geometry import GridGeometry
-from guara_perception.terrain.raster import TOP_LAYER_M, merge, pool, pool_flags, rasterise, without_cells
+from guara_perception.terrain.raster import (
+    TOP_LAYER_M,
+    cells_of,
+    merge,
+    pool,
+    pool_flags,
+    rasterise,
+    rasterise_parts,
+    without_cells,
+)
 
 GRID = GridGeometry((0.5, -0.27), 0.005, (6, 8))
 
@@ -45,6 +54,28 @@ def test_mean_of_the_top_layer(seed: int, parts: int) -> None:
             assert (raster.low[iy, ix], raster.high[iy, ix]) == pytest.approx((heights.min(), heights.max()), abs=1e-8)
             assert raster.count[iy, ix] == top.size
             assert raster.variance[iy, ix] == pytest.approx(1e-6)
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=20, deadline=None, derandomize=True)
+def test_parts_together_are_the_parts_alone(seed: int) -> None:
+    """Several sets of samples at once, one of them empty and one beside the grid: each as if it were alone."""
+    points = [cloud(seed), np.empty((0, 3)), cloud(seed + 1, 50), cloud(seed + 2) + (9.0, 0.0, 0.0)]
+    sets = [(each, np.full(len(each), 1e-6)) for each in points]
+    for together, each in zip(rasterise_parts(sets, GRID), sets, strict=True):
+        alone = rasterise(*each, GRID)
+        for name in ("cell", "total", "count", "variance_total", "low", "high"):
+            np.testing.assert_array_equal(getattr(together, name), getattr(alone, name))
+
+
+def test_cells_are_those_of_the_geometry() -> None:
+    """Known points on the grid, also on the borders of cells: the cells that the geometry names."""
+    border = np.array([[0.5 + 0.005 * i, -0.27 + 0.005 * j, 0.0] for i in range(-1, 10) for j in range(-1, 8)])
+    points = np.concatenate((cloud(3), border))
+    cell, inside = cells_of(points, GRID)
+    iy, ix = GRID.indices(points[:, 0], points[:, 1])
+    np.testing.assert_array_equal(inside, GRID.contains(iy, ix) & np.isfinite(points[:, 2]))
+    np.testing.assert_array_equal(cell, (iy * GRID.shape[1] + ix)[inside])
 
 
 def test_nothing_gives_nothing() -> None:
