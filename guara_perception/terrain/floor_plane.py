@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.terrain.quantile import quantile
+
 Float = npt.NDArray[np.float64]
 
 # With 45 % of the cells on the floor, three at random lie on it in one of 100 trials with 1 - (1 - 0.45^3)^100.
@@ -61,7 +63,7 @@ def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
     level = np.array([0.0, 0.0, float(np.median(z))])
     trials = np.linalg.solve(matrices[usable], z[triples[usable]][..., None])[..., 0]
     trials = np.vstack((level, trials))
-    misses = np.quantile(np.abs(z[judges] - trials @ design[judges].T), FLOOR_SHARE, axis=1)
+    misses = quantile(np.abs(z[judges] - trials @ design[judges].T), FLOOR_SHARE)
     plane = trials[int(misses.argmin())]
     spread = QUANTILE_TO_SIGMA * float(misses.min())
     for _ in range(REFINEMENTS):

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from guara_perception.readonly import readonly
 from guara_perception.terrain.floor_plane import FloorPlane, fit_floor
 from guara_perception.terrain.layered_grid import LayeredGrid
+from guara_perception.terrain.quantile import quantile
 
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -87,7 +88,7 @@ def _obstacle(terrain: LayeredGrid, floor: FloorPlane, over: Float, cells: Mask,
     elevation = terrain.elevation[iy, ix].astype(np.float64)
     variance = terrain.variance[iy, ix].astype(np.float64)
     sign = 1.0 if rise[0] > 0 else -1.0
-    peak = float(np.quantile(sign * rise, TOP_QUANTILE))
+    peak = float(quantile(sign * rise, TOP_QUANTILE))
     top = sign * rise >= peak - TOP_BAND_M - 3 * float(np.sqrt(variance.mean()))
     plane = _plane(x[top], y[top], elevation[top])
     centre = np.array([x[top].mean(), y[top].mean()])
