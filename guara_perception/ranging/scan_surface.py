@@ -78,10 +78,6 @@ class Links:
         """Columns in which a stripe and the one before it are linked."""
         return self.after(index - self._pattern.step)
 
-    def forget(self, index: int) -> None:
-        """Drop what was kept of a stripe and the next: nobody will ask again."""
-        self._known.pop(index, None)
-
 
 def stripe_surface(stripes: Mapping[int, StripePoints], index: int, links: Links) -> Surface:
     """The points of one stripe that its neighbours on both sides confirm."""
