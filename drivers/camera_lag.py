@@ -26,7 +26,8 @@ class LagMeasurement:
     """The lag of a camera.
 
     Attributes:
-        lag: a frame stamped t shows nothing older than t - lag [s]; the safe end of what was measured.
+        lag: a frame stamped t shows nothing older than t - lag [s], but for at most a tenth of its light, which noise
+            hides; the safe end of what was measured.
         uncertainty: by how much the true lag may be shorter [s].
         period: time between frames [s].
         toggles: how often the laser was switched.
