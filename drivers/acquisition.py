@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import queue
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from types import TracebackType
 
@@ -96,6 +97,8 @@ class StripeStream:
         self._proof = StepProof(options.limits)
         self._verdicts: list[tuple[int, StripeVerdict]] = []
         self._on_before: Image | None = None
+        self._together, self._left = options.together, len(pattern)
+        self._waiting: deque[RawStripe | None] = deque()
         self._entered = self._ended = False
 
     def __enter__(self) -> StripeStream:
@@ -152,6 +155,17 @@ class StripeStream:
         return write_report(self._pattern, self._worker, tuple(self._verdicts))
 
     def _next_item(self) -> RawStripe | None:
+        if not self._waiting:
+            group = min(self._together, max(self._left - 1, 1))
+            self._left -= group
+            for _ in range(group):
+                self._waiting.append(self._taken())
+                if self._waiting[-1] is None:
+                    break
+        return self._waiting.popleft()
+
+    def _taken(self) -> RawStripe | None:
+        """The next stripe from the scan's thread, None at its end."""
         while True:
             try:
                 return self._worker.items.get(timeout=_POLL)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from guara_perception.app.node.rangefinder import Rangefinder
+from guara_perception.app.node.rangefinder import STRIPES_TOGETHER, Rangefinder
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import InvalidInput
@@ -76,5 +76,5 @@ def _real(calibration: Calibration, camera: str, fps: float | None, off_frames: 
     return Rangefinder(
         board=LaserBoard(),
         camera=OpenCvCamera(source, size=calibration.camera.size, fps=fps),
-        options=AcquireOptions(off=OffFrames(off_frames)),
+        options=AcquireOptions(off=OffFrames(off_frames), together=STRIPES_TOGETHER),
     )

@@ -14,6 +14,10 @@ if TYPE_CHECKING:
 
 Pattern = Sequence[tuple[int, float]]
 
+# Stripes that are processed one right after the other: at 30 frames per second a third less of processor time than
+# each by itself, for the memory of eight frames; the last, for which the gait waits, is never among others.
+STRIPES_TOGETHER = 8
+
 
 @dataclass
 class Rangefinder:
@@ -22,7 +26,7 @@ class Rangefinder:
     Attributes:
         board: the laser board.
         camera: the camera.
-        options: how scans are taken; None = one off frame per scan.
+        options: how scans are taken; None = one off frame per scan, STRIPES_TOGETHER.
     """
 
     board: LaserBoard
@@ -51,9 +55,10 @@ class Rangefinder:
         self, pattern: Pattern, band: Callable[[int], tuple[int, int]], should_stop: Callable[[], bool]
     ) -> StripeStream:
         """One scan, to be taken in a `with` block; see `drivers.acquire`."""
-        from drivers import acquire
+        from drivers import AcquireOptions, acquire
 
-        return acquire(self.board, self.camera, pattern, self.options, band=band, should_stop=should_stop)
+        options = self.options or AcquireOptions(together=STRIPES_TOGETHER)
+        return acquire(self.board, self.camera, pattern, options, band=band, should_stop=should_stop)
 
     def lost_steps(self, pattern: Pattern) -> int:
         """Bring the mirror home, and then to the first stripe: how many steps it had lost since the last time.
