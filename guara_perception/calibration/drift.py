@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.plane_fit import fit_plane
+from guara_perception.stripes.middle import middle
+
 Float = npt.NDArray[np.float64]
 
 HOLDS, DRIFTING, UNKNOWN = "holds", "drifting", "unknown"
@@ -84,22 +87,19 @@ def check_drift(points: Mapping[int, Float], pose_covariance: npt.ArrayLike | No
     cloud = np.concatenate(list(cleaned.values()))
     plane = _floor(cloud)
     distance = {index: p @ np.append(-plane[:2], 1.0) - plane[2] for index, p in cleaned.items()}
-    on_floor = np.concatenate([np.abs(d) < FLOOR_BAND_M for d in distance.values()])
-    share = float(on_floor.mean())
-    medians = {
-        index: float(np.median(d[np.abs(d) < FLOOR_BAND_M]))
-        for index, d in distance.items()
-        if (np.abs(d) < FLOOR_BAND_M).sum() >= MIN_COLUMNS
-    }
+    near = {index: d[np.abs(d) < FLOOR_BAND_M] for index, d in distance.items()}
+    share = sum(d.size for d in near.values()) / len(cloud)
+    medians = {index: middle(d) for index, d in near.items() if d.size >= MIN_COLUMNS}
     if share < MIN_FLOOR_SHARE or len(medians) < MIN_STRIPES:
         return _unknown(f"no flat floor in view: {100 * share:.0f} % of the points lie on one plane", share)
-    middle = cloud[on_floor].mean(axis=0)
-    height = float(plane[:2] @ middle[:2] + plane[2])
+    on_floor = np.concatenate([np.abs(d) < FLOOR_BAND_M for d in distance.values()])
+    centre = cloud[on_floor].mean(axis=0)
+    height = float(plane[:2] @ centre[:2] + plane[2])
     tilt = float(np.arctan(np.hypot(plane[0], plane[1])))
     values = np.array(list(medians.values()))
     worst = max(medians, key=lambda index: abs(medians[index]))
     rms = float(np.sqrt(np.mean(values**2)))
-    reasons = _reasons(height, tilt, rms, worst, medians[worst], _allowed(pose_covariance, middle))
+    reasons = _reasons(height, tilt, rms, worst, medians[worst], _allowed(pose_covariance, centre))
     step = _step(distance)
     if step is not None:
         reasons.append(
@@ -109,13 +109,13 @@ def check_drift(points: Mapping[int, Float], pose_covariance: npt.ArrayLike | No
     return Drift(DRIFTING if reasons else HOLDS, tuple(reasons), share, height, tilt, rms, worst, medians[worst])
 
 
-def _allowed(pose_covariance: npt.ArrayLike | None, middle: Float) -> tuple[float, float]:
+def _allowed(pose_covariance: npt.ArrayLike | None, centre: Float) -> tuple[float, float]:
     """Limits of height [m] and tilt [rad] with the stance's own uncertainty."""
     if pose_covariance is None:
         return MAX_FLOOR_HEIGHT_M, MAX_FLOOR_TILT
     covariance = np.asarray(pose_covariance, dtype=np.float64)
     # Height at the middle of the floor: z, roll times y, pitch times x.
-    lever = np.array([0.0, 0.0, 1.0, middle[1], -middle[0], 0.0])
+    lever = np.array([0.0, 0.0, 1.0, centre[1], -centre[0], 0.0])
     height = STANCE_SIGMAS * float(np.sqrt(lever @ covariance @ lever))
     tilt = STANCE_SIGMAS * float(np.sqrt(max(covariance[3, 3], covariance[4, 4])))
     return float(np.hypot(MAX_FLOOR_HEIGHT_M, height)), float(np.hypot(MAX_FLOOR_TILT, tilt))
@@ -156,14 +156,14 @@ def _floor(cloud: Float) -> Float:
     levels, edges = np.histogram(near[:, 2], bins=int(2 * FLOOR_SEARCH_M / FLOOR_BAND_M))
     peak = float(edges[int(np.argmax(levels))] + (edges[1] - edges[0]) / 2)
     plane = np.array([0.0, 0.0, peak])
+    x, y, z = np.ascontiguousarray(cloud.T)
     for reach in (4.0, 2.0, 1.0, 1.0, 1.0):
-        distance = cloud[:, 2] - cloud[:, :2] @ plane[:2] - plane[2]
-        kept = cloud[np.abs(distance) < reach * FLOOR_BAND_M]
-        if len(kept) < 3:
+        kept = np.abs(z - x * plane[0] - y * plane[1] - plane[2]) < reach * FLOOR_BAND_M
+        fitted = fit_plane(x[kept], y[kept], z[kept])
+        if fitted is None:
             break
-        terms = np.column_stack((kept[:, :2], np.ones(len(kept))))
-        plane = np.linalg.lstsq(terms, kept[:, 2], rcond=None)[0]
-    return np.asarray(plane)
+        plane = np.array(fitted)
+    return plane
 
 
 def _step(distance: Mapping[int, Float]) -> tuple[int, float] | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.plane_fit import solve_plane
 from guara_perception.terrain.quantile import quantile
 
 Float = npt.NDArray[np.float64]
@@ -53,7 +54,7 @@ def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
     if z.size < 3:
         return None
     design = np.column_stack((x - x.mean(), y - y.mean(), np.ones(z.size)))
-    if _solve(design, z) is None:
+    if solve_plane(design.T, z) is None:
         return None
     generator = np.random.default_rng(SEED)
     judges = np.linspace(0, z.size - 1, min(JUDGES, z.size)).astype(np.int64)
@@ -69,7 +70,7 @@ def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
     for _ in range(REFINEMENTS):
         near = np.abs(z - design @ plane) <= max(3 * spread, LEAST_TOLERANCE_M)
         on_floor, heights = design[near], z[near]
-        refined = _solve(on_floor, heights)
+        refined = solve_plane(on_floor.T, heights)
         if refined is None:
             break
         has_settled = bool(np.abs(refined - plane).max() < 1e-9)
@@ -79,15 +80,3 @@ def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
             break
     a, b = float(plane[0]), float(plane[1])
     return FloorPlane(a, b, float(plane[2] - a * x.mean() - b * y.mean()), spread)
-
-
-def _solve(design: Float, z: Float) -> Float | None:
-    """Least squares by the normal equations, which are well conditioned about the mean; None for points on a line."""
-    if len(z) < 3:
-        return None
-    normal = design.T @ design
-    smallest = float(np.linalg.eigvalsh(normal[:2, :2])[0])
-    # Less than a millimetre of spread across the line: no plane can be told from it.
-    if smallest < len(z) * 1e-6:
-        return None
-    return np.asarray(np.linalg.solve(normal, design.T @ z))

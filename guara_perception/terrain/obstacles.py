@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.plane_fit import fit_plane
 from guara_perception.readonly import readonly
 from guara_perception.terrain.floor_plane import FloorPlane, fit_floor
 from guara_perception.terrain.layered_grid import LayeredGrid
@@ -110,11 +111,8 @@ def _obstacle(terrain: LayeredGrid, floor: FloorPlane, over: Float, cells: Mask,
 
 def _plane(x: Float, y: Float, z: Float) -> tuple[float, float, float]:
     """Least squares, level where the points are too few or on a line."""
-    design = np.column_stack((x - x.mean(), y - y.mean(), np.ones(z.size)))
-    if z.size < 6 or np.linalg.matrix_rank(design, tol=1e-6) < 3:
-        return 0.0, 0.0, float(z.mean())
-    a, b, c = (float(v) for v in np.linalg.lstsq(design, z, rcond=None)[0])
-    return a, b, c - a * float(x.mean()) - b * float(y.mean())
+    plane = fit_plane(x, y, z) if z.size >= 6 else None
+    return plane or (0.0, 0.0, float(z.mean()))
 
 
 def _outline(terrain: LayeredGrid, cells: Mask, corner: tuple[int, int]) -> Float:

@@ -1,0 +1,38 @@
+"""Least-squares planes z = a x + b y + c through points."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float64]
+
+# Less spread across the line that points lie along [m], and no plane can be told from it.
+LEAST_SPREAD_M = 1e-3
+
+
+def fit_plane(x: Float, y: Float, z: Float) -> tuple[float, float, float] | None:
+    """Plane (a, b, c) through points (n,); None for fewer than three, or all of them (almost) on a line."""
+    if z.size < 3:
+        return None
+    middle_x, middle_y = float(x.mean()), float(y.mean())
+    solved = solve_plane(np.stack((x - middle_x, y - middle_y, np.ones(z.size))), z)
+    if solved is None:
+        return None
+    a, b, c = (float(value) for value in solved)
+    return a, b, c - a * middle_x - b * middle_y
+
+
+def solve_plane(terms: Float, z: Float) -> Float | None:
+    """Factors (3,) of `terms` (3, n) that give z (n,), by the normal equations: well conditioned about the mean.
+
+    The terms are x and y about (almost) their mean, and ones. None for fewer than three points, or points on a line.
+    """
+    if len(z) < 3:
+        return None
+    normal = terms @ terms.T
+    (xx, xy), (_, yy) = normal[:2, :2]
+    smallest = 0.5 * (xx + yy - np.hypot(xx - yy, 2 * xy))
+    if smallest < len(z) * LEAST_SPREAD_M**2:
+        return None
+    return np.asarray(np.linalg.solve(normal, terms @ z))
