@@ -82,12 +82,16 @@ class SelfFilter:
         if not len(points):
             return inside
         # Most points of a scan lie ahead of the robot: the box about them meets the boxes of few shapes, if any.
-        low, high = np.fmin.reduce(points, axis=0), np.fmax.reduce(points, axis=0)
+        columns = np.ascontiguousarray(points.T)
+        low, high = _box(columns)
         shapes = np.flatnonzero(np.all((self._lowest <= high) & (self._highest >= low), axis=1))
         if not len(shapes):
             return inside
         low, high = self._lowest[shapes].min(axis=0), self._highest[shapes].max(axis=0)
-        rows = np.flatnonzero(np.all((points >= low) & (points <= high), axis=1))
+        is_within = np.ones(len(points), dtype=np.bool_)
+        for values, least, most in zip(columns, low, high, strict=True):
+            is_within &= (values >= least) & (values <= most)
+        rows = np.flatnonzero(is_within)
         close = points[rows]
         if not len(rows):
             return inside
@@ -131,10 +135,8 @@ class SelfFilter:
         blocked = np.zeros(len(points), dtype=np.bool_)
         if not len(points):
             return blocked
-        low, high = (
-            np.fmin(np.fmin.reduce(points, axis=0), origins.min(axis=0)),
-            np.fmax(np.fmax.reduce(points, axis=0), origins.max(axis=0)),
-        )
+        low, high = _box(np.ascontiguousarray(points.T))
+        low, high = np.fmin(low, origins.min(axis=0)), np.fmax(high, origins.max(axis=0))
         for place in np.flatnonzero(np.all((self._lowest <= high) & (self._highest >= low), axis=1)).tolist():
             shape = self.shapes[place]
             near = np.flatnonzero(segments.pass_by(shape.centre, shape.reach) & ~blocked)
@@ -170,6 +172,11 @@ class _Segments:
         beside = distance * self.lengths**2 <= along**2
         behind, beyond = along < -reach * self.lengths, along > (self.lengths + reach) * self.lengths
         return np.asarray(beside & ~behind & ~beyond)
+
+
+def _box(columns: Array) -> tuple[Array, Array]:
+    """Lowest and highest value of each row (3, n); NaN does not count."""
+    return np.fmin.reduce(columns, axis=1), np.fmax.reduce(columns, axis=1)
 
 
 def _checked_points(points: npt.ArrayLike, name: str) -> Array:
