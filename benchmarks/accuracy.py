@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -138,38 +139,45 @@ def row(name: str, method: str, f: Figures, seconds: float) -> str:
     )
 
 
+def add_data(parser: argparse.ArgumentParser) -> None:
+    """Arguments that say which recorded scans take part."""
+    parser.add_argument("data", type=Path, nargs="+", help="data folders with calibration/ and scans/")
+    parser.add_argument("-c", "--calibration", type=Path, help="calibration.json; default: the truth of each folder")
+    parser.add_argument("--scans", default="", help="comma-separated names of scans; default: all")
+
+
+def scans_with_truth(arguments: argparse.Namespace) -> Iterator[tuple[str, gp.Scan, Truth, gp.Calibration]]:
+    """Name, scan, truth by cells of 5 mm and calibration of every scan that `add_data` asks for."""
+    for data in arguments.data:
+        calibration = gp.load_calibration(arguments.calibration) if arguments.calibration else truth_calibration(data)
+        for path in sorted(data.glob("scans/*/truth.npz")):
+            if not arguments.scans or path.parent.name in arguments.scans.split(","):
+                yield f"{data.name}/{path.parent.name}", gp.open_scan(path.parent), load_truth(path, 5), calibration
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", type=Path, nargs="+", help="data folders with calibration/ and scans/")
-    parser.add_argument("-c", "--calibration", type=Path, help="calibration.json; default: the truth of each folder")
+    add_data(parser)
     parser.add_argument("--method", default="precise", help="comma-separated methods")
     parser.add_argument("--no-gravity", action="store_true", help="leave gravity out of each stance")
     parser.add_argument("--no-off", action="store_true", help="leave out the frames with the laser off")
-    parser.add_argument("--scans", default="", help="comma-separated names of scans; default: all")
     arguments = parser.parse_args()
     robot = load_robot("guara")
     print("millimetres; interior cells of 5 mm against the mean truth of the cell")
     print(HEADER)
-    for data in arguments.data:
-        calibration = gp.load_calibration(arguments.calibration) if arguments.calibration else truth_calibration(data)
-        for truth_path in sorted(data.glob("scans/*/truth.npz")):
-            folder = truth_path.parent
-            if arguments.scans and folder.name not in arguments.scans.split(","):
-                continue
-            truth = load_truth(truth_path, 5)
-            scan = gp.open_scan(folder)
-            if arguments.no_gravity:
-                stance = dataclasses.replace(scan.stance, gravity_in_base=None)
-                scan = dataclasses.replace(scan, stance=stance)
-            if arguments.no_off:
-                stripes = tuple(dataclasses.replace(stripe, off=None) for stripe in scan.stripes)
-                scan = dataclasses.replace(scan, stripes=stripes)
-            for method in arguments.method.split(","):
-                start = time.perf_counter()
-                terrain = gp.process_scan(scan, calibration, robot, method=method, pictures=False)
-                seconds = time.perf_counter() - start
-                print(row(f"{data.name}/{folder.name}", method, figures(terrain, truth), seconds), flush=True)
+    for name, recorded, truth, calibration in scans_with_truth(arguments):
+        scan = recorded
+        if arguments.no_gravity:
+            scan = dataclasses.replace(scan, stance=dataclasses.replace(scan.stance, gravity_in_base=None))
+        if arguments.no_off:
+            stripes = tuple(dataclasses.replace(stripe, off=None) for stripe in scan.stripes)
+            scan = dataclasses.replace(scan, stripes=stripes)
+        for method in arguments.method.split(","):
+            start = time.perf_counter()
+            terrain = gp.process_scan(scan, calibration, robot, method=method, pictures=False)
+            seconds = time.perf_counter() - start
+            print(row(name, method, figures(terrain, truth), seconds), flush=True)
 
 
 if __name__ == "__main__":

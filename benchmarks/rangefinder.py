@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import argparse
 import time
-from pathlib import Path
 
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.accuracy import Figures, figures, load_truth
-from benchmarks.truth import truth_calibration
+from benchmarks.accuracy import Figures, add_data, figures, scans_with_truth
 from guara_perception.methods import METHODS
 from kinematics import load_robot
 
@@ -41,28 +39,22 @@ def row(name: str, method: str, f: Figures, milliseconds: float) -> str:
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", type=Path, nargs="+", help="data folders with calibration/ and scans/")
-    parser.add_argument("-c", "--calibration", type=Path, help="calibration.json; default: the truth of each folder")
+    add_data(parser)
     parser.add_argument("--method", default=",".join(METHODS), help="comma-separated methods")
     arguments = parser.parse_args()
     robot = load_robot("guara")
     print("the paper states 0.5 % near and 2.5 % far: 2.7 and 13.5 mm of 540 mm; ms without decoding the frames\n")
     print(HEADER)
-    for data in arguments.data:
-        calibration = gp.load_calibration(arguments.calibration) if arguments.calibration else truth_calibration(data)
-        for truth_path in sorted(data.glob("scans/*/truth.npz")):
-            scan = gp.open_scan(truth_path.parent)
-            frames = [(stripe.index, on, off) for stripe, on, off in scan.frames()]
-            truth = load_truth(truth_path, 5)
-            for method in arguments.method.split(","):
-                processor = gp.ScanProcessor(calibration, robot, scan.stance, scan.mode, method=method)
-                start = time.process_time()
-                for index, on, off in frames:
-                    processor.add(index, on, off)
-                terrain = processor.finish()
-                seconds = time.process_time() - start
-                name = f"{data.name}/{truth_path.parent.name}"
-                print(row(name, method, figures(terrain, truth), 1e3 * seconds), flush=True)
+    for name, scan, truth, calibration in scans_with_truth(arguments):
+        frames = [(stripe.index, on, off) for stripe, on, off in scan.frames()]
+        for method in arguments.method.split(","):
+            processor = gp.ScanProcessor(calibration, robot, scan.stance, scan.mode, method=method)
+            start = time.process_time()
+            for index, on, off in frames:
+                processor.add(index, on, off)
+            terrain = processor.finish()
+            seconds = time.process_time() - start
+            print(row(name, method, figures(terrain, truth), 1e3 * seconds), flush=True)
 
 
 if __name__ == "__main__":
