@@ -166,8 +166,7 @@ def main() -> None:
     robot = load_robot("guara")
     print("millimetres; interior cells of 5 mm against the mean truth of the cell")
     print(HEADER)
-    for name, recorded, truth, calibration in scans_with_truth(arguments):
-        scan = recorded
+    for name, scan, truth, calibration in scans_with_truth(arguments):
         if arguments.no_gravity:
             scan = dataclasses.replace(scan, stance=dataclasses.replace(scan.stance, gravity_in_base=None))
         if arguments.no_off:

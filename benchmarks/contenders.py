@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-from benchmarks.stripe_speed import Reference, library_skeletons
+from benchmarks.stripe_speed import Reference, library_skeletons, red_skeleton
 from guara_perception.stripes.extract import METHODS
 from guara_perception.stripes.thinning import skeleton
 
@@ -27,6 +27,9 @@ OURS = {f"ours: {name}": name for name in ("precise", "paper") if name in METHOD
 WINDOW_PX = 4
 LEAST_LEVEL = 15
 
+# The paper's way with this project's own thinning.
+literal: Extract = red_skeleton(lambda mask: skeleton(mask > 0))
+
 
 def reference(on: Frame, off: Frame) -> Rows:
     """The plain band reference with buffers made beforehand."""
@@ -36,16 +39,6 @@ def reference(on: Frame, off: Frame) -> Rows:
 @lru_cache(maxsize=1024)
 def _reference(rows: int, columns: int) -> Reference:
     return Reference(rows, columns)
-
-
-def literal(on: Frame, off: Frame) -> Rows:
-    """Red channel, background removed, Otsu, skeleton, mean row per column."""
-    light = cv2.subtract(np.ascontiguousarray(on[:, :, 2]), np.ascontiguousarray(off[:, :, 2]))
-    _, mask = cv2.threshold(light, 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
-    thin = skeleton(mask.astype(bool))
-    count = thin.sum(axis=0)
-    rows = (thin * np.arange(len(thin))[:, None]).sum(axis=0)
-    return np.where(count > 0, rows / np.maximum(count, 1), np.nan).astype(np.float32)
 
 
 def opencv_user(on: Frame, off: Frame) -> Rows:

@@ -87,12 +87,13 @@ def check_drift(points: Mapping[int, Float], pose_covariance: npt.ArrayLike | No
     cloud = np.concatenate(list(cleaned.values()))
     plane = _floor(cloud)
     distance = {index: p @ np.append(-plane[:2], 1.0) - plane[2] for index, p in cleaned.items()}
-    near = {index: d[np.abs(d) < FLOOR_BAND_M] for index, d in distance.items()}
-    share = sum(d.size for d in near.values()) / len(cloud)
+    is_near = {index: np.abs(d) < FLOOR_BAND_M for index, d in distance.items()}
+    on_floor = np.concatenate(list(is_near.values()))
+    share = float(on_floor.mean())
+    near = {index: d[is_near[index]] for index, d in distance.items()}
     medians = {index: middle(d) for index, d in near.items() if d.size >= MIN_COLUMNS}
     if share < MIN_FLOOR_SHARE or len(medians) < MIN_STRIPES:
         return _unknown(f"no flat floor in view: {100 * share:.0f} % of the points lie on one plane", share)
-    on_floor = np.concatenate([np.abs(d) < FLOOR_BAND_M for d in distance.values()])
     centre = cloud[on_floor].mean(axis=0)
     height = float(plane[:2] @ centre[:2] + plane[2])
     tilt = float(np.arctan(np.hypot(plane[0], plane[1])))

@@ -19,6 +19,7 @@ from guara_perception.stripes.filters import (
 )
 from guara_perception.stripes.middle import middle, spread
 from guara_perception.stripes.peaks import Peaks, highest_peaks
+from guara_perception.stripes.windows import SAMPLE_COLUMNS, SAMPLE_ROWS, sampled
 
 Light = npt.NDArray[Any]
 Index = npt.NDArray[np.intp]
@@ -30,8 +31,6 @@ LEAST_NOISE = 0.3
 # 5 sigma lets 0.1 % false columns through; the relative floor keeps a faint halo out of the gaps of a bright stripe.
 THRESHOLD_SIGMAS = 5.0
 THRESHOLD_OF_MEDIAN_PEAK = 0.05
-# Statistics of a band are taken from every so many rows and columns.
-SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 24
 # The width of the stripe is taken from every so many columns.
 WIDTH_COLUMNS = 32
 
@@ -79,5 +78,5 @@ def find_peaks(light: Light) -> FoundPeaks:
 def _strong(sought: Light) -> tuple[Peaks, float, Index]:
     """Highest peaks, standard deviation of the noise, and the columns whose peak stands out from it."""
     peaks = highest_peaks(sought)
-    noise = max(spread(sought[::SAMPLE_ROWS, ::SAMPLE_COLUMNS]), LEAST_NOISE * SCALE)
+    noise = max(spread(sampled(sought)), LEAST_NOISE * SCALE)
     return peaks, noise, np.flatnonzero(peaks.height > THRESHOLD_SIGMAS * noise)

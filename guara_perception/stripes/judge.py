@@ -10,6 +10,8 @@ import numpy.typing as npt
 
 from guara_perception.stripes.middle import middle
 
+Float32 = npt.NDArray[np.float32]
+
 # Every so many rows of so many columns: a thin stripe is missed in some of them, never in all.
 JUDGED_ROWS, JUDGED_COLUMNS = 3, 16
 # Mean deviations by which the peak of a column must exceed it: noise alone reaches four of them.
@@ -18,9 +20,6 @@ NOISE_DEVIATIONS, PEAK_DEVIATIONS = 4.0, 6.0
 CLIPPED = 0.98
 # From this share of clipped tops on, the channels are fused.
 FUSE_FROM_CLIPPED = 0.2
-
-
-Float32 = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)

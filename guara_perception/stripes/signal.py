@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from guara_perception.stripes.judge import clipped_from, is_clipped, judge
 from guara_perception.stripes.middle import middle, spread
+from guara_perception.stripes.windows import sampled
 
 Float32 = npt.NDArray[np.float32]
 Light = npt.NDArray[np.int16] | Float32
@@ -20,8 +21,6 @@ Plane = npt.NDArray[Any]
 BACKGROUND_HALF_HEIGHT_PX = 12
 # A frame whose brightness away from the stripe moved by more than this share of full scale is not a pair.
 MAX_AMBIENT_CHANGE = 0.15
-# Statistics of a band are taken from every so many rows and columns.
-SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 24
 # The tops of the stripe are taken from every so many columns, where they stand so far above the noise.
 TOP_COLUMNS = 16
 TOP_SIGMAS = 5.0
@@ -73,7 +72,7 @@ def laser_light(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> LaserLigh
         return LaserLight(fused, on, off, seen.channel, is_fused=True, is_clipped=True)
     plane, background = channel_of(on, seen.channel), None if off is None else channel_of(off, seen.channel)
     light = difference(plane, background)
-    offset = middle(_sample(light))
+    offset = middle(sampled(light))
     if abs(offset) > full_scale / 256:
         light -= light.dtype.type(offset)
     return LaserLight(light, plane, background, is_clipped=bool(plane.max() >= clipped_from(plane.dtype)))
@@ -99,7 +98,7 @@ def fused_light(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, channel: int
     full_scale = float(np.iinfo(on.dtype).max)
     on = np.ascontiguousarray(on)
     light = np.asarray(cv2.subtract(on, opening(on) if off is None else off, dtype=cv2.CV_32F))
-    sample = np.ascontiguousarray(_sample(light).reshape(-1, 3).T)
+    sample = np.ascontiguousarray(sampled(light).reshape(-1, 3).T)
     offsets = np.array([middle(part) for part in sample])
     noise = np.array([max(spread(part), full_scale / 512) for part in sample])
     smooth = cv2.GaussianBlur(np.ascontiguousarray(light[:, ::TOP_COLUMNS, channel]), (1, 5), 0)
@@ -140,8 +139,3 @@ def opening(plane: Plane) -> Plane:
     """Vertical grey opening: the picture without anything as narrow as a stripe."""
     kernel = np.ones((2 * BACKGROUND_HALF_HEIGHT_PX + 1, 1), np.uint8)
     return np.asarray(cv2.morphologyEx(plane, cv2.MORPH_OPEN, kernel))
-
-
-def _sample(picture: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Some pixels of a picture."""
-    return picture[::SAMPLE_ROWS, ::SAMPLE_COLUMNS]

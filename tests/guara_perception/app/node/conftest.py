@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -12,6 +13,9 @@ from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorded_rig import RecordedView
 from kinematics import RobotModel
+
+if TYPE_CHECKING:
+    from tests.guara_perception.app.node.live_bench import Bench
 
 # The emulated devices keep real time; at this rate a coarse scan takes 0.3 s.
 FPS = 120.0
@@ -60,3 +64,15 @@ def rig(
             paper_terrain,
         )
     assert not board.view().laser_on
+
+
+@pytest.fixture
+def bench(
+    rig: Rig, free_endpoint: str, robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan
+) -> "Iterator[Bench]":
+    """A running node over the rig."""
+    # Not above: that module takes the rig from here.
+    from tests.guara_perception.app.node.live_bench import running
+
+    with running(rig, free_endpoint, robot, calibration, paper_scan.stance) as made:
+        yield made

@@ -1,7 +1,6 @@
 """The node from end to end: real Zenoh, real driver over an emulated board, a gait and a planner as clients."""
 
 import resource
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +16,6 @@ from kinematics import RobotModel, Stance
 from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, running, wait_until
 from transport import Health, PausePhase
-
-
-@pytest.fixture
-def bench(
-    rig: Rig, free_endpoint: str, robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan
-) -> Iterator[Bench]:
-    with running(rig, free_endpoint, robot, calibration, paper_scan.stance) as made:
-        yield made
 
 
 def test_each_pause_gives_a_grid_and_a_map(bench: Bench) -> None:

@@ -28,14 +28,6 @@ PEER = Path(__file__).parents[3] / "transport" / "peer.py"
 FPS = 200.0
 
 
-@pytest.fixture
-def bench(
-    rig: Rig, free_endpoint: str, robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan
-) -> Iterator[Bench]:
-    with running(rig, free_endpoint, robot, calibration, paper_scan.stance) as made:
-        yield made
-
-
 # A standard scan of 70 stripes, simulated once and then shown live: the same bytes every time.
 
 
