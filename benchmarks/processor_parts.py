@@ -61,7 +61,7 @@ def parts_of_the_node() -> Iterator[ProcessorParts]:
         ("driver: proof of every stripe", StripeStream, "_judged"),
         ("driver: handing over", StripeStream, "_next_item"),
         ("scan: set up", ScanProcessor, "__init__"),
-        ("scan: stripes", ScanProcessor, "add"),
+        ("scan: stripes", ScanProcessor, "add_all"),
         ("scan: finish", ScanProcessor, "finish"),
         ("check of drift", pause_scanner, "check_drift"),
         ("messages made", pause_scanner, "publish_terrain"),

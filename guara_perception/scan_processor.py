@@ -1,9 +1,9 @@
-"""`ScanProcessor`: frames in, one stripe at a time, terrain out; no frame is kept."""
+"""`ScanProcessor`: frames in, one stripe or several at a time, terrain out; no frame is kept."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,10 +13,10 @@ from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.methods import METHODS, check_method
 from guara_perception.own_body import OwnBody
-from guara_perception.ranging.calibration_variance import calibration_variance
 from guara_perception.ranging.locate import locator
 from guara_perception.ranging.scan_geometry import scan_geometry
-from guara_perception.ranging.stripe_points import StripePoints, stripe_points
+from guara_perception.ranging.stripe_points import StripePoints
+from guara_perception.ranging.stripe_ranger import StripeRanger
 from guara_perception.ranging.surface_raster import SurfaceRaster
 from guara_perception.scan_report import scan_report
 from guara_perception.settings import Settings
@@ -114,11 +114,12 @@ class ScanProcessor:
             self._geometry.transform_camera_to_footprint,
             (self._settings.footprint_x, self._settings.footprint_y),
         )
-        self._added_variance = calibration_variance(calibration, self._geometry)
         self._finder = StripeFinder(method, calibration.camera.size, self._pattern.step)
         self._body = OwnBody(
             robot.state(self._stance.joint_positions), self._pose.transform_base_to_footprint, self._geometry.eyes
         )
+        gates = self._settings.minimum_height, self._settings.maximum_height
+        self._ranger = StripeRanger(calibration, self._geometry, self._locator, gates, self._body.contains)
         self._order = list(self._geometry.stripes)
         self._profiles: dict[int, StripeProfile] = {}
         self._surface = SurfaceRaster(self._grid.refined(self._pooling), self._pattern, self._settings.join_height)
@@ -163,7 +164,11 @@ class ScanProcessor:
         return dict(sorted(self._profiles.items()))
 
     def add(self, index: int, on: Frame, off: Frame | None = None) -> StripeProfile:
-        """Process one frame pair; in any order. No pair is kept.
+        """Process one frame pair: `add_all` of one."""
+        return self.add_all([(index, on, off)])[0]
+
+    def add_all(self, frames: Sequence[tuple[int, Frame, Frame | None]]) -> list[StripeProfile]:
+        """Process frame pairs in any order, one at a time or several: faster, with the same result. None is kept.
 
         Without laser-off frames one channel of the last few frames is kept instead: the darker of two of them is the
         background. A sweep in order is served best; when one of the two was lost, the stripe is given up.
@@ -172,36 +177,33 @@ class ScanProcessor:
         scan goes on and its report says so.
 
         Args:
-            index: of the stripe in the standard pattern.
-            on: picture with the laser on, as OpenCV reads it.
-            off: picture with the laser off, or None.
+            frames: per stripe its index in the standard pattern, the picture with the laser on, as OpenCV reads it,
+                and the picture with the laser off, or None.
 
         Returns:
-            The stripe that was found.
+            The stripes that were found, in the same order.
 
         Raises:
-            InvalidInput: the index is not in the pattern of this mode, or was added before.
-            CalibrationMismatch: the index is not calibrated.
+            InvalidInput: an index is not in the pattern of this mode, or was added before; nothing was processed.
+            CalibrationMismatch: an index is not calibrated; nothing was processed.
         """
-        self._check_new(index)
-        self._calibration.stripe(index)
-        stripe = self._geometry.stripes[index]
+        indices = [index for index, _, _ in frames]
+        for place, index in enumerate(indices):
+            self._check_new(index, indices[:place])
+            self._calibration.stripe(index)
         start = time.perf_counter()
-        profile = self._finder.find(index, stripe.band, on, off)
-        self._profiles[index] = profile
+        stripes = self._geometry.stripes
+        profiles = {index: self._finder.find(index, stripes[index].band, on, off) for index, on, off in frames}
+        self._profiles.update(profiles)
         extracted = time.perf_counter()
-        self._seconds["extract"] += extracted - start
-        if profile.is_frame_bad:
-            return profile
-        gates = self._settings.minimum_height, self._settings.maximum_height
-        points = stripe_points(
-            profile, self._locator, stripe.plane_in_camera, gates, self._body.contains, self._added_variance(index)
-        )
+        points = self._ranger.points({index: each for index, each in profiles.items() if not each.is_frame_bad})
         triangulated = time.perf_counter()
+        for index, each in points.items():
+            self._surface.add(index, each)
+        self._seconds["extract"] += extracted - start
         self._seconds["triangulate"] += triangulated - extracted
-        self._surface.add(index, points)
         self._seconds["raster"] += time.perf_counter() - triangulated
-        return profile
+        return list(profiles.values())
 
     def mark_bad(self, index: int, reason: str) -> None:
         """Say that a stripe was fired but has no usable frame: lost on the way, or out of step with the mirror.
@@ -308,10 +310,10 @@ class ScanProcessor:
             metadata=report,
         )
 
-    def _check_new(self, index: int) -> None:
+    def _check_new(self, index: int, others: Sequence[int] = ()) -> None:
         if index not in self._pattern:
             raise InvalidInput(
                 f"stripe index {index} is not in the {self._mode} pattern: {format_indices(tuple(self._pattern))}"
             )
-        if index in self._profiles:
+        if index in self._profiles or index in others:
             raise InvalidInput(f"stripe index {index} was added before; a scan takes each stripe once")

@@ -1,0 +1,62 @@
+"""Points of stripes from their profiles, with all that is known of a scan beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.ranging.calibration_variance import calibration_variance
+from guara_perception.ranging.locate import Locator
+from guara_perception.ranging.scan_geometry import ScanGeometry
+from guara_perception.ranging.stripe_points import StripePoints, stripe_points
+from guara_perception.stripes.profile import StripeProfile
+
+Float = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+
+class StripeRanger:
+    """Turns the profiles of a scan's stripes into points."""
+
+    def __init__(
+        self,
+        calibration: Calibration,
+        geometry: ScanGeometry,
+        locator: Locator,
+        gates: tuple[float, float],
+        on_robot: Callable[[Float], Mask],
+    ) -> None:
+        """Keep what does not depend on the frames.
+
+        Args:
+            calibration: that locates the points.
+            geometry: of the scan.
+            locator: makes points of rows.
+            gates: lowest and highest height that counts as terrain [m].
+            on_robot: tells which points (n, 3) in base_footprint lie on the robot itself.
+
+        Raises:
+            FileFormatError: the covariance of the calibration is not as documented.
+        """
+        self._geometry = geometry
+        self._locator = locator
+        self._gates = gates
+        self._on_robot = on_robot
+        self._added_variance = calibration_variance(calibration, geometry)
+
+    def points(self, profiles: Mapping[int, StripeProfile]) -> dict[int, StripePoints]:
+        """Points of stripes by index; their frames must not be bad."""
+        return {
+            index: stripe_points(
+                profile,
+                self._locator,
+                self._geometry.stripes[index].plane_in_camera,
+                self._gates,
+                self._on_robot,
+                self._added_variance(index),
+            )
+            for index, profile in profiles.items()
+        }

@@ -1,0 +1,156 @@
+"""Stripes handed over several at a time: what comes out is what they give one by one, to the bit."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import guara_perception as gp
+from benchmarks.truth import truth_calibration
+from kinematics import RobotModel, load_robot
+
+DATA = Path("tests/data")
+Frames = tuple[int, np.ndarray, np.ndarray | None]
+
+
+@functools.cache
+def guara() -> RobotModel:
+    return load_robot("guara")
+
+
+@functools.cache
+def truth() -> gp.Calibration:
+    return truth_calibration(DATA)
+
+
+@functools.cache
+def recording(name: str) -> tuple[gp.Scan, tuple[Frames, ...]]:
+    scan = gp.open_scan(DATA / "scans" / name)
+    return scan, tuple((stripe.index, on, off) for stripe, on, off in scan.frames())
+
+
+def processor(name: str, mode: str | None = None, method: str = "precise") -> gp.ScanProcessor:
+    scan = recording(name)[0]
+    return gp.ScanProcessor(truth(), guara(), scan.stance, mode or scan.mode, method=method)
+
+
+def same_result(first: gp.ScanProcessor, second: gp.ScanProcessor) -> None:
+    """Grids, points and profiles are the same in every bit, and so is what the reports say of frames."""
+    grids = first.finish(), second.finish()
+    for name, layer in grids[0].layers.items():
+        assert layer.tobytes() == grids[1].layer(name).tobytes(), name
+    for key in ("stripes_used", "stripes_missing", "frames_bad", "health", "lost_cells"):
+        assert grids[0].metadata[key] == grids[1].metadata[key], key
+    assert list(first.points) == list(second.points)
+    for each, other in zip(first.points.values(), second.points.values(), strict=True):
+        for name in ("points", "variance", "strength", "status"):
+            np.testing.assert_array_equal(getattr(each, name), getattr(other, name))
+        for name in ("out_of_range", "doubtful"):
+            np.testing.assert_array_equal(getattr(each, name).columns, getattr(other, name).columns)
+            np.testing.assert_array_equal(getattr(each, name).points, getattr(other, name).points)
+
+
+def grouped(frames: Sequence[Frames], sizes: Sequence[int]) -> Iterator[list[Frames]]:
+    """The frames in runs of these sizes, over and over."""
+    begin, place = 0, 0
+    while begin < len(frames):
+        size = sizes[place % len(sizes)]
+        yield list(frames[begin : begin + size])
+        begin, place = begin + size, place + 1
+
+
+@pytest.mark.parametrize("name", ["paper", "dark", "tilt"])
+@given(data=st.data())
+@settings(max_examples=6, deadline=None, derandomize=True)
+def test_any_order_and_grouping_gives_the_same_bits(name: str, data: st.DataObject) -> None:
+    """Lost stripes, blank frames and frames of another size among them; stripes one by one in order are the measure."""
+    frames = recording(name)[1]
+    indices = [index for index, _, _ in frames]
+    lost = data.draw(st.frozensets(st.sampled_from(indices), max_size=6))
+    blank = data.draw(st.frozensets(st.sampled_from(indices), max_size=4))
+    cut = data.draw(st.frozensets(st.sampled_from(indices), max_size=2))
+    given_frames = [
+        (index, on[:-1] if index in cut else np.zeros_like(on) if index in blank else on, off)
+        for index, on, off in frames
+        if index not in lost
+    ]
+    single, several = processor(name), processor(name)
+    for index, on, off in given_frames:
+        single.add(index, on, off)
+    shuffled = data.draw(st.permutations(given_frames) if data.draw(st.booleans()) else st.just(given_frames))
+    sizes = data.draw(st.lists(st.integers(1, 12), min_size=1, max_size=6))
+    for group in grouped(shuffled, sizes):
+        profiles = several.add_all(group)
+        assert [profile.reason for profile in profiles] == [single.profiles[index].reason for index, _, _ in group]
+    same_result(several, single)
+
+
+@pytest.mark.parametrize("method", ["precise", "paper", "paper-literal-ortho"])
+def test_every_method_takes_groups(method: str) -> None:
+    """The paper's chain, too, and frames without a laser-off picture, which each serve later ones of their group."""
+    frames = [(index, on, None) for index, on, _ in recording("paper")[1]]
+    single, several = processor("paper", method=method), processor("paper", method=method)
+    for index, on, off in frames:
+        single.add(index, on, off)
+    for group in grouped(frames, [8, 1, 5]):
+        several.add_all(group)
+    same_result(several, single)
+
+
+def test_groups_of_a_coarse_scan_that_is_extended() -> None:
+    """Coarse stripes in groups and the first missing ones alone after it: the standard scan of the same stripes."""
+    scan, frames = recording("paper")
+    coarse, direct = processor("paper", "coarse"), processor("paper", "standard")
+    for group in grouped(frames, [8]):
+        coarse.add_all(group)
+    for index, on, off in frames:
+        direct.add(index, on, off)
+    assert scan.mode == "coarse"
+    same_result(coarse.extended(), direct)
+
+
+def test_group_with_a_wrong_index_is_refused_whole() -> None:
+    """Not of the pattern, given before, given twice: the message of `add`, and no stripe of the group was taken."""
+    frames = recording("paper")[1]
+    scan = processor("paper")
+    scan.add(*frames[2])
+    for wrong, message in (
+        ((1, *frames[0][1:]), "stripe index 1 is not in the coarse pattern"),
+        (frames[2], "stripe index 4 was added before; a scan takes each stripe once"),
+        (frames[0], "stripe index 0 was added before; a scan takes each stripe once"),
+    ):
+        with pytest.raises(gp.InvalidInput, match=message):
+            scan.add_all([frames[0], frames[1], wrong])
+    assert list(scan.points) == list(scan.profiles) == [4]
+    assert len(scan.add_all([frames[0], frames[1]])) == 2
+
+
+def test_group_with_an_uncalibrated_index_is_refused_whole() -> None:
+    """A stripe without a plane has no place: nothing of its group is taken."""
+    scan, frames = recording("paper")
+    full = truth()
+    partial = gp.Calibration(
+        robot=full.robot,
+        camera=full.camera,
+        transform_camera_to_base=full.transform_camera_to_base,
+        stripes=tuple(stripe for stripe in full.stripes if stripe.index != 4),
+        quality=full.quality,
+    )
+    processor = gp.ScanProcessor(partial, guara(), scan.stance, scan.mode)
+    with pytest.raises(gp.CalibrationMismatch, match="stripe index 4 is not in the calibration"):
+        processor.add_all(frames[:3])
+    assert not processor.profiles
+    processor.add_all(frames[:2])
+    assert list(processor.profiles) == [0, 2]
+
+
+def test_empty_group_does_nothing() -> None:
+    """No frame, no stripe."""
+    scan = processor("paper")
+    assert scan.add_all([]) == [] and not scan.profiles
