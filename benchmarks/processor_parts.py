@@ -59,7 +59,7 @@ def parts_of_the_node() -> Iterator[ProcessorParts]:
         ("emulated board", LocalBus, "interrupt"),
         ("driver: board, camera, thread", ScanWorker, "run"),
         ("driver: proof of every stripe", StripeStream, "_judged"),
-        ("driver: handing over", StripeStream, "_next_item"),
+        ("driver: handing over", StripeStream, "_next_group"),
         ("scan: set up", ScanProcessor, "__init__"),
         ("scan: stripes", ScanProcessor, "add_all"),
         ("scan: finish", ScanProcessor, "finish"),

@@ -23,7 +23,7 @@ from drivers.scan_report import write_report
 from drivers.scan_worker import RawStripe, ScanWorker
 
 _log = logging.getLogger(__name__)
-_POLL = 0.2  # s between two looks at whether the scan's thread still lives
+_POLL = 1.0  # s between two looks at whether the scan's thread still lives
 _JOIN = 2.0  # s; more than a camera may take to return from a grab slice
 
 
@@ -44,6 +44,8 @@ def acquire(
             processor.add(stripe.index, stripe.on, stripe.off)
     report = stripes.report
     ```
+
+    With `options.together`, `stripes.groups()` gives the stripes that are handed over together as a tuple.
 
     The laser is off when the block is left, whatever happened in it.
 
@@ -97,8 +99,7 @@ class StripeStream:
         self._proof = StepProof(options.limits)
         self._verdicts: list[tuple[int, StripeVerdict]] = []
         self._on_before: Image | None = None
-        self._together, self._left = options.together, len(pattern)
-        self._waiting: deque[RawStripe | None] = deque()
+        self._waiting: deque[RawStripe] = deque()
         self._entered = self._ended = False
 
     def __enter__(self) -> StripeStream:
@@ -132,40 +133,47 @@ class StripeStream:
                 _log.error("the camera does not return from a grab; the laser is off")
 
     def __iter__(self) -> Iterator[StripeCapture]:
-        """Iterate over the stripes, each as it arrives.
+        """Iterate over the stripes, each as it is handed over.
 
         Raises:
             AcquisitionNotEntered: outside the `with` block.
             DriverError: what ended the scan; `report` tells how far it came.
         """
-        if not self._entered:
-            raise AcquisitionNotEntered("a scan is taken in a with block: `with acquire(...) as stripes:`")
-        while not self._ended:
-            item = self._next_item()
-            if item is None:
-                self._ended = True
-                if self._worker.failure is not None:
-                    raise self._worker.failure
-                return
-            yield self._judged(item)
+        while self._await_group():
+            while self._waiting:
+                yield self._judged(self._waiting.popleft())
+
+    def groups(self) -> Iterator[tuple[StripeCapture, ...]]:
+        """Iterate over the groups of stripes that are handed over together, for a caller that works on them at once.
+
+        Raises:
+            AcquisitionNotEntered: outside the `with` block.
+            DriverError: what ended the scan, after the last group; `report` tells how far it came.
+        """
+        while self._await_group():
+            yield tuple(self._judged(self._waiting.popleft()) for _ in range(len(self._waiting)))
 
     @property
     def report(self) -> ScanReport:
         """What the scan amounted to, so far or at its end."""
         return write_report(self._pattern, self._worker, tuple(self._verdicts))
 
-    def _next_item(self) -> RawStripe | None:
-        if not self._waiting:
-            group = min(self._together, max(self._left - 1, 1))
-            self._left -= group
-            for _ in range(group):
-                self._waiting.append(self._taken())
-                if self._waiting[-1] is None:
-                    break
-        return self._waiting.popleft()
+    def _await_group(self) -> bool:
+        """Wait for stripes when none are waiting; False at the end of the scan."""
+        if not self._entered:
+            raise AcquisitionNotEntered("a scan is taken in a with block: `with acquire(...) as stripes:`")
+        if not self._waiting and not self._ended:
+            group = self._next_group()
+            if group is None:
+                self._ended = True
+                if self._worker.failure is not None:
+                    raise self._worker.failure
+            else:
+                self._waiting.extend(group)
+        return bool(self._waiting)
 
-    def _taken(self) -> RawStripe | None:
-        """The next stripe from the scan's thread, None at its end."""
+    def _next_group(self) -> tuple[RawStripe, ...] | None:
+        """The next stripes from the scan's thread, None at its end."""
         while True:
             try:
                 return self._worker.items.get(timeout=_POLL)

@@ -28,11 +28,12 @@ class AcquireOptions:
         frame_timeout: how long to wait for a frame of a stripe before it counts as lost [s].
         max_lost: so many lost frames in a row end the scan.
         flush_frames: frames thrown away after every change of laser or mirror when the camera's `lag` is unknown.
-        queue_size: stripes that may wait for the caller; when it is full, the scan pauses with the laser off.
-        together: stripes that are handed to the caller one right after the other, once the last of them is there; the
-            last stripe of a scan is always alone, so that it does not wait. Work in bursts finds its code and data in
-            the processor's caches: on a machine that is idle between frames it takes a good third less time. Each
-            costs the memory of a frame.
+        queue_size: stripes that may wait for the caller, rounded up to whole groups of `together`; when so many wait,
+            the scan pauses with the laser off.
+        together: stripes that are handed to the caller in one group, once the last of them is there; the last stripe
+            of a scan is always alone, so that it does not wait. Work in bursts finds its code and data in the
+            processor's caches: on a machine that is idle between frames it takes a good third less time. Each costs
+            the memory of a frame.
         limits: when a difference between frames counts.
 
     Raises:

@@ -33,7 +33,7 @@ class RawStripe:
 
 
 class ScanWorker(threading.Thread):
-    """Takes one scan. `items` carries a `RawStripe` each and at the end None.
+    """Takes one scan. `items` carries stripes in groups of `options.together`, the last one alone, and at the end None.
 
     Attributes:
         items: the bounded queue to the caller.
@@ -58,9 +58,10 @@ class ScanWorker(threading.Thread):
         self._should_stop = should_stop
         self._cancelled = threading.Event()
         self._lost_in_row = 0
+        self._group: list[RawStripe] = []
         self.switch = LaserSwitch(board)
         self.grabber = FrameGrabber(camera, board, options, self._check)
-        self.items: queue.Queue[RawStripe | None] = queue.Queue(maxsize=options.queue_size)
+        self.items: queue.Queue[tuple[RawStripe, ...] | None] = queue.Queue(-(-options.queue_size // options.together))
         self.fired: list[int] = []
         self.failure: Exception | None = None
         self.stopped_early = False
@@ -87,7 +88,9 @@ class ScanWorker(threading.Thread):
             self.failure = error
         finally:
             self._darken()
-            self._hand_over(None)
+            if self._group:
+                self._put(tuple(self._group))
+            self._put(None)
 
     def _take_pairs(self) -> None:
         reached = self._board.go_to_angle(self._pattern[0].mirror_angle, wait=False)
@@ -102,7 +105,7 @@ class ScanWorker(threading.Thread):
             here, reached = reached, self._move_on(place, reached)
             # The off frame does not care where the mirror is, so the mirror turns meanwhile.
             off = self._off_frame(dark)
-            self._hand_over(RawStripe(stripe, here, on, off))
+            self._collect(place, RawStripe(stripe, here, on, off))
 
     def _take_sweep(self) -> None:
         self.switch.off()
@@ -117,7 +120,7 @@ class ScanWorker(threading.Thread):
             here, reached = reached, self._move_on(place, reached)
             if place + 1 == len(self._pattern):
                 self.switch.off()
-            self._hand_over(RawStripe(stripe, here, on, off))
+            self._collect(place, RawStripe(stripe, here, on, off))
 
     def _move_on(self, place: int, reached: float) -> float:
         if place + 1 < len(self._pattern):
@@ -146,21 +149,28 @@ class ScanWorker(threading.Thread):
             self.stopped_early = True
             raise ScanStopped
 
-    def _hand_over(self, item: RawStripe | None) -> None:
-        try:
-            self.items.put_nowait(item)
+    def _collect(self, place: int, stripe: RawStripe) -> None:
+        """Hand a group over when it is full, and before the last stripe, which must not wait for others."""
+        self._group.append(stripe)
+        if len(self._group) < self._options.together and place + 2 < len(self._pattern):
             return
-        except queue.Full:
-            if item is not None:
-                self.switch.off()
+        must_wait = self.items.full()
+        if must_wait:
+            self.switch.off()
+        if self._put(tuple(self._group)):
+            self._group.clear()
+            if must_wait:
+                self.grabber.restart()
+
+    def _put(self, item: tuple[RawStripe, ...] | None) -> bool:
+        """Wait for a place in the queue; False when the scan was cancelled instead."""
         while not self._cancelled.is_set():
             try:
                 self.items.put(item, timeout=_QUEUE_SLICE)
+                return True
             except queue.Full:
                 continue
-            if item is not None:
-                self.grabber.restart()
-            return
+        return False
 
     def _darken(self) -> None:
         try:

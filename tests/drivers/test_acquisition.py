@@ -100,36 +100,6 @@ def test_a_pause_that_ends_leaves_a_partial_scan(
         assert len(list(again)) == 3
 
 
-@pytest.mark.parametrize("together", [1, 3, 4, 100])
-def test_stripes_together_arrive_in_order_and_the_last_alone(
-    board: LaserBoard, camera: EmulatedCamera, pattern: list, together: int
-) -> None:
-    """A group begins when its last stripe was fired; the last stripe of all waits for nobody."""
-    with acquire(board, camera, pattern[:11], options(OffFrames.ONE, together=together, queue_size=80)) as stream:
-        fired_before = [(stripe.index, len(stream.report.fired)) for stripe in stream]
-        assert stream.report.in_step
-    assert [index for index, _ in fired_before] == list(range(11))
-    for place in range(0, 10, together):
-        assert fired_before[place][1] >= min(place + together, 10)
-    assert fired_before[-1][1] == 11
-
-
-def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_is_stopped(
-    board: LaserBoard, camera: EmulatedCamera, pattern: list
-) -> None:
-    """What was taken before a pause ended is not lost in a group that never fills."""
-    streams: list[StripeStream] = []
-
-    def pause_is_over() -> bool:
-        return bool(streams) and len(streams[0]._worker.fired) > 6
-
-    choices = options(OffFrames.ONE, together=5, queue_size=80)
-    with acquire(board, camera, pattern, choices, should_stop=pause_is_over) as stream:
-        streams.append(stream)
-        taken = [stripe.index for stripe in stream]
-    assert taken == list(range(6)) and stream.report.stopped_early
-
-
 def test_a_scan_that_may_not_begin_is_empty(board: LaserBoard, camera: EmulatedCamera, pattern: list) -> None:
     """A pause already over yields nothing and fires nothing."""
     with acquire(board, camera, pattern, should_stop=lambda: True) as stripes:
@@ -324,6 +294,8 @@ def test_misuse_is_refused_in_words(board: LaserBoard, camera: EmulatedCamera, p
     """No with block, no stripes, an angle beyond the travel: each before anything moves."""
     with pytest.raises(AcquisitionNotEntered, match=r"with acquire\(\.\.\.\) as stripes"):
         list(acquire(board, camera, pattern))
+    with pytest.raises(AcquisitionNotEntered, match=r"with acquire\(\.\.\.\) as stripes"):
+        list(acquire(board, camera, pattern).groups())
     with pytest.raises(BadPattern, match="holds no stripe"):
         acquire(board, camera, [])
     with pytest.raises(MirrorOutOfRange, match="travel is"), acquire(board, camera, [(0, 1.0)]):

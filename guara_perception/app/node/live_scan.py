@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -64,14 +64,12 @@ def live_scan(
     stripes = rangefinder.sweep(pattern, processor.band, should_stop)
     try:
         with stripes:
-            for capture in stripes:
-                done.add(capture.index)
-                if capture.on is None or not capture.verdict.in_step:
-                    processor.mark_bad(capture.index, f"frame {capture.verdict.value}")
-                else:
-                    processor.add(capture.index, capture.on, capture.off)
+            for group in stripes.groups():
+                done.update(capture.index for capture in group)
+                _process(processor, group)
                 if on_stripe is not None:
-                    on_stripe(capture)
+                    for capture in group:
+                        on_stripe(capture)
     except DriverError as error:
         failed = True
         problems.append(str(error))
@@ -82,3 +80,14 @@ def live_scan(
             processor.mark_bad(index, "fired, but no frame came")
     problems.extend(problem for problem in report.problems if problem not in problems)
     return LiveScan(start, end, last_frame, tuple(problems), report.stopped_early, failed)
+
+
+def _process(processor: ScanProcessor, group: Sequence[StripeCapture]) -> None:
+    frames = []
+    for capture in group:
+        if capture.on is None or not capture.verdict.in_step:
+            processor.mark_bad(capture.index, f"frame {capture.verdict.value}")
+        else:
+            frames.append((capture.index, capture.on, capture.off))
+    if frames:
+        processor.add_all(frames)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivers import DriverError
+from drivers import DriverError, Frame
 from drivers.emulator import CameraFault, Fault, FaultKind
 from drivers.protocol import Request
 from guara_perception.app.node.live_scan import live_scan
@@ -41,6 +41,33 @@ def test_a_live_scan_gives_the_grid_of_the_recording(rig: Rig) -> None:
     assert (scan.failed, scan.stopped_early, scan.problems) == (False, False, ())
     np.testing.assert_array_equal(processor.finish().hazard, rig.reference.hazard)
     assert scan.end > scan.start
+
+
+def test_a_frame_out_of_step_costs_its_own_stripe_of_a_group(rig: Rig) -> None:
+    """Stripes that are handed over together are processed together, but for the one that cannot be used."""
+    processor = rig.processor()
+    real, told = rig.camera.grab, []
+
+    def grab(timeout: float) -> Frame:
+        frame = real(timeout)
+        if len(seen) == 12:
+            rig.camera.faults.append(CameraFault("resize", frame.counter + 1, 2))
+        seen.append(frame.counter)
+        return frame
+
+    seen: list[int] = []
+    rig.camera.grab = grab  # type: ignore[method-assign]
+    scan = live_scan(
+        rig.rangefinder,
+        processor,
+        rig.pattern,
+        should_stop=lambda: False,
+        on_stripe=lambda capture: told.append(capture.index),
+    )
+    assert told == [index for index, _ in rig.pattern]
+    bad = [index for index, profile in processor.profiles.items() if profile.is_frame_bad]
+    assert bad and set(processor.points) == set(told) - set(bad)
+    assert any("changed its picture's size" in problem for problem in scan.problems)
 
 
 @pytest.mark.parametrize("stop_at", [0, 1, 17])
