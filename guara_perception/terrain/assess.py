@@ -22,6 +22,8 @@ LEAST_SAFE_SCORE = 0.01
 BAND_CELLS = 60_000
 # The rows that a band shares with its neighbours are judged twice: wide grids get bands of so many halos at least.
 LEAST_HALOS = 6
+# What the layers say of unknown cells, where it is not NaN.
+UNKNOWN = {"traversability": 0.0}
 
 
 def assess_layers(
@@ -48,6 +50,37 @@ def assess_layers(
         Layers by name, in the types of the contract: elevation, variance, elevation_min, elevation_max, slope,
         step_height, roughness, clearance, traversability, hazard.
     """
+    known = np.isfinite(elevation)
+    flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
+    flags[~known & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
+    # Beyond the outermost known cells all is unknown, which counts as off the grid does: nothing to judge there.
+    window = _extent(known.any(axis=1)), _extent(known.any(axis=0))
+    judged = _judge_in_bands(
+        *(np.ascontiguousarray(layer[window]) for layer in (elevation, variance, low, high, flags)), resolution, limits
+    )
+    layers: dict[str, npt.NDArray[Any]] = {}
+    for name, values in judged.items():
+        layers[name] = flags if name == "hazard" else np.full(known.shape, UNKNOWN.get(name, np.nan), np.float32)
+        layers[name][window] = values
+    return {**layers, "clearance": clearance(flags, resolution).astype(np.float32)}
+
+
+def _extent(used: npt.NDArray[np.bool_]) -> slice:
+    """From the first to the last that is used; one, unused, where none is."""
+    places = np.flatnonzero(used)
+    return slice(int(places[0]), int(places[-1]) + 1) if places.size else slice(0, 1)
+
+
+def _judge_in_bands(
+    elevation: Float,
+    variance: Float,
+    low: Float,
+    high: Float,
+    flags: Flags,
+    resolution: float,
+    limits: TraversabilityLimits,
+) -> dict[str, npt.NDArray[Any]]:
+    """All layers but the clearance."""
     kernel = disc_kernel(limits.disc_radius / resolution)
     ny, nx = elevation.shape
     halo = half_cells(limits.sole_width, resolution) + 2 * (kernel.shape[0] // 2) + EXTRA_RING_CELLS
@@ -56,90 +89,87 @@ def assess_layers(
     for start in range(0, ny, rows):
         first, end = max(start - halo, 0), min(start + rows + halo, ny)
         part = slice(first, end)
-        band = _assess_band(
-            elevation[part], variance[part], low[part], high[part], hazard[part], kernel, resolution, limits
-        )
+        band = _judge(elevation[part], variance[part], low[part], high[part], flags[part], kernel, resolution, limits)
         bands.append({name: layer[start - first : start - first + rows] for name, layer in band.items()})
-    layers = bands[0] if len(bands) == 1 else {name: np.concatenate([b[name] for b in bands]) for name in bands[0]}
-    return {**layers, "clearance": clearance(layers["hazard"], resolution).astype(np.float32)}
+    return bands[0] if len(bands) == 1 else {name: np.concatenate([b[name] for b in bands]) for name in bands[0]}
 
 
-def _assess_band(
+def _judge(
     elevation: Float,
     variance: Float,
     low: Float,
     high: Float,
-    hazard: Flags,
+    flags: Flags,
     kernel: Kernel,
     resolution: float,
     limits: TraversabilityLimits,
 ) -> dict[str, npt.NDArray[Any]]:
     """All layers but the clearance for a band of rows; within a halo of its first and last row they are not valid."""
-    flags = np.where(np.isfinite(elevation), hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
-    flags[~np.isfinite(elevation) & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
     known = (flags & UNKNOWN_MASK) == 0
     # What follows is told of the known cells alone, often a quarter of a map.
     place = np.flatnonzero(known)
-    every_rise, every_fall = steps(low, high, known, kernel)
-    rise, fall = every_rise.reshape(-1)[place], every_fall.reshape(-1)[place]
+    rise, fall = steps(low, high, known, kernel)
     fit = fit_disc(elevation, variance, kernel, resolution)
-    fitted_slope, fitted_roughness = fit.slope.reshape(-1)[place], fit.roughness.reshape(-1)[place]
-    sigma = np.sqrt(variance.reshape(-1)[place])
+    spread = variance.take(place)
+    sigma = np.sqrt(spread)
     k = limits.confidence
     step_sigma = k * np.sqrt(2.0) * sigma
-    slope = fitted_slope + k * fit.slope_sigma.reshape(-1)[place]
-    roughness = fitted_roughness + k * fit.roughness_sigma.reshape(-1)[place]
+    slope = fit.slope + k * fit.slope_sigma
+    roughness = fit.roughness + k * fit.roughness_sigma
+    highest_rise, deepest_fall = rise + step_sigma, fall + step_sigma
 
-    found = np.zeros(place.size, dtype=np.uint16)
+    found = flags.take(place)
     with np.errstate(invalid="ignore"):
         tests = {
             Hazard.STEEP: slope > limits.slope,
-            Hazard.STEP: rise + step_sigma > limits.step,
-            Hazard.DROP: fall + step_sigma > limits.drop,
+            Hazard.STEP: highest_rise > limits.step,
+            Hazard.DROP: deepest_fall > limits.drop,
             Hazard.ROUGH: roughness > limits.roughness,
             Hazard.UNCERTAIN: sigma > limits.sigma,
         }
         for flag, failed in tests.items():
-            found[failed] |= np.uint16(flag)
+            found |= failed * np.uint16(flag)
         score = (
             _score(slope, limits.slope)
-            * _score(rise + step_sigma, limits.step)
-            * _score(fall + step_sigma, limits.drop)
+            * _score(highest_rise, limits.step)
+            * _score(deepest_fall, limits.drop)
             * _score(roughness, limits.roughness)
         )
-    flags.reshape(-1)[place] |= found
-    flags[known & edge_cells(flags, kernel, resolution, limits)] |= np.uint16(Hazard.EDGE)
-    safe = flags.reshape(-1)[place] == 0
+    result = flags.copy()
+    result.reshape(-1)[place] = found
+    found |= edge_cells(result, kernel, resolution, limits).take(place) * np.uint16(Hazard.EDGE)
+    result.reshape(-1)[place] = found
 
-    def layer(values: Float, unknown: float = np.nan) -> npt.NDArray[np.float32]:
-        whole = np.full(elevation.shape, unknown, dtype=np.float32)
+    def layer(name: str, values: Float) -> npt.NDArray[np.float32]:
+        whole = np.full(elevation.shape, UNKNOWN.get(name, np.nan), dtype=np.float32)
         whole.reshape(-1)[place] = values
         return whole
 
-    return {
-        "elevation": layer(elevation.reshape(-1)[place]),
-        "variance": layer(variance.reshape(-1)[place]),
-        "elevation_min": layer(low.reshape(-1)[place]),
-        "elevation_max": layer(high.reshape(-1)[place]),
-        "slope": layer(fitted_slope),
-        "step_height": layer(np.maximum(rise, fall)),
-        "roughness": layer(fitted_roughness),
-        "traversability": layer(np.where(safe, np.clip(score, LEAST_SAFE_SCORE, 1.0), 0.0), 0.0),
-        "hazard": flags,
+    told = {
+        "elevation": elevation.take(place),
+        "variance": spread,
+        "elevation_min": low.take(place),
+        "elevation_max": high.take(place),
+        "slope": fit.slope,
+        "step_height": np.maximum(rise, fall),
+        "roughness": fit.roughness,
+        "traversability": np.where(found == 0, np.maximum(score, LEAST_SAFE_SCORE), 0.0),
     }
+    return {**{name: layer(name, values) for name, values in told.items()}, "hazard": result}
 
 
 def steps(low: Float, high: Float, known: npt.NDArray[np.bool_], kernel: Kernel) -> tuple[Float, Float]:
-    """Largest rise and largest fall from each cell to any known cell of its window [m], NaN where unknown.
+    """Largest rise and largest fall from each known cell (n,) to any known cell of its window [m].
 
     Lowest and highest samples are used, so a step inside one cell counts too.
     """
     far = 1e3
     highest = cv2.dilate(np.where(known, high, -far), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=(-far,))
     lowest = cv2.erode(np.where(known, low, far), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=(far,))
-    nan = np.where(known, 0.0, np.nan)
-    return np.asarray(highest - low + nan), np.asarray(high - lowest + nan)
+    place = np.flatnonzero(known)
+    return highest.take(place) - low.take(place), high.take(place) - lowest.take(place)
 
 
 def _score(value: Float, limit: float) -> Float:
-    return np.clip(1.0 - np.nan_to_num(value, nan=np.inf) / limit, 0.0, 1.0)
+    """1 at zero, 0 from the limit on; 0 for NaN too."""
+    return np.minimum(np.fmax(1.0 - value / limit, 0.0), 1.0)

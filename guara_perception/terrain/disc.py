@@ -24,7 +24,7 @@ MOST_RADIUS_CELLS = 24
 
 @dataclass(frozen=True, slots=True)
 class DiscFit:
-    """Plane z = a x + b y + c fitted to the disc around each cell, (ny, nx) float64 each.
+    """Plane z = a x + b y + c fitted to the disc around each known cell, (n,) float64 each, in the order of the grid.
 
     Attributes:
         slope: angle of the plane to the horizontal [rad], NaN where too little of the disc is known.
@@ -82,7 +82,7 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     x, y = disc * offset[None, :], disc * offset[:, None]
 
     def sums(layer: npt.NDArray[Any], weights: Float) -> Float:
-        return disc_sums(layer, weights).reshape(-1)[place].astype(np.float64, copy=False)
+        return disc_sums(layer, weights).take(place).astype(np.float64, copy=False)
 
     n = sums(mask, disc)
     sx, sy = sums(mask, x), sums(mask, y)
@@ -95,7 +95,7 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
         determinant = cxx * cyy - cxy**2
         a = (cyy * cxz - cxy * cyz) / determinant
         b = (cxx * cyz - cxy * cxz) / determinant
-        steepness = np.hypot(a, b) / resolution
+        steepness = np.sqrt(a * a + b * b) / resolution
         # Residuals along z, brought to distances from the plane by the cosine of its slope.
         residual = np.maximum(czz - a * cxz - b * cyz, 0.0) / (1 + steepness**2)
         freedom = np.maximum(n - 1, 1)
@@ -108,18 +108,14 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     present = known.astype(np.uint8)
     for side in (offset[None, :] < 0, offset[None, :] > 0, offset[:, None] < 0, offset[:, None] > 0):
         beside = cv2.dilate(present, kernel * side.astype(np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=(0,))
-        enough &= beside.reshape(-1)[place] > 0
+        enough &= beside.take(place) > 0
 
-    def where(values: Float) -> Float:
-        layer = np.full(elevation.shape, np.nan)
-        layer.reshape(-1)[place] = np.where(enough, values, np.nan)
-        return layer
-
+    untold = np.where(enough, 0.0, np.nan)
     return DiscFit(
-        slope=where(np.arctan(steepness)),
-        roughness=where(roughness),
-        slope_sigma=where(slope_sigma),
-        roughness_sigma=where(roughness_sigma),
+        slope=np.arctan(steepness) + untold,
+        roughness=roughness + untold,
+        slope_sigma=slope_sigma + untold,
+        roughness_sigma=roughness_sigma + untold,
     )
 
 

@@ -59,6 +59,7 @@ def _distance_cells(mask: npt.NDArray[np.bool_]) -> Float:
     """From each cell to the nearest one on the other side of the mask, centre to centre."""
     within = mask.astype(np.uint8)
     inside, outside = (cv2.distanceTransform(m, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for m in (within, 1 - within))
-    distance = np.where(mask, inside, outside).astype(np.float64)
-    # OpenCV's last bit depends on where the memory lies; the squares are whole numbers, so it can be mended.
-    return np.sqrt(np.rint(distance**2))
+    # One of the two is 0. OpenCV's last bit depends on where the memory lies; the squares are whole numbers, so it can
+    # be mended.
+    distance = inside + outside
+    return np.sqrt(np.rint(distance * distance), dtype=np.float64)
