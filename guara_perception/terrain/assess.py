@@ -55,8 +55,12 @@ def assess_layers(
     flags[~known & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
     # Beyond the outermost known cells all is unknown, which counts as off the grid does: nothing to judge there.
     window = _extent(known.any(axis=1)), _extent(known.any(axis=0))
+
+    def within(layer: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        return np.ascontiguousarray(layer[window])
+
     judged = _judge_in_bands(
-        *(np.ascontiguousarray(layer[window]) for layer in (elevation, variance, low, high, flags)), resolution, limits
+        within(elevation), within(variance), within(low), within(high), within(flags), resolution, limits
     )
     layers: dict[str, npt.NDArray[Any]] = {}
     for name, values in judged.items():
