@@ -82,29 +82,53 @@ class HeightUncertainty:
             transform_camera_to_base: (4, 4).
             up_in_camera: (3,) unit vector along which heights are measured.
         """
-        nearest = min(self.planes, key=lambda other: abs(other - index))
-        # Coordinates in rows, each in one piece of memory: several times faster than points in rows.
-        in_camera = np.ascontiguousarray(points_in_camera.T)
-        off_plane = _quadratic_form(np.vstack((in_camera, np.ones(in_camera.shape[1]))), self.planes[nearest])
-        sine = plane[:3] @ in_camera
-        with np.errstate(divide="ignore", invalid="ignore"):
-            gain = (up_in_camera @ in_camera) / np.where(np.abs(sine) < MIN_SINE, np.nan, sine)
-        offsets = transform_camera_to_base[:3, :3] @ in_camera
-        offsets += (transform_camera_to_base[:3, 3] - self.field_origin)[:, None]
-        return np.asarray(gain**2 * off_plane + _quadratic_form(field_terms(offsets.T).T, self.field))
+        in_camera = np.ascontiguousarray(points_in_camera.T)[None]
+        return self._variance([index], plane[None], in_camera, transform_camera_to_base, up_in_camera)[0]
 
     def variance_of_scan(
         self,
-        index: int,
-        plane: Float,
+        indices: Sequence[int],
+        planes: Float,
         points_in_footprint: Float,
         transform_camera_to_footprint: Float,
         transform_camera_to_base: Float,
     ) -> Float:
-        """As `variance`, of points (n, 3) in base_footprint with heights along its z."""
+        """As `variance`, of several stripes and with heights along z of base_footprint.
+
+        Args:
+            indices: of s stripes.
+            planes: (s, 4) calibrated planes in the camera frame.
+            points_in_footprint: (3, s, n), coordinate by coordinate.
+            transform_camera_to_footprint: (4, 4).
+            transform_camera_to_base: (4, 4).
+
+        Returns:
+            (s, n) variances [m^2].
+        """
         rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
-        in_camera = (points_in_footprint - translation) @ rotation
-        return self.variance(index, plane, in_camera, transform_camera_to_base, rotation[2])
+        in_camera = rotation.T @ (points_in_footprint.transpose(1, 0, 2) - translation[:, None])
+        return self._variance(indices, planes, in_camera, transform_camera_to_base, rotation[2])
+
+    def _variance(
+        self, indices: Sequence[int], planes: Float, in_camera: Float, transform_camera_to_base: Float, up: Float
+    ) -> Float:
+        """Variances (s, n) of points (s, 3, n) in the camera frame.
+
+        Each stripe has products of its own, so that rounding does not depend on what other stripes there are.
+        """
+        nearest = [index if index in self.planes else self._nearest(index) for index in indices]
+        one = np.ones((len(indices), 1, in_camera.shape[2]))
+        covariances = np.array([self.planes[index] for index in nearest])
+        off_plane = _quadratic_form(np.concatenate((in_camera, one), axis=1), covariances)
+        sine = (planes[:, None, :3] @ in_camera)[:, 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gain = (up @ in_camera) / np.where(np.abs(sine) < MIN_SINE, np.nan, sine)
+        offsets = transform_camera_to_base[:3, :3] @ in_camera
+        offsets += (transform_camera_to_base[:3, 3] - self.field_origin)[:, None]
+        return np.asarray(gain**2 * off_plane + _quadratic_form(_terms(offsets), self.field))
+
+    def _nearest(self, index: int) -> int:
+        return min(self.planes, key=lambda other: abs(other - index))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON values, as `of` reads them."""
@@ -120,8 +144,13 @@ class HeightUncertainty:
 
 def field_terms(offsets: Float) -> Float:
     """(n, 10) values of FIELD_TERMS at offsets (n, 3) from the field's origin."""
-    x, y, z = offsets.T
-    return np.stack((np.ones(len(x)), x, y, z, x * x, y * y, z * z, x * y, x * z, y * z)).T
+    return _terms(offsets.T).T
+
+
+def _terms(offsets: Float) -> Float:
+    """The same, term by term: (..., 10, n) of offsets (..., 3, n), each coordinate in one piece of memory."""
+    x, y, z = (offsets[..., axis, :] for axis in range(3))
+    return np.stack((np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, x * z, y * z), axis=-2)
 
 
 def plane_covariance(bases: Float, covariance: Float) -> Float:
@@ -143,8 +172,8 @@ def field_covariance(offsets: Float, errors: Sequence[Float], parameters: Float)
 
 
 def _quadratic_form(vectors: Float, matrix: Float) -> Float:
-    """Values v . M v (n,) of vectors (k, n)."""
-    return np.einsum("kn,kn->n", vectors, matrix @ vectors)
+    """Values v . M v (..., n) of vectors (..., k, n)."""
+    return np.einsum("...kn,...kn->...n", vectors, matrix @ vectors)
 
 
 def _matrix(value: Any, shape: tuple[int, ...], name: str) -> Float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -15,10 +15,12 @@ Float = npt.NDArray[np.float64]
 VarianceOfPoints = Callable[[Float], Float]
 
 
-def calibration_variance(calibration: Calibration, geometry: ScanGeometry) -> Callable[[int], VarianceOfPoints | None]:
-    """For each stripe index a function of points (n, 3) in base_footprint that gives variances (n,) [m^2].
+def calibration_variance(
+    calibration: Calibration, geometry: ScanGeometry
+) -> Callable[[Sequence[int]], VarianceOfPoints | None]:
+    """For s stripe indices a function of points (3, s, n) in base_footprint that gives variances (s, n) [m^2].
 
-    A calibration that holds no covariance (one made from a drawing) has None for every index.
+    A calibration that holds no covariance (one made from a drawing) has None for every stripe.
 
     Args:
         calibration: that locates the points.
@@ -29,15 +31,15 @@ def calibration_variance(calibration: Calibration, geometry: ScanGeometry) -> Ca
     """
     uncertainty = HeightUncertainty.of(calibration)
 
-    def of_stripe(index: int) -> VarianceOfPoints | None:
+    def of_stripes(indices: Sequence[int]) -> VarianceOfPoints | None:
         if uncertainty is None:
             return None
         return lambda points: uncertainty.variance_of_scan(
-            index,
-            geometry.stripes[index].plane_in_camera,
+            indices,
+            np.array([geometry.stripes[index].plane_in_camera for index in indices]),
             points,
             geometry.transform_camera_to_footprint,
             calibration.transform_camera_to_base,
         )
 
-    return of_stripe
+    return of_stripes

@@ -26,17 +26,20 @@ class ColumnRays:
         self._coefficients = next((c for n in COUNTS if (c := _fitted(camera, n)) is not None), None)
 
     def at(self, rows: npt.ArrayLike, columns: npt.NDArray[np.intp] | None = None) -> Float:
-        """Rays (2, n): x and y in the camera frame at z = 1, NaN where the row is NaN.
+        """Rays (2, ..., n): x and y in the camera frame at z = 1, NaN where the row is NaN.
 
         Args:
-            rows: (n,) sub-pixel rows.
-            columns: (n,) whole columns; None = every column of the picture, in order.
+            rows: (..., n) sub-pixel rows.
+            columns: (..., n) whole columns; None = every column of the picture, in order.
         """
         place = np.asarray(rows, dtype=np.float64)
         if self._coefficients is None:
-            return self._exact(place, np.arange(place.size) if columns is None else columns)
+            return self._exact(place, np.arange(place.shape[-1]) if columns is None else columns)
         place = place / self._middle - 1
-        coefficients = self._coefficients if columns is None else self._coefficients[:, :, columns]
+        coefficients = self._coefficients if columns is None else self._coefficients.take(columns, axis=2)
+        for _ in range(2 + place.ndim - coefficients.ndim):
+            coefficients = coefficients[:, :, None]
+        # Several stripes at once: twice as fast as one by one.
         rays = coefficients[0] * place
         for coefficient in coefficients[1:-1]:
             rays += coefficient
@@ -45,9 +48,10 @@ class ColumnRays:
         return np.asarray(rays)
 
     def _exact(self, rows: Float, columns: npt.NDArray[np.intp]) -> Float:
-        known = np.flatnonzero(np.isfinite(rows))
-        rays = np.full((2, rows.size), np.nan)
-        rays[:, known] = self._camera.rays(np.column_stack((columns[known], rows[known])))[:, :2].T
+        known = np.isfinite(rows)
+        rays = np.full((2, *rows.shape), np.nan)
+        pixels = np.column_stack((np.broadcast_to(columns, rows.shape)[known], rows[known]))
+        rays[:, known] = self._camera.rays(pixels)[:, :2].T
         return rays
 
 

@@ -17,25 +17,25 @@ Columns = npt.NDArray[np.intp]
 
 
 class Locator(Protocol):
-    """Finds the points of a stripe."""
+    """Finds the points of stripes, of one or of several at once; coordinate by coordinate, which is fastest."""
 
     @property
     def view_point(self) -> Float:
         """(3,) point in base_footprint about which heights are orthorectified: the optical centre, if all is right."""
 
     def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Columns | None = None) -> Float:
-        """Points (n, 3) in base_footprint of a stripe at these rows; NaN where there is none.
+        """Points (3, ..., n) in base_footprint of stripes at these rows; NaN where there is none.
 
         Args:
-            plane_in_camera: (4,) calibrated sheet.
-            position_px: (n,) rows.
-            columns: (n,) of the rows; None = every column of the picture, in order.
+            plane_in_camera: (..., 4) calibrated sheets, one for each n rows.
+            position_px: (..., n) rows.
+            columns: (..., n) of the rows; None = every column of the picture, in order.
         """
 
     def measure(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
     ) -> tuple[Float, Float]:
-        """The same points and the standard deviations (w,) of their heights [m]."""
+        """The same points and the standard deviations (..., w) of their heights [m]."""
 
 
 class Triangulator:
@@ -59,29 +59,43 @@ class Triangulator:
         return np.array(self._translation)
 
     def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Columns | None = None) -> Float:
-        """Points (n, 3) in base_footprint."""
+        """Points (3, ..., n) in base_footprint."""
         rays = self._rays.at(position_px, columns)
-        return self._place(rays, sheet_depth(rays, plane_in_camera)[0])
+        return self._place(self._directions(rays), sheet_depth(rays, plane_in_camera)[0])
 
     def measure(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
     ) -> tuple[Float, Float]:
-        """Points (w, 3) and standard deviations (w,) of their heights [m], by the derivative of the meeting point."""
+        """Points (3, ..., w) and standard deviations (..., w) of heights [m], by the meeting point's derivative."""
         rays = self._rays.at(position_px)
         depth, along_normal = sheet_depth(rays, plane_in_camera)
+        directions = self._directions(rays)
         # d(depth * ray)/dv with the ray moving by 1 / fy per row (the lens stretches that by a few per cent only).
-        up = self._rotation[2]
-        rise = up[0] * rays[0] + up[1] * rays[1] + up[2]
-        slope = depth * (up[1] - rise * (plane_in_camera[1] / along_normal)) * self._row_step
-        return self._place(rays, depth), np.abs(slope) * np.asarray(sigma_px, np.float64)
+        slope = plane_in_camera[..., 1, None] / along_normal
+        slope *= directions[2]
+        np.subtract(self._rotation[2, 1], slope, out=slope)
+        slope *= depth
+        slope *= self._row_step
+        slope *= np.asarray(sigma_px, dtype=np.float64)
+        return self._place(directions, depth), np.abs(slope)
 
-    def _place(self, rays: Float, depth: Float) -> Float:
-        """Points (n, 3) in base_footprint at depths along rays; each coordinate lies in one piece of memory."""
-        points = self._rotation[:, :2] @ rays
-        points += self._rotation[:, 2:]
-        points *= depth
-        points += self._translation[:, None]
-        return np.asarray(points.T)
+    def _directions(self, rays: Float) -> Float:
+        """Rays (3, ..., n) turned into base_footprint.
+
+        Term by term: a matrix product may round a point differently when there are more of them.
+        """
+        x, y = rays
+        along_x, along_y, along_z = self._rotation.T.reshape(3, 3, *(1 for _ in x.shape))
+        directions = along_x * x
+        directions += along_y * y
+        directions += along_z
+        return np.asarray(directions)
+
+    def _place(self, directions: Float, depth: Float) -> Float:
+        """Points (3, ..., n) in base_footprint at depths along directions, whose memory they take over."""
+        directions *= depth
+        directions += self._translation.reshape(3, *(1 for _ in depth.shape))
+        return directions
 
 
 def locator(

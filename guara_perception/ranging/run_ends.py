@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-Columns = npt.NDArray[np.intp]
+Places = npt.NDArray[np.intp]
 
 # A larger difference of height between neighbouring columns is a jump from one surface to another.
 JUMP_M = 0.004
@@ -31,73 +31,95 @@ def run_ends(height: Float, strength: Float) -> Mask:
     The picture's own borders end no run.
 
     Args:
-        height: (w,) heights [m], NaN where there is no return.
-        strength: (w,) heights of the returns above background [grey levels].
+        height: (s, w) heights of stripes [m], NaN where there is no return.
+        strength: (s, w) heights of the returns above background [grey levels].
 
     Returns:
-        (w,) bool: within END_COLUMNS of a gap or a jump, in the faded end of a run, or in a run
+        (s, w) bool: within END_COLUMNS of a gap or a jump, in the faded end of a run, or in a run
         that is short and weak.
     """
     breaks = run_breaks(height)
-    if not breaks.size:
-        return np.zeros(height.size, dtype=bool)
+    if not breaks.any():
+        return np.zeros(height.shape, dtype=bool)
     is_return = np.isfinite(height)
+    count, width = height.shape
+    beside = np.zeros((count, width + 2 * END_COLUMNS), dtype=bool)
+    for shift in range(1, 2 * END_COLUMNS + 1):
+        beside[:, shift : shift + width - 1] |= breaks
     ends = _faded(np.where(is_return, strength, 0.0), is_return, breaks)
-    for shift in range(1 - END_COLUMNS, END_COLUMNS + 1):
-        column = breaks + shift
-        ends[column[(column >= 0) & (column < height.size)]] = True
-    return np.asarray(ends & is_return)
+    ends |= beside[:, END_COLUMNS : END_COLUMNS + width]
+    ends &= is_return
+    return ends
 
 
-def run_breaks(height: Float) -> Columns:
-    """Columns c such that c and c + 1 do not belong to one run: a gap or a jump lies between them."""
+def run_breaks(height: Float) -> Mask:
+    """(s, w - 1) bool: columns c and c + 1 do not belong to one run, a gap or a jump lies between them."""
     with np.errstate(invalid="ignore"):
         # A comparison with NaN is False: a gap breaks a run like a jump does.
-        return np.flatnonzero(~(np.abs(np.diff(height)) <= JUMP_M))
+        return np.asarray(~(np.abs(height[:, 1:] - height[:, :-1]) <= JUMP_M))
 
 
-def _faded(strength: Float, is_return: Mask, breaks: Columns) -> Mask:
+def _faded(strength: Float, is_return: Mask, breaks: Mask) -> Mask:
     """Columns at the ends of runs from which the strength rises inwards before it reaches the level of the run."""
+    width = strength.shape[1]
+    # All stripes in one row; a stripe's last column is the last of its run.
+    is_last = np.ones(strength.shape, dtype=bool)
+    is_last[:, :-1] = breaks
+    last = np.flatnonzero(is_last)
+    first = np.append(0, last[:-1] + 1)
+    is_run = is_return.ravel()[first]
+    strongest = np.maximum.reduceat(strength.ravel(), first)[is_run]
+    first, last = first[is_run], last[is_run]
+    begins, ends = first % width > 0, last % width < width - 1
     faded = np.zeros(strength.size, dtype=bool)
-    first = np.append(0, breaks + 1)
-    is_run = is_return[first]
-    strongest = np.maximum.reduceat(strength, first)[is_run]
-    first, last = first[is_run], np.append(breaks, strength.size - 1)[is_run]
-    border = strength.size - 1
-    is_short = (last - first < SHORT_RUN_COLUMNS - 1) & (first > 0) & (last < border)
+    is_short = (last - first < SHORT_RUN_COLUMNS - 1) & begins & ends
     if is_short.any():
-        is_short &= strongest < WEAK_OF_STRIPE * float(np.median(strength[is_return]))
+        is_short[is_short] = strongest[is_short] < WEAK_OF_STRIPE * _medians(strength, is_return, first[is_short])
         for begin, end in zip(first[is_short].tolist(), last[is_short].tolist(), strict=True):
             faded[begin : end + 1] = True
-    left, right = ~is_short & (first > 0), ~is_short & (last < border)
+    left, right = ~is_short & begins, ~is_short & ends
     # The right ends are the left ends of the row turned round, which is put behind the row: both in one go.
-    both = np.concatenate((strength, strength[::-1]))
+    both = np.concatenate((strength, strength[::-1, ::-1]))
     turned = both.size - 1
     starts = np.concatenate((first[left], turned - last[right]))
     for begin, length in _fade_lengths(both, starts, np.concatenate((last[left], turned - first[right]))):
-        if begin > border:
+        if begin >= strength.size:
             faded[turned + 1 - begin - length : turned + 1 - begin] = True
         else:
             faded[begin : begin + length] = True
-    return faded
+    return faded.reshape(strength.shape)
 
 
-def _fade_lengths(strength: Float, first: Columns, last: Columns, window: int = FADE_WINDOW) -> list[tuple[int, int]]:
+def _medians(strength: Float, is_return: Mask, places: Places) -> Float:
+    """Median strength (n,) of the returns of the stripes in which these places lie."""
+    stripes, which = np.unique(places // strength.shape[1], return_inverse=True)
+    return np.array([np.median(strength[stripe][is_return[stripe]]) for stripe in stripes.tolist()])[which]
+
+
+def _fade_lengths(strength: Float, first: Places, last: Places, window: int = FADE_WINDOW) -> list[tuple[int, int]]:
     """Number of first columns of each run before SOUND_COLUMNS in a row reach FADED_OF_LEVEL of those that follow them.
 
+    Args:
+        strength: (s, w).
+        first, last: (n,) places of the ends of runs, counted through all rows.
+        window: so many first columns are looked at, more only where they do not tell.
+
     Returns:
-        Pairs of first column and number; runs that do not fade may be left out.
+        Pairs of first place and number; runs that do not fade may be left out.
     """
     if not first.size:
         return []
-    total = np.append(0.0, np.cumsum(strength))
+    # Summed row by row: a sum does not depend on what other stripes there are.
+    total = np.zeros((len(strength), strength.shape[1] + 1))
+    np.cumsum(strength, axis=1, out=total[:, 1:])
+    behind = (first // strength.shape[1] + 1)[:, None]
     size = last - first + 1
     looked_at = min(window, int(size.max()))
     end = last[:, None]
     place = np.minimum(first[:, None] + np.arange(looked_at + SOUND_COLUMNS - 1), end)
     after = np.minimum(place + LEVEL_COLUMNS, end)
-    level = (total[after + 1] - total[place + 1]) / np.maximum(after - place, 1)
-    holds = strength[place] >= FADED_OF_LEVEL * level
+    level = (total.take(after + behind) - total.take(place + behind)) / np.maximum(after - place, 1)
+    holds = strength.take(place) >= FADED_OF_LEVEL * level
     sound = holds[:, :looked_at]
     for ahead in range(1, SOUND_COLUMNS):
         sound = sound & holds[:, ahead : ahead + looked_at]

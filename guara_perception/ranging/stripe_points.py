@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,15 @@ Stored = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]
 
 MIXED_EDGE, OUT_OF_BAND = np.uint8(StripeStatus.MIXED_EDGE), np.uint8(StripeStatus.OUT_OF_BAND)
+
+
+def _stored(values: npt.ArrayLike, kind: npt.DTypeLike) -> Stored:
+    """A read-only array of this type; no copy when the values are one already."""
+    array = np.asarray(values, dtype=kind)
+    if array is not values and array.base is None:
+        # Nobody else has this one.
+        array.setflags(write=False)
+    return readonly(array)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,97 +76,107 @@ class StripePoints:
         object.__setattr__(self, "status", readonly(self.status))
 
 
+# Of most stripes nothing is set apart.
+NO_POINTS = ColumnPoints(np.empty(0, np.int32), np.empty((0, 3), np.float32))
+
+
 def stripe_points(
-    profile: StripeProfile,
+    profiles: Sequence[StripeProfile],
     locator: Locator,
-    plane_in_camera: Float,
+    planes_in_camera: Float,
     gates: tuple[float, float],
     on_robot: Callable[[Float], Mask] | None = None,
     added_variance: Callable[[Float], Float] | None = None,
-) -> StripePoints:
-    """Locate the points of a profile and sort them.
+) -> list[StripePoints]:
+    """Locate the points of profiles and sort them; each stripe by itself, but all in one go, which is faster.
 
     Args:
-        profile: stripe along the columns of the whole picture.
+        profiles: s stripes along the columns of the whole picture, one or more.
         locator: makes points of rows.
-        plane_in_camera: (4,) calibrated sheet.
+        planes_in_camera: (s, 4) calibrated sheets.
         gates: lowest and highest height that counts as terrain [m].
         on_robot: tells which points (n, 3) in base_footprint lie on the robot itself; None = none does.
-        added_variance: of the heights of points (n, 3), to be added to what the stripe position gives; None = none.
+        added_variance: (s, w) of the heights of points (3, s, w), to be added to what the stripe position gives;
+            None = none.
     """
-    points, sigma = locator.measure(plane_in_camera, profile.position_px, profile.sigma_px)
+    position, sigma = _rows(profiles, "position_px"), _rows(profiles, "sigma_px")
+    points, sigma = locator.measure(planes_in_camera, position, sigma)
     if on_robot is not None:
-        own = on_robot(points)
-        if own.any():
-            points[own] = np.nan
-    height = points[:, 2]
-    mixed = run_ends(height, profile.peak.astype(np.float64))
+        _drop(points, on_robot)
+    height = points[2]
+    mixed = run_ends(height, _rows(profiles, "peak"))
     with np.errstate(invalid="ignore"):
         outside = (height < gates[0]) | (height > gates[1])
     unusable = mixed | outside
     variance = sigma * sigma
     if added_variance is not None:
         variance += added_variance(points)
-    kept = np.isfinite(height) & ~unusable
-    return StripePoints(
-        points=_without(points, unusable),
-        variance=np.where(kept, variance, np.nan),
-        strength=profile.peak,
-        status=_status(profile.status, mixed, outside),
-        out_of_range=_picked(points, np.flatnonzero(outside & ~mixed)),
-        doubtful=_doubtful(profile, locator, plane_in_camera, gates, on_robot, points, mixed),
-    )
+    variance[unusable | np.isnan(height)] = np.nan
+    status = np.array([profile.status for profile in profiles])
+    status[mixed], status[outside] = MIXED_EDGE, OUT_OF_BAND
+    out_of_range = _by_stripe(points, np.flatnonzero(outside & ~mixed))
+    doubtful = _doubtful(profiles, locator, planes_in_camera, gates, on_robot, points, mixed)
+    kept = points.astype(np.float32)
+    np.copyto(kept, np.nan, where=unusable)
+    single = variance.astype(np.float32)
+    for array in (kept, single, status):
+        # Nobody else has these: what is cut out of them need not be copied.
+        array.setflags(write=False)
+    return [
+        StripePoints(kept[:, k].T, single[k], profile.peak, status[k], out_of_range[k], doubtful[k])
+        for k, profile in enumerate(profiles)
+    ]
 
 
-def _status(found: npt.NDArray[np.uint8], mixed: Mask, outside: Mask) -> npt.NDArray[np.uint8]:
-    if mixed.any():
-        found = np.where(mixed, MIXED_EDGE, found)
-    return np.where(outside, OUT_OF_BAND, found) if outside.any() else found
+def _rows(profiles: Sequence[StripeProfile], name: str) -> Float:
+    """One array (s, w) of all profiles."""
+    return np.array([getattr(profile, name) for profile in profiles], dtype=np.float64)
+
+
+def _drop(points: Float, on_robot: Callable[[Float], Mask]) -> None:
+    """Make points (3, ..., n) on the robot NaN."""
+    flat = points.reshape(3, -1)
+    own = on_robot(flat.T)
+    if own.any():
+        flat[:, own] = np.nan
 
 
 def _doubtful(
-    profile: StripeProfile,
+    profiles: Sequence[StripeProfile],
     locator: Locator,
-    plane_in_camera: Float,
+    planes_in_camera: Float,
     gates: tuple[float, float],
     on_robot: Callable[[Float], Mask] | None,
     points: Float,
     mixed: Mask,
-) -> ColumnPoints:
+) -> list[ColumnPoints]:
     """Returns within the gates that may not be used: those the extraction doubted, and those at the ends of runs."""
-    columns = np.flatnonzero(np.isfinite(profile.doubtful_px) & ~mixed)
-    at_ends = np.flatnonzero(mixed)
-    found = points[at_ends]
-    if columns.size:
-        doubted = locator.points(plane_in_camera, profile.doubtful_px[columns], columns)
+    rows = _rows(profiles, "doubtful_px")
+    places = np.flatnonzero(mixed | np.isfinite(rows))
+    if not places.size:
+        return [NO_POINTS] * len(profiles)
+    found = points.reshape(3, -1).take(places, axis=1)
+    doubted = np.flatnonzero(~mixed.take(places))
+    if doubted.size:
+        stripes, columns = np.divmod(places[doubted, None], rows.shape[1])
+        located = locator.points(planes_in_camera[stripes[:, 0]], rows[stripes, columns], columns)
         if on_robot is not None:
-            doubted[on_robot(doubted)] = np.nan
-        columns, found = np.concatenate((columns, at_ends)), np.concatenate((doubted, found))
-        order = np.argsort(columns)
-        columns, found = columns[order], found[order]
-    else:
-        columns = at_ends
+            _drop(located, on_robot)
+        found[:, doubted] = located[:, :, 0]
     with np.errstate(invalid="ignore"):
-        usable = (found[:, 2] >= gates[0]) & (found[:, 2] <= gates[1])
-    return ColumnPoints(columns[usable], found[usable])
+        usable = (found[2] >= gates[0]) & (found[2] <= gates[1])
+    return _by_stripe(points, places[usable], found[:, usable])
 
 
-def _picked(points: Float, columns: npt.NDArray[np.intp]) -> ColumnPoints:
-    return ColumnPoints(columns, points[columns])
-
-
-def _without(points: Float, columns: Mask) -> Stored:
-    """The points with some columns unknown, single precision, each coordinate in one piece of memory."""
-    stored = np.array(points.T, dtype=np.float32, order="C")
-    if columns.any():
-        stored[:, columns] = np.nan
-    return stored.T
-
-
-def _stored(values: npt.ArrayLike, kind: npt.DTypeLike) -> Stored:
-    """A read-only array of this type; no copy when the values are one already."""
-    array = np.asarray(values, dtype=kind)
-    if array is not values and array.base is None:
-        # Nobody else has this one.
-        array.setflags(write=False)
-    return readonly(array)
+def _by_stripe(points: Float, places: npt.NDArray[np.intp], found: Float | None = None) -> list[ColumnPoints]:
+    """Points (3, s, w) at ascending places, counted through all stripes, or what was found there (3, n), by stripe."""
+    _, count, width = points.shape
+    if not places.size:
+        return [NO_POINTS] * count
+    if found is None:
+        found = points.reshape(3, -1).take(places, axis=1)
+    bounds = np.searchsorted(places, width * np.arange(count + 1)).tolist()
+    return [
+        ColumnPoints(places[first:end] - k * width, found[:, first:end].T) if end > first else NO_POINTS
+        for k, (first, end) in enumerate(itertools.pairwise(bounds))
+    ]

@@ -17,6 +17,9 @@ from guara_perception.stripes.profile import StripeProfile
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
+# Stripes at a time: more share the fixed cost of a call, until their arrays no longer stay in the processor's cache.
+TOGETHER = 8
+
 
 class StripeRanger:
     """Turns the profiles of a scan's stripes into points."""
@@ -49,14 +52,17 @@ class StripeRanger:
 
     def points(self, profiles: Mapping[int, StripeProfile]) -> dict[int, StripePoints]:
         """Points of stripes by index; their frames must not be bad."""
-        return {
-            index: stripe_points(
-                profile,
+        found: dict[int, StripePoints] = {}
+        indices = list(profiles)
+        for begin in range(0, len(indices), TOGETHER):
+            group = indices[begin : begin + TOGETHER]
+            points = stripe_points(
+                [profiles[index] for index in group],
                 self._locator,
-                self._geometry.stripes[index].plane_in_camera,
+                np.array([self._geometry.stripes[index].plane_in_camera for index in group]),
                 self._gates,
                 self._on_robot,
-                self._added_variance(index),
+                self._added_variance(group),
             )
-            for index, profile in profiles.items()
-        }
+            found.update(zip(group, points, strict=True))
+        return found

@@ -15,18 +15,21 @@ def sheet_depth(rays: Float, plane_in_camera: Float) -> tuple[Float, Float]:
     """Where rays meet a laser sheet.
 
     Args:
-        rays: (2, n) x and y in the camera frame at z = 1, NaN where there is none.
-        plane_in_camera: (4,) n . X + d = 0.
+        rays: (2, n) or (2, s, n) x and y in the camera frame at z = 1, NaN where there is none.
+        plane_in_camera: (4,) n . X + d = 0, or (s, 4).
 
     Returns:
-        Depth (n,) along the camera's z [m], NaN where the ray meets the sheet at a grazing angle or behind the camera;
-        and the rays' products (n,) with the normal, by which a change of ray changes the depth.
+        Depth (n,) or (s, n) along the camera's z [m], NaN where the ray meets the sheet at a grazing angle or behind
+        the camera; and the rays' products of the same shape with the normal, by which a change of ray changes the
+        depth.
     """
     x, y = rays
-    normal, offset = plane_in_camera[:3], plane_in_camera[3]
-    along_normal = normal[0] * x + normal[1] * y + normal[2]
+    nx, ny, nz, d = plane_in_camera.T[..., None]
+    along_normal = nx * x
+    along_normal += ny * y
+    along_normal += nz
     with np.errstate(divide="ignore", invalid="ignore"):
-        depth = -offset / along_normal
+        depth = -d / along_normal
         is_grazing = along_normal * along_normal < MIN_SINE_TO_SHEET**2 * (x * x + y * y + 1)
         unusable = is_grazing | (depth <= 0)
     if unusable.any():

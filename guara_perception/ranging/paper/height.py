@@ -14,15 +14,16 @@ import numpy.typing as npt
 from guara_perception.exceptions import InvalidInput
 
 Float = npt.NDArray[np.float64]
+Number = float | Float
 
 
 @dataclass(frozen=True, slots=True)
 class StripeConstants:
-    """The three constants of one stripe, eqs. 17 and 18."""
+    """The three constants of one stripe, eqs. 17 and 18, or of several in arrays of one shape."""
 
-    n: float
-    d: float
-    k: float
+    n: Number
+    d: Number
+    k: Number
 
 
 def focal_length(v: float, z: float, y: float) -> float:
@@ -45,13 +46,13 @@ def depth(v: float, v1: float, z1: float, v2: float, z2: float) -> float:
     return z1 * z2 * (v1 - v2) / (v * (z2 - z1) + v1 * z1 - v2 * z2)
 
 
-def stripe_constants(v1: float, z1: float, v2: float, z2: float) -> StripeConstants:
-    """Constants n, d and k of a stripe from two calibrated points, as defined at eqs. 16 and 17.
+def stripe_constants(v1: Number, z1: float, v2: Number, z2: float) -> StripeConstants:
+    """Constants n, d and k of stripes from two calibrated points of each, as defined at eqs. 16 and 17.
 
     Raises:
         InvalidInput: equal depths, or a stripe that does not move between them: eq. 17 is singular.
     """
-    if z1 == z2 or v1 == v2:
+    if z1 == z2 or np.any(v1 == v2):
         raise InvalidInput(f"eq. 17 needs two depths and two places, given z = {z1}, {z2} and v = {v1}, {v2}")
     return StripeConstants(n=z1 * z2 * (v1 - v2), d=z2 - z1, k=v2 * z2 - v1 * z1)
 

@@ -72,19 +72,24 @@ class PaperRangefinder:
         return np.append(self.middle if self._literal.ortho else self.nadir, self.camera_height)
 
     def stripe(self, plane_in_camera: Float) -> tuple[StripeConstants, Float]:
-        """Constants of a stripe and the horizontal direction across it, in which its v is measured.
+        """Constants of stripes and the horizontal directions (..., 2) across them, in which their v is measured.
 
         The paper's stripes are parallel to the rows of its picture; a real one is turned by a little, so v is
         measured across the stripe itself: that keeps eqs. 17 and 18 exact.
+
+        Args:
+            plane_in_camera: (..., 4) calibrated sheets.
         """
-        plane = plane_in_frame(plane_in_camera, self._transform)
-        steepness = float(np.linalg.norm(plane[:2]))
-        across = plane[:2] / steepness
+        # One by one: a product of matrices may round a plane differently when there are more of them.
+        planes = [plane_in_frame(plane, self._transform) for plane in plane_in_camera.reshape(-1, 4)]
+        nx, ny, nz, d = np.reshape(planes, plane_in_camera.shape).transpose(-1, *range(plane_in_camera.ndim - 1))
+        steepness = np.hypot(nx, ny)
+        across = np.stack((nx, ny), axis=-1) / steepness[..., None]
         z = [self.camera_height - h for h in PLATE_HEIGHTS_M]
-        nadir = float(across @ self.nadir)
+        nadir = across[..., 0] * self.nadir[0] + across[..., 1] * self.nadir[1]
         # Where the sheet meets each plate, seen from the optical centre on the floor.
         v = [
-            nadir + (-(plane[2] * h + plane[3]) / steepness - nadir) * self.camera_height / (self.camera_height - h)
+            nadir + (-(nz * h + d) / steepness - nadir) * self.camera_height / (self.camera_height - h)
             for h in PLATE_HEIGHTS_M
         ]
         return stripe_constants(v[0], z[0], v[1], z[1]), across
@@ -92,33 +97,31 @@ class PaperRangefinder:
     def points(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: npt.NDArray[np.intp] | None = None
     ) -> Float:
-        """Points (n, 3) in base_footprint of a stripe seen at these rows, NaN where there is none.
+        """Points (3, ..., n) in base_footprint of stripes seen at these rows, NaN where there is none.
 
         Args:
-            plane_in_camera: (4,) calibrated sheet.
-            position_px: (n,) rows.
-            columns: (n,) of the rows; None = every column of the picture, in order.
+            plane_in_camera: (..., 4) calibrated sheets, one for each n rows.
+            position_px: (..., n) rows.
+            columns: (..., n) of the rows; None = every column of the picture, in order.
         """
         rows = np.asarray(position_px, dtype=np.float64)
         matrix = self._camera.matrix
-        u_r = ((np.arange(rows.size) if columns is None else columns) - matrix[0, 2]) / matrix[0, 0]
+        u_r = ((np.arange(rows.shape[-1]) if columns is None else columns) - matrix[0, 2]) / matrix[0, 0]
         v_r = (rows - matrix[1, 2]) / matrix[1, 1]
         u, v = undistort(u_r, v_r, self.lens_k, literal=self._literal.lens)
         x, y = surface_x(self._coefficients, u, v), surface_y(self._coefficients, u, v)
-        constants, across = self.stripe(plane_in_camera)
-        h = height(depth_from_constants(across[0] * x + across[1] * y, constants), self.camera_height)
+        constants, across = self.stripe(plane_in_camera[..., None, :])
+        h = height(depth_from_constants(across[..., 0] * x + across[..., 1] * y, constants), self.camera_height)
         centre = self.view_point
-        return np.column_stack(
-            (ortho_v(x, h, self.camera_height, centre[0]), ortho_u(y, h, self.camera_height, centre[1]), h)
-        )
+        return np.stack((ortho_v(x, h, self.camera_height, centre[0]), ortho_u(y, h, self.camera_height, centre[1]), h))
 
     def measure(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
     ) -> tuple[Float, Float]:
-        """The same points and the standard deviations (w,) of their heights [m] for those of the rows."""
+        """The same points and the standard deviations (..., w) of their heights [m] for those of the rows."""
         rows = np.asarray(position_px, dtype=np.float64)
-        above = self.points(plane_in_camera, rows - STEP_PX)[:, 2]
-        below = self.points(plane_in_camera, rows + STEP_PX)[:, 2]
+        above = self.points(plane_in_camera, rows - STEP_PX)[2]
+        below = self.points(plane_in_camera, rows + STEP_PX)[2]
         sigma = np.abs(below - above) / (2 * STEP_PX) * np.asarray(sigma_px, dtype=np.float64)
         return self.points(plane_in_camera, rows), sigma
 

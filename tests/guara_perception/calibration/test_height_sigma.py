@@ -58,11 +58,30 @@ def test_unknown_points_stay_unknown(result: CalibrationResult) -> None:
     pose = result.transform_base_to_footprint @ result.calibration.transform_camera_to_base
     points = np.array([[0.7, 0.0, 0.0], [np.nan, np.nan, np.nan]])
     mount = result.calibration.transform_camera_to_base
-    plane = result.calibration.stripe(34).plane
-    variance = uncertainty.variance_of_scan(34, plane, points, pose, mount)
-    assert 0 < variance[0] < (0.5e-3) ** 2
-    assert np.isnan(variance[1])
-    np.testing.assert_array_equal(uncertainty.variance_of_scan(33, plane, points, pose, mount)[0] > 0, True)
+    planes = np.array([result.calibration.stripe(34).plane] * 2)
+    both = np.stack((points.T, points.T), axis=1)
+    at_34, at_33 = uncertainty.variance_of_scan([34, 33], planes, both, pose, mount)
+    assert 0 < at_34[0] < (0.5e-3) ** 2
+    assert np.isnan(at_34[1])
+    assert at_33[0] > 0
+    in_camera = (points - pose[:3, 3]) @ pose[:3, :3]
+    np.testing.assert_allclose(uncertainty.variance(34, planes[0], in_camera, mount, pose[2, :3]), at_34, rtol=1e-12)
+
+
+def test_stripes_together_are_the_stripes_alone(result: CalibrationResult) -> None:
+    """Variances of several stripes in one go: of each the very bits that it has alone."""
+    uncertainty = HeightUncertainty.of(result.calibration)
+    assert uncertainty is not None
+    pose = result.transform_base_to_footprint @ result.calibration.transform_camera_to_base
+    mount = result.calibration.transform_camera_to_base
+    indices = (0, 10, 34, 35, 69)
+    planes = np.array([result.calibration.stripe(index - index % 2).plane for index in indices])
+    points = np.random.default_rng(2).uniform(-0.3, 0.3, (3, len(indices), 101)) + np.array([0.7, 0, 0])[:, None, None]
+    points[:, 2, 40:50] = np.nan
+    together = uncertainty.variance_of_scan(indices, planes, points, pose, mount)
+    for k, index in enumerate(indices):
+        alone = uncertainty.variance_of_scan([index], planes[k : k + 1], points[:, k : k + 1], pose, mount)
+        np.testing.assert_array_equal(together[k], alone[0])
 
 
 def test_json_form(result: CalibrationResult) -> None:

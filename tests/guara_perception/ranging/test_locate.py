@@ -54,7 +54,7 @@ def locate_at(way: object, plane: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     found = []
     for u, v in pixels:
         rows = np.full(SIZE[0], v)
-        points = way.points(plane, rows)  # type: ignore[attr-defined]
+        points = way.points(plane, rows).T  # type: ignore[attr-defined]
         low = int(np.floor(u))
         found.append(points[low] * (low + 1 - u) + points[low + 1] * (u - low))
     return np.array(found)
@@ -80,9 +80,9 @@ def test_the_papers_chain_is_exact_where_its_lens_is(lean: float, turn: float, p
     plane = sheet(lean, turn, transform)
     rows = np.linspace(60, 450, SIZE[0])
     paper = PaperRangefinder(lens, transform, AREA, Literal())
-    exact = Triangulator(lens, transform).points(plane, rows)
+    exact = Triangulator(lens, transform).points(plane, rows).T
     usable = np.isfinite(exact[:, 2]) & (exact[:, 2] > -0.1) & (exact[:, 2] < 0.2)
-    np.testing.assert_allclose(paper.points(plane, rows)[usable], exact[usable], atol=2e-6)
+    np.testing.assert_allclose(paper.points(plane, rows).T[usable], exact[usable], atol=2e-6)
 
 
 def test_one_radial_coefficient_is_found() -> None:
@@ -114,7 +114,7 @@ def test_sigma_of_the_height_is_its_finite_difference(literal: Literal | None) -
     rows = np.full(SIZE[0], 300.0)
     points, sigma = way.measure(plane, rows, np.ones(SIZE[0]))
     np.testing.assert_array_equal(points, way.points(plane, rows))
-    moved = np.abs(way.points(plane, rows + 0.05)[:, 2] - way.points(plane, rows - 0.05)[:, 2]) / 0.1
+    moved = np.abs(way.points(plane, rows + 0.05)[2] - way.points(plane, rows - 0.05)[2]) / 0.1
     np.testing.assert_allclose(sigma, moved, rtol=0.06)
 
 
@@ -123,7 +123,7 @@ def test_no_position_no_point_and_no_grazing_ray() -> None:
     transform, lens = pose(), camera()
     rows = np.full(SIZE[0], np.nan)
     rows[7] = 200.0
-    points = Triangulator(lens, transform).points(sheet(0.2, 0, transform), rows)
+    points = Triangulator(lens, transform).points(sheet(0.2, 0, transform), rows).T
     assert np.isfinite(points[7]).all() and np.isnan(np.delete(points, 7, axis=0)).all()
     ray = lens.rays([[7.0, 200.0]])[0]
     along = np.cross(ray, [1.0, 0, 0])
@@ -147,3 +147,23 @@ def test_sheet_origin_is_on_the_mirror_axis() -> None:
         normal = np.array([np.cos(lean), 0, np.sin(lean)])
         planes.append(np.append(normal, -normal @ MIRROR))
     np.testing.assert_allclose(sheet_origin(np.array(planes), transform[:3, 3]), [0.6, 0.01, 0.47], atol=1e-9)
+
+
+@pytest.mark.parametrize("literal", [None, Literal()])
+def test_stripes_together_are_the_stripes_alone(literal: Literal | None) -> None:
+    """Several sheets in one go, all columns or some: of each the very bits that it has alone."""
+    transform, lens = pose(), camera()
+    way = locator(literal, lens, transform, AREA)
+    planes = np.array([sheet(lean, turn, transform) for lean, turn in ((-0.1, 0.0), (0.2, 0.01), (0.4, -0.02))])
+    rows = np.random.default_rng(4).uniform(100, 400, (3, SIZE[0]))
+    rows[1, 30:60] = np.nan
+    points, sigma = way.measure(planes, rows, np.full(rows.shape, 0.1))
+    columns = np.array([5, 40, 600])
+    at_columns = way.points(planes, rows[:, columns], columns)
+    scattered = way.points(planes, rows[np.arange(3), columns][:, None], columns[:, None])
+    for k in range(3):
+        alone, its_sigma = way.measure(planes[k], rows[k], np.full(SIZE[0], 0.1))
+        np.testing.assert_array_equal(points[:, k], alone)
+        np.testing.assert_array_equal(sigma[k], its_sigma)
+        np.testing.assert_array_equal(at_columns[:, k], alone[:, columns])
+        np.testing.assert_array_equal(scattered[:, k, 0], alone[:, columns[k]])

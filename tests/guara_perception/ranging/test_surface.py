@@ -177,17 +177,22 @@ def test_a_drop_seen_by_two_stripes_is_marked_in_between() -> None:
     assert len(line_samples((ends[0], NOTHING), 0.005)) == 0
 
 
+def ends_of(height: np.ndarray, strength: np.ndarray) -> np.ndarray:
+    """Columns at ends of runs of one stripe."""
+    return run_ends(height[None], strength[None])[0]
+
+
 def test_ends_of_a_run_are_left_out() -> None:
     """Beside a gap and on both sides of a jump columns are dropped; at the picture's border none is."""
     height = np.zeros(60)
     height[20:30] = np.nan
     height[45:] = 0.02
-    ends = run_ends(height, np.full(60, 100.0))
+    ends = ends_of(height, np.full(60, 100.0))
     expected = np.zeros(60, bool)
     for begin in (20 - END_COLUMNS, 30, 45 - END_COLUMNS, 45):
         expected[begin : begin + END_COLUMNS] = True
     np.testing.assert_array_equal(ends, expected)
-    assert 44 in run_breaks(height)
+    assert run_breaks(height[None])[0, 44]
 
 
 def test_fading_end_of_a_run_is_left_out() -> None:
@@ -196,7 +201,7 @@ def test_fading_end_of_a_run_is_left_out() -> None:
     height[:10] = np.nan
     strength = np.full(60, 100.0)
     strength[10:18] = [5, 8, 12, 20, 30, 40, 52, 58]
-    ends = run_ends(height, strength)
+    ends = ends_of(height, strength)
     assert ends[10:16].all()
     assert not ends[20:].any()
 
@@ -207,9 +212,9 @@ def test_short_weak_run_is_left_out() -> None:
     height[20:30] = height[38:48] = np.nan
     strength = np.full(80, 100.0)
     strength[30:38] = 30.0
-    assert run_ends(height, strength)[30:38].all()
+    assert ends_of(height, strength)[30:38].all()
     strength[30:38] = 100.0
-    assert not run_ends(height, strength)[32:36].any()
+    assert not ends_of(height, strength)[32:36].any()
 
 
 def plainly_faded(run: list[float]) -> int:
@@ -242,7 +247,19 @@ def test_fades_of_any_length_are_found(data: st.DataObject) -> None:
         ]  # fmt: skip
         height += [np.zeros(run.size), np.full(gap, np.nan)]
         strength += [run, np.zeros(gap)]
-    np.testing.assert_array_equal(run_ends(np.concatenate(height), np.concatenate(strength)), np.concatenate(expected))
+    np.testing.assert_array_equal(ends_of(np.concatenate(height), np.concatenate(strength)), np.concatenate(expected))
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_runs_of_one_stripe_do_not_touch_the_next(seed: int) -> None:
+    """Several stripes at once, with gaps, jumps and fades up to the picture's borders: each as if it were alone."""
+    random = np.random.default_rng(seed)
+    height = np.repeat(random.choice([0.0, 0.003, 0.02, np.nan], (5, 12)), 7, axis=1)
+    strength = random.choice([10.0, 40.0, 100.0], (5, 12)).repeat(7, axis=1) * random.uniform(0.5, 1, height.shape)
+    height[2], height[3] = 0.0, np.nan
+    for ends, *each in zip(run_ends(height, strength), height, strength, strict=True):
+        np.testing.assert_array_equal(ends, ends_of(*each))
 
 
 class Level:
@@ -252,9 +269,9 @@ class Level:
 
     def points(self, plane: object, rows: np.ndarray, columns: np.ndarray | None = None) -> np.ndarray:
         rows = np.asarray(rows, float)
-        columns = np.arange(rows.size) if columns is None else columns
-        points = np.column_stack((np.zeros(rows.size), 0.001 * columns, 0.001 * rows))
-        points[np.isnan(rows)] = np.nan
+        columns = np.arange(rows.shape[-1]) if columns is None else columns
+        points = np.stack(np.broadcast_arrays(0.0, 0.001 * columns, 0.001 * rows))
+        points[:, np.isnan(rows)] = np.nan
         return points
 
     def measure(self, plane: object, rows: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -272,10 +289,15 @@ def profile(rows: np.ndarray, doubtful: np.ndarray | None = None) -> StripeProfi
     )
 
 
+def points_of(found: StripeProfile, **extra: object) -> StripePoints:
+    """Points of one profile by a level locator."""
+    return stripe_points([found], Level(), np.zeros((1, 4)), (-0.08, 0.13), **extra)[0]  # type: ignore[arg-type]
+
+
 def test_points_outside_the_gates_are_set_apart() -> None:
     """Below and above the gates: no terrain, but a return that was seen."""
     rows = np.repeat([0.0, -200.0, 0.0, 300.0, 0.0], 20)
-    found = stripe_points(profile(rows), Level(), np.zeros(4), (-0.08, 0.13))
+    found = points_of(profile(rows))
     low, high = slice(24, 36), slice(64, 76)
     assert np.isnan(found.points[low]).all() and np.isnan(found.points[high]).all()
     heights = dict(zip(found.out_of_range.columns.tolist(), found.out_of_range.points[:, 2].tolist(), strict=True))
@@ -288,13 +310,7 @@ def test_points_outside_the_gates_are_set_apart() -> None:
 
 def test_points_on_the_robot_are_dropped() -> None:
     """What lies on a leg is no terrain, and what is beside it ends a run."""
-    found = stripe_points(
-        profile(np.zeros(60)),
-        Level(),
-        np.zeros(4),
-        (-0.08, 0.13),
-        on_robot=lambda p: (p[:, 1] > 0.02) & (p[:, 1] < 0.03),
-    )
+    found = points_of(profile(np.zeros(60)), on_robot=lambda p: (p[:, 1] > 0.02) & (p[:, 1] < 0.03))
     assert np.isnan(found.points[21:30, 2]).all()
     assert not ((found.doubtful.columns > 20) & (found.doubtful.columns < 30)).any()
     assert np.isfinite(found.points[:18, 2]).all() and np.isfinite(found.points[34:, 2]).all()
@@ -305,6 +321,28 @@ def test_doubtful_returns_keep_their_place() -> None:
     doubtful = np.full(60, np.nan, np.float32)
     doubtful[10], doubtful[11] = 5.0, 900.0
     rows = np.where(np.isfinite(doubtful), np.nan, 0.0)
-    found = stripe_points(profile(rows, doubtful), Level(), np.zeros(4), (-0.08, 0.13))
+    found = points_of(profile(rows, doubtful))
     assert found.doubtful.points[found.doubtful.columns == 10, 2] == pytest.approx([0.005])
     assert 11 not in found.doubtful.columns
+
+
+def test_profiles_together_are_the_profiles_alone() -> None:
+    """Gaps, returns beyond the gates, doubtful ones and a leg, in one go: each stripe as if it were alone."""
+    random = np.random.default_rng(8)
+    profiles = []
+    for _ in range(5):
+        rows = np.repeat(random.choice([0.0, 2.0, -200.0, 300.0, np.nan], 6), 10)
+        doubtful = np.where(random.random(60) < 0.1, random.choice([5.0, 900.0, 25.0], 60), np.nan).astype(np.float32)
+        profiles.append(profile(np.where(np.isfinite(doubtful), np.nan, rows), doubtful))
+    profiles.append(profile(np.zeros(60)))
+    extra = {"on_robot": lambda p: (p[:, 1] > 0.02) & (p[:, 2] > 0.02)}
+    together = stripe_points(profiles, Level(), np.zeros((6, 4)), (-0.08, 0.13), **extra)
+    for found, alone in zip(together, (points_of(each, **extra) for each in profiles), strict=True):
+        for name in ("points", "variance", "strength", "status"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
+            assert not getattr(found, name).flags.writeable
+        for name in ("out_of_range", "doubtful"):
+            np.testing.assert_array_equal(getattr(found, name).columns, getattr(alone, name).columns)
+            np.testing.assert_array_equal(getattr(found, name).points, getattr(alone, name).points)
+    assert sum(len(found.doubtful.columns) for found in together) > 0
+    assert sum(len(found.out_of_range.columns) for found in together) > 0
