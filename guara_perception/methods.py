@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
-
-import numpy.typing as npt
 
 from guara_perception.exceptions import InvalidInput
 from guara_perception.ranging.paper.rangefinder import Literal
-from guara_perception.stripes.paper import extract_paper
-from guara_perception.stripes.precise import extract_precise
-from guara_perception.stripes.profile import StripeProfile
-
-Extract = Callable[[npt.NDArray[Any], npt.NDArray[Any] | None, int], StripeProfile]
+from guara_perception.stripes.extract import METHODS as EXTRACT
+from guara_perception.stripes.extract import Extract
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +15,7 @@ class Method:
     """One method.
 
     Attributes:
-        extract: finds a stripe in a band: (on, off or None, first row) -> profile.
+        extract: finds the stripe of each of some bands.
         literal: what the paper's chain takes as printed; None = triangulation instead of the paper's chain.
         meaning: in words.
     """
@@ -32,11 +25,14 @@ class Method:
     meaning: str
 
 
+PRECISE, PAPER = EXTRACT["precise"], EXTRACT["paper"]
 METHODS = {
-    "precise": Method(extract_precise, None, "matched filter, triangulation with the calibrated sheets"),
-    "paper": Method(extract_paper, Literal(), "the paper's chain, eqs. 7 to 21, corrected"),
-    "paper-literal-lens": Method(extract_paper, Literal(lens=True), "the same, eq. 8 in one step"),
-    "paper-literal-ortho": Method(extract_paper, Literal(ortho=True), "the same, eqs. 20, 21 about the image centre"),
+    "precise": Method(PRECISE, None, "matched filter, triangulation with the calibrated sheets"),
+    "paper": Method(PAPER, Literal(), "the paper's chain, eqs. 7 to 21, corrected"),
+    "paper-literal-lens": Method(PAPER, Literal(lens=True), "the same, eq. 8 in one step"),
+    "paper-literal-ortho": Method(
+        EXTRACT["paper"], Literal(ortho=True), "the same, eqs. 20, 21 about the image centre"
+    ),
 }
 
 

@@ -193,7 +193,8 @@ class ScanProcessor:
             self._calibration.stripe(index)
         start = time.perf_counter()
         stripes = self._geometry.stripes
-        profiles = {index: self._finder.find(index, stripes[index].band, on, off) for index, on, off in frames}
+        found = self._finder.find_all([(index, stripes[index].band, on, off) for index, on, off in frames])
+        profiles = dict(zip(indices, found, strict=True))
         self._profiles.update(profiles)
         extracted = time.perf_counter()
         points = self._ranger.points({index: each for index, each in profiles.items() if not each.is_frame_bad})

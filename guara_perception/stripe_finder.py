@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.methods import METHODS
+from guara_perception.readonly import is_frozen
 from guara_perception.stripes.background import SweepBackground
+from guara_perception.stripes.band import Band
 from guara_perception.stripes.extract import unusable_frame
+from guara_perception.stripes.picture import Picture
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 
 Frame = npt.NDArray[Any]
@@ -29,36 +34,50 @@ class StripeFinder:
         self._extract = METHODS[method].extract
         self._size = size
         self._background = SweepBackground(step)
+        self._last_off: weakref.ref[Frame] | None = None
+        self._shared: Picture | None = None
 
-    def find(self, index: int, band: tuple[int, int], on: Frame, off: Frame | None) -> StripeProfile:
-        """The stripe of one frame pair.
+    def find_all(self, frames: Sequence[tuple[int, tuple[int, int], Frame, Frame | None]]) -> list[StripeProfile]:
+        """The stripes of some frame pairs.
 
         Args:
-            index: of the stripe.
-            band: first and end row in which it can appear.
-            on: picture with the laser on.
-            off: picture with the laser off, or None: earlier frames of the sweep serve instead.
+            frames: of each stripe its index; first and end row of the band in which it can appear; the picture with the
+                laser on; and that with the laser off, or None: earlier frames of the sweep serve instead.
         """
+        bands = [self._band(*frame) for frame in frames]
+        found = iter(self._extract([band for band in bands if isinstance(band, Band)]))
+        return [bad_frame(self._size[0], band) if isinstance(band, str) else next(found) for band in bands]
+
+    def _band(self, index: int, rows: tuple[int, int], on: Frame, off: Frame | None) -> Band | str:
+        """What a stripe is sought in, or why it cannot be."""
         width, height = self._size
         if not isinstance(on, np.ndarray) or on.dtype not in (np.uint8, np.uint16) or on.ndim not in (2, 3):
             given = f"{on.dtype} {on.shape}" if isinstance(on, np.ndarray) else type(on).__name__
-            return bad_frame(width, f"the frame is {given}, it must be a uint8 or uint16 picture")
+            return f"the frame is {given}, it must be a uint8 or uint16 picture"
         if on.shape[:2] != (height, width):
-            return bad_frame(
-                width,
-                f"the frame is {on.shape[1]}x{on.shape[0]} px, the calibrated camera gives {width}x{height}",
-            )
+            return f"the frame is {on.shape[1]}x{on.shape[0]} px, the calibrated camera gives {width}x{height}"
         if on.ndim == 3 and on.shape[2] not in (1, 3):
-            return bad_frame(width, f"the frame has {on.shape[2]} channels, it must have 1 or 3")
-        first, end = band
+            return f"the frame has {on.shape[2]} channels, it must have 1 or 3"
+        first, end = rows
         if end <= first:
-            return bad_frame(width, "the stripe lies outside the camera's view at this stance")
+            return "the stripe lies outside the camera's view at this stance"
         reason = unusable_frame(on[first:end], off, on.shape)
         if reason:
-            return bad_frame(width, reason)
-        if off is None:
-            background = self._background.add(index, on, band)
-            if background.reason:
-                return bad_frame(width, background.reason)
-            on, off = background.on, background.off
-        return self._extract(on[first:end], None if off is None else off[first:end], first)
+            return reason
+        if off is not None:
+            return Band(Picture(on[first:end]), self._off_rows(off, first, end), first)
+        background = self._background.add(index, on, rows)
+        return background.reason or Band.of(background.on, background.off, first)
+
+    def _off_rows(self, off: Frame, first: int, end: int) -> Picture:
+        """Some rows of a laser-off frame; of one that serves several stripes the channels are cut out once for all.
+
+        Only of a frame that nobody can write into: a buffer that is used again holds another picture each time.
+        """
+        if self._shared is None or self._shared.frame is not off:
+            seen_before = self._last_off is not None and self._last_off() is off
+            self._last_off = weakref.ref(off)
+            if not (seen_before and is_frozen(off)):
+                return Picture(off[first:end])
+            self._shared = Picture(off)
+        return self._shared.rows(first, end)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.stripes.judge import judge
-from guara_perception.stripes.signal import channel_of
+from guara_perception.stripes.picture import channel_of
 
 Plane = npt.NDArray[Any]
 
@@ -23,7 +23,7 @@ class Background:
     """What to subtract from a frame.
 
     Attributes:
-        on: the frame, reduced to the sweep's channel where `off` is.
+        on: the rows of the band, reduced to the sweep's channel where `off` is.
         off: background of the same shape, None: estimate it from the frame itself.
         reason: why there is none although there should be, empty when all is well.
     """
@@ -64,8 +64,9 @@ class SweepBackground:
             band: rows in which the stripe is sought.
         """
         if self._channel is None or self._first is None:
-            self._channel = judge(on[band[0] : band[1]], None).channel
+            self._channel = judge(on[slice(*band)], None).channel
             self._first = index
+        rows = slice(*band)
         plane = channel_of(on, self._channel)
         out_of_order = index < self._last
         self._planes[index] = plane
@@ -74,10 +75,10 @@ class SweepBackground:
             self._planes.popitem(last=False)
         needed = [index - places * self._step for places in PLACES_BEFORE]
         if out_of_order or min(needed) < self._first:
-            return Background(on)
+            return Background(on[rows])
         missing = [other for other in needed if other not in self._planes]
         if missing:
             return Background(
-                on, reason=f"no laser-off frame, and frame {missing[0]}, which would serve instead, was lost"
+                on[rows], reason=f"no laser-off frame, and frame {missing[0]}, which would serve instead, was lost"
             )
-        return Background(plane, np.minimum(*(self._planes[other] for other in needed)))
+        return Background(plane[rows], np.minimum(*(self._planes[other][rows] for other in needed)))

@@ -46,39 +46,57 @@ def stripe_sigma(smooth: Light, top: Index, columns: Index, height: Float32, smo
     return min(max(float(np.sqrt(max(width**2 - smoothed_by**2, 0.0))), LEAST_SIGMA_PX), LARGEST_SIGMA_PX)
 
 
-def centres(
-    light: Light, top: Index, columns: Index, sigma: float, taps: npt.NDArray[np.float64] | None = None
-) -> tuple[Float32, Float32]:
-    """Where the filtered light peaks.
+def responses(light: Light, top: Index, columns: Index, sigma: float) -> Float32:
+    """What the derivative filters about each top answer: positive above the centre of a stripe, negative below it.
 
     Args:
         light: (rows, columns) laser light.
         top, columns: (n,) peaks.
         sigma: of the filter, that of the stripe [px].
-        taps: that the light was smoothed by over rows; None = it was not.
 
     Returns:
-        (n,) rows, NaN where there is no crossing near the top, and (n,) standard deviation of the row for noise of
-        one grey level per pixel before smoothing.
+        (places, n), to be given to `centres`.
     """
     filters = derivative_filters(sigma)
     size = filters.shape[1]
-    response = filters @ rows_from(light, top - size // 2, size, columns).astype(np.float32)
+    return np.asarray(filters @ rows_from(light, top - size // 2, size, columns).astype(np.float32))
+
+
+def centres(response: Float32) -> tuple[Float32, Float32]:
+    """Where the filtered light peaks: the response crosses zero.
+
+    Args:
+        response: (places, ...) of the filters.
+
+    Returns:
+        (...) rows from the top on, NaN where there is no crossing near it, and (...) by how much the response falls
+        there from one place to the next.
+    """
+    others = response.shape[1:]
+    response = response.reshape(len(response), -1)
     is_above = response > 0
     falling = is_above[:-1] > is_above[1:]
     # Of several crossings the one nearest to the top.
     place = PLACE_OF_RANK.take((falling * RANK_OF_PLACE[:, None]).max(axis=0))
-    flat = place * top.size + np.arange(top.size)
-    before, after = response.take(flat), response.take(flat + top.size)
+    flat = place * response.shape[1] + np.arange(response.shape[1])
+    before, after = response.take(flat), response.take(flat + response.shape[1])
     slope = np.maximum(before - after, np.float32(1e-9))
     step = (place + before / slope).astype(np.float32)
-    row = (top + (step * np.float32(GRID_PX) - np.float32(SEARCH_PX))).astype(np.float32)
-    weights = np.convolve(filters[len(filters) // 2], np.ones(1) if taps is None else taps)
-    per_level = np.float32(np.linalg.norm(weights) * GRID_PX) / slope
-    lost = ~falling.take(flat)
-    row[lost] = np.nan
-    per_level[lost] = np.nan
-    return row, per_level
+    row = step * np.float32(GRID_PX) - np.float32(SEARCH_PX)
+    row[~falling.take(flat)] = np.nan
+    return row.reshape(others), slope.reshape(others)
+
+
+@lru_cache(maxsize=64)
+def noise_gain(sigma: float, smoothed_rows: int = 1) -> float:
+    """Standard deviation of a row times the slope of its response, for noise of one grey level per pixel.
+
+    Args:
+        sigma: of the filter [px].
+        smoothed_rows: so many rows of the light were added up before.
+    """
+    filters = derivative_filters(sigma)
+    return float(np.linalg.norm(np.convolve(filters[len(filters) // 2], np.ones(smoothed_rows))) * GRID_PX)
 
 
 @lru_cache(maxsize=64)

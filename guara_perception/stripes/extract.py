@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.exceptions import InvalidInput
+from guara_perception.stripes.band import Band
 from guara_perception.stripes.judge import is_clipped
 from guara_perception.stripes.paper import extract_paper
 from guara_perception.stripes.precise import extract_precise
@@ -16,7 +17,7 @@ from guara_perception.stripes.profile import StripeProfile, bad_frame
 
 # Whether a frame is blank or white is asked in every so many rows of so many columns.
 CHECKED_ROWS, CHECKED_COLUMNS = 8, 40
-Extract = Callable[[npt.NDArray[Any], npt.NDArray[Any] | None, int], StripeProfile]
+Extract = Callable[[Sequence[Band]], list[StripeProfile]]
 METHODS: dict[str, Extract] = {"precise": extract_precise, "paper": extract_paper}
 
 
@@ -59,7 +60,7 @@ def extract_stripe(
     reason = unusable_frame(on[first:end], None if off is None else off, on.shape)
     if reason:
         return bad_frame(width, reason)
-    return METHODS[method](on[first:end], None if off is None else off[first:end], first)
+    return METHODS[method]([Band.of(on[first:end], None if off is None else off[first:end], first)])[0]
 
 
 def unusable_frame(band: npt.NDArray[Any], off: npt.NDArray[Any] | None, shape: tuple[int, ...]) -> str:

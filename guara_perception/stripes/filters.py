@@ -13,21 +13,21 @@ Light = npt.NDArray[Any]
 # Averaging three columns before looking for the peak halves the noise of a dim stripe.
 COLUMN_MEAN_PX = 3
 # Three rows lose next to nothing of a thin stripe's peak; a wide stripe is smoothed to its own width.
-ROW_TAPS = np.ones(3)
+ROW_MEAN_PX = 3
 # Sigma of that mean [px].
 ROW_SMOOTHING_SIGMA_PX = float(np.sqrt(2 / 3))
 # Sums instead of means keep the fractions of a grey level in whole numbers.
-SCALE = COLUMN_MEAN_PX * ROW_TAPS.size
+SCALE = COLUMN_MEAN_PX * ROW_MEAN_PX
 
 
 def smooth_light(light: Light) -> Light:
-    """SCALE times the light (rows, columns), averaged over COLUMN_MEAN_PX columns and the rows of ROW_TAPS."""
-    return np.asarray(cv2.boxFilter(light, -1, (COLUMN_MEAN_PX, ROW_TAPS.size), normalize=False))
+    """SCALE times the light (rows, columns), averaged over COLUMN_MEAN_PX columns and the ROW_MEAN_PX rows."""
+    return np.asarray(cv2.boxFilter(light, -1, (COLUMN_MEAN_PX, ROW_MEAN_PX), normalize=False))
 
 
 def smooth_wide(light: Light, sigma: float) -> Light:
     """The same with a Gaussian of this sigma [px] over rows."""
-    taps = ROW_TAPS.size * cv2.getGaussianKernel(2 * int(np.ceil(2 * sigma)) + 1, sigma)
+    taps = ROW_MEAN_PX * cv2.getGaussianKernel(2 * int(np.ceil(2 * sigma)) + 1, sigma)
     return np.asarray(cv2.sepFilter2D(light, -1, np.ones(COLUMN_MEAN_PX), taps, borderType=cv2.BORDER_REPLICATE))
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.stripes.band import Band
 from guara_perception.stripes.middle import middle
 from guara_perception.stripes.profile import StripeProfile, StripeStatus, bad_frame
 from guara_perception.stripes.signal import MAX_AMBIENT_CHANGE, opening
@@ -26,23 +28,24 @@ SIGMA_PX = 0.5
 MOST_SPREAD_PX = 4
 
 
-def extract_paper(
-    on: npt.NDArray[Any], off: npt.NDArray[Any] | None, first_row: int = 0, *, threshold: float | None = None
-) -> StripeProfile:
+def extract_paper(bands: Sequence[Band]) -> list[StripeProfile]:
+    """Find the stripes of some bands as the paper does; for each band one position per column in full-picture rows."""
+    return [paper_stripe(band) for band in bands]
+
+
+def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
     """Find one stripe as the paper does.
 
     Args:
-        on: (rows, columns[, 3]) uint8 or uint16, the band with the laser on.
-        off: the same rows with the laser off, or None.
-        first_row: row of the band's first line in the full picture.
+        band: rows to look in.
         threshold: fixed threshold of the binarisation [grey levels of 8 bits]; None = Otsu's.
 
     Returns:
         One position per column in full-picture rows.
     """
-    rows, columns = on.shape[:2]
-    grey = red_enhanced_grey(on)
-    background = opening(grey) if off is None else red_enhanced_grey(off)
+    rows, columns = band.on.frame.shape[:2]
+    grey = red_enhanced_grey(band.on.frame)
+    background = opening(grey) if band.off is None else red_enhanced_grey(band.off.frame)
     change = middle(grey[::8, ::24].astype(np.int16) - background[::8, ::24])
     if abs(change) > MAX_AMBIENT_CHANGE * 255:
         return bad_frame(
@@ -58,7 +61,7 @@ def extract_paper(
     with np.errstate(invalid="ignore"):
         status[found & ((row < 2) | (row > rows - 3))] = StripeStatus.OUT_OF_BAND
     usable = status == StripeStatus.OK
-    position = (first_row + row).astype(np.float32)
+    position = (band.first_row + row).astype(np.float32)
     nan = np.float32(np.nan)
     return StripeProfile(
         position_px=np.where(usable, position, nan),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -11,11 +10,11 @@ import numpy.typing as npt
 
 from guara_perception.stripes.judge import clipped_from, is_clipped, judge
 from guara_perception.stripes.middle import middle, spread
+from guara_perception.stripes.picture import Frame, Picture, Plane
 from guara_perception.stripes.windows import sampled
 
 Float32 = npt.NDArray[np.float32]
 Light = npt.NDArray[np.int16] | Float32
-Plane = npt.NDArray[Any]
 
 # Half the height of the opening that stands in for a missing off frame: wider than any stripe, narrower than texture.
 BACKGROUND_HALF_HEIGHT_PX = 12
@@ -34,62 +33,58 @@ class LaserLight:
 
     Attributes:
         light: (rows, columns) int16 or float32, grey levels above background, negative where noise makes it so.
-        frame: (rows, columns[, channels]) laser on, as delivered; only the channel used where only one was.
-        background: the same with the laser off, None where there was no picture of it.
-        channel: of `frame` and `background` that the laser lights most.
+        channel: that the laser lights most.
         is_fused: whether `light` is of all channels together; otherwise it is of that one.
         is_clipped: whether any pixel of that channel is at the end of its scale.
         reason: why the pair cannot be used, empty when it can.
     """
 
     light: Light
-    frame: Plane
-    background: Plane | None
     channel: int = 0
     is_fused: bool = False
     is_clipped: bool = False
     reason: str = ""
 
 
-def laser_light(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> LaserLight:
+def laser_light(on: Picture, off: Picture | None) -> LaserLight:
     """Subtract the background in the channel that the laser lights most; fuse the channels where that one is clipped.
 
     Args:
-        on: (rows, columns) or (rows, columns, channels), uint8 or uint16, laser on.
+        on: of uint8 or uint16, laser on.
         off: the same with the laser off, or None: the background is then a vertical grey opening of `on`.
     """
-    seen = judge(on, off)
-    full_scale = float(np.iinfo(on.dtype).max)
+    seen = judge(on.frame, None if off is None else off.frame)
+    full_scale = float(np.iinfo(on.frame.dtype).max)
     if seen.is_swapped:
-        return _unusable(on, "the stripe is darker than its surroundings: laser-on and laser-off frames are swapped")
+        return _unusable("the stripe is darker than its surroundings: laser-on and laser-off frames are swapped")
     if off is not None and abs(seen.change) > MAX_AMBIENT_CHANGE * full_scale:
         return _unusable(
-            on,
-            f"brightness beside the stripe changed by {seen.change:+.0f} of {full_scale:.0f} between laser off and on",
+            f"brightness beside the stripe changed by {seen.change:+.0f} of {full_scale:.0f} between laser off and on"
         )
-    if seen.is_core_clipped and has_colour(on):
-        fused = fused_light(on, off, seen.channel)
-        return LaserLight(fused, on, off, seen.channel, is_fused=True, is_clipped=True)
-    plane, background = channel_of(on, seen.channel), None if off is None else channel_of(off, seen.channel)
-    light = difference(plane, background)
+    if seen.is_core_clipped and on.channels > 1:
+        fused = fused_light(on.frame, None if off is None else off.frame, seen.channel)
+        return LaserLight(fused, seen.channel, is_fused=True, is_clipped=True)
+    plane = on.plane(seen.channel)
+    light = difference(plane, None if off is None else off.plane(seen.channel))
     offset = middle(sampled(light))
     if abs(offset) > full_scale / 256:
         light -= light.dtype.type(offset)
-    return LaserLight(light, plane, background, is_clipped=bool(plane.max() >= clipped_from(plane.dtype)))
+    return LaserLight(light, seen.channel, is_clipped=bool(plane.max() >= clipped_from(plane.dtype)))
 
 
-def _unusable(on: npt.NDArray[Any], reason: str) -> LaserLight:
-    return LaserLight(np.zeros(on.shape[:2], np.int16), on, None, reason=reason)
+def _unusable(reason: str) -> LaserLight:
+    return LaserLight(np.zeros((0, 0), np.int16), reason=reason)
 
 
-def fused_light(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, channel: int) -> Float32:
+def fused_light(on: Frame, off: Frame | None, channel: int) -> Float32:
     """Light of all channels together, for stripes whose core clips the strongest one.
 
     Each channel is weighted by its headroom (the share of stripe tops at which it is not clipped) times its signal
     over its noise variance, all taken from the data, so a line of any colour works alike.
 
     Args:
-        on, off: as in `laser_light`; three channels.
+        on: (rows, columns, 3) uint8 or uint16, laser on.
+        off: the same with the laser off, or None.
         channel: that the laser lights most: its tops are those of the stripe.
 
     Returns:
@@ -111,22 +106,6 @@ def fused_light(on: npt.NDArray[Any], off: npt.NDArray[Any] | None, channel: int
     shares = weights * (gains.max() / max(float(weights @ gains), 1e-12))
     mixture = np.append(shares, -float(shares @ offsets)).astype(np.float32)
     return np.asarray(cv2.transform(light, mixture[None]))
-
-
-def has_colour(frame: npt.NDArray[Any]) -> bool:
-    """Whether a picture has three channels."""
-    return frame.ndim == 3 and frame.shape[2] == 3
-
-
-def channel_of(frame: npt.NDArray[Any], channel: int) -> Plane:
-    """One channel as a contiguous picture."""
-    if frame.ndim == 2:
-        return np.ascontiguousarray(frame)
-    if frame.shape[2] == 1:
-        return np.ascontiguousarray(frame[:, :, 0])
-    plane = np.empty(frame.shape[:2], dtype=frame.dtype)
-    cv2.mixChannels([np.ascontiguousarray(frame)], [plane], [channel, 0])
-    return plane
 
 
 def difference(plane: Plane, background: Plane | None) -> Light:

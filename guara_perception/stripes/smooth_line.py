@@ -22,17 +22,17 @@ def smooth_line(position: Float32, weight: Float32) -> tuple[Float32, Float32]:
     averaged across a gap or a jump.
 
     Args:
-        position: (n,) rows, NaN where there is no stripe.
-        weight: (n,) how much each position is worth, for instance the square of the peak.
+        position: (..., n) rows of each of n columns, NaN where there is no stripe.
+        weight: (..., n) how much each position is worth, for instance the square of the peak.
 
     Returns:
-        (n,) smoothed positions, NaN where they were, and (n,) the factor by which independent noise shrinks.
+        (..., n) smoothed positions, NaN where they were, and (..., n) the factor by which independent noise shrinks.
     """
     known = np.isfinite(position)
     worths, values = _shifted(np.where(known, weight, 0)), _shifted(np.where(known, position, 0))
     left, right = np.s_[REACH_COLUMNS - 1 :: -1], np.s_[REACH_COLUMNS + 1 :]
     here = values[REACH_COLUMNS]
-    reach = np.arange(1, REACH_COLUMNS + 1, dtype=np.float32)[:, None]
+    reach = np.arange(1, REACH_COLUMNS + 1, dtype=np.float32).reshape(-1, *[1] * position.ndim)
     farthest = np.maximum(np.abs(values[left] - here), np.abs(values[right] - here))
     pair = np.minimum(worths[left], worths[right])
     allowed = (farthest < STEEPEST_PX_PER_COLUMN * reach) & (pair > 0) & (worths[REACH_COLUMNS] > 0)
@@ -48,7 +48,9 @@ def smooth_line(position: Float32, weight: Float32) -> tuple[Float32, Float32]:
 
 
 def _shifted(line: npt.NDArray[np.floating]) -> Float32:
-    """View (2 * REACH_COLUMNS + 1, n): what stands so many columns to the left, the line itself, and to the right."""
-    padded = np.zeros(line.size + 2 * REACH_COLUMNS, np.float32)
-    padded[REACH_COLUMNS:-REACH_COLUMNS] = line
-    return np.ndarray((2 * REACH_COLUMNS + 1, line.size), np.float32, padded, strides=2 * padded.strides)
+    """View (2 * REACH_COLUMNS + 1, ..., n): what stands so many columns to the left, the line itself, to the right."""
+    *others, n = line.shape
+    padded = np.zeros((*others, n + 2 * REACH_COLUMNS), np.float32)
+    padded[..., REACH_COLUMNS:-REACH_COLUMNS] = line
+    shape, strides = (2 * REACH_COLUMNS + 1, *line.shape), (padded.strides[-1], *padded.strides)
+    return np.ndarray(shape, np.float32, padded, strides=strides)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from benchmarks.synthetic_stripes import CASES, figures
-from guara_perception.stripes.paper import binarise, extract_paper, mean_rows, red_enhanced_grey, remove_background
+from guara_perception.stripes.band import Band
+from guara_perception.stripes.paper import binarise, mean_rows, paper_stripe, red_enhanced_grey, remove_background
 from guara_perception.stripes.thinning import skeleton
 
 
@@ -106,6 +107,6 @@ def test_two_lines_in_one_column_are_ambiguous(threshold: float | None) -> None:
     off = on.copy()
     on[14:17] = 150
     on[40:43, 30:50] = 150
-    profile = extract_paper(on, off, threshold=threshold)
+    profile = paper_stripe(Band.of(on, off), threshold)
     assert (profile.status[33:47] == gp.StripeStatus.AMBIGUOUS).all()
     np.testing.assert_allclose(profile.position_px[5:25], 15, atol=0.01)

@@ -8,13 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.stripes.background import SweepBackground
-from guara_perception.stripes.centre import centres, stripe_sigma
+from guara_perception.stripes.centre import centres, noise_gain, responses, stripe_sigma
 from guara_perception.stripes.clipped import clipped_columns
 from guara_perception.stripes.filters import SCALE, smooth_light, smooth_wide, sums_of_columns
 from guara_perception.stripes.judge import judge
 from guara_perception.stripes.middle import middle, spread
 from guara_perception.stripes.path import follow
 from guara_perception.stripes.peaks import candidates, highest_peaks
+from guara_perception.stripes.picture import Picture
 from guara_perception.stripes.signal import difference, fused_light, laser_light
 from guara_perception.stripes.smooth_line import smooth_line
 from guara_perception.stripes.windows import at_rows, rows_from
@@ -76,13 +77,19 @@ def test_two_equal_paths_have_no_margin() -> None:
     np.testing.assert_allclose(margin, 0, atol=1e-9)
 
 
+def centred(light: np.ndarray, top: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the centres about these tops, and their standard deviation for noise of one grey level."""
+    from_top, slope = centres(responses(light, top, np.arange(top.size), sigma))
+    return top + from_top, noise_gain(sigma) / slope
+
+
 @given(centre=st.floats(28.6, 31.4), sigma=st.floats(1.0, 4.0), background=st.floats(-50, 50))
 @settings(max_examples=60, deadline=None, derandomize=True)
 def test_centre_of_a_gaussian_on_a_constant_background(centre: float, sigma: float, background: float) -> None:
     """The filter finds the middle of any symmetrical line, and a constant background does not move it."""
     light = gaussian(centre, sigma) + np.float32(background)
     top = np.full(5, int(round(centre)))
-    rows, noise = centres(light, top, np.arange(5), round(sigma, 1))
+    rows, noise = centred(light, top, round(sigma, 1))
     np.testing.assert_allclose(rows, centre, atol=0.02)
     assert (noise > 0).all()
 
@@ -90,7 +97,7 @@ def test_centre_of_a_gaussian_on_a_constant_background(centre: float, sigma: flo
 def test_centre_of_a_clipped_line_is_the_middle_of_its_plateau() -> None:
     """A clipped core is symmetrical: its shoulders give the centre."""
     light = np.minimum(gaussian(30.4, 3.0), 40)
-    rows, _ = centres(light, np.full(5, 30), np.arange(5), 3.0)
+    rows, _ = centred(light, np.full(5, 30), 3.0)
     np.testing.assert_allclose(rows, 30.4, atol=0.05)
 
 
@@ -99,7 +106,7 @@ def test_noise_of_a_centre_is_that_of_monte_carlo() -> None:
     random = np.random.default_rng(5)
     n = 4000
     light = gaussian(30.2, 2.0, columns=n) + random.normal(0, 2.0, (60, n)).astype(np.float32)
-    rows, per_level = centres(light, np.full(n, 30), np.arange(n), 2.0)
+    rows, per_level = centred(light, np.full(n, 30), 2.0)
     assert np.std(rows) == pytest.approx(2.0 * float(np.median(per_level)), rel=0.1)
 
 
@@ -134,6 +141,18 @@ def test_smoothing_never_bridges_a_gap_or_a_jump() -> None:
     assert np.std(smooth[5:-5]) == pytest.approx(0.1 * float(np.median(shrink)), rel=0.15)
 
 
+def test_lines_are_smoothed_each_by_itself() -> None:
+    """Several lines at once give what each gives alone: nothing is averaged from one line into the next."""
+    random = np.random.default_rng(3)
+    lines = random.normal(20, 0.2, (4, 50)).astype(np.float32)
+    lines[1, 10:20] = np.nan
+    weights = random.uniform(1, 9, (4, 50)).astype(np.float32)
+    together = smooth_line(lines, weights)
+    for place in range(4):
+        for one, several in zip(smooth_line(lines[place], weights[place]), together, strict=True):
+            np.testing.assert_array_equal(one, several[place])
+
+
 def test_middle_and_spread() -> None:
     """The middle of an odd number of values is the median; the spread of normal noise is its sigma."""
     values = np.random.default_rng(1).normal(7, 3, 10001)
@@ -160,7 +179,9 @@ def test_strongest_channel_is_that_of_the_line(channel: int) -> None:
     on, off = on.clip(0, 255).astype(np.uint8), off.clip(0, 255).astype(np.uint8)
     assert judge(on, off).channel == channel
     assert judge(on[:, :, channel], None).channel == 0
-    np.testing.assert_array_equal(laser_light(on, off).frame, on[:, :, channel])
+    signal = laser_light(Picture(on), Picture(off))
+    assert signal.channel == channel and not signal.is_fused
+    np.testing.assert_array_equal(signal.light, on[:, :, channel].astype(int) - off[:, :, channel])
 
 
 def test_fused_light_gives_less_to_a_clipped_channel() -> None:
@@ -190,6 +211,24 @@ def test_windows_are_cut_at_the_edges_of_the_picture(first: int, count: int, cha
     np.testing.assert_array_equal(at_rows(picture, starts, columns, channel), expected[0])
 
 
+@pytest.mark.parametrize("channels", [0, 1, 3])
+def test_channels_of_a_picture_are_cut_out_of_it(channels: int) -> None:
+    """Planes, windows and rows are those of the frame, whether a channel was cut out before or not."""
+    shape = (30, 12) if channels == 0 else (30, 12, channels)
+    frame = np.random.default_rng(channels).integers(0, 255, shape).astype(np.uint8)
+    channel = max(channels - 1, 0)
+    plane = frame if channels == 0 else frame[:, :, channel]
+    whole = Picture(frame)
+    rows = whole.rows(10, 25)
+    first, columns = np.array([3, -2, 12]), np.array([0, 5, 11])
+    expected = rows_from(plane[10:25], first, 4, columns)
+    np.testing.assert_array_equal(rows.windows(first, 4, columns, channel), expected)
+    np.testing.assert_array_equal(rows.plane(channel), plane[10:25])
+    np.testing.assert_array_equal(rows.windows(first, 4, columns, channel), expected)
+    assert np.shares_memory(rows.plane(channel), whole.plane(channel))
+    assert rows.channels == max(channels, 1)
+
+
 @pytest.mark.parametrize("kind", [np.int16, np.float32])
 def test_smoothing_is_the_mean_around_times_a_scale(kind: type) -> None:
     """A smoothed pixel is SCALE times the mean of its neighbourhood, and the sums of columns are of the same pixels."""
@@ -209,10 +248,10 @@ def test_clipped_cores_and_those_that_are_lost() -> None:
     on[22:40, 10:20, 2] = 255
     on[22:40, 20:30] = 255
     top, sigma = np.full(40, 30), 3.0
-    clipped, lost = clipped_columns(on, top, sigma, 2, is_fused=True)
+    clipped, lost = clipped_columns(Picture(on), top, sigma, 2, is_fused=True)
     np.testing.assert_array_equal(clipped, np.arange(40) < 30)
     np.testing.assert_array_equal(lost, np.arange(40) // 10 == 2)
-    _, lost_in_red = clipped_columns(on, top, sigma, 2, is_fused=False)
+    _, lost_in_red = clipped_columns(Picture(on), top, sigma, 2, is_fused=False)
     np.testing.assert_array_equal(lost_in_red, np.isin(np.arange(40) // 10, (1, 2)))
 
 

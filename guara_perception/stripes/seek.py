@@ -1,0 +1,103 @@
+"""Seeks one stripe in a band: which peak of each column it is, and what tells of its exact place there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.stripes.band import Band
+from guara_perception.stripes.centre import noise_gain, responses
+from guara_perception.stripes.choose import choose_peaks
+from guara_perception.stripes.clipped import clipped_columns
+from guara_perception.stripes.filters import ROW_MEAN_PX, ROW_SMOOTHING_SIGMA_PX
+from guara_perception.stripes.find_peaks import find_peaks
+from guara_perception.stripes.signal import laser_light
+
+Float32 = npt.NDArray[np.float32]
+Index = npt.NDArray[np.intp]
+Mask = npt.NDArray[np.bool_]
+
+# The surface is looked at so many sigmas above and below the stripe, two rows away at least.
+BESIDE_SIGMAS, LEAST_BESIDE_PX = 1.5, 2
+
+
+@dataclass(frozen=True, slots=True)
+class SoughtStripe:
+    """What a band says of its stripe, column by column.
+
+    Attributes:
+        top: (columns,) row of the stripe's peak within the band.
+        height: (columns,) float32 light there, times SCALE.
+        is_peak: (columns,) whether that is enough for a stripe.
+        is_ambiguous: (columns,) whether another peak would have been as good.
+        is_clipped, is_lost: (columns,) whether the stripe's core is clipped, and whether nothing is left of it.
+        responses: (places, columns) of the derivative filters about the top.
+        beside: (2, columns) the laser-off picture above and below the top; nothing where there is none.
+        beside_px: how far above and below.
+        sigma: width of the stripe [px].
+        noise: standard deviation of a row times the slope of its response.
+        rows: of the band.
+        first_row: of the band in the full picture.
+    """
+
+    top: Index
+    height: Float32
+    is_peak: Mask
+    is_ambiguous: Mask
+    is_clipped: Mask
+    is_lost: Mask
+    responses: Float32
+    beside: npt.NDArray[Any]
+    beside_px: int
+    sigma: float
+    noise: float
+    rows: int
+    first_row: int
+
+
+def seek(band: Band) -> SoughtStripe | str:
+    """Seek a stripe that runs across the columns of a band; a text says why the pair of frames cannot be used."""
+    signal = laser_light(band.on, band.off)
+    if signal.reason:
+        return signal.reason
+    found = find_peaks(signal.light)
+    sigma = found.sigma
+    choice = choose_peaks(found.sought, found.peaks, found.threshold, sigma)
+    columns = np.arange(choice.top.size)
+    nowhere = np.zeros(choice.top.size, dtype=bool)
+    is_clipped, is_lost = nowhere, nowhere
+    if signal.is_clipped:
+        is_clipped, is_lost = clipped_columns(band.on, choice.top, sigma, signal.channel, is_fused=signal.is_fused)
+    beside_px = max(int(round(BESIDE_SIGMAS * sigma)), LEAST_BESIDE_PX)
+    beside = np.zeros((2, choice.top.size), np.uint8)
+    if band.off is not None:
+        rows = choice.top - beside_px, choice.top + beside_px
+        beside = np.concatenate([band.off.windows(first, 1, columns, signal.channel) for first in rows])
+    width = sigma_of_filter(sigma)
+    return SoughtStripe(
+        top=choice.top,
+        height=choice.height,
+        is_peak=choice.height > found.threshold,
+        is_ambiguous=choice.is_ambiguous,
+        is_clipped=is_clipped,
+        is_lost=is_lost,
+        responses=responses(found.smooth, choice.top, columns, width),
+        beside=beside,
+        beside_px=beside_px,
+        sigma=sigma,
+        noise=found.noise * noise_gain(width, ROW_MEAN_PX),
+        rows=len(signal.light),
+        first_row=band.first_row,
+    )
+
+
+def sigma_of_filter(sigma: float) -> float:
+    """Width of the filter that finds the centre of a stripe of this width in smoothed light [px].
+
+    Speckle makes a thin stripe's own width too narrow a window; of a wide one, clipped or in a halo, the core is best.
+    What the light was smoothed by already counts as part of it.
+    """
+    return round(float(np.sqrt((0.85 * sigma) ** 2 + 1.3**2 - ROW_SMOOTHING_SIGMA_PX**2)), 1)

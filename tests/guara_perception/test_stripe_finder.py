@@ -1,0 +1,107 @@
+"""Stripes of a sweep: several at once are each found as if alone, and no background is kept that may have changed."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import guara_perception as gp
+from guara_perception.stripe_finder import StripeFinder
+
+WIDTH, HEIGHT = 160, 120
+Frame = npt.NDArray[np.uint8]
+Pair = tuple[int, tuple[int, int], Any, Any]
+
+
+def off_frame(level: float = 30.0, seed: int = 9) -> Frame:
+    noise = np.random.default_rng(seed).normal(0, 1, (HEIGHT, WIDTH, 3))
+    return np.clip(np.rint(level + noise), 0, 255).astype(np.uint8)
+
+
+def on_frame(row: float, peak: float, off: Frame, seed: int) -> Frame:
+    line = peak * np.exp(-0.5 * ((np.arange(HEIGHT)[:, None] - row) / 1.7) ** 2) * np.ones((1, WIDTH))
+    line[:, 70:80] = 0
+    noise = np.random.default_rng(seed).normal(0, 1, off.shape)
+    return np.clip(np.rint(off + noise + line[:, :, None] * (0.2, 0.3, 1.0)), 0, 255).astype(np.uint8)
+
+
+def sweep(seed: int = 0) -> list[Pair]:
+    """Stripes dim, bright, clipped and out of the band, and frames that cannot be used, with bands of many sizes."""
+    random = np.random.default_rng(seed)
+    frames: list[Pair] = []
+    for index in range(9):
+        off = off_frame(seed=index)
+        row = 20.0 + 9.3 * index
+        band = int(row - random.integers(15, 20)), int(row + random.integers(12, 25))
+        frames.append((index, band, on_frame(row, (15.0, 90.0, 600.0)[index % 3], off, index), off))
+    frames.append((9, (0, 40), np.zeros((HEIGHT, WIDTH, 3), np.uint8), off_frame()))
+    frames.append((10, (0, 40), frames[1][3], frames[1][2]))
+    frames.append((11, (60, 60), frames[1][2], frames[1][3]))
+    frames.append((12, (0, 40), frames[1][2][:50], frames[1][3]))
+    frames.append((13, (50, 90), frames[0][2], frames[0][3]))
+    return frames
+
+
+def assert_same(one: gp.StripeProfile, other: gp.StripeProfile) -> None:
+    for field in dataclasses.fields(gp.StripeProfile):
+        np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name), field.name)
+
+
+@pytest.mark.parametrize("method", ["precise", "paper"])
+@pytest.mark.parametrize("has_off", [True, False])
+@given(cuts=st.lists(st.integers(1, 13), max_size=4))
+@settings(max_examples=12, deadline=None, derandomize=True)
+def test_several_at_once_are_each_found_as_if_alone(method: str, has_off: bool, cuts: list[int]) -> None:
+    """Whatever the groups: the same positions, sigmas, statuses and reasons, bad frames among them or not."""
+    frames = [frame if has_off else (*frame[:3], None) for frame in sweep()]
+    one_by_one = StripeFinder(method, (WIDTH, HEIGHT), 1)
+    alone = [one_by_one.find_all([frame])[0] for frame in frames]
+    grouped = StripeFinder(method, (WIDTH, HEIGHT), 1)
+    borders = [0, *sorted(set(cuts)), len(frames)]
+    together = [p for a, b in zip(borders, borders[1:], strict=False) for p in grouped.find_all(frames[a:b])]
+    assert len(together) == len(frames)
+    for one, other in zip(alone, together, strict=True):
+        assert_same(one, other)
+
+
+def test_each_stripe_is_found_where_it_is() -> None:
+    """Found in the full picture's rows, whatever the bands; what cannot be used says why."""
+    found = StripeFinder("precise", (WIDTH, HEIGHT), 1).find_all(sweep())
+    for index in range(9):
+        error = found[index].position_px - (20.0 + 9.3 * index)
+        assert np.nanmax(np.abs(error)) < 0.6 and np.isfinite(error).mean() > 0.8
+        assert np.isnan(error[72:78]).all()
+    assert [profile.is_frame_bad for profile in found] == [False] * 9 + [True] * 4 + [False]
+    assert "blank" in found[9].reason and "swapped" in found[10].reason
+    assert "outside the camera's view" in found[11].reason and "160x50 px" in found[12].reason
+
+
+def test_shared_off_frame_that_nobody_can_write_gives_what_copies_give() -> None:
+    """One frozen laser-off frame for all: its channels are cut out once, the stripes are the same."""
+    off = off_frame()
+    frames = [(i, (10, 60), on_frame(30.0 + i, 90.0, off, i), off) for i in range(5)]
+    apart = StripeFinder("precise", (WIDTH, HEIGHT), 1).find_all([(*f[:3], f[3].copy()) for f in frames])
+    off.setflags(write=False)
+    finder = StripeFinder("precise", (WIDTH, HEIGHT), 1)
+    shared = [finder.find_all([frame])[0] for frame in frames]
+    for one, other in zip(apart, shared, strict=True):
+        assert_same(one, other)
+
+
+@pytest.mark.parametrize("view", [False, True])
+def test_buffer_that_is_used_again_is_looked_at_again(view: bool) -> None:
+    """A laser-off frame that its owner overwrites between two stripes, handed over plainly or as a read-only view."""
+    buffer = off_frame()
+    handed = buffer.view()
+    handed.setflags(write=not view)
+    finder = StripeFinder("precise", (WIDTH, HEIGHT), 1)
+    for seed, level in enumerate((30.0, 30.0, 30.0, 130.0)):
+        buffer[:] = off_frame(level, seed)
+        on = on_frame(40.0, 90.0, buffer, seed)
+        assert_same(finder.find_all([(seed, (20, 60), on, handed)])[0], gp.extract_stripe(on, buffer, band=(20, 60)))
