@@ -54,7 +54,7 @@ def assess_layers(
     flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
     flags[~known & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
     # Beyond the outermost known cells all is unknown, which counts as off the grid does: nothing to judge there.
-    window = _extent(known.any(axis=1)), _extent(known.any(axis=0))
+    window = _extent(known, axis=0), _extent(known, axis=1)
 
     def within(layer: npt.NDArray[Any]) -> npt.NDArray[Any]:
         return np.ascontiguousarray(layer[window])
@@ -69,9 +69,9 @@ def assess_layers(
     return {**layers, "clearance": clearance(flags, resolution).astype(np.float32)}
 
 
-def _extent(used: npt.NDArray[np.bool_]) -> slice:
-    """From the first to the last that is used; one, unused, where none is."""
-    places = np.flatnonzero(used)
+def _extent(known: npt.NDArray[np.bool_], axis: int) -> slice:
+    """From the first to the last row (axis 0) or column (axis 1) with a known cell; one, unknown, where none is."""
+    places = np.flatnonzero(known.any(axis=1 - axis))
     return slice(int(places[0]), int(places[-1]) + 1) if places.size else slice(0, 1)
 
 

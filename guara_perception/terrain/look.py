@@ -9,10 +9,11 @@ import numpy.typing as npt
 
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.fuse_heights import Heights
+from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.odom_cells import Index, OdomCells
-from guara_perception.terrain.touched import touched_places
+from guara_perception.terrain.touched import Squares
 
 Float = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.uint16]
@@ -63,26 +64,23 @@ def look_at(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     corners_in_odom = corners @ transform[:2, :2].T + transform[:2, 3]
     (low_x, low_y), (high_x, high_y) = corners_in_odom.min(axis=0), corners_in_odom.max(axis=0)
     cy, cx = cells.cells_between((low_x, low_y), (high_x, high_y))
-    centre = np.column_stack(((cx + 0.5) * resolution, (cy + 0.5) * resolution))
     place = cells.places(cy, cx)
-    flat = np.linalg.inv(transform[:2, :2])
-    x, y = ((centre - transform[:2, 3]) @ flat.T).T
+    # From below the robot to the centre of each cell, along the axes of odom and of the footprint.
+    way_x, way_y = (cx + 0.5) * resolution - transform[0, 3], (cy + 0.5) * resolution - transform[1, 3]
+    (xx, xy), (yx, yy) = np.linalg.inv(transform[:2, :2])
+    x, y = xx * way_x + xy * way_y, yx * way_x + yy * way_y
     if np.any(transform[:2, 2]):
         # Where the two verticals differ a cell's height moves it sideways.
         height = np.nan_to_num(np.asarray(terrain.height_at(x, y), dtype=np.float64))
-        x, y = ((centre - transform[:2, 3] - height[:, None] * transform[:2, 2]) @ flat.T).T
+        way_x, way_y = way_x - height * transform[0, 2], way_y - height * transform[1, 2]
+        x, y = xx * way_x + xy * way_y, yx * way_x + yy * way_y
     iy, ix = grid.indices(x, y)
     used = np.flatnonzero(grid.contains(iy, ix) & (place >= 0))
     x, y, iy, ix, place = x[used], y[used], iy[used], ix[used], place[used]
 
     hazard = scan_flags(terrain)
-    flags = np.zeros(place.size, dtype=np.uint16)
-    half = 0.5 * resolution * (abs(transform[0, 0]) + abs(transform[1, 0]))
-    for ty, tx in touched_places(grid, x, y, half):
-        inside = grid.contains(ty, tx)
-        flags |= np.where(inside, hazard[np.where(inside, ty, 0), np.where(inside, tx, 0)], 0).astype(np.uint16)
     own = hazard[iy, ix] & UNKNOWN_MASK
-    returned_nothing = flags & LOOKED_AT
+    returned_nothing = _touched_flags(hazard, grid, x, y, transform) & LOOKED_AT
     is_empty = returned_nothing != 0
     is_seen = (own == 0) & ~is_empty
     unseen = (own != 0) & ~is_empty
@@ -116,8 +114,19 @@ def look_at(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
         empty_cause=returned_nothing[is_empty],
         unseen=place[unseen],
         unseen_cause=own[unseen],
-        distance=np.hypot(at_x, at_y),
+        distance=np.sqrt(at_x * at_x + at_y * at_y),
     )
+
+
+def _touched_flags(hazard: Flags, grid: GridGeometry, x: Float, y: Float, transform: Float) -> Flags:
+    """Flags of all cells of the scan that cells of the map touch, whose centres (n,) lie on the scan's grid."""
+    if not x.size:
+        return np.empty(0, np.uint16)
+    half = 0.5 * grid.resolution * (abs(transform[0, 0]) + abs(transform[1, 0]))
+    squares = Squares.of(grid, x, y, half)
+    (iy, ix), (ny, nx) = squares.first, squares.shape
+    # A border of one, for squares that reach over the edge.
+    return squares.joined(np.pad(hazard, 1)[iy + 1 : iy + 1 + ny, ix + 1 : ix + 1 + nx], np.bitwise_or)
 
 
 def scan_flags(terrain: TerrainGrid) -> Flags:

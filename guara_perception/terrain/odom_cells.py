@@ -57,7 +57,7 @@ class OdomCells:
         self.memory = {name: np.full(self.side**2, empty, dtype) for name, (dtype, empty) in MEMORY.items()}
         self._first: tuple[int, int] | None = None
 
-    def cells_of(self, x: Float, y: Float) -> tuple[Index, Index]:
+    def indices(self, x: Float, y: Float) -> tuple[Index, Index]:
         """Cells (cy, cx) under points of `odom`."""
         cx = np.floor(x / self.resolution + 1e-6).astype(np.int64)
         cy = np.floor(y / self.resolution + 1e-6).astype(np.int64)
@@ -89,13 +89,23 @@ class OdomCells:
         square = self.memory[name].reshape(self.side, self.side)
         if self._first is None:
             return np.full(shape, outside, square.dtype)
-        rows, columns = (np.arange(start, start + count) for start, count in zip(first, shape, strict=True))
-        values = square.take(rows % self.side, axis=0).take(columns % self.side, axis=1)
-        for axis, (cells, start) in enumerate(zip((rows, columns), self._first, strict=True)):
-            is_out = (cells < start) | (cells >= start + self.side)
-            if is_out.any():
-                values[(slice(None),) * axis + (is_out,)] = outside
+        values = np.full(shape, outside, square.dtype)
+        rows, columns = (self._pieces(first[axis], shape[axis], self._first[axis]) for axis in (0, 1))
+        for to_rows, from_rows in rows:
+            for to_columns, from_columns in columns:
+                values[to_rows, to_columns] = square[from_rows, from_columns]
         return values
+
+    def _pieces(self, first: int, count: int, window: int) -> list[tuple[slice, slice]]:
+        """Where rows (or columns) of a rectangle that lie in the window go, and where they live: in one run or two."""
+        low, high = max(first, window), min(first + count, window + self.side)
+        turn = low + -low % self.side
+        runs = ((low, min(turn, high)), (max(low, turn), high))
+        return [
+            (slice(start - first, end - first), slice(start % self.side, (end - 1) % self.side + 1))
+            for start, end in runs
+            if end > start
+        ]
 
     def centre_on(self, x: float, y: float) -> None:
         """Move the window so that a point of `odom` is in its middle; forget what falls out."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,6 +44,10 @@ class FootMeasurement:
     variance: float
     place: Index
     distance: Float
+
+    def raised(self, rise: float) -> FootMeasurement:
+        """The same foot, `rise` higher [m]."""
+        return replace(self, centre=self.centre + (0.0, 0.0, rise))
 
 
 def support_feet(
@@ -104,6 +108,8 @@ def fill_under_foot(cells: OdomCells, foot: FootMeasurement, drift: Drift, pause
     """
     memory = cells.memory
     is_free = ~_scanned(cells, foot) & ((memory["cause"][foot.place] & LOOKED_AT) == 0)
+    if not is_free.any():
+        return
     place = foot.place[is_free]
     nothing = np.zeros(place.size)
     heights = Heights(

@@ -14,13 +14,13 @@ from guara_perception.terrain.fuse_heights import Drift, forget_heights, fuse_he
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.height_anchor import HeightAnchor, SoleError
+from guara_perception.terrain.height_anchor import HeightAnchor
 from guara_perception.terrain.known_ground import KnownGround, declared_heights
 from guara_perception.terrain.look import LOOKED_AT, look_at
 from guara_perception.terrain.map_report import map_report
 from guara_perception.terrain.odom_cells import OdomCells
 from guara_perception.terrain.snapshot import Moment, snapshot_layers
-from guara_perception.terrain.support_feet import FootMeasurement, fill_under_foot, sole_error, support_feet
+from guara_perception.terrain.support_feet import fill_under_foot, sole_error, support_feet
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
@@ -31,6 +31,8 @@ Float = npt.NDArray[np.float64]
 MARGIN_M = 0.2
 # Without gravity a scan is levelled by its support plane, which tilts by 0.11 rad with two feet on a box of 40 mm.
 LARGEST_TILT = 0.2
+# Two ways to one vertical differ by rounding. At a metre's height such a tilt would be a nanometre: it is none.
+LEAST_TURN = 1e-9
 
 
 class TerrainMap:
@@ -112,8 +114,12 @@ class TerrainMap:
         if self._middle is None or np.abs(position - self._middle).max() > MARGIN_M:
             self._cells.centre_on(float(position[0]), float(position[1]))
             self._middle = position.copy()
-        self._anchor, errors = self._anchored(terrain, transform, float(spread[2, 2]))
         transform[2, 3] += self._anchor.offset
+        feet = support_feet(self._cells, self._robot, terrain, transform, self._settings.limits)
+        errors = {foot.leg: sole_error(self._cells, foot) for foot in feet}
+        anchor = self._anchor.after(float(spread[2, 2]), {leg: e for leg, e in errors.items() if e is not None})
+        correction, self._anchor = anchor.offset - self._anchor.offset, anchor
+        transform[2, 3] += correction
         last = self._drift
         self._drift = Drift(
             rise=self._anchor.rise,
@@ -122,8 +128,8 @@ class TerrainMap:
         )
         moment = Moment(self._pause, terrain.stamp, self._drift, transform)
         rejected = self._look(terrain, moment)
-        for foot in self._feet(terrain, transform):
-            fill_under_foot(self._cells, foot, self._drift, self._pause, terrain.stamp)
+        for foot in feet:
+            fill_under_foot(self._cells, foot.raised(correction), self._drift, self._pause, terrain.stamp)
         for ground in known_ground:
             self._declare(ground, moment)
         self._scans += 1
@@ -163,18 +169,6 @@ class TerrainMap:
         memory["cause"][look.unseen[better]] = look.unseen_cause[better] & UNKNOWN_MASK
         return int((~accepted).sum())
 
-    def _feet(self, terrain: TerrainGrid, transform: Float) -> list[FootMeasurement]:
-        return support_feet(self._cells, self._robot, terrain, transform, self._settings.limits)
-
-    def _anchored(
-        self, terrain: TerrainGrid, transform: Float, variance: float
-    ) -> tuple[HeightAnchor, dict[str, SoleError | None]]:
-        """The height anchor of this pause, and how far each sole stood off the map before it was applied."""
-        here = transform.copy()
-        here[2, 3] += self._anchor.offset
-        errors = {foot.leg: sole_error(self._cells, foot) for foot in self._feet(terrain, here)}
-        return self._anchor.after(variance, {leg: e for leg, e in errors.items() if e is not None}), errors
-
     def _declare(self, ground: KnownGround, now: Moment) -> None:
         heights, distance = declared_heights(self._cells, ground, now.transform_footprint_to_odom)
         fuse_heights(self._cells, heights, now.drift, distance, now.pause, now.stamp, is_look=False)
@@ -211,6 +205,7 @@ class TerrainMap:
                 "transform_footprint_to_odom is no rotation, or tilts by more than "
                 f"{LARGEST_TILT} rad: both frames must be level"
             )
+        rotation[np.abs(rotation) < LEAST_TURN] = 0.0
         spread = np.array(covariance, dtype=np.float64)
         if spread.shape != (6, 6) or not np.isfinite(spread).all() or (np.diag(spread) < 0).any():
             raise InvalidInput(f"covariance has shape {spread.shape}, it must be (6, 6) with a positive diagonal")

@@ -1,9 +1,9 @@
-"""The cells of a grid that turned squares touch."""
+"""The cells of a grid that turned squares touch, and what these say together."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -22,24 +22,54 @@ class HasIndices(Protocol):
         """Cell indices (iy, ix)."""
 
 
-def touched_places(grid: HasIndices, x: Float, y: Float, half: float) -> Iterator[tuple[Index, Index]]:
-    """Cells that the upright squares of half edge `half` about points touch: nine (iy, ix), some of them twice.
+@dataclass(frozen=True, slots=True)
+class Squares:
+    """Squares laid over a grid: which of its cells each of them touches, in the part of the grid that any touches.
 
-    For turned squares give half the edge of the upright square around them. `half` must be less than a cell: then the
-    nine points, corners, middles of edges and centre, miss no cell.
+    Attributes:
+        first: (iy, ix) of the lowest cell of that part.
+        shape: its rows and columns.
+        most: rows and columns that one square touches at most.
+        place: (n,) what each square touches, in tables of the joined values.
     """
-    lowest, middle, highest = touched_rows_and_columns(grid, x, y, half)
-    for iy in (lowest[0], middle[0], highest[0]):
-        for ix in (lowest[1], middle[1], highest[1]):
-            yield iy, ix
 
+    first: tuple[int, int]
+    shape: tuple[int, int]
+    most: tuple[int, int]
+    place: Index
 
-def touched_rows_and_columns(
-    grid: HasIndices, x: Float, y: Float, half: float
-) -> tuple[tuple[Index, Index], tuple[Index, Index], tuple[Index, Index]]:
-    """Cells (iy, ix) of the lowest corner, the centre and the highest corner of the same squares.
+    @classmethod
+    def of(cls, grid: HasIndices, x: Float, y: Float, half: float) -> Squares:
+        """Upright squares of half edge `half` about points (n,), n >= 1; for turned ones give the upright ones around.
 
-    A square touches all rows and columns from the one corner's to the other's, which are at most two apart.
-    """
-    reach = half - SHRUNK_M
-    return grid.indices(x - reach, y - reach), grid.indices(x, y), grid.indices(x + reach, y + reach)
+        They touch all rows and columns from the lowest corner's to the highest one's.
+        """
+        reach = half - SHRUNK_M
+        low_y, low_x = grid.indices(x - reach, y - reach)
+        high_y, high_x = grid.indices(x + reach, y + reach)
+        first = int(low_y.min()), int(low_x.min())
+        shape = int(high_y.max()) - first[0] + 1, int(high_x.max()) - first[1] + 1
+        rows, columns = high_y - low_y, high_x - low_x
+        most = int(rows.max()) + 1, int(columns.max()) + 1
+        lowest = (low_y - first[0]) * shape[1] + low_x - first[1]
+        return cls(first, shape, most, (rows * most[1] + columns) * (shape[0] * shape[1]) + lowest)
+
+    def joined(self, layer: npt.NDArray[Any], join: np.ufunc, which: Index | None = None) -> npt.NDArray[Any]:
+        """Values of an array of this shape, joined over all cells that each square touches.
+
+        Args:
+            layer: (rows, columns) of the part of the grid.
+            join: of two values, in any order.
+            which: squares asked for; None for all.
+        """
+        rows, columns = self.most
+        # By rows and columns joined, from each cell on; over the array's edge no square reaches.
+        table = np.empty((rows, columns, *self.shape), layer.dtype)
+        table[0, 0] = layer
+        for down in range(1, rows):
+            table[down, 0] = table[down - 1, 0]
+            join(table[down, 0, :-down], layer[down:], out=table[down, 0, :-down])
+        for right in range(1, columns):
+            table[:, right] = table[:, right - 1]
+            join(table[:, right, :, :-right], table[:, 0, :, right:], out=table[:, right, :, :-right])
+        return table.take(self.place if which is None else self.place[which])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.hazard import Hazard
 from guara_perception.terrain.odom_cells import OdomCells
 from guara_perception.terrain.snapshot import Moment, snapshot_layers
-from guara_perception.terrain.touched import touched_places
+from guara_perception.terrain.touched import SHRUNK_M
 from kinematics import RobotModel
 
 RESOLUTION = 0.005
@@ -42,9 +43,7 @@ def memory_of_a_walk(seed: int, reach: float) -> OdomCells:
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3, np.pi / 4, -2.0])
 @pytest.mark.parametrize("reach", [0.5, 0.12], ids=["inside", "reaching out of the window"])
-def test_each_cell_tells_of_all_that_it_touches(
-    robot: RobotModel, make_scan: Any, monkeypatch: pytest.MonkeyPatch, yaw: float, reach: float
-) -> None:
+def test_each_cell_tells_of_all_that_it_touches(robot: RobotModel, make_scan: Any, yaw: float, reach: float) -> None:
     """Flags joined, lowest and highest sample of all, the value of the cell under the centre."""
     cells, settings = memory_of_a_walk(int(10 * yaw) + 100, reach), Settings.of(robot)
     transform = np.eye(4)
@@ -56,12 +55,13 @@ def test_each_cell_tells_of_all_that_it_touches(
     x, y = (a.ravel() for a in np.meshgrid(*GRID.centres()))
     in_odom = np.column_stack((x, y)) @ transform[:2, :2].T + transform[:2, 3]
     half = 0.5 * RESOLUTION * (abs(np.cos(yaw)) + abs(np.sin(yaw)))
-    monkeypatch.setattr(OdomCells, "indices", OdomCells.cells_of, raising=False)
+    reached = half - SHRUNK_M
     memory = cells.memory
     flags = np.zeros(x.size, np.uint16)
     low, high = np.full(x.size, np.inf), np.full(x.size, -np.inf)
-    for cy, cx in touched_places(cells, in_odom[:, 0], in_odom[:, 1], half):
-        place = cells.places(cy, cx)
+    # A square of less than two cells touches no cell but those under its corners, middles of edges and centre.
+    for dx, dy in itertools.product((-reached, 0.0, reached), repeat=2):
+        place = cells.places(*cells.indices(in_odom[:, 0] + dx, in_odom[:, 1] + dy))
         height = memory["height"][place]
         is_old = (NOW - memory["pause"][place] > settings.validity_pauses) & np.isfinite(height)
         of_cell = memory["cause"][place] | np.where(memory["conflict"][place], Hazard.CONFLICT, 0)
@@ -70,7 +70,7 @@ def test_each_cell_tells_of_all_that_it_touches(
         low = np.fmin(low, height - memory["below"][place])
         high = np.fmax(high, height + memory["above"][place])
     known = (flags & 0xFF) == 0
-    centre = cells.places(*cells.cells_of(in_odom[:, 0], in_odom[:, 1]))
+    centre = cells.places(*cells.indices(in_odom[:, 0], in_odom[:, 1]))
 
     told = layers["hazard"].ravel() & np.uint16(0xFF | Hazard.CONFLICT | Hazard.STALE)
     np.testing.assert_array_equal(told, flags)
