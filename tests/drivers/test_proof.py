@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers import ProofLimits, StripeVerdict
-from drivers.proof import StepProof
+from drivers.proof import StepProof, _SampleGrid
 
 HEIGHT, WIDTH = 200, 320
 
@@ -131,6 +131,33 @@ def test_limits_can_be_set() -> None:
     weak[80:83, :, 2] += 40
     assert judge(StepProof(ProofLimits(noise_factor=30.0)), 0.0, weak)[0] is StripeVerdict.DARK
     assert judge(StepProof(), 0.0, weak)[0] is StripeVerdict.OK
+
+
+@given(
+    st.tuples(st.integers(1, 1100), st.integers(1, 1400)),
+    st.sampled_from([np.uint8, np.uint16]),
+    st.sampled_from(["colour", "grey", "part of a frame", "read-only"]),
+    st.integers(0, 400),
+)
+@settings(max_examples=40, derandomize=True, deadline=None)
+def test_light_is_the_sum_of_the_channels_where_it_is_sampled(
+    size: tuple[int, int], dtype: type, kind: str, first: int
+) -> None:
+    """However a picture of whatever size, depth and layout is read."""
+    rng = np.random.default_rng(first)
+    image = rng.integers(0, np.iinfo(dtype).max, (*size, 3), dtype=dtype, endpoint=True)
+    if kind == "grey":
+        image = image[..., 1].copy()
+    elif kind == "part of a frame":
+        image = image[::2, : max(1, size[1] - 3)]
+    elif kind == "read-only":
+        image.setflags(write=False)
+    grid = _SampleGrid.of(image)
+    total = image.astype(np.int64) if image.ndim == 2 else image.astype(np.int64).sum(axis=2)
+    np.testing.assert_array_equal(grid.light(image), total[:: grid.row_step, :: grid.column_step])
+    rows = (first // grid.row_step, (first + 50) // grid.row_step)
+    expected = total[:: grid.row_step, :: grid.column_step][rows[0] : rows[1]]
+    np.testing.assert_array_equal(grid.light(image, rows), expected)
 
 
 def band_of(row: int) -> tuple[int, int]:
