@@ -36,15 +36,13 @@ def follow(rows: Index, heights: Float32) -> tuple[npt.NDArray[np.intp], Float]:
     with np.errstate(divide="ignore"):
         own[:k] = np.where(heights > 0, -WEAKNESS_COST * np.log(heights / strongest), np.inf)
     own[k] = DROPOUT_COST
-    forward = np.empty((k + 1, n))
-    backward = np.empty((k + 1, n))
-    forward[:, 0] = own[:, 0]
+    steps = _steps(rows)
+    forward = own.copy()
     for i in range(1, n):
-        forward[:, i] = own[:, i] + (forward[:, i - 1, None] + _step(rows[:, i - 1], rows[:, i])).min(axis=0)
-    backward[:, n - 1] = 0.0
+        forward[:, i] += (forward[:, i - 1, None] + steps[i - 1]).min(axis=0)
+    backward = np.zeros((k + 1, n))
     for i in range(n - 2, -1, -1):
-        ahead = own[:, i + 1] + backward[:, i + 1]
-        backward[:, i] = (_step(rows[:, i], rows[:, i + 1]) + ahead).min(axis=1)
+        backward[:, i] = (steps[i] + (own[:, i + 1] + backward[:, i + 1])).min(axis=1)
     total = forward + backward
     best = total.argmin(axis=0)
     ordered = np.sort(total, axis=0)
@@ -52,10 +50,11 @@ def follow(rows: Index, heights: Float32) -> tuple[npt.NDArray[np.intp], Float]:
     return np.where(best == k, -1, best), margin
 
 
-def _step(before: Index, after: Index) -> Float:
-    """Cost of going from each state of one column to each of the next; the last state is the dropout."""
-    k = before.size
-    cost = np.full((k + 1, k + 1), GAP_COST)
-    cost[:k, :k] = np.minimum(np.abs(before[:, None] - after) / ROWS_PER_COST, JUMP_COST)
-    cost[k, k] = 0.0
+def _steps(rows: Index) -> Float:
+    """Costs (n - 1, k + 1, k + 1) of going from each state of a column to each of the next; the last is the dropout."""
+    k, n = rows.shape
+    cost = np.full((n - 1, k + 1, k + 1), GAP_COST)
+    before, after = rows.T[:-1, :, None], rows.T[1:, None, :]
+    cost[:, :k, :k] = np.minimum(np.abs(before - after) / ROWS_PER_COST, JUMP_COST)
+    cost[:, k, k] = 0.0
     return cost
