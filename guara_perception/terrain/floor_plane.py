@@ -41,7 +41,7 @@ class FloorPlane:
     c: float
     sigma: float
 
-    def height_at(self, x: Float, y: Float) -> Float:
+    def height_at(self, x: Float | float, y: Float | float) -> Float:
         """Height of the floor [m]."""
         return np.asarray(self.a * x + self.b * y + self.c)
 
@@ -53,30 +53,33 @@ def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
     """
     if z.size < 3:
         return None
-    design = np.column_stack((x - x.mean(), y - y.mean(), np.ones(z.size)))
-    if solve_plane(design.T, z) is None:
+    middle_x, middle_y = float(x.mean()), float(y.mean())
+    terms = np.stack((x - middle_x, y - middle_y, np.ones(z.size)))
+    if solve_plane(terms, z) is None:
         return None
     generator = np.random.default_rng(SEED)
     judges = np.linspace(0, z.size - 1, min(JUDGES, z.size)).astype(np.int64)
     triples = generator.integers(0, z.size, (TRIALS, 3))
-    matrices = design[triples]
+    matrices = terms.T[triples]
     usable = np.abs(np.linalg.det(matrices)) > 1e-9
-    level = np.array([0.0, 0.0, float(np.median(z))])
+    level = np.array([0.0, 0.0, float(quantile(z, 0.5))])
     trials = np.linalg.solve(matrices[usable], z[triples[usable]][..., None])[..., 0]
     trials = np.vstack((level, trials))
-    misses = quantile(np.abs(z[judges] - trials @ design[judges].T), FLOOR_SHARE)
+    misses = quantile(np.abs(z[judges] - trials @ terms[:, judges]), FLOOR_SHARE)
     plane = trials[int(misses.argmin())]
     spread = QUANTILE_TO_SIGMA * float(misses.min())
+    residual = z - plane @ terms
     for _ in range(REFINEMENTS):
-        near = np.abs(z - design @ plane) <= max(3 * spread, LEAST_TOLERANCE_M)
-        on_floor, heights = design[near], z[near]
-        refined = solve_plane(on_floor.T, heights)
+        near = np.flatnonzero(np.abs(residual) <= max(3 * spread, LEAST_TOLERANCE_M))
+        refined = solve_plane(terms.take(near, axis=1), z.take(near))
         if refined is None:
             break
         has_settled = bool(np.abs(refined - plane).max() < 1e-9)
         plane = refined
-        spread = float(np.sqrt(np.mean((heights - on_floor @ plane) ** 2)))
+        residual = z - plane @ terms
+        on_floor = residual.take(near)
+        spread = float(np.sqrt(on_floor @ on_floor / near.size))
         if has_settled:
             break
     a, b = float(plane[0]), float(plane[1])
-    return FloorPlane(a, b, float(plane[2] - a * x.mean() - b * y.mean()), spread)
+    return FloorPlane(a, b, float(plane[2] - a * middle_x - b * middle_y), spread)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ from guara_perception.terrain.quantile import quantile
 
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+Index = npt.NDArray[np.int64]
 
 # Lower things are relief of the floor; the paper's lowest object is 10 mm high.
 LEAST_HEIGHT_M = 0.006
@@ -59,53 +60,83 @@ class Obstacle:
 
 def obstacles(terrain: LayeredGrid) -> list[Obstacle]:
     """See `TerrainGrid.obstacles`."""
-    elevation = terrain.elevation.astype(np.float64)
-    known = np.isfinite(elevation)
-    x, y = np.meshgrid(*terrain.geometry.centres())
-    floor = fit_floor(x[known], y[known], elevation[known])
+    cells, floor = _known_cells(terrain)
     if floor is None:
         return []
-    over = np.where(known, elevation - floor.height_at(x, y), 0.0)
-    sigma = np.sqrt(np.where(known, terrain.variance.astype(np.float64), 0.0) + floor.sigma**2)
-    threshold = np.maximum(LEAST_HEIGHT_M, LEAST_SIGMAS * sigma)
+    threshold = np.maximum(LEAST_HEIGHT_M, LEAST_SIGMAS * np.sqrt(cells.variance + floor.sigma**2))
     least = max(int(np.ceil(LEAST_AREA_M2 / terrain.resolution**2 - 1e-9)), 1)
-    found = []
-    for mask in (over > threshold, over < -threshold):
-        count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-        for label in range(1, count):
-            left, top, width, height, area = (int(value) for value in stats[label])
-            if area >= least:
-                window = slice(top, top + height), slice(left, left + width)
-                found.append(_obstacle(terrain, floor, over, labels[window] == label, (top, left)))
+    found = [
+        _obstacle(things.some(which), terrain, floor)
+        for things in (cells.some(cells.rise > threshold), cells.some(cells.rise < -threshold))
+        for which in _connected(things.iy, things.ix)
+        if which.size >= least
+    ]
     return sorted(found, key=lambda o: (float(o.position[0]), float(o.position[1])))
 
 
-def _obstacle(terrain: LayeredGrid, floor: FloorPlane, over: Float, cells: Mask, corner: tuple[int, int]) -> Obstacle:
-    """The obstacle of some cells of a window of the grid, whose first cell (iy, ix) is `corner`."""
-    iy, ix = np.nonzero(cells)
-    iy, ix = iy + corner[0], ix + corner[1]
-    cx, cy = terrain.geometry.centres()
-    x, y, rise = cx[ix], cy[iy], over[iy, ix]
-    elevation = terrain.elevation[iy, ix].astype(np.float64)
-    variance = terrain.variance[iy, ix].astype(np.float64)
-    sign = 1.0 if rise[0] > 0 else -1.0
-    peak = float(quantile(sign * rise, TOP_QUANTILE))
-    top = sign * rise >= peak - TOP_BAND_M - 3 * float(np.sqrt(variance.mean()))
-    plane = _plane(x[top], y[top], elevation[top])
-    centre = np.array([x[top].mean(), y[top].mean()])
-    z = float(plane[0] * centre[0] + plane[1] * centre[1] + plane[2])
-    residual = elevation[top] - (plane[0] * x[top] + plane[1] * y[top] + plane[2])
+@dataclass(frozen=True, slots=True)
+class _Cells:
+    """Some cells of a grid, arrays (n,): their places, centres, heights, variances, heights over the floor, flags."""
+
+    iy: Index
+    ix: Index
+    x: Float
+    y: Float
+    elevation: Float
+    variance: Float
+    rise: Float
+    hazard: npt.NDArray[np.uint16]
+
+    def some(self, which: Mask | Index) -> _Cells:
+        """Those of a mask, or of places in the arrays."""
+        places = np.flatnonzero(which) if which.dtype == np.bool_ else which
+        return _Cells(*(getattr(self, entry.name).take(places) for entry in fields(self)))
+
+
+def _known_cells(terrain: LayeredGrid) -> tuple[_Cells, FloorPlane | None]:
+    """The known cells and the floor among them; None, with nothing over it, where there is none."""
+    known = np.flatnonzero(np.isfinite(terrain.elevation))
+    iy, ix = np.divmod(known, terrain.shape[1])
+    x, y = (centres.take(place) for centres, place in zip(terrain.geometry.centres(), (ix, iy), strict=True))
+    elevation, variance = (layer.take(known).astype(np.float64) for layer in (terrain.elevation, terrain.variance))
+    floor = fit_floor(x, y, elevation)
+    rise = elevation - (0.0 if floor is None else floor.height_at(x, y))
+    return _Cells(iy, ix, x, y, elevation, variance, rise, terrain.hazard.take(known)), floor
+
+
+def _connected(iy: Index, ix: Index) -> list[Index]:
+    """Places in the arrays of the cells of each connected thing, corner to corner, from cells (iy, ix) (n,)."""
+    if not iy.size:
+        return []
+    rows, columns = iy - iy.min(), ix - ix.min()
+    image = np.zeros((rows.max() + 1, columns.max() + 1), dtype=np.uint8)
+    image[rows, columns] = 1
+    label = cv2.connectedComponents(image, connectivity=8)[1][rows, columns]
+    order = np.argsort(label, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+
+
+def _obstacle(cells: _Cells, terrain: LayeredGrid, floor: FloorPlane) -> Obstacle:
+    """The obstacle of some connected cells, all above the floor or all below."""
+    sign = 1.0 if cells.rise[0] > 0 else -1.0
+    height = sign * cells.rise
+    peak = float(quantile(height, TOP_QUANTILE))
+    top = cells.some(height >= peak - TOP_BAND_M - 3 * np.sqrt(cells.variance.mean()))
+    a, b, c = plane = _plane(top.x, top.y, top.elevation)
+    x, y = float(top.x.mean()), float(top.y.mean())
+    z = a * x + b * y + c
+    residual = top.elevation - (a * top.x + b * top.y + c)
     # The mean of the top: noise of neighbouring cells is shared, as if there were only one look per nine cells.
-    looks = max(int(top.sum()) / 9, 1.0)
-    spread = (float(variance[top].mean()) + float(np.mean(residual**2))) / looks + floor.sigma**2 / 9
+    looks = max(residual.size / 9, 1.0)
+    spread = (float(top.variance.mean()) + float(residual @ residual) / residual.size) / looks + floor.sigma**2 / 9
     return Obstacle(
-        outline=_outline(terrain, cells, corner),
-        height=z - float(floor.height_at(centre[0], centre[1])),
+        outline=_outline(cells, terrain),
+        height=z - float(floor.height_at(x, y)),
         top_plane=plane,
-        position=np.array([centre[0], centre[1], z]),
+        position=np.array([x, y, z]),
         sigma=float(np.sqrt(spread)),
-        hazard=int(np.bitwise_or.reduce(terrain.hazard[iy, ix])),
-        area=float(cells.sum()) * terrain.resolution**2,
+        hazard=int(np.bitwise_or.reduce(cells.hazard)),
+        area=float(cells.ix.size) * terrain.resolution**2,
     )
 
 
@@ -115,16 +146,16 @@ def _plane(x: Float, y: Float, z: Float) -> tuple[float, float, float]:
     return plane or (0.0, 0.0, float(z.mean()))
 
 
-def _outline(terrain: LayeredGrid, cells: Mask, corner: tuple[int, int]) -> Float:
+def _outline(cells: _Cells, terrain: LayeredGrid) -> Float:
     """Outer contour through the corners of the cells, straight runs as single edges."""
-    ny, nx = cells.shape
-    corners = np.zeros((ny + 1, nx + 1), dtype=np.uint8)
+    first = np.array([cells.ix.min(), cells.iy.min()])
+    columns, rows = cells.ix - first[0], cells.iy - first[1]
+    corners = np.zeros((rows.max() + 2, columns.max() + 2), dtype=np.uint8)
     for dy in (0, 1):
         for dx in (0, 1):
-            corners[dy : dy + ny, dx : dx + nx] |= cells.astype(np.uint8)
+            corners[rows + dy, columns + dx] = 1
     contours, _ = cv2.findContours(corners, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-    contour = max(contours, key=cv2.contourArea).reshape(-1, 2).astype(np.float64)
-    points = np.asarray(terrain.origin) + (contour + corner[::-1]) * terrain.resolution
-    nxt = np.roll(points, -1, axis=0)
-    turns = float(np.sum(points[:, 0] * nxt[:, 1] - nxt[:, 0] * points[:, 1]))
-    return points if turns > 0 else points[::-1].copy()
+    contour = max(contours, key=cv2.contourArea)
+    is_counter_clockwise = cv2.contourArea(contour, oriented=True) > 0
+    points = np.asarray(terrain.origin) + (contour[:, 0] + first) * terrain.resolution
+    return points if is_counter_clockwise else points[::-1]
