@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.plane_fit import fit_plane
-from guara_perception.stripes.middle import middle
+from guara_perception.plane_fit import solve_plane
 
 Float = npt.NDArray[np.float64]
 
@@ -80,37 +79,71 @@ def check_drift(points: Mapping[int, Float], pose_covariance: npt.ArrayLike | No
         pose_covariance: (6, 6) of the stance (x y z [m], rotations [rad]); widens the limits of the floor's height
             and tilt. None = the stance is exact.
     """
-    cleaned = {index: p[np.isfinite(p[:, 2])] for index, p in sorted(points.items())}
-    cleaned = {index: p for index, p in cleaned.items() if len(p)}
-    if len(cleaned) < MIN_STRIPES:
-        return _unknown(f"{len(cleaned)} stripes have points, {MIN_STRIPES} are needed")
-    cloud = np.concatenate(list(cleaned.values()))
-    plane = _floor(cloud)
-    distance = {index: p @ np.append(-plane[:2], 1.0) - plane[2] for index, p in cleaned.items()}
-    is_near = {index: np.abs(d) < FLOOR_BAND_M for index, d in distance.items()}
-    on_floor = np.concatenate(list(is_near.values()))
-    share = float(on_floor.mean())
-    near = {index: d[is_near[index]] for index, d in distance.items()}
-    medians = {index: middle(d) for index, d in near.items() if d.size >= MIN_COLUMNS}
+    seen = _Seen.of(points)
+    if len(seen.indices) < MIN_STRIPES:
+        return _unknown(f"{len(seen.indices)} stripes have points, {MIN_STRIPES} are needed")
+    plane = _floor(seen.x, seen.y, seen.z)
+    distance = seen.z - (plane[0] * seen.x + plane[1] * seen.y + plane[2])
+    near = np.flatnonzero(np.abs(distance) < FLOOR_BAND_M)
+    share = near.size / distance.size
+    on_floor = np.bincount(seen.stripe[near], minlength=len(seen.indices))
+    medians = _middles(distance[near], seen.stripe[near], on_floor)
     if share < MIN_FLOOR_SHARE or len(medians) < MIN_STRIPES:
         return _unknown(f"no flat floor in view: {100 * share:.0f} % of the points lie on one plane", share)
-    centre = cloud[on_floor].mean(axis=0)
-    height = float(plane[:2] @ centre[:2] + plane[2])
+    centre = float(seen.x[near].mean()), float(seen.y[near].mean())
+    height = float(plane[0] * centre[0] + plane[1] * centre[1] + plane[2])
     tilt = float(np.arctan(np.hypot(plane[0], plane[1])))
-    values = np.array(list(medians.values()))
-    worst = max(medians, key=lambda index: abs(medians[index]))
-    rms = float(np.sqrt(np.mean(values**2)))
-    reasons = _reasons(height, tilt, rms, worst, medians[worst], _allowed(pose_covariance, centre))
-    step = _step(distance)
+    place = max(medians, key=lambda stripe: abs(medians[stripe]))
+    worst, off = seen.indices[place], medians[place]
+    rms = float(np.sqrt(np.mean(np.square(list(medians.values())))))
+    reasons = _reasons(height, tilt, rms, worst, off, _allowed(pose_covariance, centre))
+    step = _step(seen, distance, on_floor)
     if step is not None:
         reasons.append(
             f"from stripe index {step[0]} on all points lie {1e3 * step[1]:+.1f} mm off the floor before: the mirror "
             "missed a step, or the ground itself steps there across the whole width"
         )
-    return Drift(DRIFTING if reasons else HOLDS, tuple(reasons), share, height, tilt, rms, worst, medians[worst])
+    return Drift(DRIFTING if reasons else HOLDS, tuple(reasons), share, height, tilt, rms, worst, off)
 
 
-def _allowed(pose_covariance: npt.ArrayLike | None, centre: Float) -> tuple[float, float]:
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """All points of a scan that are known.
+
+    Attributes:
+        indices: of the stripes that have any, ascending.
+        stripe: (n,) ascending, place in `indices` of each point's stripe.
+        x, y, z: (n,) in base_footprint [m].
+    """
+
+    indices: list[int]
+    stripe: npt.NDArray[np.int64]
+    x: Float
+    y: Float
+    z: Float
+
+    @classmethod
+    def of(cls, points: Mapping[int, Float]) -> _Seen:
+        """From points (w, 3) of stripes by index."""
+        indices = sorted(points)
+        x, y, z = np.concatenate([np.empty((0, 3)), *(points[index] for index in indices)]).T
+        known = np.flatnonzero(np.isfinite(z))
+        lengths = [len(points[index]) for index in indices]
+        counts = np.bincount(np.repeat(np.arange(len(indices)), lengths)[known])
+        used = np.flatnonzero(counts)
+        stripe = np.repeat(np.arange(used.size), counts[used])
+        return cls([indices[place] for place in used], stripe, x[known], y[known], z[known])
+
+
+def _middles(distance: Float, stripe: npt.NDArray[np.int64], counts: npt.NDArray[np.int64]) -> dict[int, float]:
+    """Upper median of the distances (n,) [m] of each stripe that has enough of them, as `counts` says."""
+    # Distances are far below a metre: sorted together with the stripes' numbers, each stripe's stand in one run.
+    ordered = np.sort(stripe + distance)
+    places = np.cumsum(counts) - counts + counts // 2
+    return {k: float(ordered[places[k]] - k) for k in np.flatnonzero(counts >= MIN_COLUMNS).tolist()}
+
+
+def _allowed(pose_covariance: npt.ArrayLike | None, centre: tuple[float, float]) -> tuple[float, float]:
     """Limits of height [m] and tilt [rad] with the stance's own uncertainty."""
     if pose_covariance is None:
         return MAX_FLOOR_HEIGHT_M, MAX_FLOOR_TILT
@@ -149,36 +182,34 @@ def _reasons(
     return reasons
 
 
-def _floor(cloud: Float) -> Float:
-    """(a, b, c) of the plane z = a x + b y + c that most points near z = 0 lie on; found robustly."""
-    near = cloud[np.abs(cloud[:, 2]) < FLOOR_SEARCH_M]
-    if len(near) < 3:
+def _floor(x: Float, y: Float, z: Float) -> Float:
+    """(a, b, c) of the plane z = a x + b y + c that most points (n,) near z = 0 lie on; found robustly."""
+    near = z[np.abs(z) < FLOOR_SEARCH_M]
+    if near.size < 3:
         return np.zeros(3)
-    levels, edges = np.histogram(near[:, 2], bins=int(2 * FLOOR_SEARCH_M / FLOOR_BAND_M))
-    peak = float(edges[int(np.argmax(levels))] + (edges[1] - edges[0]) / 2)
-    plane = np.array([0.0, 0.0, peak])
-    x, y, z = np.ascontiguousarray(cloud.T)
+    levels, edges = np.histogram(near, bins=int(2 * FLOOR_SEARCH_M / FLOOR_BAND_M))
+    middle_x, middle_y = float(x.mean()), float(y.mean())
+    terms = np.stack((x - middle_x, y - middle_y, np.ones(z.size)))
+    plane = np.array([0.0, 0.0, float(edges[int(np.argmax(levels))] + (edges[1] - edges[0]) / 2)])
     for reach in (4.0, 2.0, 1.0, 1.0, 1.0):
-        kept = np.abs(z - x * plane[0] - y * plane[1] - plane[2]) < reach * FLOOR_BAND_M
-        fitted = fit_plane(x[kept], y[kept], z[kept])
+        kept = np.flatnonzero(np.abs(z - plane @ terms) < reach * FLOOR_BAND_M)
+        fitted = solve_plane(terms.take(kept, axis=1), z.take(kept))
         if fitted is None:
             break
-        plane = np.array(fitted)
-    return plane
+        plane = fitted
+    return plane - (0.0, 0.0, plane[0] * middle_x + plane[1] * middle_y)
 
 
-def _step(distance: Mapping[int, Float]) -> tuple[int, float] | None:
+def _step(seen: _Seen, distance: Float, on_floor: npt.NDArray[np.int64]) -> tuple[int, float] | None:
     """First stripe from which on nothing lies on the floor any more, and how far off; None when there is none.
 
     Before it the floor is seen on most stripes; of the last three at least none shows it.
     """
-    indices = list(distance)
-    shows = [float((np.abs(d) < FLOOR_BAND_M).mean()) for d in distance.values()]
-    last = max((k for k, share in enumerate(shows) if share > 0.1), default=-1)
-    if last < MIN_STRIPES or len(indices) - last - 1 < 3 or np.median(shows[: last + 1]) < 0.5:
+    shows = on_floor / np.bincount(seen.stripe)
+    last = int(np.flatnonzero(shows > 0.1).max(initial=-1))
+    if last < MIN_STRIPES or shows.size - last - 1 < 3 or np.median(shows[: last + 1]) < 0.5:
         return None
-    tail = np.concatenate([distance[index] for index in indices[last + 1 :]])
-    return indices[last + 1], float(np.median(tail))
+    return seen.indices[last + 1], float(np.median(distance[seen.stripe > last]))
 
 
 def _unknown(reason: str, share: float = float("nan")) -> Drift:
