@@ -12,7 +12,7 @@ from kinematics.footprint import skew
 from kinematics.model import RobotModel
 from kinematics.sole_readings import sole_readings
 from kinematics.stance import Stance
-from kinematics.stance_pose import GravityEstimate, StancePose, sole_covariances
+from kinematics.stance_pose import GravityEstimate, StancePose, sole_covariances, stance_pose
 from kinematics.state import RobotState
 from kinematics.stayed_feet import find_stayed_feet
 from kinematics.transforms import transform_points
@@ -105,16 +105,19 @@ class LegOdometry:
         self._last, self._footholds = new, footholds
         return new
 
-    def _pose(self, stance: Stance, gravity: GravityEstimate | None) -> StancePose:
-        return self._robot.stance_pose(
-            stance,
+    def _pose(self, state: RobotState, stance: Stance, gravity: GravityEstimate | None) -> StancePose:
+        return stance_pose(
+            state,
+            stance.support_feet,
+            stance.gravity_in_base,
+            noise=self._robot.noise,
             odometry=gravity,
             transform_camera_to_base=self._camera,
             camera_covariance=self._camera_covariance,
         )
 
     def _first(self, stance: Stance) -> tuple[OdometryPose, Footholds]:
-        pose = self._pose(stance, None)
+        pose = self._pose(self._robot.state(stance.joint_positions), stance, None)
         self._first_tilt = _shift_by_tilt(pose)
         first = OdometryPose(
             step=0,
@@ -144,7 +147,7 @@ class LegOdometry:
                 sole_covariances(state, stance.support_feet, self._robot.noise),
                 self._robot.noise,
             )
-        pose = self._pose(stance, gravity)
+        pose = self._pose(state, stance, gravity)
         if len(stayed) < 2:
             raise OdometryLost(
                 f"{len(stayed)} feet stayed between two pauses ({', '.join(common) or 'none'} carried the body at "

@@ -86,6 +86,5 @@ class RobotState:
         """Centre of mass of the whole robot in `base_link`, (3,) [m]."""
         import pinocchio
 
-        # On data of its own: that of this state stays as forward kinematics left it.
-        model = self.tree.pinocchio_model
-        return read_only(pinocchio.centerOfMass(model, model.createData(), self.tree.configuration(self.positions)))
+        # From the placements that are there; nothing else of this state's data is touched.
+        return read_only(pinocchio.centerOfMass(self.tree.pinocchio_model, self._data, False))

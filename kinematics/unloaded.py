@@ -46,7 +46,7 @@ def find_unloaded_foot(feet: FourFeet, sigmas: float) -> int | None:
         feet: the four feet.
         sigmas: how many standard deviations above the plane of the other three a foot must be.
     """
-    candidates = [row for row in range(4) if _hangs(feet, row, sigmas)]
+    candidates = np.flatnonzero(_gaps_in_sigmas(feet) > sigmas).tolist()
     if feet.up is not None:
         candidates = [row for row in candidates if _others_level(feet, row, sigmas)]
     if len(candidates) < 2:
@@ -54,17 +54,19 @@ def find_unloaded_foot(feet: FourFeet, sigmas: float) -> int | None:
     balanced = [row for row in candidates if _balance_away_from(feet, row) > -feet.centre_of_mass_sigma]
     if len(balanced) == 1:
         return balanced[0]
-    return min(candidates, key=lambda row: _tilt(_others(feet.soles, row)))
+    return min(candidates, key=lambda row: _tilt(feet.soles[_OTHERS[row]]))
 
 
-def _others(values: Array, row: int) -> Array:
-    return np.delete(values, row, axis=0)
+_OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+"""Rows of the other three feet."""
 
 
-def _normal(three: Array) -> Array:
-    normal = np.cross(three[1] - three[0], three[2] - three[0])
-    normal = normal if normal[2] > 0.0 else -normal
-    return np.asarray(normal / np.linalg.norm(normal))
+def _normal(threes: Array) -> Array:
+    """Unit normals (..., 3), pointing up, of planes through three soles (..., 3, 3)."""
+    first = threes[..., 0, :]
+    normal = np.cross(threes[..., 1, :] - first, threes[..., 2, :] - first)
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    return np.asarray(normal / np.where(normal[..., 2:] > 0.0, length, -length))
 
 
 def _tilt(three: Array) -> float:
@@ -72,23 +74,24 @@ def _tilt(three: Array) -> float:
     return 1.0 - float(_normal(three)[2])
 
 
-def _hangs(feet: FourFeet, row: int, sigmas: float) -> bool:
-    """Whether a sole lies above the plane of the other three by more than noise."""
-    others, normal = _others(feet.soles, row), _normal(_others(feet.soles, row))
-    gap = float(normal @ (feet.soles[row] - others[0]))
-    # The point of the plane under the sole is a weighted sum of the three, by its barycentric coordinates.
-    weights = np.linalg.solve(
-        np.vstack([others[:, :2].T, np.ones(3)]), np.append((feet.soles[row] - gap * normal)[:2], 1.0)
-    )
-    variance = normal @ feet.covariances[row] @ normal
-    variance += sum(w * w * (normal @ c @ normal) for w, c in zip(weights, _others(feet.covariances, row), strict=True))
-    return bool(gap > sigmas * np.sqrt(variance))
+def _gaps_in_sigmas(feet: FourFeet) -> Array:
+    """How far each sole lies above the plane of the other three, in standard deviations, (4,)."""
+    others = feet.soles[_OTHERS]
+    normals = _normal(others)
+    gaps = np.vecdot(normals, feet.soles - others[:, 0])
+    # The point of the plane under a sole is a weighted sum of the three, by its barycentric coordinates.
+    under, corners = (feet.soles - gaps[:, None] * normals), np.swapaxes(others, 1, 2).copy()
+    under[:, 2], corners[:, 2] = 1.0, 1.0
+    weights = np.linalg.solve(corners, under[..., None])[..., 0]
+    along_normals = np.einsum("ri,fij,rj->rf", normals, feet.covariances, normals)
+    variances = np.diag(along_normals) + np.vecdot(weights**2, np.take_along_axis(along_normals, _OTHERS, axis=1))
+    return np.asarray(gaps / np.sqrt(variances))
 
 
 def _others_level(feet: FourFeet, row: int, sigmas: float) -> bool:
     """Whether the other three stand on one level, as far as soles and vertical are known."""
     up = np.asarray(feet.up)
-    others, covariances = _others(feet.soles, row), _others(feet.covariances, row)
+    others, covariances = feet.soles[_OTHERS[row]], feet.covariances[_OTHERS[row]]
     heights = others @ up
     for i, j in ((0, 1), (0, 2), (1, 2)):
         variance = up @ (covariances[i] + covariances[j]) @ up
@@ -103,7 +106,7 @@ def _balance_away_from(feet: FourFeet, row: int) -> float:
 
     The vertical is the known one, or what it would be if that foot hung: the normal of the plane of the others.
     """
-    others, up = _others(feet.soles, row), feet.up
+    others, up = feet.soles[_OTHERS[row]], feet.up
     if up is None:
         up = _normal(others)
     # The foot opposite is the one for which the other two lie on different sides of the line between both.

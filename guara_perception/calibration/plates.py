@@ -13,7 +13,7 @@ from guara_perception.calibration.floor import floor_pixels, to_floor
 from guara_perception.calibration.mirror_model import MirrorModel
 from guara_perception.calibration.session import Plate
 from guara_perception.exceptions import CalibrationMismatch
-from guara_perception.ranging.height_rows import height_rows, row_band
+from guara_perception.ranging.height_rows import row_bands
 from guara_perception.readonly import readonly
 from guara_perception.stripes.extract import extract_stripe
 from guara_perception.stripes.profile import StripeProfile
@@ -96,16 +96,15 @@ def plate_lines(
     """
     to_camera: Float = np.asarray(np.linalg.inv(transform_camera_to_footprint), dtype=np.float64)
     planes = nominal.in_frame(to_camera).planes([stripe.mirror_angle for stripe in plate.scan.stripes])
-    rows = height_rows(camera, transform_camera_to_footprint, planes, np.array([plate.height]))
     width, height = camera.size
+    bands = row_bands(camera, transform_camera_to_footprint, planes, np.array([plate.height]), int(BAND_SHARE * height))
     lines, lost = [], []
-    for (stripe, on, off), expected in zip(plate.scan.frames(), rows, strict=True):
+    for (stripe, on, off), band in zip(plate.scan.frames(), bands, strict=True):
         if on.shape[:2] != (height, width):
             raise CalibrationMismatch(
                 f"{plate.scan.source}: frame {stripe.on} is {on.shape[1]}x{on.shape[0]} px, the boards are "
                 f"{width}x{height}: all pictures of a session come from one camera at one setting"
             )
-        band = row_band(expected, int(BAND_SHARE * height), height)
         profile = extract_stripe(on, off, band=band if band[1] else None)
         if not _is_good(profile, band, height):
             profile = extract_stripe(on, off)

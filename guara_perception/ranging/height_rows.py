@@ -1,9 +1,8 @@
-"""Where in the picture a laser sheet can be seen: the row, per column, at which it would cross a given height."""
+"""Where in the picture a laser sheet can be seen: the rows in which it would cross given heights."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -24,20 +23,45 @@ def plane_in_frame(plane_in_camera: Float, transform_camera_to_frame: Float) -> 
     return np.concatenate((normal, plane_in_camera[..., 3:] - (normal @ translation)[..., None]), axis=-1)
 
 
-def height_rows(
-    camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float
-) -> Iterator[Float]:
-    """Rows at which each sheet crosses each height.
+def row_bands(
+    camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float, margin: int
+) -> list[tuple[int, int]]:
+    """First and end row of the band in which each sheet crosses any of the heights, cut to the picture.
 
     Args:
         camera: intrinsic model.
         transform_camera_to_footprint: (4, 4), z of the target frame is the height.
         planes_in_camera: (s, 4) one plane per stripe.
         heights: (h,) heights above z = 0 of the footprint [m].
+        margin: rows to add at either side; a band that is not wider than both is empty.
 
-    Yields:
-        For each plane (h, width) float64 rows; NaN in columns from which that line is not seen.
+    Returns:
+        One band per plane, (0, 0) where it is empty or no such line is seen.
     """
+    lines = _lines(camera, transform_camera_to_footprint, planes_in_camera, heights)
+    order = np.argsort(lines[..., 0], axis=-1)[..., None]
+    u, v = np.moveaxis(np.take_along_axis(lines, order, axis=-2), -1, 0)
+    width, height = camera.size
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Between two samples of a line its row is highest or lowest in the first or the last column.
+        steepness = np.diff(v) / np.diff(u)
+        columns = np.stack((np.maximum(np.ceil(u[..., :-1]), 0), np.minimum(np.floor(u[..., 1:]), width - 1)))
+        rows = steepness * (columns - u[..., :-1]) + v[..., :-1]
+        rows[:, ~(columns[0] <= columns[1])] = np.nan
+    lowest, highest = (choose.reduce(rows, axis=(0, 2, 3)).tolist() for choose in (np.fmin, np.fmax))
+    return [_band(*ends, margin, height) for ends in zip(lowest, highest, strict=True)]
+
+
+def _band(lowest: float, highest: float, margin: int, height: int) -> tuple[int, int]:
+    if not (math.isfinite(lowest) and math.isfinite(highest)):
+        return (0, 0)
+    first = max(math.floor(lowest) - margin, 0)
+    end = min(math.ceil(highest) + margin + 1, height)
+    return (first, end) if end - first >= 2 * margin else (0, 0)
+
+
+def _lines(camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float) -> Float:
+    """Pixels (s, h, SAMPLES, 2) along the lines in which sheets cross heights; NaN where they are not seen."""
     translation = transform_camera_to_footprint[:3, 3]
     planes = plane_in_frame(planes_in_camera, transform_camera_to_footprint)
     steepness = np.maximum(np.hypot(planes[:, 0], planes[:, 1]), 1e-12)[:, None]
@@ -51,26 +75,4 @@ def height_rows(
     points[1] = (translation[1] + distance * across[:, 1:])[:, :, None] + across[:, 0, None, None] * along
     points[2] = heights[:, None]
     in_camera = transform_camera_to_footprint[:3, :3].T @ (points.reshape(3, -1) - translation[:, None])
-    pixels = camera.project(in_camera.T).reshape(*distance.shape, SAMPLES, 2)
-    columns = np.arange(camera.size[0])
-    for lines in pixels:
-        yield np.array([_rows_of_line(line, columns) for line in lines])
-
-
-def _rows_of_line(pixels: Float, columns: npt.NDArray[np.int64]) -> Float:
-    """Rows of a line, given by some of its pixels (n, 2), at columns; NaN beyond its ends."""
-    seen = pixels[np.isfinite(pixels[:, 0])]
-    if len(seen) < 2:
-        return np.full(columns.size, np.nan)
-    seen = seen[np.argsort(seen[:, 0])]
-    return np.interp(columns, seen[:, 0], seen[:, 1], left=np.nan, right=np.nan)
-
-
-def row_band(rows: Float, margin: int, height: int) -> tuple[int, int]:
-    """First and end row of a band that holds all finite `rows` and a margin, cut to the picture; (0, 0) when empty."""
-    lowest, highest = float(np.fmin.reduce(rows, axis=None)), float(np.fmax.reduce(rows, axis=None))
-    if not (math.isfinite(lowest) and math.isfinite(highest)):
-        return (0, 0)
-    first = max(math.floor(lowest) - margin, 0)
-    end = min(math.ceil(highest) + margin + 1, height)
-    return (first, end) if end - first >= 2 * margin else (0, 0)
+    return camera.project(in_camera.T).reshape(*distance.shape, SAMPLES, 2)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.calibration.calibration import Calibration
-from guara_perception.ranging.height_rows import height_rows, plane_in_frame, row_band
+from guara_perception.ranging.height_rows import plane_in_frame, row_bands
 from guara_perception.ranging.triangulate import sheet_origin
 from guara_perception.settings import Settings
 
@@ -69,11 +69,10 @@ def scan_geometry(
     planned = [stripe for stripe in calibration.stripes if stripe.index in pattern]
     planes = np.array([stripe.plane for stripe in planned]).reshape(-1, 4)
     gates = np.array([settings.minimum_height - GATE_MARGIN_M, settings.maximum_height + GATE_MARGIN_M])
-    rows = height_rows(calibration.camera, transform, planes, gates)
-    height = calibration.camera.size[1]
+    bands = row_bands(calibration.camera, transform, planes, gates, ROW_MARGIN_PX)
     stripes = {
-        stripe.index: StripeGeometry(stripe.index, stripe.plane, row_band(of_stripe, ROW_MARGIN_PX, height))
-        for stripe, of_stripe in zip(planned, rows, strict=True)
+        stripe.index: StripeGeometry(stripe.index, stripe.plane, band)
+        for stripe, band in zip(planned, bands, strict=True)
     }
     camera = transform[:3, 3]
     every_plane = plane_in_frame(np.array([stripe.plane for stripe in calibration.stripes]), transform)

@@ -43,13 +43,15 @@ def plan_looks(geometry: GridGeometry, planes_in_footprint: Float, pixels: Float
         size: picture width and height [px].
     """
     x, y = geometry.centres()
-    pair = np.empty(geometry.shape, dtype=np.int64)
-    for iy, beside in enumerate(np.multiply.outer(y, planes_in_footprint[:, 1]) + planes_in_footprint[:, 3]):
-        # Row by row: all cells and sheets at once would take megabytes.
-        side = np.multiply.outer(x, planes_in_footprint[:, 0]) + beside > 0
-        changes = side[:, 1:] != side[:, :-1]
-        first = changes.argmax(axis=1)
-        pair[iy] = np.where(changes[np.arange(x.size), first], first, -1)
+    sides = (np.add.outer(b * y + d, a * x) > 0 for a, b, _, d in planes_in_footprint)
+    # The first pair whose sheets have a cell on different sides passes over it: sheets are counted up to there.
+    first_side = next(sides)
+    still = np.ones(geometry.shape, dtype=np.bool_)
+    before = np.zeros(geometry.shape, dtype=np.int64)
+    for side in sides:
+        still &= side == first_side
+        before += still
+    pair = np.where(still, -1, before)
     with np.errstate(invalid="ignore"):
         in_view = (pixels >= 0).all(axis=1) & (pixels[:, 0] <= size[0] - 1) & (pixels[:, 1] <= size[1] - 1)
     return LookPlan(pair, in_view.reshape(geometry.shape))
