@@ -199,8 +199,7 @@ class ScanProcessor:
         extracted = time.perf_counter()
         points = self._ranger.points({index: each for index, each in profiles.items() if not each.is_frame_bad})
         triangulated = time.perf_counter()
-        for index, each in points.items():
-            self._surface.add(index, each)
+        self._surface.add(points)
         self._seconds["extract"] += extracted - start
         self._seconds["triangulate"] += triangulated - extracted
         self._seconds["raster"] += time.perf_counter() - triangulated
@@ -255,8 +254,7 @@ class ScanProcessor:
             step=self._step,
         )
         standard._profiles.update(self._profiles)
-        for index, points in self.points.items():
-            standard._surface.add(index, points)
+        standard._surface.add(self.points)
         standard._seconds.update(self._seconds)
         return standard
 

@@ -59,7 +59,7 @@ def range_images(
         join_height: largest height difference of one surface [m].
     """
     pixel = min((x[1] - x[0]) / ROWS, (y[1] - y[0]) / COLUMNS)
-    clouds = [surface.points for _, surface in scan_surface(points, pattern, join_height, pixel)]
+    clouds = [surface.points.T for _, surface in scan_surface(points, pattern, join_height, pixel)]
     cloud = np.concatenate(clouds) if clouds else np.empty((0, 3))
     return RangeImages(_draw(cloud, x, y), _draw(to_floor(cloud, camera_position), x, y))
 

@@ -7,14 +7,17 @@ than `join_height`). Another stripe can only support a return, never create one:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
+from guara_perception.ranging.stripe_points import ColumnPoints
+from guara_perception.terrain.raster import PartSamples
 
 Float = npt.NDArray[np.float64]
+Stored = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]
 
 # Samples along a joining line are at most a third of a cell apart, so no crossed cell is missed.
@@ -27,96 +30,107 @@ WEAK_JOIN_HEIGHT_M = 0.0015
 OPEN_END_M = 0.0005
 
 
-@dataclass(frozen=True, slots=True)
-class Surface:
-    """Samples of surface.
-
-    Attributes:
-        points: (n, 3) in the frame of the stripes [m].
-        variance: (n,) variances of the heights [m^2].
-    """
-
-    points: Float
-    variance: Float
-
-
-def linked_columns(first: StripePoints, second: StripePoints, join_height: float) -> Mask:
+def linked_columns(heights: Stored, strengths: Stored, join_height: float) -> Mask:
     """Columns in which two neighbouring stripes lie on one surface.
 
     A stripe that is cut off by an edge or a shadow is weak and lies in the wrong place: where one of the two returns
     is much weaker than the other, they must agree in height.
 
     Args:
-        first, second: neighbouring stripes.
+        heights: (2, ..., w) of neighbouring stripes [m].
+        strengths: (2, ..., w) likewise of their returns.
         join_height: largest height difference of one surface [m].
 
     Returns:
-        (w,) bool, True where both have a point and the heights differ by less than the difference allowed.
+        (..., w) bool, True where both have a point and the heights differ by less than the difference allowed.
     """
     with np.errstate(invalid="ignore"):
-        weaker, stronger = np.minimum(first.strength, second.strength), np.maximum(first.strength, second.strength)
+        weaker, stronger = np.minimum(*strengths), np.maximum(*strengths)
         allowed = np.where(weaker < WEAK_RATIO * stronger, min(WEAK_JOIN_HEIGHT_M, join_height), join_height)
-        return np.asarray(np.abs(second.points[:, 2] - first.points[:, 2]) < allowed)
+        return np.asarray(np.abs(heights[1] - heights[0]) < allowed)
 
 
-def confirmed_points(points: Float, variance: Float, before: Mask, after: Mask) -> Surface:
-    """Points of a stripe that lie within a surface: linked to the stripe before and to the stripe after.
+def confirmed_points(points: Stored, variance: Stored, confirmed: Mask, parts: Sequence[int]) -> PartSamples:
+    """Points of stripes that lie within a surface.
 
     Args:
-        points: (w, 3) of the stripe.
-        variance: (w,) variance of the heights.
-        before, after: (w,) links to the neighbouring stripes.
+        points: (3, s, w) of the stripes.
+        variance: (s, w) variance of the heights [m^2].
+        confirmed: (s, w) linked to the stripe before and to the stripe after, and wanted.
+        parts: s numbers of parts, one for each stripe.
     """
-    inside = np.flatnonzero(before & after & np.isfinite(points[:, 2]))
-    return Surface(points.T.take(inside, axis=1).T, variance.take(inside))
+    inside = confirmed & np.isfinite(points[2])
+    places = np.flatnonzero(inside)
+    runs = [(part, length) for part, length in zip(parts, inside.sum(axis=1).tolist(), strict=True) if length]
+    return PartSamples(points.reshape(3, -1).take(places, axis=1), variance.take(places), runs)
 
 
 def joined_surface(
-    points: tuple[Float, Float],
-    variances: tuple[Float, Float],
+    points: Stored,
+    variance: Stored,
     links: tuple[Mask, Mask, Mask],
     resolution: float,
-    wanted: Mask | None = None,
-) -> Surface:
-    """Sample the lines between two neighbouring stripes in the columns in which they are linked.
+    wanted: Mask,
+    parts: Sequence[int],
+) -> list[PartSamples]:
+    """Sample the lines between each stripe and the next in the columns in which the two are linked.
 
-    Where the surface does not go on beyond one of the two, the line is cut short by OPEN_END_M at that end.
+    Where the surface does not go on beyond one of the two, the line is cut short by OPEN_END_M at that end: what is
+    cut is NaN.
 
     Args:
-        points: two (w, 3) arrays.
-        variances: two (w,) arrays, variance of the heights [m^2].
-        links: (w,) links of the first stripe to the one before it, of the two stripes, and of the second stripe to
-            the one after it.
+        points: (3, s, w) of the stripes, two or more.
+        variance: (s, w) variance of their heights [m^2].
+        links: (s - 1, w) links of the first stripe of each pair to the one before it, of the two stripes, and of the
+            second stripe to the one after it.
         resolution: edge of the cells that will be filled [m].
-        wanted: (w,) columns that are asked for; None = all.
+        wanted: (s - 1, w) columns that are asked for.
+        parts: s - 1 numbers of parts, one for each pair.
+
+    Returns:
+        Samples of all pairs whose lines have one and the same number of samples, for each such number.
     """
     before, between, after = links
-    columns = np.flatnonzero(between if wanted is None else between & wanted)
-    if not columns.size:
-        return Surface(np.empty((0, 3)), np.empty(0))
-    # Coordinates in rows, each in one piece of memory: several times faster than points in rows.
-    step = points[1].T - points[0].T
+    step = points[:, 1:] - points[:, :-1]
     # How many samples there are does not depend on which are wanted.
-    n = sample_count(step.T, between, resolution)
-    first = points[0].T.take(columns, axis=1).astype(np.float64)
-    step = step.take(columns, axis=1).astype(np.float64)
+    numbers = sample_count(step, between, resolution)
+    lines = between & wanted
+    lengths = lines.sum(axis=1).tolist()
+    runs = [(n, (part, length)) for n, part, length in zip(numbers, parts, lengths, strict=True) if length]
+    joined = []
+    for number in sorted({n for n, _ in runs}):
+        alike = [n == number for n in numbers]
+        places = np.flatnonzero(lines if all(alike) else lines & np.array(alike)[:, None])
+        samples, spread = _line_samples(
+            points.reshape(3, -1).take(places, axis=1).astype(np.float64),
+            step.reshape(3, -1).take(places, axis=1).astype(np.float64),
+            (variance.take(places).astype(np.float64), variance.take(places + lines.shape[1]).astype(np.float64)),
+            (~before.take(places), ~after.take(places)),
+            number,
+        )
+        joined.append(PartSamples(samples, spread, [run for n, run in runs if n == number] * number))
+    return joined
+
+
+def _line_samples(
+    first: Float, step: Float, variances: tuple[Float, Float], ends: tuple[Mask, Mask], n: int
+) -> tuple[Float, Float]:
+    """Samples (3, n * c) of c lines (3, c) cut short at their open ends, all first ones before all second ones."""
     # The places of the samples never depend on other stripes: what is cut is left out, what is left does not move.
     share = ((np.arange(n) + 0.5) / n)[:, None]
     samples = share * step[:, None]
     samples += first[:, None]
-    variance = (1 - share) ** 2 * variances[0].take(columns).astype(np.float64)
-    variance += share**2 * variances[1].take(columns).astype(np.float64)
-    samples, variance = samples.reshape(3, -1), variance.reshape(-1)
-    opens, closes = ~before.take(columns), ~after.take(columns)
+    variance = (1 - share) ** 2 * variances[0]
+    variance += share**2 * variances[1]
+    opens, closes = ends
     at_ends = np.flatnonzero(opens | closes)
     cut = np.minimum(OPEN_END_M / np.maximum(np.hypot(*step[:2].take(at_ends, axis=1)), 1e-9), 0.5)
     # Most often the cut is shorter than the way to the nearest sample.
     if cut.max(initial=0.0) > min(share[0], 1 - share[-1]):
-        kept = np.ones((n, columns.size), dtype=bool)
         start, end = np.where(opens[at_ends], cut, 0.0), 1 - np.where(closes[at_ends], cut, 0.0)
-        kept[:, at_ends] = (share >= start) & (share <= end)
-        samples, variance = samples.compress(kept.ravel(), axis=1), variance[kept.ravel()]
-    return Surface(samples.T, variance)
+        heights = samples[2]
+        heights[:, at_ends] = np.where((share >= start) & (share <= end), heights[:, at_ends], np.nan)
+    return samples.reshape(3, -1), variance.reshape(-1)
 
 
 def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> Float:
@@ -128,13 +142,13 @@ def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> 
         return np.empty((0, 3))
     first = ends[0].points[in_first]
     step = ends[1].points[in_second] - first
-    n = sample_count(step, np.ones(len(step), dtype=bool), resolution)
+    (n,) = sample_count(step.T[:, None], np.ones((1, len(step)), dtype=bool), resolution)
     share = (np.arange(n) + 0.5)[:, None, None] / n
     return np.asarray((first + share * step).reshape(-1, 3))
 
 
-def sample_count(step: Float, is_line: Mask, resolution: float) -> int:
-    """Samples per line that leave no crossed cell out, for those lines (n, 3) that `is_line` (n,) names."""
-    squares = step[:, 0] ** 2 + step[:, 1] ** 2
-    longest = float(np.sqrt(squares.compress(is_line).max()))
-    return min(max(math.ceil(SAMPLES_PER_CELL * longest / resolution), 2), 64)
+def sample_count(step: Stored, is_line: Mask, resolution: float) -> list[int]:
+    """Samples per line that leave no crossed cell out, for each of s sets of lines (3, s, w) that `is_line` names."""
+    squares = np.where(is_line, step[0] ** 2 + step[1] ** 2, 0)
+    longest = np.sqrt(squares.max(axis=1)).tolist()
+    return [min(max(math.ceil(SAMPLES_PER_CELL * length / resolution), 2), 64) for length in longest]

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TypeVar
+
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.ranging.scan_surface import Links, pair_surface, stripe_surface
+from guara_perception.ranging.scan_surface import Key, Links, surface_of
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.ranging.surface import Surface, line_samples
+from guara_perception.ranging.surface import line_samples
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.hazard import Hazard
 from guara_perception.terrain.raster import CellSamples, Raster, cells_of, merge, rasterise_parts, without_cells
 
 Flags = npt.NDArray[np.uint16]
-Key = tuple[int, int]
+Item = TypeVar("Item")
+
+# Stripes at a time: more share the fixed cost of a call, until their arrays no longer stay in the processor's cache.
+TOGETHER = 8
 
 
 class SurfaceRaster:
@@ -40,18 +46,13 @@ class SurfaceRaster:
         """Points of the stripes added so far, by ascending index."""
         return dict(sorted(self._stripes.items()))
 
-    def add(self, index: int, stripe: StripePoints) -> None:
-        """Take one stripe."""
-        self._stripes[index] = stripe
-        spacing = self._pattern.step
-        self._mark(stripe.out_of_range.points, Hazard.OUT_OF_RANGE)
-        self._mark(stripe.doubtful.points, Hazard.AMBIGUOUS)
-        for first, second in ((index - spacing, index), (index, index + spacing)):
-            if first in self._stripes and second in self._stripes:
-                # Between two stripes that both saw something too low or too high the ground is no better.
-                ends = (self._stripes[first].out_of_range, self._stripes[second].out_of_range)
-                self._mark(line_samples(ends, self._geometry.resolution), Hazard.OUT_OF_RANGE)
-        self._final.update(self._parts([key for key in self._touched(index) if self._is_settled(key)]))
+    def add(self, stripes: Mapping[int, StripePoints]) -> None:
+        """Take stripes by index, one or several: faster, with the same result."""
+        for group in _groups(list(stripes), TOGETHER):
+            self._stripes.update((index, stripes[index]) for index in group)
+            self._mark(group)
+            touched = {key for index in group for key in self._touched(index)}
+            self._final.update(self._parts(sorted(key for key in touched if self._is_settled(key))))
 
     def raster(self) -> Raster:
         """Heights of all that was added so far; a cell with a return above the height gates is not known.
@@ -86,30 +87,45 @@ class SurfaceRaster:
         return self._is_there(key) and all(i in self._stripes or i not in self._pattern for i in around)
 
     def _parts(self, keys: list[Key]) -> dict[Key, CellSamples]:
-        if not keys:
-            return {}
-        surfaces = [self._surface(*key) for key in keys]
-        parts = rasterise_parts([(surface.points, surface.variance) for surface in surfaces], self._geometry)
-        return dict(zip(keys, parts, strict=True))
+        cell = self._geometry.resolution
+        low = self._geometry.origin[1] - cell
+        y_range = (low, low + (self._geometry.shape[0] + 2) * cell)
+        parts: dict[Key, CellSamples] = {}
+        for group in _groups(keys, 2 * TOGETHER):
+            samples = surface_of(self._stripes, group, self._links, cell, y_range)
+            parts.update(zip(group, rasterise_parts(samples, len(group), self._geometry), strict=True))
+        return parts
 
-    def _surface(self, first: int, second: int) -> Surface:
-        if first == second:
-            return stripe_surface(self._stripes, first, self._links)
-        wanted = ~self._off_grid(self._stripes[first], self._stripes[second])
-        return pair_surface(self._stripes, first, self._links, self._geometry.resolution, wanted)
-
-    def _off_grid(self, first: StripePoints, second: StripePoints) -> npt.NDArray[np.bool_]:
-        """Columns whose two points both lie beyond the same side of the grid, and so all between them."""
-        margin = self._geometry.resolution
-        low = self._geometry.origin[1] - margin
-        high = low + self._geometry.shape[0] * self._geometry.resolution + 2 * margin
-        y = first.points[:, 1], second.points[:, 1]
-        return np.asarray((np.maximum(*y) < low) | (np.minimum(*y) > high))
-
-    def _mark(self, points: npt.NDArray[np.float64], flag: Hazard) -> None:
-        if not len(points):
+    def _mark(self, group: list[int]) -> None:
+        """Flag the cells of returns that may not be used."""
+        self._flag([self._stripes[index].doubtful.points for index in group], Hazard.AMBIGUOUS)
+        beyond = [index for index in group if len(self._stripes[index].out_of_range.columns)]
+        if not beyond:
             return
+        spacing = self._pattern.step
+        firsts = {
+            first for index in beyond for first in (index - spacing, index) if self._is_there((first, first + spacing))
+        }
+        # Between two stripes that both saw something too low or too high the ground is no better.
+        between = [
+            line_samples(
+                (self._stripes[first].out_of_range, self._stripes[first + spacing].out_of_range),
+                self._geometry.resolution,
+            )
+            for first in firsts
+        ]
+        self._flag([*(self._stripes[index].out_of_range.points for index in beyond), *between], Hazard.OUT_OF_RANGE)
+
+    def _flag(self, sets: Sequence[npt.NDArray[np.float64]], flag: Hazard) -> None:
+        sets = [points for points in sets if len(points)]
+        if not sets:
+            return
+        points = np.concatenate(sets)
         cell, inside = cells_of(points, self._geometry)
         self._marks.ravel()[cell] |= np.uint16(flag)
         if flag is Hazard.OUT_OF_RANGE:
             self._too_high.ravel()[cell[points[inside, 2] > 0]] = True
+
+
+def _groups(items: list[Item], size: int) -> Iterator[list[Item]]:
+    return (items[begin : begin + size] for begin in range(0, len(items), size))

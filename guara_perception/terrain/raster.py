@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -43,6 +45,21 @@ NO_SAMPLES = CellSamples(np.empty(0, np.int32), np.empty(0), *(np.empty(0, np.fl
 
 
 @dataclass(frozen=True, slots=True)
+class PartSamples:
+    """Samples of several parts (stripes and pairs), in runs that each belong to one part.
+
+    Attributes:
+        points: (3, n) float64 in base_footprint, coordinate by coordinate; samples that are NaN are left out.
+        variance: (n,) float64 variance of the heights [m^2].
+        runs: part and number of samples of each run, one or more, n in all; a part may have many runs, or none.
+    """
+
+    points: Float
+    variance: Float
+    runs: Sequence[tuple[int, int]]
+
+
+@dataclass(frozen=True, slots=True)
 class Raster:
     """A grid of heights: all (ny, nx) float64, NaN (count 0) where no sample fell."""
 
@@ -61,79 +78,95 @@ def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSam
         variance: (n,) variance of the heights [m^2].
         geometry: the grid.
     """
-    return rasterise_parts([(points, variance)], geometry)[0]
+    runs = [(0, len(points))] if len(points) else []
+    return rasterise_parts(PartSamples(np.asarray(points.T, np.float64), variance, runs), 1, geometry)[0]
 
 
-def rasterise_parts(parts: Sequence[tuple[Float, Float]], geometry: GridGeometry) -> list[CellSamples]:
-    """The same for several sets of points and variances at once, each by itself."""
-    # Coordinates in rows, each in one piece of memory; equal types, without which `at` below is many times slower.
-    x, y, height = np.concatenate([points.T for points, _ in parts], axis=1, dtype=np.float64)
-    spread = np.concatenate([variance for _, variance in parts], dtype=np.float64)
-    place, inside = _places(x, y, height, geometry)
-    outside = np.flatnonzero(~inside)
-    if outside.size == place.size:
-        return [NO_SAMPLES for _ in parts]
-    place[outside] = place[inside.argmax()]
-    # Each part has its own places; one more before its first takes what lies outside.
-    start = int(place.min()) - 1
-    place -= start
-    place[outside] = 0
-    span = int(place.max()) + 1
-    end = len(parts[0][0])
-    for number, (points, _) in enumerate(parts[1:], start=1):
-        place[end : (end := end + len(points))] += number * span
-    length = len(parts) * span
-    high = np.full(length, -np.inf)
-    low = np.full(length, np.inf)
+def rasterise_parts(samples: PartSamples, count: int, geometry: GridGeometry) -> list[CellSamples]:
+    """The same for `count` parts at once, each by itself."""
+    if not samples.runs:
+        return [NO_SAMPLES] * count
+    (ix, iy), height, spread = _cells(samples.points, geometry), samples.points[2], samples.variance
+    ny, nx = geometry.shape
+    shift, shift_of_part, ends = _layout(ix, samples.runs, count, ny + 2)
+    ix *= ny + 2
+    ix += iy
+    place = shift.repeat([length for _, length in samples.runs])
+    place += ix
+    size = int(ends[-1])
+    high, low = np.full(size, -np.inf), np.full(size, np.inf)
     with np.errstate(invalid="ignore"):
         np.maximum.at(high, place, height)
         np.minimum.at(low, place, height)
-        is_one_layer = (low > high - TOP_LAYER_M).all()
-    if not is_one_layer:
+    used = np.flatnonzero(high >= low)
+    x, y = np.divmod(used - shift_of_part.take(ends.searchsorted(used, side="right")), ny + 2)
+    is_cell = (x > 0) & (x <= nx) & (y > 0) & (y <= ny)
+    used, cell = used[is_cell], (nx * (y - 1) + x - 1)[is_cell].astype(np.int32)
+    lows, highs = low.take(used), high.take(used)
+    if not (lows > highs - TOP_LAYER_M).all():
         is_top = np.flatnonzero(height > high.take(place) - TOP_LAYER_M)
         place, height, spread = place.take(is_top), height.take(is_top), spread.take(is_top)
-    count = np.bincount(place, minlength=length)
-    count[::span] = 0
-    used = np.flatnonzero(count)
-    ix, iy = np.divmod(used % span + start, geometry.shape[0])
-    cell = (iy * geometry.shape[1] + ix).astype(np.int32)
-    total = _sum(place, height, length).take(used)
-    singles = [layer.take(used).astype(np.float32) for layer in (count, _sum(place, spread, length), low, high)]
-    ends = np.searchsorted(used, span * np.arange(1, len(parts))).tolist()
+    total = _sum(place, height, size).take(used)
+    numbers = np.bincount(place, minlength=size).take(used)
+    singles = [layer.astype(np.float32) for layer in (numbers, _sum(place, spread, size).take(used), lows, highs)]
+    bounds = used.searchsorted(ends).tolist()
     return [
         CellSamples(cell[first:last], total[first:last], *(layer[first:last] for layer in singles))
-        for first, last in zip([0, *ends], [*ends, used.size], strict=True)
+        for first, last in itertools.pairwise([0, *bounds])
     ]
 
 
-def _places(
-    x: Float, y: Float, height: Float, geometry: GridGeometry
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
-    """Places ix * ny + iy (n,) of points, and which points (n,) are known and lie on the grid; others have no place.
+def _layout(
+    ix: npt.NDArray[np.int32], runs: Sequence[tuple[int, int]], count: int, rows: int
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Where each part has its places: one for each cell in the columns that it touches, one part behind the other.
 
-    The cells are those of `GridGeometry.indices`, counted along y because stripes run along y: few numbers apart.
+    Returns:
+        What to add to ix * rows + iy, for each run and for each part; and where the places of each part end.
     """
-    ny, nx = geometry.shape
-    scale = 1 / geometry.resolution
-    column = x * scale
-    column += ROUNDING - geometry.origin[0] * scale
-    row = y * scale
-    row += ROUNDING - geometry.origin[1] * scale
+    begins = [0, *itertools.accumulate(length for _, length in runs[:-1])]
+    lowest, highest = [ix.size] * count, [-1] * count
+    least, most = np.minimum.reduceat(ix, begins).tolist(), np.maximum.reduceat(ix, begins).tolist()
+    for (part, _), low, high in zip(runs, least, most, strict=True):
+        lowest[part], highest[part] = min(lowest[part], low), max(highest[part], high)
+    sizes = [max(high - low + 1, 0) * rows for low, high in zip(lowest, highest, strict=True)]
+    ends = list(itertools.accumulate(sizes))
+    shift = [end - size - low * rows for end, size, low in zip(ends, sizes, lowest, strict=True)]
+    return np.array([shift[part] for part, _ in runs]), np.array(shift), np.array(ends)
+
+
+def _cells(points: Float, geometry: GridGeometry) -> npt.NDArray[np.int32]:
+    """Column and row (2, n) of the cells of points (3, n), those of `GridGeometry.indices` counted from 1.
+
+    A point beyond the grid has column or row 0 or one more than there are; so has one that is not known.
+    """
+    offset, last = _frame(geometry)
+    place = points[:2] * (1 / geometry.resolution)
+    place += offset
     with np.errstate(invalid="ignore"):
-        inside = (column >= 0) & (column < nx) & (row >= 0) & (row < ny) & (height == height)
-        # None inside is negative: to cut off the fraction is to round down.
-        place = column.astype(np.int64)
-        place *= ny
-        place += row.astype(np.int64)
-    return place, inside
+        # What is NaN becomes the lowest number, as what is below the grid; the rest is cut off where it is positive.
+        cell = place.astype(np.int32)
+    cell.clip(np.int32(0), last, out=cell)
+    unknown = np.isnan(points[2])
+    if unknown.any():
+        cell[1, unknown] = 0
+    return cell
+
+
+@functools.lru_cache(maxsize=8)
+def _frame(geometry: GridGeometry) -> tuple[Float, npt.NDArray[np.int32]]:
+    """Place (2, 1) of base_footprint's origin in columns and rows counted from 1, and their numbers beyond the end."""
+    offset = [[1 + ROUNDING - origin / geometry.resolution] for origin in geometry.origin]
+    ny, nx = geometry.shape
+    return np.array(offset), np.array([[nx + 1], [ny + 1]], dtype=np.int32)
 
 
 def cells_of(points: Float, geometry: GridGeometry) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
     """Flat cells iy * nx + ix (m,) of those points (n, 3) that are known and lie on the grid, and which these are."""
-    x, y, height = np.asarray(points.T, dtype=np.float64)
-    place, inside = _places(x, y, height, geometry)
-    ix, iy = np.divmod(place[inside], geometry.shape[0])
-    return iy * geometry.shape[1] + ix, inside
+    ix, iy = _cells(np.asarray(points.T, dtype=np.float64), geometry)
+    ny, nx = geometry.shape
+    inside = np.asarray((ix > 0) & (ix <= nx) & (iy > 0) & (iy <= ny))
+    return (iy[inside] - 1).astype(np.int64) * nx + (ix[inside] - 1), inside
 
 
 def _sum(cell: npt.NDArray[np.int64], weights: npt.NDArray[Any], size: int) -> Float:

@@ -22,6 +22,7 @@ from guara_perception.ranging.surface_raster import SurfaceRaster
 from guara_perception.stripes.profile import StripeProfile, StripeStatus
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.hazard import Hazard
+from guara_perception.terrain.raster import PartSamples
 
 COLUMNS = 40
 JOIN = 0.008
@@ -48,8 +49,36 @@ def stripe(x: float, z: object = 0.0, strength: object = 100.0, **extra: object)
 def raster(stripes: dict[int, StripePoints], pattern: range = range(12)) -> SurfaceRaster:
     result = SurfaceRaster(GRID, pattern, JOIN)
     for index, each in stripes.items():
-        result.add(index, each)
+        result.add({index: each})
     return result
+
+
+def links_of(first: StripePoints, second: StripePoints) -> np.ndarray:
+    """Columns in which two stripes are linked."""
+    heights, strengths = (first.points[:, 2], second.points[:, 2]), (first.strength, second.strength)
+    return linked_columns(np.stack(heights), np.stack(strengths), JOIN)
+
+
+def joined(
+    first: StripePoints, second: StripePoints, goes_on: bool, resolution: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Samples (n, 3) and variances of the lines between two stripes, after which the surface goes on or does not."""
+    yes = np.ones((1, COLUMNS), bool)
+    (samples,) = joined_surface(
+        np.stack((first.points.T, second.points.T), axis=1),
+        np.stack((first.variance, second.variance)),
+        (yes, yes, yes & goes_on),
+        resolution,
+        yes,
+        [0],
+    )
+    kept = np.isfinite(samples.points[2])
+    return samples.points.T[kept], samples.variance[kept]
+
+
+def known_points(samples: PartSamples) -> set[tuple[float, ...]]:
+    """Those samples that were not cut."""
+    return {tuple(point) for point in samples.points.T if np.isfinite(point[2])}
 
 
 def test_flat_ground_is_wholly_known() -> None:
@@ -75,36 +104,29 @@ def test_a_lost_stripe_leaves_a_gap() -> None:
 @pytest.mark.parametrize(("rise", "linked"), [(0.0079, True), (0.0081, False)])
 def test_links_end_at_the_join_height(rise: float, linked: bool) -> None:
     """Less than `join_height` apart is one surface, more is a wall."""
-    assert linked_columns(stripe(0.0), stripe(0.01, rise), JOIN).all() == linked
+    assert links_of(stripe(0.0), stripe(0.01, rise)).all() == linked
 
 
 def test_weak_return_must_agree_in_height() -> None:
     """A return far weaker than its neighbour may be cut by an edge: it is joined only at nearly the same height."""
     strong, weak_level, weak_off = stripe(0.0), stripe(0.01, 0.001, 20.0), stripe(0.01, 0.004, 20.0)
-    assert linked_columns(strong, weak_level, JOIN).all()
-    assert not linked_columns(strong, weak_off, JOIN).any()
-    assert linked_columns(strong, stripe(0.01, 0.004, 60.0), JOIN).all()
+    assert links_of(strong, weak_level).all()
+    assert not links_of(strong, weak_off).any()
+    assert links_of(strong, stripe(0.01, 0.004, 60.0)).all()
 
 
 def test_open_end_is_cut_and_the_rest_does_not_move() -> None:
     """Where the surface does not go on, the last bit of the line is left out; the other samples do not move."""
-    pair = (stripe(0.0), stripe(0.008))
-    points, variances = (pair[0].points, pair[1].points), (pair[0].variance, pair[1].variance)
-    yes, no = np.ones(COLUMNS, bool), np.zeros(COLUMNS, bool)
-    whole = joined_surface(points, variances, (yes, yes, yes), 0.0005)
-    cut = joined_surface(points, variances, (yes, yes, no), 0.0005)
-    assert cut.points[:, 0].max() <= 0.008 - OPEN_END_M + 1e-12
-    assert {tuple(p) for p in cut.points} < {tuple(p) for p in whole.points}
+    (whole, _), (cut, _) = (joined(stripe(0.0), stripe(0.008), goes_on, 0.0005) for goes_on in (True, False))
+    assert cut[:, 0].max() <= 0.008 - OPEN_END_M + 1e-12
+    assert {tuple(p) for p in cut} < {tuple(p) for p in whole}
 
 
 def test_variance_between_two_stripes_is_that_of_the_interpolation() -> None:
     """In the middle a quarter of each: half the variance of either."""
-    pair = (stripe(0.0), stripe(0.008))
-    points, variances = (pair[0].points, pair[1].points), (pair[0].variance, pair[1].variance)
-    yes = np.ones(COLUMNS, bool)
-    joined = joined_surface(points, variances, (yes, yes, yes), 0.0001)
-    middle = np.abs(joined.points[:, 0] - 0.004) < 1e-4
-    np.testing.assert_allclose(joined.variance[middle], 0.5e-8, rtol=0.01)
+    points, variance = joined(stripe(0.0), stripe(0.008), True, 0.0001)
+    middle = np.abs(points[:, 0] - 0.004) < 1e-4
+    np.testing.assert_allclose(variance[middle], 0.5e-8, rtol=0.01)
 
 
 @given(data=st.data())
@@ -118,10 +140,10 @@ def test_losing_stripes_never_adds_a_sample(data: st.DataObject) -> None:
         z[random.random(COLUMNS) < 0.2] = np.nan
         stripes[k] = stripe(0.01 * k, z, random.uniform(10, 100, COLUMNS))
     lost = data.draw(st.frozensets(st.integers(0, 7), min_size=1, max_size=4))
-    whole = {key: {tuple(p) for p in part.points} for key, part in scan_surface(stripes, range(8), JOIN, 0.005)}
+    whole = {key: known_points(part) for key, part in scan_surface(stripes, range(8), JOIN, 0.005)}
     rest = {k: each for k, each in stripes.items() if k not in lost}
     for key, part in scan_surface(rest, range(8), JOIN, 0.005):
-        assert {tuple(p) for p in part.points} <= whole[key], key
+        assert known_points(part) <= whole[key], key
 
 
 def test_raster_does_not_depend_on_the_order_of_the_stripes() -> None:
@@ -133,6 +155,34 @@ def test_raster_does_not_depend_on_the_order_of_the_stripes() -> None:
     for name in ("elevation", "variance", "low", "high", "count"):
         np.testing.assert_array_equal(getattr(ordered.raster(), name), getattr(shuffled.raster(), name))
     assert list(shuffled.stripes) == list(range(10))
+
+
+@given(data=st.data())
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_raster_does_not_depend_on_the_grouping_of_the_stripes(data: st.DataObject) -> None:
+    """Stripes near and far apart, lost ones, walls, returns to mark: in any order and groups bit by bit the same."""
+    random = np.random.default_rng(data.draw(st.integers(0, 10_000)))
+    pitch = data.draw(st.sampled_from([0.002, 0.01, 0.04]))
+    stripes = {}
+    for k in range(data.draw(st.integers(1, 26))):
+        if random.random() < 0.15:
+            continue
+        z = np.cumsum(random.normal(0, 0.002, COLUMNS))
+        z[random.random(COLUMNS) < 0.1] = np.nan
+        columns = np.flatnonzero(random.random(COLUMNS) < 0.2)
+        height = np.where(random.random(columns.size) < 0.5, 0.2, -0.2)
+        beyond = ColumnPoints(columns, np.column_stack((pitch * k + 0 * height, 0.001 * columns, height)))
+        stripes[k] = stripe(pitch * k, z, random.uniform(10, 100, COLUMNS), out_of_range=beyond, doubtful=beyond)
+    single, several = raster(stripes, range(30)), SurfaceRaster(GRID, range(30), JOIN)
+    order = data.draw(st.permutations(list(stripes)))
+    while order:
+        size = data.draw(st.integers(1, 12))
+        several.add({index: stripes[index] for index in order[:size]})
+        order = order[size:]
+    for name in ("elevation", "variance", "low", "high", "count"):
+        np.testing.assert_array_equal(getattr(single.raster(), name), getattr(several.raster(), name))
+    np.testing.assert_array_equal(single.marks(), several.marks())
+    assert list(single.stripes) == list(several.stripes)
 
 
 def test_return_above_the_gates_makes_its_cell_unknown() -> None:

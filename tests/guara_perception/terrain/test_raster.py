@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.raster import (
     TOP_LAYER_M,
+    PartSamples,
     cells_of,
     merge,
     pool,
@@ -59,13 +60,36 @@ def test_mean_of_the_top_layer(seed: int, parts: int) -> None:
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=20, deadline=None, derandomize=True)
 def test_parts_together_are_the_parts_alone(seed: int) -> None:
-    """Several sets of samples at once, one of them empty and one beside the grid: each as if it were alone."""
-    points = [cloud(seed), np.empty((0, 3)), cloud(seed + 1, 50), cloud(seed + 2) + (9.0, 0.0, 0.0)]
-    sets = [(each, np.full(len(each), 1e-6)) for each in points]
-    for together, each in zip(rasterise_parts(sets, GRID), sets, strict=True):
-        alone = rasterise(*each, GRID)
+    """Several sets of samples at once, in runs that are mixed; one empty, one beside the grid: each as if alone."""
+    random = np.random.default_rng(seed)
+    points = [cloud(seed), np.empty((0, 3)), cloud(seed + 1, 50), cloud(seed + 2) + (9.0, 0.0, 0.0), cloud(seed + 3)]
+    points[4][:, 0] += 0.02
+    runs = [(part, run) for part, each in enumerate(points) for run in np.array_split(each, random.integers(1, 4))]
+    runs = sorted((run for run in runs if len(run[1])), key=lambda run: (len(run[1]) % 3, run[0]))
+    every = np.concatenate([run for _, run in runs])
+    samples = PartSamples(every.T.copy(), np.full(len(every), 1e-6), [(part, len(run)) for part, run in runs])
+    order = [[run for number, run in runs if number == part] for part in range(len(points))]
+    for together, each in zip(rasterise_parts(samples, len(points), GRID), order, strict=True):
+        alone = rasterise(np.concatenate([np.empty((0, 3)), *each]), np.full(sum(map(len, each)), 1e-6), GRID)
         for name in ("cell", "total", "count", "variance_total", "low", "high"):
             np.testing.assert_array_equal(getattr(together, name), getattr(alone, name))
+            assert getattr(together, name).dtype == getattr(alone, name).dtype
+
+
+def test_no_part_at_all() -> None:
+    """Parts without a run have no cells."""
+    nothing = PartSamples(np.empty((3, 0)), np.empty(0), [])
+    assert rasterise_parts(nothing, 0, GRID) == []
+    assert [part.cell.size for part in rasterise_parts(nothing, 2, GRID)] == [0, 0]
+
+
+def test_a_point_unknown_in_one_coordinate_is_left_out() -> None:
+    """Whichever coordinate is NaN, the others of the cell are as without it."""
+    points = np.tile([0.512, -0.262, 0.01], (4, 1))
+    points[0, 0] = points[1, 1] = points[2, 2] = np.nan
+    raster = merge([rasterise(points, np.full(4, 1e-6), GRID)], GRID)
+    assert raster.count[1, 2] == raster.count.sum() == 1
+    assert cells_of(points, GRID)[1].tolist() == [False, False, False, True]
 
 
 def test_cells_are_those_of_the_geometry() -> None:
