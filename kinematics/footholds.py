@@ -140,7 +140,9 @@ class Footholds:
                 source[block, :4] = _by_pose(readings[row : row + 1] @ rotation.T)
                 places[row] = rotation @ readings[row] + shift
                 fresh[row] = rotation @ covariances[row] @ rotation.T
-        joint = np.block([[fit.covariance, cross], [cross.T, self.covariance]])
+        joint = np.empty((4 + 4 * size, 4 + 4 * size))
+        joint[:4, :4], joint[:4, 4:] = fit.covariance, cross
+        joint[4:, :4], joint[4:, 4:] = cross.T, self.covariance
         return Footholds(legs, read_only(places), read_only(source @ joint @ source.T + _blocks(fresh)))
 
 
@@ -183,10 +185,9 @@ def _blocks(covariances: Array) -> Array:
 
 def _pull(errors: Array, covariance: Array) -> Array:
     """Huber's weight (n,) of every foot by its own error against its own covariance."""
-    distances = [
-        np.sqrt(error @ np.linalg.solve(covariance[4 * i : 4 * i + 4, 4 * i : 4 * i + 4], error))
-        for i, error in enumerate(errors.reshape(-1, 4))
-    ]
+    own, foot = errors.reshape(-1, 4), np.arange(errors.size // 4)
+    its_covariance = covariance.reshape(foot.size, 4, foot.size, 4)[foot, :, foot]
+    distances = np.sqrt(np.vecdot(own, np.linalg.solve(its_covariance, own[..., None])[..., 0]))
     return np.asarray(np.minimum(1.0, _HUBER_LIMIT / np.maximum(distances, _HUBER_LIMIT)))
 
 

@@ -47,7 +47,9 @@ def fit_support_plane(soles_in_base: Array) -> SupportPlane:
             f"support_feet: the {count} soles lie on one line (within {1e3 * width:.1f} mm); "
             "a support plane needs feet on both sides"
         )
-    gain = np.linalg.pinv(np.column_stack([soles_in_base[:, :2], np.ones(count)]))
+    terms = np.ones((count, 3))
+    terms[:, :2] = soles_in_base[:, :2]
+    gain = np.linalg.inv(terms.T @ terms) @ terms.T
     a, b, c = coefficients = gain @ soles_in_base[:, 2]
     steepness = np.sqrt(1.0 + a * a + b * b)
     distances = (soles_in_base @ np.array([-a, -b, 1.0]) - c) / steepness

@@ -48,10 +48,11 @@ def occupancy_values(
     traversability: npt.NDArray[np.float32], hazard: npt.NDArray[np.uint16], unknown: int = 100
 ) -> npt.NDArray[np.int8]:
     """Occupancy as nav_msgs/OccupancyGrid counts it: 0 ... 99 free, 100 hazard, `unknown` where not seen."""
-    free = np.rint(99 * (1 - traversability.astype(np.float64)))
-    values = np.where(hazard == 0, free, 100)
-    values[(hazard & UNKNOWN_MASK) != 0] = unknown
-    return values.astype(np.int8)
+    free = np.rint(99 * (1 - traversability.astype(np.float64))).astype(np.int8)
+    values = np.where(hazard == 0, free, np.int8(100))
+    if unknown != 100:
+        values[(hazard & UNKNOWN_MASK) != 0] = unknown
+    return values
 
 
 def _refuse(broken: npt.NDArray[np.bool_], rule: str) -> None:

@@ -151,9 +151,8 @@ def _outline(cells: _Cells, terrain: LayeredGrid) -> Float:
     first = np.array([cells.ix.min(), cells.iy.min()])
     columns, rows = cells.ix - first[0], cells.iy - first[1]
     corners = np.zeros((rows.max() + 2, columns.max() + 2), dtype=np.uint8)
-    for dy in (0, 1):
-        for dx in (0, 1):
-            corners[rows + dy, columns + dx] = 1
+    corners[rows, columns] = 1
+    corners = cv2.dilate(corners, np.ones((2, 2), np.uint8), anchor=(1, 1))
     contours, _ = cv2.findContours(corners, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     contour = max(contours, key=cv2.contourArea)
     is_counter_clockwise = cv2.contourArea(contour, oriented=True) > 0
