@@ -1,18 +1,15 @@
 """Closes what is still open when the main thread ends, so that no script that crashed is kept alive by Zenoh.
 
 An open session with a subscriber keeps the interpreter waiting for ever, and `atexit` functions run too late
-to help. One thread for the whole process watches the main thread and is gone when nothing is open.
+to help. One thread for the whole process waits for the end of the main thread, without ever waking before.
 """
 
 import logging
 import threading
-from typing import Final, Protocol
+from typing import Protocol
 
 _LOG = logging.getLogger(__name__)
-_PERIOD: Final = 0.5
-"""[s] How soon after the main thread's end the sessions are closed; each look costs a tenth of a millisecond."""
-
-_changed = threading.Condition()
+_lock = threading.Lock()
 _open: "set[Closable]" = set()
 _watcher: threading.Thread | None = None
 
@@ -27,7 +24,7 @@ class Closable(Protocol):
 def watch(resource: Closable) -> None:
     """Close `resource` when the main thread ends, unless `forget` is called before."""
     global _watcher
-    with _changed:
+    with _lock:
         _open.add(resource)
         if _watcher is None or not _watcher.is_alive():
             # Not a daemon: the interpreter must wait for it, and so for the sessions to be closed.
@@ -36,18 +33,15 @@ def watch(resource: Closable) -> None:
 
 
 def forget(resource: Closable) -> None:
-    """Stop watching `resource`; the thread ends with the last one."""
-    with _changed:
+    """Stop watching `resource`."""
+    with _lock:
         _open.discard(resource)
-        _changed.notify_all()
 
 
 def _run() -> None:
     global _watcher
-    main = threading.main_thread()
-    with _changed:
-        while _open and main.is_alive():
-            _changed.wait(_PERIOD)
+    threading.main_thread().join()
+    with _lock:
         left = list(_open)
         _open.clear()
         _watcher = None
