@@ -115,9 +115,7 @@ class ScanProcessor:
             (self._settings.footprint_x, self._settings.footprint_y),
         )
         self._finder = StripeFinder(method, calibration.camera.size, self._pattern.step)
-        self._body = OwnBody(
-            robot.state(self._stance.joint_positions), self._pose.transform_base_to_footprint, self._geometry.eyes
-        )
+        self._body = OwnBody(self._pose.state, self._pose.transform_base_to_footprint, self._geometry.eyes)
         gates = self._settings.minimum_height, self._settings.maximum_height
         self._ranger = StripeRanger(calibration, self._geometry, self._locator, gates, self._body.contains)
         self._order = list(self._geometry.stripes)

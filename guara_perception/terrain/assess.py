@@ -47,8 +47,8 @@ def assess_layers(
         limits: what the feet can bear.
 
     Returns:
-        Layers by name, in the types of the contract: elevation, variance, elevation_min, elevation_max, slope,
-        step_height, roughness, clearance, traversability, hazard.
+        Layers by name, read-only, in the types of the contract: elevation, variance, elevation_min, elevation_max,
+        slope, step_height, roughness, clearance, traversability, hazard.
     """
     known = np.isfinite(elevation)
     flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
@@ -66,7 +66,11 @@ def assess_layers(
     for name, values in judged.items():
         layers[name] = flags if name == "hazard" else np.full(known.shape, UNKNOWN.get(name, np.nan), np.float32)
         layers[name][window] = values
-    return {**layers, "clearance": clearance(flags, resolution).astype(np.float32)}
+    layers["clearance"] = clearance(flags, resolution).astype(np.float32)
+    for layer in layers.values():
+        # Frozen here they need not be copied when a grid is made of them.
+        layer.setflags(write=False)
+    return layers
 
 
 def _extent(known: npt.NDArray[np.bool_], axis: int) -> slice:
