@@ -26,6 +26,8 @@ from drivers.session import BoardSession, raise_if_stuck_on
 _log = logging.getLogger(__name__)
 _EVERY_FAULT = 0xFFFF
 _REPORT_SLICE = 0.02  # s; a lost report costs at most this before the status is asked for
+_CLOCK_WRAP = 1 << 32  # ms
+_CLOCK_STEP, _CLOCK_ERROR = 0.001, 0.01  # s to which the board's clock is told, and share by which it may be slow
 
 
 class LaserBoard(BoardSession):
@@ -45,6 +47,7 @@ class LaserBoard(BoardSession):
         super().__init__(config, backend=backend)
         self._motion = 0
         self._moving = False
+        self._board_time = self._host_time = 0.0
 
     def ensure_ready(self, timeout: float = 5.0) -> BoardStatus:
         """Make the board fit for a scan: reconnect if it is lost, clear faults, find home if unknown.
@@ -173,6 +176,20 @@ class LaserBoard(BoardSession):
         Raises:
             MirrorTimeout: it still moves.
         """
+        return self.still_since(timeout)[0]
+
+    def still_since(self, timeout: float | None = None) -> tuple[BoardStatus, float]:
+        """Wait as `wait_until_still`; return the status when it ended, and by when it surely had [s, monotonic clock].
+
+        Asked late, this does not wait: a report that nobody has fetched yet tells when the motion ended. The two
+        clocks need not agree: the answer to the command told the board's, and it was here at a known time.
+
+        Args:
+            timeout: longest wait [s]; None for the configured one.
+
+        Raises:
+            MirrorTimeout: it still moves.
+        """
         patience = self.config.motion_timeout if timeout is None else timeout
         deadline = time.monotonic() + patience
         status = None if self._moving else self.status()
@@ -181,7 +198,9 @@ class LaserBoard(BoardSession):
                 raise MirrorTimeout(f"the mirror did not come to rest within {patience:g} s: check motor and mechanics")
             status = self._read_report(_REPORT_SLICE) or self.status()
         self._moving = False
-        return status
+        taken = round((status.device_time - self._board_time) / 1e-3) % _CLOCK_WRAP * 1e-3
+        return status, min(time.monotonic(), self._host_time + taken * (1.0 + _CLOCK_ERROR) + _CLOCK_STEP)
 
     def _begin_motion(self, status: BoardStatus) -> None:
         self._motion, self._moving = status.motion, status.moving
+        self._board_time, self._host_time = status.device_time, time.monotonic()

@@ -44,8 +44,13 @@ class FrameGrabber:
         self._camera.flush()
         self._before = None
 
-    def after(self, ready: float) -> Frame | None:
+    def after(self, ready: float, proved: Callable[[], float] | None = None) -> Frame | None:
         """Return the first frame exposed wholly after `ready` [s]; None when none came in time.
+
+        Args:
+            ready: when the command had taken effect, at the earliest if `proved` is given.
+            proved: asked once, when a frame is there that may be the one: waits until the command has taken effect and
+                returns since when [s].
 
         Raises:
             CameraEnded: the camera has no more frames.
@@ -66,6 +71,9 @@ class FrameGrabber:
                 continue
             if not self._is_new(frame, asked):
                 continue
+            if proved is not None and frame.stamp - (lag or 0.0) >= ready:
+                ready, proved = max(ready, proved()), None
+                deadline = time.monotonic() + self._options.frame_timeout
             if frame.stamp - (lag or 0.0) < ready or to_skip > 0:
                 # With an unknown lag, a frame that arrived before the command says nothing about the pipeline.
                 to_skip -= 1 if frame.stamp >= ready else 0

@@ -36,6 +36,12 @@ class LaserSwitch:
         """Whether the laser was commanded on."""
         return self._lit_since is not None
 
+    @property
+    def may_stay_on(self) -> bool:
+        """Whether the laser was commanded on, and is far from the board's time limit."""
+        since = self._lit_since
+        return since is not None and time.monotonic() - since <= 0.5 * self._board.identity.laser_limit
+
     def on(self) -> None:
         """Switch on; a fault that the board lets one clear is cleared once.
 
@@ -72,11 +78,10 @@ class LaserSwitch:
         if self._lit_since is not None and not shines:
             _log.warning("the board put the laser out during the scan")
             self.off()
-        identity = self._board.identity
-        if self._lit_since is not None and time.monotonic() - self._lit_since > 0.5 * identity.laser_limit:
+        if self.lit and not self.may_stay_on:
             self.off()
-            time.sleep(1.5 * identity.laser_rest)
-        if self._lit_since is None:
+            time.sleep(1.5 * self._board.identity.laser_rest)
+        if not self.lit:
             self.on()
 
     def close(self) -> None:

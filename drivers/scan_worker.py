@@ -112,11 +112,15 @@ class ScanWorker(threading.Thread):
         reached = self._board.go_to_angle(self._pattern[0].mirror_angle, wait=False)
         off = self._off_frame(time.monotonic()) if self._options.off is OffFrames.ONE else None
         for place, stripe in enumerate(self._pattern):
-            status = self._board.wait_until_still()
+            # A camera that runs freely, with the laser on anyway, takes its next frame meanwhile: one wait in place of
+            # two, and the board says afterwards whether the mirror was still. One that waits to be asked must not be
+            # asked before it is.
             self._check()
-            self.switch.keep_on(status.laser_commanded)
+            ahead = bool(self._camera.lag) and self.switch.may_stay_on
+            if not ahead:
+                self.switch.keep_on(self._board.wait_until_still().laser_commanded)
             self.fired.append(stripe.index)
-            on = self._frame()
+            on = self._frame(self._lit_and_still if ahead else None)
             here, reached = reached, self._move_on(place, reached)
             if place + 1 == len(self._pattern):
                 self.switch.off()
@@ -132,8 +136,16 @@ class ScanWorker(threading.Thread):
         self.off_frames_lost += frame is None
         return frame
 
-    def _frame(self) -> Frame | None:
-        frame = self.grabber.after(time.monotonic())
+    def _lit_and_still(self) -> float:
+        """Wait until the mirror is still; return since when it is, with the laser on [s]."""
+        status, since = self._board.still_since()
+        if status.laser_commanded:
+            return since
+        self.switch.keep_on(False)
+        return time.monotonic()
+
+    def _frame(self, proved: Callable[[], float] | None = None) -> Frame | None:
+        frame = self.grabber.after(time.monotonic(), proved)
         self._lost_in_row = 0 if frame is not None else self._lost_in_row + 1
         if self._lost_in_row >= self._options.max_lost:
             raise CameraTimeout(

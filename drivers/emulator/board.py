@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from drivers.protocol import PROTOCOL_MAJOR, BoardFault, BoardFlag, Request, Res
 from drivers.records import BoardStatus
 
 _REQUESTS = {int(request): request for request in Request}
+_REPORTS_KEPT = 4
 
 
 class EmulatedBoard:
@@ -36,6 +38,7 @@ class EmulatedBoard:
         self.clock = clock
         self.plan = FaultPlan()
         self._lock = threading.RLock()
+        self._reports: deque[bytes] = deque(maxlen=_REPORTS_KEPT)
         now = clock()
         self._mirror = MirrorUnit(self.config, self.plan, now)
         self._light = LightUnit(self.config.identity, self.plan, self.config.temperature, now)
@@ -81,19 +84,13 @@ class EmulatedBoard:
                 self._light.feed(now)
             self._sequence += 1
             result = self._do(known, argument, now)
-            return self._status(result, known).pack()
+            return self._status(result, known, now)
 
-    def report(self) -> bytes:
-        """Return the record that the interrupt endpoint carries."""
+    def next_report(self) -> bytes | None:
+        """Return the oldest record for the interrupt endpoint that was not fetched, None when there is none."""
         with self._lock:
-            return self._status(Result.OK, 0).pack()
-
-    def report_subject(self) -> tuple[int, BoardFault]:
-        """Return what a report now would tell: the number of the last motion that has ended, and the faults."""
-        with self._lock:
-            now = self._advance()
-            under_way = self._mirror.moving(now)
-            return max(0, self._mirror.motions - under_way), self._faults()
+            self._advance()
+            return self._reports.popleft() if self._reports else None
 
     def still_at(self) -> float:
         """Return when the present motion ends and has settled [s]."""
@@ -140,14 +137,28 @@ class EmulatedBoard:
         self._power_up = now
         self._session = False
         self._sequence = 0
+        self._reports.clear()
+        self._faults_reported = BoardFault(0)
         self._mirror.power_on(now)
         self._light.power_on(now)
 
     def _advance(self) -> float:
         now = self.clock()
+        ended = self._mirror.ended(now)
+        if ended is not None:
+            # Made as things were at that moment, however late one looks.
+            self._report(ended)
         self._light.advance(now)
         self._mirror.advance(now)
+        if self._faults() != self._faults_reported:
+            self._report(now)
         return now
+
+    def _report(self, moment: float) -> None:
+        self._light.advance(moment)
+        self._mirror.advance(moment)
+        self._faults_reported = self._faults()
+        self._reports.append(self._status(Result.OK, 0, moment))
 
     def _faults(self) -> BoardFault:
         mirror, light = self._mirror.faults, self._light.faults
@@ -195,19 +206,19 @@ class EmulatedBoard:
                 self._light.clear(faults, now)
         return Result.OK
 
-    def _status(self, result: Result, request: int) -> BoardStatus:
-        now = self._advance()
+    def _status(self, result: Result, request: int, moment: float) -> bytes:
         session = int(BoardFlag.SESSION) if self._session else 0
-        return BoardStatus(
+        status = BoardStatus(
             result=result,
             request=request,
             sequence=self._sequence,
-            flags=BoardFlag(session | self._light.flags() | self._mirror.flags(now)),
+            flags=BoardFlag(session | self._light.flags() | self._mirror.flags(moment)),
             faults=self._faults(),
-            step=self._mirror.step(now),
+            step=self._mirror.step(moment),
             motion=self._mirror.motions & 0xFFFF,
             temperature=self._light.temperature(),
             home_error=self._mirror.home_error,
-            laser_time=self._light.time_on(now),
-            device_time=now - self._power_up,
+            laser_time=self._light.time_on(moment),
+            device_time=moment - self._power_up,
         )
+        return status.pack()

@@ -53,7 +53,6 @@ class LocalBus:
         self._board = board
         self._claimed = False
         self._claim_lock = threading.Lock()
-        self._reported = board.report_subject()
         self._noise = random.Random(1)
 
     def present(self) -> bool:
@@ -105,11 +104,9 @@ class LocalBus:
         deadline = time.monotonic() + timeout
         while True:
             self._check_plugged()
-            subject = self._board.report_subject()
-            if subject != self._reported:
-                self._reported = subject
-                answer = self._board.report()
-                return self._strike_after(plan.strike("report", _AFTER), answer, timeout)[:length]
+            report = self._board.next_report()
+            if report is not None:
+                return self._strike_after(plan.strike("report", _AFTER), report, timeout)[:length]
             now = time.monotonic()
             if now >= deadline:
                 raise BusError(errno.ETIMEDOUT, "Operation timed out")

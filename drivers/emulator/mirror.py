@@ -31,6 +31,14 @@ class MirrorUnit:
         self.home_error = 0
         self._homed = self._homing = False
         self._target: int | None = None
+        self._under_way = False
+
+    def ended(self, now: float) -> float | None:
+        """Return when the motion last begun had ended and settled [s], once; None at all other times."""
+        if not self._under_way or self.moving(now):
+            return None
+        self._under_way = False
+        return self._motor.still_at
 
     def advance(self, now: float) -> None:
         """Let a homing that is over take effect."""
@@ -113,3 +121,4 @@ class MirrorUnit:
     def _begin(self, target: int) -> None:
         self.motions += 1
         self._target = target
+        self._under_way = True

@@ -1,0 +1,270 @@
+"""A sweep takes the next frame while the mirror turns: only one exposed with mirror still and laser on is used."""
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from drivers import (
+    AcquireOptions,
+    BoardConfig,
+    CameraSettings,
+    Frame,
+    LaserBoard,
+    OffFrames,
+    ReplayCamera,
+    StripeCapture,
+    StripeVerdict,
+    acquire,
+)
+from drivers.emulator import (
+    CameraFault,
+    EmulatedBoard,
+    EmulatedCamera,
+    EmulatorConfig,
+    ExposureView,
+    Fault,
+    FaultKind,
+    emulated_backend,
+)
+from drivers.errors import LaserRefused, MirrorTimeout
+from drivers.protocol import BoardFault, Request
+from tests.drivers.conftest import Scene, patient_config
+
+PATTERN = [(index, -0.1 + 0.012 * index) for index in range(24)]
+
+
+class Watched:
+    """A scene that remembers what each picture was taken of."""
+
+    def __init__(self) -> None:
+        self._scene = Scene()
+        self._taken: list[tuple[np.ndarray, ExposureView]] = []
+
+    def __call__(self, view: ExposureView, settings: CameraSettings) -> np.ndarray:
+        image = self._scene(view, CameraSettings(exposure=0.002))
+        self._taken.append((image, view))
+        return image
+
+    def of(self, stripe: StripeCapture) -> ExposureView:
+        assert stripe.on is not None
+        return next(view for image, view in self._taken if stripe.on.base is image)
+
+    def assert_still_and_lit(self, stripes: list[StripeCapture]) -> None:
+        """Every picture is of a mirror that stood where the stripe belongs, under a laser that was on throughout."""
+        for stripe in stripes:
+            view = self.of(stripe)
+            assert view.mirror_travel == 0.0, stripe.index
+            assert view.mirror_angle == pytest.approx(stripe.mirror_angle_reached, abs=1e-9), stripe.index
+            assert view.laser_fraction == pytest.approx(1.0), stripe.index
+
+
+@dataclasses.dataclass
+class Rig:
+    """Devices whose every exposure is remembered."""
+
+    emulated: EmulatedBoard
+    board: LaserBoard
+    camera: EmulatedCamera
+    scene: Watched
+
+    def scan(self, options: AcquireOptions | None = None) -> list[StripeCapture]:
+        options = options or AcquireOptions(frame_timeout=20.0, queue_size=80)
+        with acquire(self.board, self.camera, PATTERN, options) as stripes:
+            taken = list(stripes)
+        self.report = stripes.report
+        return taken
+
+
+@contextmanager
+def rig_of(config: EmulatorConfig, fps: float, exposure: float, latency: float) -> Iterator[Rig]:
+    emulated, scene = EmulatedBoard(config), Watched()
+    camera = EmulatedCamera(emulated, scene, fps=fps, exposure=exposure, latency=latency)
+    with LaserBoard(BoardConfig(timeout=0.05), backend=emulated_backend(emulated)) as board, camera:
+        yield Rig(emulated, board, camera, scene)
+    assert not emulated.view().laser_on
+
+
+@pytest.fixture
+def rig() -> Iterator[Rig]:
+    with rig_of(patient_config(), 200.0, 0.002, 0.001) as made:
+        yield made
+
+
+@pytest.mark.parametrize("settle", [0.0, 0.003, 0.012, 0.03])
+@pytest.mark.parametrize(
+    ("fps", "exposure", "latency"), [(60.0, 0.008, 0.005), (60.0, 0.016, 0.0005), (200.0, 0.002, 0.004)]
+)
+def test_no_frame_is_used_that_saw_the_mirror_move(settle: float, fps: float, exposure: float, latency: float) -> None:
+    """Whether the motion ends long before an exposure, during it, or after several; forwards and, farther, back."""
+    with rig_of(patient_config(settle=settle), fps, exposure, latency) as rig:
+        taken = rig.scan()
+        rig.scene.assert_still_and_lit(taken)
+        assert len(taken) == len(PATTERN) and rig.report.in_step and not rig.report.problems
+
+
+def test_one_frame_a_stripe_is_enough_where_the_mirror_is_quick() -> None:
+    """The bound on the end of the motion is so near to it that no frame is wasted."""
+    with rig_of(EmulatorConfig(), 30.0, 0.008, 0.008) as rig:
+        rig.scan()
+        assert rig.report.frames_skipped <= 4, "one while homing ends, the rest where the machine was late"
+        assert rig.report.duration < 1.5 * (len(PATTERN) + 1) / 30.0
+
+
+def test_host_that_sleeps_uses_no_wrong_frame(rig: Rig) -> None:
+    """However long it takes between command and frame, before and after."""
+    real, rng = rig.camera.grab, np.random.default_rng(1)
+
+    def grab(timeout: float) -> Frame:
+        time.sleep(rng.choice([0.0, 0.004, 0.02]))
+        frame = real(timeout)
+        time.sleep(rng.choice([0.0, 0.004, 0.02]))
+        return frame
+
+    rig.camera.grab = grab  # type: ignore[method-assign]
+    taken = rig.scan()
+    rig.scene.assert_still_and_lit(taken)
+    assert len(taken) == len(PATTERN) and rig.report.in_step
+
+
+@pytest.mark.parametrize("kind", ["drop", "repeat"])
+def test_frames_dropped_and_repeated_put_nothing_out_of_step(rig: Rig, kind: str) -> None:
+    """The end of each motion is asked for with the frame that comes instead."""
+    rig.camera.faults += [CameraFault(kind, number) for number in range(0, 4000, 3)]
+    taken = rig.scan()
+    rig.scene.assert_still_and_lit(taken)
+    assert len(taken) == len(PATTERN)
+
+
+@pytest.mark.parametrize(
+    "kind", [FaultKind.GARBAGE, FaultKind.SHORT_READ, FaultKind.STALL, FaultKind.TIMEOUT, FaultKind.TIMEOUT_AFTER]
+)
+def test_reports_that_are_lost_put_nothing_out_of_step(rig: Rig, kind: FaultKind) -> None:
+    """The status is asked for, which says only that the mirror is still now: the next frame is used."""
+    rig.board.ensure_ready()
+    rig.emulated.inject(Fault(kind, "report", skip=3, count=4))
+    taken = rig.scan()
+    rig.scene.assert_still_and_lit(taken)
+    assert len(taken) == len(PATTERN) and rig.report.in_step and not rig.report.problems
+
+
+@pytest.mark.parametrize("kind", [FaultKind.TIMEOUT_AFTER, FaultKind.GARBAGE])
+def test_motion_whose_answer_was_lost_counts_from_the_answer_that_came(rig: Rig, kind: FaultKind) -> None:
+    """GO_TO is carried out, then repeated."""
+    rig.board.ensure_ready()
+    rig.emulated.inject(Fault(kind, Request.GO_TO, skip=5, count=2))
+    taken = rig.scan()
+    rig.scene.assert_still_and_lit(taken)
+    assert len(taken) == len(PATTERN) and rig.report.in_step
+
+
+def test_mirror_that_jams_in_mid_scan_ends_it(rig: Rig, eventually: Callable[..., None]) -> None:
+    """Frames go on to come, but none is used for a stripe whose mirror never came to rest."""
+    rig.board.config = BoardConfig(timeout=0.05, motion_timeout=0.3)
+    taken = []
+    with acquire(rig.board, rig.camera, PATTERN, AcquireOptions(queue_size=80, frame_timeout=0.1)) as stripes:
+        with pytest.raises(MirrorTimeout, match="did not come to rest"):
+            for stripe in stripes:
+                if stripe.index == 5:
+                    rig.emulated.inject(Fault(FaultKind.JAMMED))
+                taken.append(stripe)
+    rig.scene.assert_still_and_lit(taken)
+    assert 6 <= len(taken) < len(PATTERN)
+
+
+def out(rig: Rig) -> None:
+    rig.emulated._light._cut(BoardFault.WATCHDOG, rig.emulated.clock())
+
+
+def hot(rig: Rig) -> None:
+    rig.emulated.inject(Fault(FaultKind.HOT, amount=65))
+
+
+def while_the_mirror_turns(rig: Rig, stripe: int, what: Callable[[Rig], None]) -> None:
+    """Let something happen after the GO_TO of a stripe, before its motion ends."""
+    real, count = rig.board.go_to_angle, []
+
+    def go_to_angle(angle: float, *, wait: bool = True) -> float:
+        reached = real(angle, wait=wait)
+        count.append(angle)
+        if len(count) == stripe + 1:
+            what(rig)
+        return reached
+
+    rig.board.go_to_angle = go_to_angle  # type: ignore[method-assign]
+
+
+def test_laser_that_the_board_puts_out_in_mid_scan_is_lit_again() -> None:
+    """The report of the motion tells: the frame that was taken meanwhile is not used, and the scan's report says so."""
+    with rig_of(patient_config(settle=0.01), 200.0, 0.002, 0.001) as rig:
+        while_the_mirror_turns(rig, 7, out)
+        taken = rig.scan()
+        rig.scene.assert_still_and_lit(taken)
+        assert all(stripe.verdict is StripeVerdict.OK for stripe in taken) and len(taken) == len(PATTERN)
+        assert rig.report.problems == ("the board put the laser out 1 times during the scan",)
+
+
+def test_laser_that_the_board_will_not_light_again_ends_the_scan() -> None:
+    """A board that is too hot says so in words."""
+    with rig_of(patient_config(settle=0.01), 200.0, 0.002, 0.001) as rig:
+        while_the_mirror_turns(rig, 7, hot)
+        with pytest.raises(LaserRefused, match="too hot"):
+            rig.scan()
+        rig.emulated.mend()
+        rig.board.ensure_ready()
+
+
+def test_laser_rests_before_its_limit() -> None:
+    """Half of the board's limit at most in one go: it never has to put the laser out itself."""
+    config = patient_config()
+    config = dataclasses.replace(
+        config, identity=dataclasses.replace(config.identity, laser_limit=0.2, laser_rest=0.02)
+    )
+    with rig_of(config, 50.0, 0.002, 0.001) as rig:
+        taken = rig.scan()
+        rig.scene.assert_still_and_lit(taken)
+        assert rig.report.in_step and not rig.report.problems
+        assert BoardFault.LASER_TIME not in rig.board.status().faults
+        events = rig.emulated.switchings()
+    assert sum(event.on for event in events) >= 3
+
+
+class Obedient(ReplayCamera):
+    """Frames that must not be asked for while the mirror moves: each grab takes the next one."""
+
+    def watch(self, emulated: EmulatedBoard, moving: list[bool]) -> None:
+        self._emulated, self._moving = emulated, moving
+
+    def grab(self, timeout: float) -> Frame:
+        self._moving.append(self._emulated.view().moving)
+        return super().grab(timeout)
+
+
+def test_recorded_frame_is_not_asked_for_before_the_mirror_is_still(rig: Rig) -> None:
+    """It would be lost if it had to be skipped."""
+    frames = [np.full((40, 60, 3), 10 + number, dtype=np.uint8) for number in range(len(PATTERN))]
+    moving: list[bool] = []
+    with Obedient(frames) as tape:
+        tape.watch(rig.emulated, moving)
+        with acquire(rig.board, tape, PATTERN, AcquireOptions(off=OffFrames.NONE)) as stripes:
+            for place, stripe in enumerate(stripes):
+                np.testing.assert_array_equal(stripe.on, frames[place])
+    assert moving == [False] * len(PATTERN)
+
+
+def test_camera_of_unknown_lag_is_not_asked_before_the_mirror_is_still(rig: Rig) -> None:
+    """Its frames say nothing of when they were exposed: those that follow the end of the motion are thrown away."""
+    rig.camera.lag = None
+    real, moving = rig.camera.grab, []
+
+    def grab(timeout: float) -> Frame:
+        moving.append(rig.emulated.view().moving and rig.emulated.view().laser_on)
+        return real(timeout)
+
+    rig.camera.grab = grab  # type: ignore[method-assign]
+    taken = rig.scan()
+    rig.scene.assert_still_and_lit(taken)
+    assert len(taken) == len(PATTERN) and not any(moving)
