@@ -6,6 +6,7 @@ than `join_height`). Another stripe can only support a return, never create one:
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -116,12 +117,11 @@ def _line_samples(
     first: Float, step: Float, variances: tuple[Float, Float], ends: tuple[Mask, Mask], n: int
 ) -> tuple[Float, Float]:
     """Samples (3, n * c) of c lines (3, c) cut short at their open ends, all first ones before all second ones."""
-    # The places of the samples never depend on other stripes: what is cut is left out, what is left does not move.
-    share = ((np.arange(n) + 0.5) / n)[:, None]
+    share, of_first, of_last = _shares(n)
     samples = share * step[:, None]
     samples += first[:, None]
-    variance = (1 - share) ** 2 * variances[0]
-    variance += share**2 * variances[1]
+    variance = of_first * variances[0]
+    variance += of_last * variances[1]
     opens, closes = ends
     at_ends = np.flatnonzero(opens | closes)
     cut = np.minimum(OPEN_END_M / np.maximum(np.hypot(*step[:2].take(at_ends, axis=1)), 1e-9), 0.5)
@@ -131,6 +131,16 @@ def _line_samples(
         heights = samples[2]
         heights[:, at_ends] = np.where((share >= start) & (share <= end), heights[:, at_ends], np.nan)
     return samples.reshape(3, -1), variance.reshape(-1)
+
+
+@functools.cache
+def _shares(n: int) -> tuple[Float, Float, Float]:
+    """Where on its line each of n samples lies (n, 1), and what it has of the variances of the line's two ends.
+
+    The places never depend on other stripes: what is cut is left out, what is left does not move.
+    """
+    share = ((np.arange(n) + 0.5) / n)[:, None]
+    return share, (1 - share) ** 2, share**2
 
 
 def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> Float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import TypeVar
 
 import numpy as np
@@ -38,7 +38,7 @@ class SurfaceRaster:
         self._stripes: dict[int, StripePoints] = {}
         self._links = Links(self._stripes, pattern, join_height)
         self._final: dict[Key, CellSamples] = {}
-        self._marks: Flags = np.zeros(geometry.shape, dtype=np.uint16)
+        self._out_of_range = np.zeros(geometry.shape, dtype=bool)
         self._too_high = np.zeros(geometry.shape, dtype=bool)
 
     @property
@@ -50,7 +50,7 @@ class SurfaceRaster:
         """Take stripes by index, one or several: faster, with the same result."""
         for group in _groups(list(stripes), TOGETHER):
             self._stripes.update((index, stripes[index]) for index in group)
-            self._mark(group)
+            self._mark_out_of_range(group)
             touched = {key for index in group for key in self._touched(index)}
             self._final.update(self._parts(sorted(key for key in touched if self._is_settled(key))))
 
@@ -68,7 +68,13 @@ class SurfaceRaster:
 
     def marks(self) -> Flags:
         """Flags of returns that were seen in a cell and may not be used."""
-        return self._marks.copy()
+        marks = np.where(self._out_of_range, np.uint16(Hazard.OUT_OF_RANGE), np.uint16(0))
+        # Few of each stripe: those of all stripes in one go.
+        doubtful = [stripe.doubtful.points for stripe in self._stripes.values() if stripe.doubtful.columns.size]
+        if doubtful:
+            cell, _ = cells_of(np.concatenate(doubtful), self._geometry)
+            marks.ravel()[cell] |= np.uint16(Hazard.AMBIGUOUS)
+        return marks
 
     def _touched(self, index: int) -> list[Key]:
         """Stripes and pairs whose surface depends on a stripe."""
@@ -96,35 +102,20 @@ class SurfaceRaster:
             parts.update(zip(group, rasterise_parts(samples, len(group), self._geometry), strict=True))
         return parts
 
-    def _mark(self, group: list[int]) -> None:
-        """Flag the cells of returns that may not be used."""
-        self._flag([self._stripes[index].doubtful.points for index in group], Hazard.AMBIGUOUS)
-        beyond = [index for index in group if len(self._stripes[index].out_of_range.columns)]
+    def _mark_out_of_range(self, group: list[int]) -> None:
+        """Mark the cells of returns from beyond the height gates, and those between two such returns."""
+        beyond = [index for index in group if self._stripes[index].out_of_range.columns.size]
         if not beyond:
             return
-        spacing = self._pattern.step
-        firsts = {
-            first for index in beyond for first in (index - spacing, index) if self._is_there((first, first + spacing))
-        }
+        spacing, cell = self._pattern.step, self._geometry.resolution
+        firsts = {first for index in beyond for first in (index - spacing, index)}
         # Between two stripes that both saw something too low or too high the ground is no better.
-        between = [
-            line_samples(
-                (self._stripes[first].out_of_range, self._stripes[first + spacing].out_of_range),
-                self._geometry.resolution,
-            )
-            for first in firsts
-        ]
-        self._flag([*(self._stripes[index].out_of_range.points for index in beyond), *between], Hazard.OUT_OF_RANGE)
-
-    def _flag(self, sets: Sequence[npt.NDArray[np.float64]], flag: Hazard) -> None:
-        sets = [points for points in sets if len(points)]
-        if not sets:
-            return
-        points = np.concatenate(sets)
-        cell, inside = cells_of(points, self._geometry)
-        self._marks.ravel()[cell] |= np.uint16(flag)
-        if flag is Hazard.OUT_OF_RANGE:
-            self._too_high.ravel()[cell[points[inside, 2] > 0]] = True
+        ends = [(first, first + spacing) for first in firsts if self._is_there((first, first + spacing))]
+        lines = [line_samples((self._stripes[i].out_of_range, self._stripes[j].out_of_range), cell) for i, j in ends]
+        points = np.concatenate([*(self._stripes[index].out_of_range.points for index in beyond), *lines])
+        cells, inside = cells_of(points, self._geometry)
+        self._out_of_range.ravel()[cells] = True
+        self._too_high.ravel()[cells[points[inside, 2] > 0]] = True
 
 
 def _groups(items: list[Item], size: int) -> Iterator[list[Item]]:

@@ -27,7 +27,7 @@ class CellSamples:
     """Samples of one stripe or one pair, summed per cell; arrays of equal length, each cell once.
 
     Attributes:
-        cell: int32 flat cell index iy * nx + ix.
+        cell: int32 ix * (ny + 2) + iy, column and row counted from 1: what lies beyond the grid is in those around it.
         total, count: sum and number of the heights in the top layer of the cell, float64 and float32.
         variance_total: float32 sum of their variances.
         low, high: float32 lowest and highest height of any sample.
@@ -99,9 +99,7 @@ def rasterise_parts(samples: PartSamples, count: int, geometry: GridGeometry) ->
         np.maximum.at(high, place, height)
         np.minimum.at(low, place, height)
     used = np.flatnonzero(high >= low)
-    x, y = np.divmod(used - shift_of_part.take(ends.searchsorted(used, side="right")), ny + 2)
-    is_cell = (x > 0) & (x <= nx) & (y > 0) & (y <= ny)
-    used, cell = used[is_cell], (nx * (y - 1) + x - 1)[is_cell].astype(np.int32)
+    cell = (used - shift_of_part.take(ends.searchsorted(used, side="right"))).astype(np.int32)
     lows, highs = low.take(used), high.take(used)
     if not (lows > highs - TOP_LAYER_M).all():
         is_top = np.flatnonzero(height > high.take(place) - TOP_LAYER_M)
@@ -186,7 +184,8 @@ def merge(parts: Iterable[CellSamples], geometry: GridGeometry) -> Raster:
     )
     # As numpy counts places: with any other type `at` is many times slower.
     cell = np.concatenate([part.cell for part in parts], dtype=np.intp)
-    size = geometry.size
+    columns, rows = geometry.shape[1] + 2, geometry.shape[0] + 2
+    size = columns * rows
     highest = np.full(size, -np.inf, dtype=np.float32)
     lowest = np.full(size, np.inf, dtype=np.float32)
     np.maximum.at(highest, cell, high)
@@ -198,12 +197,16 @@ def merge(parts: Iterable[CellSamples], geometry: GridGeometry) -> Raster:
     mean = _sum(cell, total * is_top, size) / safe
     mean_variance = _sum(cell, variance_total * is_top, size) / safe
     nan = np.where(known, 0.0, np.nan)
+
+    def of_grid(layer: Float) -> Float:
+        return np.ascontiguousarray(layer.reshape(columns, rows)[1:-1, 1:-1].T, dtype=np.float64)
+
     return Raster(
-        elevation=(mean + nan).reshape(shape),
-        variance=(mean_variance + nan).reshape(shape),
-        low=np.asarray(nan + lowest, np.float64).reshape(shape),
-        high=np.asarray(nan + highest, np.float64).reshape(shape),
-        count=counts.reshape(shape),
+        elevation=of_grid(mean + nan),
+        variance=of_grid(mean_variance + nan),
+        low=of_grid(nan + lowest),
+        high=of_grid(nan + highest),
+        count=of_grid(counts),
     )
 
 
