@@ -23,6 +23,7 @@ import numpy as np
 import guara_perception as gp
 from benchmarks.processor_parts import REST, parts_of_the_node
 from benchmarks.truth import truth_calibration
+from benchmarks.yardstick import Yardstick, beside
 from drivers import LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
 from guara_perception.app.node.node import PerceptionNode
@@ -108,8 +109,14 @@ def main() -> None:
     arguments = parser.parse_args()
     folder = arguments.data / "scans" / "paper"
     with running(arguments.data, folder, 30.0) as bench:
-        bench.pause(0)
-        rows = np.array([bench.pause(step) for step in range(1, arguments.scans + 1)])
+        yardstick = Yardstick(folder)
+        # Once each for what is made at first use.
+        bench.pause(0), yardstick.seconds()
+        pauses, references = [], [yardstick.seconds()]
+        for step in range(1, arguments.scans + 1):
+            pauses.append(bench.pause(step))
+            references.append(yardstick.seconds())
+        rows = np.array(pauses)
         frames = len(bench.scan.stripes) + 1
         needed = frames / bench.fps
         print(f"{frames - 1} stripes and one off frame at {bench.fps:.0f} frames per second; {len(rows)} scans")
@@ -121,6 +128,7 @@ def main() -> None:
             f"processor time per scan          median {1e3 * np.median(rows[:, 2]):5.0f} ms "
             "(driver, emulated devices, grid, map, messages)"
         )
+        print(*beside(rows[:, 2].tolist(), references, yardstick.stripes), sep="\n")
         print_parts(bench, arguments.scans + 1, arguments.scans)
     if arguments.memory_scans:
         with running(arguments.data, folder, 240.0) as bench:

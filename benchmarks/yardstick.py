@@ -1,0 +1,68 @@
+"""The plain extraction of the same stripes: tells how fast the machine is just now."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.contenders import reference
+from benchmarks.scenes import recorded
+
+Float = npt.NDArray[np.float64]
+
+# Per stripe where the limits were set: the middle of 0.57 ... 0.65 ms that were measured there.
+REFERENCE_STRIPE_S = 0.6e-3
+
+
+class Yardstick:
+    """The reference extraction over the bands of one recorded scan."""
+
+    def __init__(self, scan: Path) -> None:
+        """Read the scan.
+
+        Args:
+            scan: DATA/scans/NAME, as of `benchmarks.scenes.recorded`.
+        """
+        self._bands = recorded(scan).bands()
+
+    @property
+    def stripes(self) -> int:
+        """Number of its bands."""
+        return len(self._bands)
+
+    def seconds(self) -> float:
+        """Processor time of this process for all bands, once."""
+        gc.collect()
+        start = time.process_time()
+        for on, off, _ in self._bands:
+            reference(on, off)
+        return time.process_time() - start
+
+
+def beside(scans: Sequence[float], references: Sequence[float], stripes: int) -> list[str]:
+    """Lines that tell what scans cost beside the reference, and what that is where the limits were set.
+
+    Args:
+        scans: (n,) processor time of each scan [s].
+        references: (n + 1,) of the reference before the first, between each two and after the last [s].
+        stripes: that the reference extracts.
+    """
+    taken, before_and_after = np.array(scans), np.array(references)
+    ratio = taken / (0.5 * (before_and_after[:-1] + before_and_after[1:]))
+    middle = float(np.median(ratio))
+    return [
+        f"the same, min / median / max     {_spread(1e3 * taken, '.0f')} ms",
+        f"{f'reference, {stripes} stripes':32} {_spread(1e3 * before_and_after, '.1f')} ms, before, between and after",
+        f"scan / reference                 {_spread(ratio, '.2f')}",
+        f"at the speed at which the reference takes {1e3 * REFERENCE_STRIPE_S:.2f} ms a stripe: "
+        f"{1e3 * REFERENCE_STRIPE_S * stripes * middle:.0f} ms per scan",
+    ]
+
+
+def _spread(values: Float, form: str) -> str:
+    return " / ".join(f"{value:{form}}" for value in (values.min(), np.median(values), values.max()))
