@@ -13,8 +13,8 @@ from guara_perception.methods import METHODS
 from guara_perception.readonly import is_frozen
 from guara_perception.stripes.background import SweepBackground
 from guara_perception.stripes.band import Band
+from guara_perception.stripes.channels import OffRows, SharedFrame
 from guara_perception.stripes.extract import unusable_frame
-from guara_perception.stripes.picture import Picture
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 
 Frame = npt.NDArray[Any]
@@ -35,7 +35,7 @@ class StripeFinder:
         self._size = size
         self._background = SweepBackground(step)
         self._last_off: weakref.ref[Frame] | None = None
-        self._shared: Picture | None = None
+        self._shared: SharedFrame | None = None
 
     def find_all(self, frames: Sequence[tuple[int, tuple[int, int], Frame, Frame | None]]) -> list[StripeProfile]:
         """The stripes of some frame pairs.
@@ -65,11 +65,11 @@ class StripeFinder:
         if reason:
             return reason
         if off is not None:
-            return Band(Picture(on[first:end]), self._off_rows(off, first, end), first)
+            return Band(on[first:end], self._off_rows(off, first, end), first)
         background = self._background.add(index, on, rows)
         return background.reason or Band.of(background.on, background.off, first)
 
-    def _off_rows(self, off: Frame, first: int, end: int) -> Picture:
+    def _off_rows(self, off: Frame, first: int, end: int) -> OffRows:
         """Some rows of a laser-off frame; of one that serves several stripes the channels are cut out once for all.
 
         Only of a frame that nobody can write into: a buffer that is used again holds another picture each time.
@@ -78,6 +78,6 @@ class StripeFinder:
             seen_before = self._last_off is not None and self._last_off() is off
             self._last_off = weakref.ref(off)
             if not (seen_before and is_frozen(off)):
-                return Picture(off[first:end])
-            self._shared = Picture(off)
-        return self._shared.rows(first, end)
+                return OffRows(off[first:end])
+            self._shared = SharedFrame(off)
+        return OffRows(off[first:end], self._shared, first)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.stripes.channels import channel_of
 from guara_perception.stripes.judge import judge
-from guara_perception.stripes.picture import channel_of
 
 Plane = npt.NDArray[Any]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from guara_perception.stripes.picture import Frame, Picture
+from guara_perception.stripes.channels import Frame, OffRows
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,11 +17,11 @@ class Band:
         first_row: row of the first line in the full picture.
     """
 
-    on: Picture
-    off: Picture | None
+    on: Frame
+    off: OffRows | None
     first_row: int = 0
 
     @classmethod
     def of(cls, on: Frame, off: Frame | None, first_row: int = 0) -> Band:
         """The band of two arrays."""
-        return cls(Picture(on), None if off is None else Picture(off), first_row)
+        return cls(on, None if off is None else OffRows(off), first_row)

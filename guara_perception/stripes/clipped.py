@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.stripes.judge import is_clipped
-from guara_perception.stripes.picture import Picture
+from guara_perception.stripes.windows import rows_from
 
 Index = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
@@ -17,11 +19,13 @@ REACH_SIGMAS = 3.0
 MAX_CLIPPED_SIGMAS = 5.0
 
 
-def clipped_columns(on: Picture, top: Index, sigma: float, channel: int, *, is_fused: bool) -> tuple[Mask, Mask]:
+def clipped_columns(
+    on: npt.NDArray[Any], top: Index, sigma: float, channel: int, *, is_fused: bool
+) -> tuple[Mask, Mask]:
     """Columns whose core is clipped in one channel, and those whose core is lost.
 
     Args:
-        on: laser on.
+        on: (rows, columns[, channels]) laser on.
         top: (columns,) rows of the stripe.
         sigma: width of the stripe [px].
         channel: that the laser lights most.
@@ -30,10 +34,10 @@ def clipped_columns(on: Picture, top: Index, sigma: float, channel: int, *, is_f
     reach = int(REACH_SIGMAS * sigma)
     first, count = top - reach, 2 * reach + 1
     columns = np.arange(top.size)
-    clipped = is_clipped(on.windows(first, count, columns, channel)).sum(axis=0)
+    clipped = is_clipped(rows_from(on, first, count, columns, channel)).sum(axis=0)
     is_lost = clipped > MAX_CLIPPED_SIGMAS * sigma
     if is_fused and is_lost.any():
         wide = np.flatnonzero(is_lost)
-        every = [is_clipped(on.windows(first[wide], count, wide, i)) for i in range(on.channels)]
+        every = [is_clipped(rows_from(on, first[wide], count, wide, i)) for i in range(on.shape[2])]
         is_lost[wide] = np.logical_and.reduce(every).sum(axis=0) > MAX_CLIPPED_SIGMAS * sigma
     return clipped > 0, is_lost

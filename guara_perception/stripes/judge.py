@@ -47,24 +47,28 @@ def judge(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> Judgement:
         off: the same with the laser off, or None.
     """
     step = max(on.shape[1] // JUDGED_COLUMNS, 1)
-    judged = np.s_[::JUDGED_ROWS, ::step]
-    channels = 1 if on.ndim == 2 else on.shape[2]
-    seen = on[judged].astype(np.float32).reshape(len(on[judged]), -1, channels)
-    light = seen - (np.median(seen, axis=0) if off is None else off[judged].reshape(seen.shape))
+    seen = _judged(on, step)
+    light = seen - (np.median(seen, axis=0) if off is None else _judged(off, step))
     # Mean absolute value instead of a robust spread: the stripe is a small part of a column and raises it alike.
-    noise = np.abs(light).mean(axis=0)
+    noise = np.add.reduce(np.abs(light)) / np.float32(len(light))
     height = light.max(axis=0)
-    channel = int(np.argmax((height - NOISE_DEVIATIONS * noise).mean(axis=0)))
+    channel = int(np.add.reduce(height - NOISE_DEVIATIONS * noise).argmax())
     change = middle(light[:, :, channel])
     tops = seen[:, :, channel].max(axis=0)[height[:, channel] > PEAK_DEVIATIONS * noise[:, channel]]
     clipped = np.count_nonzero(tops >= clipped_from(on.dtype))
-    return Judgement(channel, _is_swapped(light, noise), change, clipped > FUSE_FROM_CLIPPED * max(tops.size, 1))
+    is_swapped = _is_swapped(-light.min(axis=0), height, noise)
+    return Judgement(channel, is_swapped, change, clipped > FUSE_FROM_CLIPPED * max(tops.size, 1))
 
 
-def _is_swapped(light: Float32, noise: Float32) -> bool:
-    """Whether the deepest dips are deeper than twice the highest peaks, and dips in most columns."""
-    depth = -light.min(axis=0)
-    if depth.max() <= 2 * light.max():
+def _judged(frame: npt.NDArray[Any], step: int) -> Float32:
+    """Judged pixels (rows, columns, channels)."""
+    some = frame[::JUDGED_ROWS, ::step]
+    return some.astype(np.float32).reshape(*some.shape[:2], -1)
+
+
+def _is_swapped(depth: Float32, height: Float32, noise: Float32) -> bool:
+    """Whether the deepest dips exceed twice the highest peaks, and most columns (columns, channels) have one."""
+    if depth.max() <= 2 * height.max():
         return False
     channel = int(np.argmax(depth.mean(axis=0)))
     return bool(np.median(depth[:, channel] - PEAK_DEVIATIONS * noise[:, channel]) > 0)

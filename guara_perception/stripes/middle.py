@@ -17,6 +17,12 @@ def middle(values: npt.NDArray[Any]) -> float:
     return float(np.partition(values, half, axis=None)[half])
 
 
+def middles(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Upper median of each row (n,) of values (n, m) without NaN."""
+    half = rows.shape[1] // 2
+    return np.asarray(np.partition(rows, half, axis=1)[:, half])
+
+
 def spread(values: npt.NDArray[Any]) -> float:
     """Robust standard deviation: median absolute deviation from the middle, scaled."""
     return SIGMA_PER_DEVIATION * middle(np.abs(values - values.dtype.type(middle(values))))

@@ -43,8 +43,8 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
     Returns:
         One position per column in full-picture rows.
     """
-    rows, columns = band.on.frame.shape[:2]
-    grey = red_enhanced_grey(band.on.frame)
+    rows, columns = band.on.shape[:2]
+    grey = red_enhanced_grey(band.on)
     background = opening(grey) if band.off is None else red_enhanced_grey(band.off.frame)
     change = middle(grey[::8, ::24].astype(np.int16) - background[::8, ::24])
     if abs(change) > MAX_AMBIENT_CHANGE * 255:

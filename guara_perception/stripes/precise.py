@@ -17,6 +17,12 @@ from guara_perception.stripes.smooth_line import smooth_line
 
 Float32 = npt.NDArray[np.float32]
 
+OK, SATURATED, DROPOUT = (
+    np.uint8(status) for status in (StripeStatus.OK, StripeStatus.SATURATED, StripeStatus.DROPOUT)
+)
+NAN = np.float32(np.nan)
+# A peak on the first or last rows of the band may be the flank of a stripe outside.
+EDGE_ROWS = 2
 # Speckle moves the centre of a stripe by this share of its sigma, whatever the light.
 SPECKLE_OF_SIGMA = 0.06
 # A surface that is brighter on one side of the stripe pulls its centre over: share of the first-order shift.
@@ -41,31 +47,29 @@ def extract_precise(bands: Sequence[Band]) -> list[StripeProfile]:
             of_width.setdefault(stripe.top.size, []).append(stripe)
     found = {width: iter(_located(stripes)) for width, stripes in of_width.items()}
     return [
-        bad_frame(band.on.frame.shape[1], stripe) if isinstance(stripe, str) else next(found[stripe.top.size])
+        bad_frame(band.on.shape[1], stripe) if isinstance(stripe, str) else next(found[stripe.top.size])
         for band, stripe in zip(bands, sought, strict=True)
     ]
 
 
 def _located(stripes: Sequence[SoughtStripe]) -> list[StripeProfile]:
     """Profiles of stripes with as many columns each; arrays in here are (stripes, columns)."""
-    top = _stacked([stripe.top for stripe in stripes])
-    height = _stacked([stripe.height for stripe in stripes])
-    is_peak = _stacked([stripe.is_peak for stripe in stripes])
-    sigma, noise, rows, first_row = np.array(
-        [(s.sigma, s.noise, s.rows, s.first_row) for s in stripes], dtype=np.float32
-    ).T[:, :, None]
-    from_top, slope = centres(_stacked([stripe.responses for stripe in stripes], axis=1))
-    row = np.where(is_peak, top + from_top, np.float32(np.nan)).astype(np.float32)
+    top, height, is_peak = (_stacked(stripes, name) for name in ("top", "height", "is_peak"))
+    sigma, noise, first_row = _numbers(stripes, "sigma"), _numbers(stripes, "noise"), _numbers(stripes, "first_row")
+    from_top, slope = centres(_stacked(stripes, "responses"))
+    row = np.where(is_peak, top.astype(np.float32) + from_top, NAN)
     is_found = np.isfinite(row)
-    status = _status(stripes, is_peak, is_found, (top < 2) | (top > rows - 3))
-    usable = (status == StripeStatus.OK) | (status == StripeStatus.SATURATED)
+    status = np.where(is_found, np.where(_stacked(stripes, "is_clipped"), SATURATED, OK), DROPOUT)
+    status[is_peak & (~is_found | _stacked(stripes, "is_unsure"))] = StripeStatus.AMBIGUOUS
+    end = np.array([[stripe.rows] for stripe in stripes])
+    status[is_peak & ((top < EDGE_ROWS) | (top >= end - EDGE_ROWS))] = StripeStatus.OUT_OF_BAND
+    usable = (status == OK) | (status == SATURATED)
     row, shrink = smooth_line(row, height)
     row += first_row
     variance = (noise * shrink / slope) ** 2 + (SPECKLE_OF_SIGMA * sigma) ** 2 * shrink + _albedo_shift(stripes) ** 2
     is_doubtful = is_found & ~usable
-    has_doubtful = is_doubtful.any(axis=1)
-    nan = np.float32(np.nan)
-    position, deviation = np.where(usable, row, nan), np.where(usable, np.sqrt(variance), nan)
+    has_doubtful = is_doubtful.any(axis=1).tolist()
+    position, deviation = np.where(usable, row, NAN), np.where(usable, np.sqrt(variance), NAN)
     peak = height / np.float32(SCALE)
     for array in (position, deviation, status, peak):
         # Nobody else has these: they need not be copied to be frozen.
@@ -76,26 +80,10 @@ def _located(stripes: Sequence[SoughtStripe]) -> list[StripeProfile]:
             sigma_px=deviation[i],
             status=status[i],
             peak=peak[i],
-            doubtful_px=np.where(is_doubtful[i], row[i], nan) if has_doubtful[i] else nothing(top.shape[1]),
+            doubtful_px=np.where(is_doubtful[i], row[i], NAN) if has_doubtful[i] else nothing(top.shape[1]),
         )
         for i in range(len(stripes))
     ]
-
-
-def _status(
-    stripes: Sequence[SoughtStripe],
-    is_peak: npt.NDArray[np.bool_],
-    is_found: npt.NDArray[np.bool_],
-    is_cut: npt.NDArray[np.bool_],
-) -> npt.NDArray[np.uint8]:
-    """StripeStatus; the last word is the one that counts."""
-    status = np.where(is_found, np.uint8(StripeStatus.OK), np.uint8(StripeStatus.DROPOUT))
-    for of_stripe, found, stripe in zip(status, is_found, stripes, strict=True):
-        of_stripe[found & stripe.is_clipped] = StripeStatus.SATURATED
-        of_stripe[found & (stripe.is_ambiguous | stripe.is_lost)] = StripeStatus.AMBIGUOUS
-    status[is_peak & ~is_found] = StripeStatus.AMBIGUOUS
-    status[is_peak & is_cut] = StripeStatus.OUT_OF_BAND
-    return status
 
 
 def _albedo_shift(stripes: Sequence[SoughtStripe]) -> Float32:
@@ -104,11 +92,17 @@ def _albedo_shift(stripes: Sequence[SoughtStripe]) -> Float32:
     Reflectance that changes by a factor exp(g) per row shifts a Gaussian stripe by g sigma^2 rows. The laser-off
     picture shows the reflectance under ambient light, noise included, hence only a share of it.
     """
-    above, below = _stacked([stripe.beside for stripe in stripes], axis=1).astype(np.float32)
-    pull = np.array([[ALBEDO_SHARE * stripe.sigma**2 / stripe.beside_px] for stripe in stripes], dtype=np.float32)
+    above, below = (_stacked(stripes, name).astype(np.float32) for name in ("above", "below"))
+    pull = ALBEDO_SHARE * _numbers(stripes, "sigma") ** 2 / _numbers(stripes, "beside_px")
     return np.asarray(pull * (below - above) / np.maximum(above + below, np.float32(1)))
 
 
-def _stacked(arrays: Sequence[npt.NDArray[Any]], axis: int = 0) -> npt.NDArray[Any]:
-    """The arrays along a new axis; a single one is not copied."""
-    return np.expand_dims(arrays[0], axis) if len(arrays) == 1 else np.stack(arrays, axis)
+def _stacked(stripes: Sequence[SoughtStripe], name: str) -> npt.NDArray[Any]:
+    """One array of all stripes (..., stripes, columns); that of a single one is not copied."""
+    arrays = [getattr(stripe, name) for stripe in stripes]
+    return arrays[0][..., None, :] if len(arrays) == 1 else np.stack(arrays, axis=-2)
+
+
+def _numbers(stripes: Sequence[SoughtStripe], name: str) -> Float32:
+    """One number of all stripes (stripes, 1)."""
+    return np.array([[getattr(stripe, name)] for stripe in stripes], dtype=np.float32)

@@ -15,6 +15,7 @@ from guara_perception.stripes.clipped import clipped_columns
 from guara_perception.stripes.filters import ROW_MEAN_PX, ROW_SMOOTHING_SIGMA_PX
 from guara_perception.stripes.find_peaks import find_peaks
 from guara_perception.stripes.signal import laser_light
+from guara_perception.stripes.windows import at_rows
 
 Float32 = npt.NDArray[np.float32]
 Index = npt.NDArray[np.intp]
@@ -32,10 +33,10 @@ class SoughtStripe:
         top: (columns,) row of the stripe's peak within the band.
         height: (columns,) float32 light there, times SCALE.
         is_peak: (columns,) whether that is enough for a stripe.
-        is_ambiguous: (columns,) whether another peak would have been as good.
-        is_clipped, is_lost: (columns,) whether the stripe's core is clipped, and whether nothing is left of it.
+        is_clipped: (columns,) whether the stripe's core is clipped.
+        is_unsure: (columns,) whether another peak would have been as good, or nothing is left of a clipped core.
         responses: (places, columns) of the derivative filters about the top.
-        beside: (2, columns) the laser-off picture above and below the top; nothing where there is none.
+        above, below: (columns,) the laser-off picture above and below the top; nothing where there is none.
         beside_px: how far above and below.
         sigma: width of the stripe [px].
         noise: standard deviation of a row times the slope of its response.
@@ -46,11 +47,11 @@ class SoughtStripe:
     top: Index
     height: Float32
     is_peak: Mask
-    is_ambiguous: Mask
     is_clipped: Mask
-    is_lost: Mask
+    is_unsure: Mask
     responses: Float32
-    beside: npt.NDArray[Any]
+    above: npt.NDArray[Any]
+    below: npt.NDArray[Any]
     beside_px: int
     sigma: float
     noise: float
@@ -67,25 +68,25 @@ def seek(band: Band) -> SoughtStripe | str:
     sigma = found.sigma
     choice = choose_peaks(found.sought, found.peaks, found.threshold, sigma)
     columns = np.arange(choice.top.size)
-    nowhere = np.zeros(choice.top.size, dtype=bool)
-    is_clipped, is_lost = nowhere, nowhere
+    is_clipped, is_unsure = np.zeros(columns.size, dtype=bool), choice.is_ambiguous
     if signal.is_clipped:
-        is_clipped, is_lost = clipped_columns(band.on, choice.top, sigma, signal.channel, is_fused=signal.is_fused)
+        is_clipped, is_lost = clipped_columns(signal.frame, choice.top, sigma, signal.channel, is_fused=signal.is_fused)
+        is_unsure = is_unsure | is_lost
     beside_px = max(int(round(BESIDE_SIGMAS * sigma)), LEAST_BESIDE_PX)
-    beside = np.zeros((2, choice.top.size), np.uint8)
-    if band.off is not None:
-        rows = choice.top - beside_px, choice.top + beside_px
-        beside = np.concatenate([band.off.windows(first, 1, columns, signal.channel) for first in rows])
+    above = below = np.zeros(columns.size, np.uint8)
+    if signal.background is not None:
+        above = at_rows(signal.background, choice.top - beside_px, columns, signal.channel)
+        below = at_rows(signal.background, choice.top + beside_px, columns, signal.channel)
     width = sigma_of_filter(sigma)
     return SoughtStripe(
         top=choice.top,
         height=choice.height,
         is_peak=choice.height > found.threshold,
-        is_ambiguous=choice.is_ambiguous,
         is_clipped=is_clipped,
-        is_lost=is_lost,
+        is_unsure=is_unsure,
         responses=responses(found.smooth, choice.top, columns, width),
-        beside=beside,
+        above=above,
+        below=below,
         beside_px=beside_px,
         sigma=sigma,
         noise=found.noise * noise_gain(width, ROW_MEAN_PX),

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.stripes.channels import Frame, OffRows, Plane, channel_of
 from guara_perception.stripes.judge import clipped_from, is_clipped, judge
-from guara_perception.stripes.middle import middle, spread
-from guara_perception.stripes.picture import Frame, Picture, Plane
+from guara_perception.stripes.middle import SIGMA_PER_DEVIATION, middle, middles
 from guara_perception.stripes.windows import sampled
 
 Float32 = npt.NDArray[np.float32]
@@ -33,47 +33,52 @@ class LaserLight:
 
     Attributes:
         light: (rows, columns) int16 or float32, grey levels above background, negative where noise makes it so.
-        channel: that the laser lights most.
+        frame: (rows, columns[, channels]) laser on, as delivered; only the channel used where only one was.
+        background: the same with the laser off, None where there was no picture of it.
+        channel: of `frame` and `background` that the laser lights most.
         is_fused: whether `light` is of all channels together; otherwise it is of that one.
         is_clipped: whether any pixel of that channel is at the end of its scale.
         reason: why the pair cannot be used, empty when it can.
     """
 
     light: Light
+    frame: Frame
+    background: Frame | None
     channel: int = 0
     is_fused: bool = False
     is_clipped: bool = False
     reason: str = ""
 
 
-def laser_light(on: Picture, off: Picture | None) -> LaserLight:
+def laser_light(on: Frame, off: OffRows | None) -> LaserLight:
     """Subtract the background in the channel that the laser lights most; fuse the channels where that one is clipped.
 
     Args:
-        on: of uint8 or uint16, laser on.
+        on: (rows, columns) or (rows, columns, channels), uint8 or uint16, laser on.
         off: the same with the laser off, or None: the background is then a vertical grey opening of `on`.
     """
-    seen = judge(on.frame, None if off is None else off.frame)
-    full_scale = float(np.iinfo(on.frame.dtype).max)
+    dark = None if off is None else off.frame
+    seen = judge(on, dark)
+    full_scale = float(np.iinfo(on.dtype).max)
     if seen.is_swapped:
-        return _unusable("the stripe is darker than its surroundings: laser-on and laser-off frames are swapped")
+        return _unusable(on, "the stripe is darker than its surroundings: laser-on and laser-off frames are swapped")
     if off is not None and abs(seen.change) > MAX_AMBIENT_CHANGE * full_scale:
         return _unusable(
-            f"brightness beside the stripe changed by {seen.change:+.0f} of {full_scale:.0f} between laser off and on"
+            on,
+            f"brightness beside the stripe changed by {seen.change:+.0f} of {full_scale:.0f} between laser off and on",
         )
-    if seen.is_core_clipped and on.channels > 1:
-        fused = fused_light(on.frame, None if off is None else off.frame, seen.channel)
-        return LaserLight(fused, seen.channel, is_fused=True, is_clipped=True)
-    plane = on.plane(seen.channel)
-    light = difference(plane, None if off is None else off.plane(seen.channel))
+    if seen.is_core_clipped and has_colour(on):
+        return LaserLight(fused_light(on, dark, seen.channel), on, dark, seen.channel, is_fused=True, is_clipped=True)
+    plane, background = channel_of(on, seen.channel), None if off is None else off.plane(seen.channel)
+    light = difference(plane, background)
     offset = middle(sampled(light))
     if abs(offset) > full_scale / 256:
         light -= light.dtype.type(offset)
-    return LaserLight(light, seen.channel, is_clipped=bool(plane.max() >= clipped_from(plane.dtype)))
+    return LaserLight(light, plane, background, is_clipped=bool(plane.max() >= clipped_from(plane.dtype)))
 
 
-def _unusable(reason: str) -> LaserLight:
-    return LaserLight(np.zeros((0, 0), np.int16), reason=reason)
+def _unusable(on: Frame, reason: str) -> LaserLight:
+    return LaserLight(np.zeros((0, 0), np.int16), on, None, reason=reason)
 
 
 def fused_light(on: Frame, off: Frame | None, channel: int) -> Float32:
@@ -94,18 +99,24 @@ def fused_light(on: Frame, off: Frame | None, channel: int) -> Float32:
     on = np.ascontiguousarray(on)
     light = np.asarray(cv2.subtract(on, opening(on) if off is None else off, dtype=cv2.CV_32F))
     sample = np.ascontiguousarray(sampled(light).reshape(-1, 3).T)
-    offsets = np.array([middle(part) for part in sample])
-    noise = np.array([max(spread(part), full_scale / 512) for part in sample])
+    offsets = middles(sample).astype(np.float64)
+    noise = SIGMA_PER_DEVIATION * middles(np.abs(sample - offsets[:, None].astype(np.float32)))
+    noise = np.maximum(noise.astype(np.float64), full_scale / 512)
     smooth = cv2.GaussianBlur(np.ascontiguousarray(light[:, ::TOP_COLUMNS, channel]), (1, 5), 0)
     shown = np.flatnonzero(smooth.max(axis=0) > TOP_SIGMAS * noise[channel])
     shown = shown if shown.size else np.arange(smooth.shape[1])
     top, columns = smooth.argmax(axis=0)[shown], TOP_COLUMNS * shown
     headroom = np.maximum(1 - is_clipped(on[top, columns]).mean(axis=0), LEAST_HEADROOM)
-    gains = np.maximum([middle(part) for part in light[top, columns].T] - offsets - noise, 0.0)
+    gains = np.maximum(middles(light[top, columns].T) - offsets - noise, 0.0)
     weights = headroom**2 * gains / noise**2
     shares = weights * (gains.max() / max(float(weights @ gains), 1e-12))
     mixture = np.append(shares, -float(shares @ offsets)).astype(np.float32)
     return np.asarray(cv2.transform(light, mixture[None]))
+
+
+def has_colour(frame: Frame) -> bool:
+    """Whether a picture has three channels."""
+    return frame.ndim == 3 and frame.shape[2] == 3
 
 
 def difference(plane: Plane, background: Plane | None) -> Light:

@@ -32,7 +32,7 @@ def smooth_line(position: Float32, weight: Float32) -> tuple[Float32, Float32]:
     worths, values = _shifted(np.where(known, weight, 0)), _shifted(np.where(known, position, 0))
     left, right = np.s_[REACH_COLUMNS - 1 :: -1], np.s_[REACH_COLUMNS + 1 :]
     here = values[REACH_COLUMNS]
-    reach = np.arange(1, REACH_COLUMNS + 1, dtype=np.float32).reshape(-1, *[1] * position.ndim)
+    reach = np.arange(1, REACH_COLUMNS + 1, dtype=np.float32)[:, None]
     farthest = np.maximum(np.abs(values[left] - here), np.abs(values[right] - here))
     pair = np.minimum(worths[left], worths[right])
     allowed = (farthest < STEEPEST_PX_PER_COLUMN * reach) & (pair > 0) & (worths[REACH_COLUMNS] > 0)
@@ -44,13 +44,22 @@ def smooth_line(position: Float32, weight: Float32) -> tuple[Float32, Float32]:
     sum_of_squares = own**2 + 2 * (pair**2).sum(axis=0)
     total = own * here + (pair * (values[left] + values[right])).sum(axis=0)
     safe = np.where(sum_of_weights > 0, sum_of_weights, np.float32(1))
-    return np.where(known, total / safe, np.float32(np.nan)), np.sqrt(sum_of_squares) / safe
+    smooth, shrink = _lines(total / safe, position.shape), _lines(np.sqrt(sum_of_squares) / safe, position.shape)
+    return np.where(known, smooth, np.float32(np.nan)), shrink
 
 
-def _shifted(line: npt.NDArray[np.floating]) -> Float32:
-    """View (2 * REACH_COLUMNS + 1, ..., n): what stands so many columns to the left, the line itself, to the right."""
-    *others, n = line.shape
-    padded = np.zeros((*others, n + 2 * REACH_COLUMNS), np.float32)
-    padded[..., REACH_COLUMNS:-REACH_COLUMNS] = line
-    shape, strides = (2 * REACH_COLUMNS + 1, *line.shape), (padded.strides[-1], *padded.strides)
-    return np.ndarray(shape, np.float32, padded, strides=strides)
+def _shifted(lines: npt.NDArray[np.floating]) -> Float32:
+    """View (2 * REACH_COLUMNS + 1, m): what stands so many columns to the left, the lines themselves, to the right.
+
+    The lines follow each other with 2 * REACH_COLUMNS columns of nothing between, across which nothing is averaged.
+    """
+    n = lines.shape[-1]
+    length = lines.size // n * (n + 2 * REACH_COLUMNS)
+    padded = np.zeros(length + 2 * REACH_COLUMNS, np.float32)
+    _lines(padded[REACH_COLUMNS : length + REACH_COLUMNS], lines.shape)[...] = lines
+    return np.ndarray((2 * REACH_COLUMNS + 1, length), np.float32, padded, strides=2 * padded.strides)
+
+
+def _lines(row: Float32, shape: tuple[int, ...]) -> Float32:
+    """View of the lines (..., n) that follow each other in a row."""
+    return row.reshape(*shape[:-1], -1)[..., : shape[-1]]

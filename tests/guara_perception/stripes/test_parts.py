@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from guara_perception.stripes.background import SweepBackground
 from guara_perception.stripes.centre import centres, noise_gain, responses, stripe_sigma
+from guara_perception.stripes.channels import OffRows, SharedFrame
 from guara_perception.stripes.clipped import clipped_columns
 from guara_perception.stripes.filters import SCALE, smooth_light, smooth_wide, sums_of_columns
 from guara_perception.stripes.judge import judge
-from guara_perception.stripes.middle import middle, spread
+from guara_perception.stripes.middle import middle, middles, spread
 from guara_perception.stripes.path import follow
 from guara_perception.stripes.peaks import candidates, highest_peaks
-from guara_perception.stripes.picture import Picture
 from guara_perception.stripes.signal import difference, fused_light, laser_light
 from guara_perception.stripes.smooth_line import smooth_line
 from guara_perception.stripes.windows import at_rows, rows_from
@@ -158,6 +158,8 @@ def test_middle_and_spread() -> None:
     values = np.random.default_rng(1).normal(7, 3, 10001)
     assert middle(values) == np.median(values)
     assert spread(values) == pytest.approx(3, rel=0.05)
+    rows = values[:9996].reshape(4, -1)
+    np.testing.assert_array_equal(middles(rows), [middle(row) for row in rows])
 
 
 def test_difference_keeps_negative_values() -> None:
@@ -179,8 +181,9 @@ def test_strongest_channel_is_that_of_the_line(channel: int) -> None:
     on, off = on.clip(0, 255).astype(np.uint8), off.clip(0, 255).astype(np.uint8)
     assert judge(on, off).channel == channel
     assert judge(on[:, :, channel], None).channel == 0
-    signal = laser_light(Picture(on), Picture(off))
-    assert signal.channel == channel and not signal.is_fused
+    signal = laser_light(on, OffRows(off))
+    np.testing.assert_array_equal(signal.frame, on[:, :, channel])
+    np.testing.assert_array_equal(signal.background, off[:, :, channel])
     np.testing.assert_array_equal(signal.light, on[:, :, channel].astype(int) - off[:, :, channel])
 
 
@@ -212,21 +215,18 @@ def test_windows_are_cut_at_the_edges_of_the_picture(first: int, count: int, cha
 
 
 @pytest.mark.parametrize("channels", [0, 1, 3])
-def test_channels_of_a_picture_are_cut_out_of_it(channels: int) -> None:
-    """Planes, windows and rows are those of the frame, whether a channel was cut out before or not."""
+def test_channel_of_a_shared_frame_is_cut_out_once(channels: int) -> None:
+    """Rows of a frame give the same channel whether the frame serves other stripes or not."""
     shape = (30, 12) if channels == 0 else (30, 12, channels)
     frame = np.random.default_rng(channels).integers(0, 255, shape).astype(np.uint8)
     channel = max(channels - 1, 0)
     plane = frame if channels == 0 else frame[:, :, channel]
-    whole = Picture(frame)
-    rows = whole.rows(10, 25)
-    first, columns = np.array([3, -2, 12]), np.array([0, 5, 11])
-    expected = rows_from(plane[10:25], first, 4, columns)
-    np.testing.assert_array_equal(rows.windows(first, 4, columns, channel), expected)
-    np.testing.assert_array_equal(rows.plane(channel), plane[10:25])
-    np.testing.assert_array_equal(rows.windows(first, 4, columns, channel), expected)
-    assert np.shares_memory(rows.plane(channel), whole.plane(channel))
-    assert rows.channels == max(channels, 1)
+    shared = SharedFrame(frame)
+    for first, end in ((10, 25), (0, 8)):
+        rows = OffRows(frame[first:end], shared, first)
+        np.testing.assert_array_equal(rows.plane(channel), plane[first:end])
+        np.testing.assert_array_equal(OffRows(frame[first:end]).plane(channel), plane[first:end])
+        assert np.shares_memory(rows.plane(channel), shared.plane(channel))
 
 
 @pytest.mark.parametrize("kind", [np.int16, np.float32])
@@ -248,10 +248,10 @@ def test_clipped_cores_and_those_that_are_lost() -> None:
     on[22:40, 10:20, 2] = 255
     on[22:40, 20:30] = 255
     top, sigma = np.full(40, 30), 3.0
-    clipped, lost = clipped_columns(Picture(on), top, sigma, 2, is_fused=True)
+    clipped, lost = clipped_columns(on, top, sigma, 2, is_fused=True)
     np.testing.assert_array_equal(clipped, np.arange(40) < 30)
     np.testing.assert_array_equal(lost, np.arange(40) // 10 == 2)
-    _, lost_in_red = clipped_columns(Picture(on), top, sigma, 2, is_fused=False)
+    _, lost_in_red = clipped_columns(on, top, sigma, 2, is_fused=False)
     np.testing.assert_array_equal(lost_in_red, np.isin(np.arange(40) // 10, (1, 2)))
 
 
