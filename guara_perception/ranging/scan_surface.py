@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -30,60 +30,17 @@ def scan_surface(
     Yields:
         ((index, index), surface of that stripe's own points) and ((index, next index), surface between the two).
     """
-    links = Links(stripes, pattern, join_height)
     for index in sorted(stripes):
         for key in ((index, index), (index, index + pattern.step)):
             if key[1] in stripes:
-                yield key, surface_of(stripes, [key], links, resolution)
-
-
-class Links:
-    """Where neighbouring stripes lie on one surface; each pair is looked at once."""
-
-    def __init__(self, stripes: Mapping[int, StripePoints], pattern: range, join_height: float) -> None:
-        """Start.
-
-        Args:
-            stripes: points by index; more may come later, none may change.
-            pattern: indices of the stripes of the scan's mode.
-            join_height: largest height difference of one surface [m].
-        """
-        self._stripes = stripes
-        self._join_height = join_height
-        self._pattern = pattern
-        self._known: dict[int, Mask] = {}
-
-    @property
-    def step(self) -> int:
-        """Index difference of neighbouring stripes."""
-        return self._pattern.step
-
-    def look_at(self, indices: Iterable[int]) -> None:
-        """Link stripes and the next of each where both are there, all in one go."""
-        new = [i for i in indices if i not in self._known and i in self._stripes and i + self.step in self._stripes]
-        if new:
-            stripes = [self._stripes[i + on] for on in (0, self.step) for i in new]
-            heights = np.array([stripe.points[:, 2] for stripe in stripes]).reshape(2, len(new), -1)
-            strengths = np.array([stripe.strength for stripe in stripes]).reshape(heights.shape)
-            self._known.update(zip(new, linked_columns(heights, strengths, self._join_height), strict=True))
-
-    def after(self, indices: Sequence[int], width: int) -> Mask:
-        """Columns (s, w) in which stripes and the next of each are linked; one of the two must be there.
-
-        Nowhere when the other was lost, everywhere beyond the pattern's ends: there nothing was ever going to look,
-        so that nothing came back says nothing of the surface.
-        """
-        return np.array([self._known[i] if i in self._known else self._unseen(i, width) for i in indices])
-
-    def _unseen(self, index: int, width: int) -> Mask:
-        is_beyond = index not in self._pattern or index + self.step not in self._pattern
-        return np.full(width, is_beyond)
+                yield key, surface_of(stripes, [key], pattern, join_height, resolution)
 
 
 def surface_of(
     stripes: Mapping[int, StripePoints],
     keys: Sequence[Key],
-    links: Links,
+    pattern: range,
+    join_height: float,
     resolution: float,
     y_range: tuple[float, float] = (-np.inf, np.inf),
 ) -> PartSamples:
@@ -92,7 +49,8 @@ def surface_of(
     Args:
         stripes: points by index.
         keys: (index, index) of stripes and (index, next index) of pairs; each is a part, numbered in this order.
-        links: of these stripes.
+        pattern: indices of the stripes of the scan's mode.
+        join_height: largest height difference of one surface [m].
         resolution: edge of the cells that will be filled [m].
         y_range: points and lines wholly on one side of it are not asked for [m].
     """
@@ -104,8 +62,7 @@ def surface_of(
     for place, index in enumerate(indices):
         points[:, place] = stripes[index].points.T
     variance = np.array([stripes[index].variance for index in indices])
-    links.look_at({*indices, *(index - links.step for index in indices)})
-    before, after = (links.after([index - back for index in indices], width) for back in (links.step, 0))
+    before, after = _links(stripes, indices, pattern, join_height)
     low, high = points[1] < y_range[0], points[1] > y_range[1]
     own = [numbers.get((index, index), -1) for index in indices]
     confirmed = before & after & ~(low | high) & _named(own)
@@ -120,6 +77,29 @@ def surface_of(
         np.concatenate([each.variance for each in found], dtype=np.float64),
         [run for each in found for run in each.runs],
     )
+
+
+def _links(
+    stripes: Mapping[int, StripePoints], indices: list[int], pattern: range, join_height: float
+) -> tuple[Mask, Mask]:
+    """Columns (s, w) in which stripes are linked to the one before, and in which to the one after.
+
+    Nowhere when the other was lost, everywhere beyond the pattern's ends: there nothing was ever going to look, so
+    that nothing came back says nothing of the surface.
+    """
+    step = pattern.step
+    around = sorted({near for index in indices for near in (index - step, index, index + step) if near in stripes})
+    heights = np.array([stripes[index].points[:, 2] for index in around])
+    strengths = np.array([stripes[index].strength for index in around])
+    linked = np.empty((len(around) + 1, heights.shape[1]), dtype=bool)
+    linked[1:-1] = linked_columns((heights[:-1], heights[1:]), (strengths[:-1], strengths[1:]), join_height)
+    rows = [around.index(index) for index in indices]
+    before, after = linked[rows], linked[[row + 1 for row in rows]]
+    for row, index in enumerate(indices):
+        for link, other in ((before, index - step), (after, index + step)):
+            if other not in stripes:
+                link[row] = index not in pattern or other not in pattern
+    return before, after
 
 
 def _named(numbers: list[int]) -> Mask:

@@ -31,15 +31,15 @@ WEAK_JOIN_HEIGHT_M = 0.0015
 OPEN_END_M = 0.0005
 
 
-def linked_columns(heights: Stored, strengths: Stored, join_height: float) -> Mask:
+def linked_columns(heights: tuple[Stored, Stored], strengths: tuple[Stored, Stored], join_height: float) -> Mask:
     """Columns in which two neighbouring stripes lie on one surface.
 
     A stripe that is cut off by an edge or a shadow is weak and lies in the wrong place: where one of the two returns
     is much weaker than the other, they must agree in height.
 
     Args:
-        heights: (2, ..., w) of neighbouring stripes [m].
-        strengths: (2, ..., w) likewise of their returns.
+        heights: two (..., w), of neighbouring stripes [m].
+        strengths: two (..., w), likewise of their returns.
         join_height: largest height difference of one surface [m].
 
     Returns:

@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.ranging.scan_surface import Key, Links, surface_of
+from guara_perception.ranging.scan_surface import Key, surface_of
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import line_samples
 from guara_perception.terrain.geometry import GridGeometry
@@ -36,7 +36,7 @@ class SurfaceRaster:
         self._geometry = geometry
         self._pattern = pattern
         self._stripes: dict[int, StripePoints] = {}
-        self._links = Links(self._stripes, pattern, join_height)
+        self._join_height = join_height
         self._final: dict[Key, CellSamples] = {}
         self._out_of_range = np.zeros(geometry.shape, dtype=bool)
         self._too_high = np.zeros(geometry.shape, dtype=bool)
@@ -98,7 +98,7 @@ class SurfaceRaster:
         y_range = (low, low + (self._geometry.shape[0] + 2) * cell)
         parts: dict[Key, CellSamples] = {}
         for group in _groups(keys, 2 * TOGETHER):
-            samples = surface_of(self._stripes, group, self._links, cell, y_range)
+            samples = surface_of(self._stripes, group, self._pattern, self._join_height, cell, y_range)
             parts.update(zip(group, rasterise_parts(samples, len(group), self._geometry), strict=True))
         return parts
 

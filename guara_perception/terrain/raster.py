@@ -83,23 +83,26 @@ def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSam
 
 
 def rasterise_parts(samples: PartSamples, count: int, geometry: GridGeometry) -> list[CellSamples]:
-    """The same for `count` parts at once, each by itself."""
+    """The same for `count` parts at once, each by itself; parts near each other, or the work arrays grow large."""
     if not samples.runs:
         return [NO_SAMPLES] * count
     (ix, iy), height, spread = _cells(samples.points, geometry), samples.points[2], samples.variance
-    ny, nx = geometry.shape
-    shift, shift_of_part, ends = _layout(ix, samples.runs, count, ny + 2)
+    ny = geometry.shape[0]
+    # Each part has a place for every cell in the columns that they touch together, one part behind the other.
+    lowest = int(ix.min())
+    span = (int(ix.max()) + 1 - lowest) * (ny + 2)
+    ix -= lowest
     ix *= ny + 2
     ix += iy
-    place = shift.repeat([length for _, length in samples.runs])
+    place = np.repeat([part * span for part, _ in samples.runs], [length for _, length in samples.runs])
     place += ix
-    size = int(ends[-1])
+    size = count * span
     high, low = np.full(size, -np.inf), np.full(size, np.inf)
     with np.errstate(invalid="ignore"):
         np.maximum.at(high, place, height)
         np.minimum.at(low, place, height)
     used = np.flatnonzero(high >= low)
-    cell = (used - shift_of_part.take(ends.searchsorted(used, side="right"))).astype(np.int32)
+    cell = (used % span + lowest * (ny + 2)).astype(np.int32)
     lows, highs = low.take(used), high.take(used)
     if not (lows > highs - TOP_LAYER_M).all():
         is_top = np.flatnonzero(height > high.take(place) - TOP_LAYER_M)
@@ -107,30 +110,11 @@ def rasterise_parts(samples: PartSamples, count: int, geometry: GridGeometry) ->
     total = _sum(place, height, size).take(used)
     numbers = np.bincount(place, minlength=size).take(used)
     singles = [layer.astype(np.float32) for layer in (numbers, _sum(place, spread, size).take(used), lows, highs)]
-    bounds = used.searchsorted(ends).tolist()
+    bounds = used.searchsorted(span * np.arange(1, count + 1)).tolist()
     return [
         CellSamples(cell[first:last], total[first:last], *(layer[first:last] for layer in singles))
         for first, last in itertools.pairwise([0, *bounds])
     ]
-
-
-def _layout(
-    ix: npt.NDArray[np.int32], runs: Sequence[tuple[int, int]], count: int, rows: int
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Where each part has its places: one for each cell in the columns that it touches, one part behind the other.
-
-    Returns:
-        What to add to ix * rows + iy, for each run and for each part; and where the places of each part end.
-    """
-    begins = [0, *itertools.accumulate(length for _, length in runs[:-1])]
-    lowest, highest = [ix.size] * count, [-1] * count
-    least, most = np.minimum.reduceat(ix, begins).tolist(), np.maximum.reduceat(ix, begins).tolist()
-    for (part, _), low, high in zip(runs, least, most, strict=True):
-        lowest[part], highest[part] = min(lowest[part], low), max(highest[part], high)
-    sizes = [max(high - low + 1, 0) * rows for low, high in zip(lowest, highest, strict=True)]
-    ends = list(itertools.accumulate(sizes))
-    shift = [end - size - low * rows for end, size, low in zip(ends, sizes, lowest, strict=True)]
-    return np.array([shift[part] for part, _ in runs]), np.array(shift), np.array(ends)
 
 
 def _cells(points: Float, geometry: GridGeometry) -> npt.NDArray[np.int32]:

@@ -56,7 +56,7 @@ def raster(stripes: dict[int, StripePoints], pattern: range = range(12)) -> Surf
 def links_of(first: StripePoints, second: StripePoints) -> np.ndarray:
     """Columns in which two stripes are linked."""
     heights, strengths = (first.points[:, 2], second.points[:, 2]), (first.strength, second.strength)
-    return linked_columns(np.stack(heights), np.stack(strengths), JOIN)
+    return linked_columns(heights, strengths, JOIN)
 
 
 def joined(
