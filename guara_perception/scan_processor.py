@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from guara_perception.settings import Settings
 from guara_perception.stripe_finder import StripeFinder
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 from guara_perception.terrain.assess import assess_layers
-from guara_perception.terrain.causes import plan_looks, unknown_causes
+from guara_perception.terrain.causes import LookPlan, unknown_causes
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.lost_cells import lost_cells
@@ -100,12 +101,10 @@ class ScanProcessor:
             raise CalibrationMismatch(
                 f"the calibration holds no stripe of the {mode} pattern; it holds {format_indices(calibration.indices)}"
             )
-        x, y = self._grid.centres()
-        ground = np.column_stack((np.tile(x, y.size), np.repeat(y, x.size), np.zeros(self._grid.size)))
-        self._plan = plan_looks(
+        self._plan = LookPlan(
             self._grid,
             self._geometry.planes_in_footprint,
-            self._geometry.pixels(calibration, ground),
+            partial(self._geometry.pixels, calibration),
             calibration.camera.size,
         )
         self._locator = locator(
@@ -231,7 +230,7 @@ class ScanProcessor:
     def pairs(self) -> npt.NDArray[np.int64]:
         """(ny, nx) index of the first stripe of the pair that passes over each cell on flat ground, -1 where none."""
         order = np.append(np.array(self._order, dtype=np.int64), -1)
-        return np.asarray(np.where(self._plan.pair >= 0, order[self._plan.pair], -1))
+        return order[self._plan.pairs(np.arange(self._grid.size))].reshape(self._grid.shape)
 
     def extended(self) -> ScanProcessor:
         """A standard scan that takes over what this coarse one has: only the stripes between are still to be added.
@@ -295,9 +294,12 @@ class ScanProcessor:
             seconds=seconds,
         )
         is_lost = np.array([index in self._profiles and self._profiles[index].is_frame_bad for index in self._order])
-        report["lost_cells"] = lost_cells(
-            elevation, layers["hazard"], self._plan.in_view, self._geometry.planes_in_footprint, is_lost, self._grid
-        )
+        report["lost_cells"] = []
+        if is_lost.any():
+            in_view = self._plan.in_view(np.arange(self._grid.size)).reshape(self._grid.shape)
+            report["lost_cells"] = lost_cells(
+                elevation, layers["hazard"], in_view, self._geometry.planes_in_footprint, is_lost, self._grid
+            )
         return TerrainGrid(
             layers=layers,
             geometry=self._grid,

@@ -15,46 +15,56 @@ from guara_perception.terrain.raster import ROUNDING
 
 Float = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.uint16]
+Index = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 
 # A surface must rise this far above a line of sight to count as hiding what lies beyond.
 HIDING_MARGIN_M = 0.001
+CELLS_TOGETHER = 1024
 
 
 @dataclass(frozen=True, slots=True)
 class LookPlan:
-    """Which pair of neighbouring stripes should pass over each cell, on flat ground.
+    """The looks that a scan should have at the cells of a grid if the ground is flat; told of the cells asked for.
 
     Attributes:
-        pair: (ny, nx) int64, place of the first stripe of the pair in the pattern, -1 where no pair passes.
-        in_view: (ny, nx) bool, whether the camera sees the cell's centre.
-    """
-
-    pair: npt.NDArray[np.int64]
-    in_view: npt.NDArray[np.bool_]
-
-
-def plan_looks(geometry: GridGeometry, planes_in_footprint: Float, pixels: Float, size: tuple[int, int]) -> LookPlan:
-    """Predict the looks of a scan.
-
-    Args:
         geometry: the grid.
-        planes_in_footprint: (s, 4) sheets in the order of the pattern.
-        pixels: (ny * nx, 2) picture positions of the cell centres at z = 0, NaN where behind the camera.
+        planes_in_footprint: (s, 4) sheets in the order of the pattern, at least one.
+        project: gives picture positions (n, 2) of points (n, 3) in base_footprint, NaN where behind the camera.
         size: picture width and height [px].
     """
-    x, y = geometry.centres()
-    sides = (np.add.outer(b * y + d, a * x) > 0 for a, b, _, d in planes_in_footprint)
-    # The first pair whose sheets have a cell on different sides passes over it: sheets are counted up to there.
-    first_side = next(sides)
-    still = np.ones(geometry.shape, dtype=np.bool_)
-    before = np.zeros(geometry.shape, dtype=np.int64)
-    for side in sides:
-        still &= side == first_side
-        before += still
-    pair = np.where(still, -1, before)
-    with np.errstate(invalid="ignore"):
-        in_view = (pixels >= 0).all(axis=1) & (pixels[:, 0] <= size[0] - 1) & (pixels[:, 1] <= size[1] - 1)
-    return LookPlan(pair, in_view.reshape(geometry.shape))
+
+    geometry: GridGeometry
+    planes_in_footprint: Float
+    project: Callable[[Float], Float]
+    size: tuple[int, int]
+
+    def pairs(self, cells: Index) -> Index:
+        """Place in the pattern of the first stripe of the pair that passes over each cell (n,), -1 where none does."""
+        # All cells of a grid and all sheets at once would take megabytes.
+        blocks = np.split(cells, range(CELLS_TOGETHER, cells.size, CELLS_TOGETHER))
+        return np.concatenate([self._pairs(block) for block in blocks])
+
+    def _pairs(self, cells: Index) -> Index:
+        x, y = self._centres(cells)
+        a, b, _, d = self.planes_in_footprint.T[:, :, None]
+        side = a * x + (b * y + d) > 0
+        # The first pair whose sheets have a cell on different sides passes over it: sheets are counted up to there.
+        still = np.logical_and.accumulate(side[1:] == side[0], axis=0)
+        return np.where(still.all(axis=0), -1, still.sum(axis=0))
+
+    def in_view(self, cells: Index) -> Mask:
+        """Whether the camera sees the centre of each cell (n,)."""
+        x, y = self._centres(cells)
+        pixels = self.project(np.column_stack((x, y, np.zeros(cells.size))))
+        with np.errstate(invalid="ignore"):
+            inside = (pixels[:, 0] <= self.size[0] - 1) & (pixels[:, 1] <= self.size[1] - 1)
+            return np.asarray((pixels >= 0).all(axis=1) & inside)
+
+    def _centres(self, cells: Index) -> tuple[Float, Float]:
+        x, y = self.geometry.centres()
+        iy, ix = np.divmod(cells, x.size)
+        return x[ix], y[iy]
 
 
 def unknown_causes(
@@ -70,7 +80,7 @@ def unknown_causes(
 
     Args:
         elevation: (ny, nx) heights [m], NaN where unknown.
-        plan: predicted looks.
+        plan: what should have been looked at.
         pair_usable: (s - 1,) whether both stripes of a pair were fired with good frames and are neighbours.
         marks: (ny, nx) flags of returns that were seen here and may not be used.
         eyes: positions (3,) of camera and laser in base_footprint.
@@ -82,9 +92,11 @@ def unknown_causes(
     """
     unknown = np.isnan(elevation)
     flags = np.where(unknown, marks, 0).astype(np.uint16)
-    looked_at = np.append(pair_usable, False)[plan.pair] & (plan.pair >= 0) & plan.in_view
-    flags[unknown & ~looked_at & (flags == 0)] = np.uint16(Hazard.UNSCANNED)
     cells = np.flatnonzero(unknown & (flags == 0))
+    # No pair is the last one, which is not usable.
+    looked_at = np.append(pair_usable, False)[plan.pairs(cells)] & plan.in_view(cells)
+    flags.ravel()[cells[~looked_at]] = np.uint16(Hazard.UNSCANNED)
+    cells = cells[looked_at]
     if not cells.size:
         return flags
     targets = _lowest_ground(elevation, cells, geometry)

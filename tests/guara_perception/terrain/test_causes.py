@@ -5,16 +5,31 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guara_perception.terrain.causes import LookPlan, is_hidden, plan_looks, unknown_causes
+from guara_perception.terrain.causes import LookPlan, is_hidden, unknown_causes
 from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.hazard import Hazard
 
 GRID = GridGeometry((0.5, -0.05), 0.005, (20, 60))
 EYES = (np.array([0.4, 0.0, 0.5]), np.array([0.6, 0.0, 0.47]))
-ALL_SEEN = LookPlan(np.zeros(GRID.shape, np.int64), np.ones(GRID.shape, bool))
 
 
-def causes(elevation: np.ndarray, plan: LookPlan = ALL_SEEN, usable: bool = True, **more: object) -> np.ndarray:
+class Plan:
+    """The same look at every cell."""
+
+    def __init__(self, pair: int, seen: bool) -> None:
+        self.pair, self.seen = pair, seen
+
+    def pairs(self, cells: np.ndarray) -> np.ndarray:
+        return np.full(cells.size, self.pair)
+
+    def in_view(self, cells: np.ndarray) -> np.ndarray:
+        return np.full(cells.size, self.seen)
+
+
+ALL_SEEN = Plan(0, True)
+
+
+def causes(elevation: np.ndarray, plan: Plan = ALL_SEEN, usable: bool = True, **more: object) -> np.ndarray:
     marks = more.get("marks", np.zeros(GRID.shape, np.uint16))
     return unknown_causes(elevation, plan, np.array([usable]), marks, EYES, GRID, more.get("own"))  # type: ignore[arg-type]
 
@@ -39,8 +54,7 @@ def test_no_return_where_one_was_due_is_a_dropout() -> None:
 
 def test_not_looked_at_is_unscanned() -> None:
     """No pair passes, the pair was not fired, or the camera does not see the cell."""
-    nowhere = LookPlan(np.full(GRID.shape, -1, np.int64), np.ones(GRID.shape, bool))
-    blind = LookPlan(np.zeros(GRID.shape, np.int64), np.zeros(GRID.shape, bool))
+    nowhere, blind = Plan(-1, True), Plan(0, False)
     assert causes(flat((3, 3)), nowhere)[3, 3] == Hazard.UNSCANNED
     assert causes(flat((3, 3)), blind)[3, 3] == Hazard.UNSCANNED
     assert causes(flat((3, 3)), usable=False)[3, 3] == Hazard.UNSCANNED
@@ -95,9 +109,23 @@ def test_plan_finds_the_pair_that_passes_over_each_cell() -> None:
     """Sheets falling straight down every 10 mm: the pair changes every two cells, none beyond the last."""
     x = 0.52 + 0.01 * np.arange(10)
     planes = np.column_stack((np.ones(10), np.zeros((10, 2)), -x))
-    pixels = np.tile([[100.0, 100.0]], (GRID.size, 1))
-    pixels[7] = np.nan
-    plan = plan_looks(GRID, planes, pixels, (640, 512))
-    np.testing.assert_array_equal(plan.pair[0, 3:9], [-1, 0, 0, 1, 1, 2])
-    assert plan.pair[0, 30] == -1
-    assert not plan.in_view[0, 7] and plan.in_view[0, 8]
+    plan = LookPlan(GRID, planes, lambda points: points[:, :2], (640, 512))
+    np.testing.assert_array_equal(plan.pairs(np.arange(3, 9)), [-1, 0, 0, 1, 1, 2])
+    assert plan.pairs(np.array([30])) == -1
+    np.testing.assert_array_equal(plan.pairs(60 + np.arange(3, 9)), plan.pairs(np.arange(3, 9)))
+
+
+def test_plan_tells_the_cells_that_the_camera_sees() -> None:
+    """Within the outermost pixels; neither beyond them nor behind the camera."""
+    columns = np.array([-0.1, 0.0, 639.0, 639.1, 5.0, 5.0, np.nan])
+    rows = np.array([5.0, 0.0, 511.0, 5.0, -0.1, 511.1, np.nan])
+    asked = []
+
+    def project(points: np.ndarray) -> np.ndarray:
+        asked.append(points)
+        return np.column_stack((columns, rows))
+
+    plan = LookPlan(GRID, np.array([[1.0, 0.0, 0.0, -0.6]]), project, (640, 512))
+    cells = 60 * np.arange(7) + 4
+    np.testing.assert_array_equal(plan.in_view(cells), [False, True, True, False, False, False, False])
+    np.testing.assert_allclose(asked[0], [(0.5225, -0.0475 + 0.005 * k, 0.0) for k in range(7)], atol=1e-12)
