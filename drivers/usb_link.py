@@ -119,7 +119,7 @@ class UsbLink:
         with self._control_lock:
             data = self._call(
                 lambda: device.ctrl_transfer(REQUEST_IN, request, value, index, size, self._timeout_ms),
-                f"the command {request.name}",
+                request,
             )
         return bytes(data)
 
@@ -187,13 +187,11 @@ class UsbLink:
                 raise
             device.set_configuration()
 
-    def _call(self, transfer: Callable[[], _T], what: str = "opening") -> _T:
-        import usb.core
-
+    def _call(self, transfer: Callable[[], _T], what: str | Request = "opening") -> _T:
         try:
             return transfer()
-        except usb.core.USBError as error:
-            raise self._typed(error, what) from error
+        except OSError as error:  # every error of pyusb is one
+            raise self._typed(error, f"the command {what.name}" if isinstance(what, Request) else what) from error
         except ValueError as error:
             # pyusb says "The device has no langid" when a string cannot be read for want of permission.
             if "langid" in str(error):

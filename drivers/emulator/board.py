@@ -14,10 +14,9 @@ from drivers.emulator.laser import Switching
 from drivers.emulator.light import LightUnit
 from drivers.emulator.mirror import MirrorUnit
 from drivers.emulator.views import BoardView, ExposureView
-from drivers.protocol import PROTOCOL_MAJOR, BoardFault, BoardFlag, Request, Result
-from drivers.records import BoardStatus
+from drivers.protocol import PROTOCOL_MAJOR, REQUESTS, BoardFault, BoardFlag, Request, Result
+from drivers.records import pack_status
 
-_REQUESTS = {int(request): request for request in Request}
 _REPORTS_KEPT = 4
 
 
@@ -75,7 +74,7 @@ class EmulatedBoard:
         """Carry out a command and return its data stage; None for one that the firmware does not know."""
         with self._lock:
             now = self._advance()
-            known = _REQUESTS.get(request)
+            known = REQUESTS.get(request)
             if known is None:
                 return None
             if known is Request.IDENTIFY:
@@ -208,17 +207,16 @@ class EmulatedBoard:
 
     def _status(self, result: Result, request: int, moment: float) -> bytes:
         session = int(BoardFlag.SESSION) if self._session else 0
-        status = BoardStatus(
-            result=result,
-            request=request,
-            sequence=self._sequence,
-            flags=BoardFlag(session | self._light.flags() | self._mirror.flags(moment)),
-            faults=self._faults(),
-            step=self._mirror.step(moment),
-            motion=self._mirror.motions & 0xFFFF,
-            temperature=self._light.temperature(),
-            home_error=self._mirror.home_error,
-            laser_time=self._light.time_on(moment),
-            device_time=moment - self._power_up,
+        return pack_status(
+            result,
+            request,
+            self._sequence,
+            session | self._light.flags() | self._mirror.flags(moment),
+            self._faults(),
+            self._mirror.step(moment),
+            self._mirror.motions,
+            self._light.temperature(),
+            self._mirror.home_error,
+            self._light.time_on(moment),
+            moment - self._power_up,
         )
-        return status.pack()

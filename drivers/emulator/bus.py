@@ -11,7 +11,7 @@ from typing import Protocol
 from drivers.emulator.board import EmulatedBoard
 from drivers.emulator.descriptors import string_descriptor
 from drivers.emulator.faults import Fault, FaultKind
-from drivers.protocol import REQUEST_IN, Request, join_argument
+from drivers.protocol import REQUEST_IN, REQUESTS, join_argument
 
 _GET_DESCRIPTOR_IN, _GET_DESCRIPTOR, _STRING = 0x80, 6, 3
 _REPORT_SLICE = 0.002  # s between two looks at a board that stands still and has nothing to report
@@ -79,23 +79,19 @@ class LocalBus:
             self._claimed = False
 
     def control(self, request_type: int, request: int, value: int, index: int, length: int, timeout: float) -> bytes:
-        """Make a control transfer: a standard string request, or a command of the board."""
+        """Make a control transfer: a command of the board, or a standard string request."""
         self._check_plugged()
-        if (request_type, request, value >> 8) == (_GET_DESCRIPTOR_IN, _GET_DESCRIPTOR, _STRING):
-            text = string_descriptor(value & 0xFF, self._board.config.serial)
-            if text is None:
-                raise BusError(errno.EPIPE, "Pipe error")
-            return text[:length]
-        if request_type != REQUEST_IN or request not in Request.__members__.values():
-            raise BusError(errno.EPIPE, "Pipe error")
-        command = Request(request)
-        self._strike_before(self._board.plan.strike(command, _BEFORE), timeout)
+        command = REQUESTS.get(request) if request_type == REQUEST_IN else None
+        if command is None:
+            return self._string(request_type, request, value)[:length]
+        plan = self._board.plan
+        self._strike_before(plan.strike(command, _BEFORE), timeout)
         if self._board.config.bus_delay > 0:
             time.sleep(self._board.config.bus_delay)
         answer = self._board.serve(request, join_argument(value, index))
         if answer is None:
             raise BusError(errno.EPIPE, "Pipe error")
-        return self._strike_after(self._board.plan.strike(command, _AFTER), answer, timeout)[:length]
+        return self._strike_after(plan.strike(command, _AFTER), answer, timeout)[:length]
 
     def interrupt(self, length: int, timeout: float) -> bytes:
         """Wait for something to report."""
@@ -112,6 +108,14 @@ class LocalBus:
                 raise BusError(errno.ETIMEDOUT, "Operation timed out")
             motion_left = self._board.still_at() - self._board.clock()
             time.sleep(min(motion_left if motion_left > 0 else _REPORT_SLICE, deadline - now))
+
+    def _string(self, request_type: int, request: int, value: int) -> bytes:
+        text = None
+        if (request_type, request, value >> 8) == (_GET_DESCRIPTOR_IN, _GET_DESCRIPTOR, _STRING):
+            text = string_descriptor(value & 0xFF, self._board.config.serial)
+        if text is None:
+            raise BusError(errno.EPIPE, "Pipe error")
+        return text
 
     def _check_plugged(self) -> None:
         if not self._board.plugged:

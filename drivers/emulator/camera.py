@@ -90,7 +90,8 @@ class EmulatedCamera(Camera):
         self._board, self._render = board, render
         self._period, self._latency = 1.0 / fps, latency
         self._settings = CameraSettings(exposure=exposure, gain=1.0, white_balance=5000.0, gamma=1.0)
-        self.lag = exposure + latency
+        self._exposure, self._delay = exposure, exposure + latency
+        self.lag = self._delay
         self.faults: list[CameraFault] = []
         self._start: float | None = None
         self._next = 0
@@ -111,7 +112,8 @@ class EmulatedCamera(Camera):
         given = {name: getattr(settings, name) for name in ("exposure", "gain", "white_balance", "gamma")}
         given = {name: value for name, value in given.items() if value is not None}
         if "exposure" in given:
-            given["exposure"] = min(given["exposure"], self._period)
+            given["exposure"] = self._exposure = min(given["exposure"], self._period)
+            self._delay = self._exposure + self._latency
         self._settings = replace(self._settings, **given)
         self.lag = self._delay
         return self._settings
@@ -124,16 +126,17 @@ class EmulatedCamera(Camera):
             CameraNotOpen: open it first.
         """
         start = self._started()
-        deadline = time.monotonic() + timeout
-        number = max(self._next, self._arrived(time.monotonic()))
+        asked = time.monotonic()
+        number = max(self._next, self._arrived(asked))
         for fault in sorted(self.faults, key=lambda fault: fault.first):
             if fault.kind in ("drop", "silence") and fault.holds(number):
                 number = fault.first + fault.count
-        arrival = start + number * self._period + self._delay
-        if arrival > deadline:
-            time.sleep(max(0.0, deadline - time.monotonic()))
+        wait = start + number * self._period + self._delay - asked
+        if wait > timeout:
+            time.sleep(timeout)
             raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
-        time.sleep(max(0.0, arrival - time.monotonic()))
+        if wait > 0:
+            time.sleep(wait)
         frame = self._expose(number, start)
         self._next = number + 1
         self._last = frame
@@ -143,15 +146,6 @@ class EmulatedCamera(Camera):
         """Forget what has arrived."""
         self._started()
         self._next = max(self._next, self._arrived(time.monotonic()) + 1)
-
-    @property
-    def _delay(self) -> float:
-        return self._exposure + self._latency
-
-    @property
-    def _exposure(self) -> float:
-        exposure = self._settings.exposure
-        return self._period if exposure is None else exposure
 
     def _started(self) -> float:
         if self._start is None:
@@ -164,7 +158,7 @@ class EmulatedCamera(Camera):
     def _expose(self, number: int, start: float) -> Frame:
         begin = start + number * self._period
         stamp = begin + self._delay
-        kinds = {fault.kind for fault in self.faults if fault.holds(number)}
+        kinds = {fault.kind for fault in self.faults if fault.holds(number)} if self.faults else ()
         if self._last is not None and "repeat" in kinds:
             return self._last
         if self._last is not None and "freeze" in kinds:

@@ -185,16 +185,16 @@ def hot(rig: Rig) -> None:
 
 def while_the_mirror_turns(rig: Rig, stripe: int, what: Callable[[Rig], None]) -> None:
     """Let something happen after the GO_TO of a stripe, before its motion ends."""
-    real, count = rig.board.go_to_angle, []
+    real, count = rig.board.go_to_step, []
 
-    def go_to_angle(angle: float, *, wait: bool = True) -> float:
-        reached = real(angle, wait=wait)
-        count.append(angle)
+    def go_to_step(step: int, *, wait: bool = True) -> float:
+        reached = real(step, wait=wait)
+        count.append(step)
         if len(count) == stripe + 1:
             what(rig)
         return reached
 
-    rig.board.go_to_angle = go_to_angle  # type: ignore[method-assign]
+    rig.board.go_to_step = go_to_step  # type: ignore[method-assign]
 
 
 def test_laser_that_the_board_puts_out_in_mid_scan_is_lit_again() -> None:
