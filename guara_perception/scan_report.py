@@ -12,7 +12,7 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.settings import Settings, limits_to_dict
 from guara_perception.stripes.profile import StripeProfile, StripeStatus
-from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
 
 if TYPE_CHECKING:
     from kinematics import RobotModel, Stance, StancePose
@@ -116,7 +116,7 @@ def scan_report(
         "coverage": coverage,
         "coverage_regions": regional_coverage(~unknown, expected),
         "known": float((~unknown).mean()),
-        "hazard_cells": {flag.name: int(np.count_nonzero(hazard & flag)) for flag in Hazard if flag and flag.name},
+        "hazard_cells": cells_by_flag(hazard),
         "health": {"level": "ok" if not reasons else "degraded", "reasons": reasons},
         "seconds": {name: round(value, 6) for name, value in seconds.items()},
     }

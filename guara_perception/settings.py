@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -110,6 +111,13 @@ class Settings:
         Raises:
             FileFormatError: a value is missing or impossible; the message names table and field.
         """
+        known = _OF_ROBOTS.get(robot)
+        if known is None:
+            known = _OF_ROBOTS[robot] = Settings._read(robot)
+        return known
+
+    @staticmethod
+    def _read(robot: RobotModel) -> Settings:
         tables = {
             name: Fields(_plain(robot.section(name)), f"robot.toml of {robot.name}", name)
             for name in ("grid", "heights", "scan", "traversability", "validity")
@@ -143,6 +151,10 @@ class Settings:
         if mode not in MODES:
             raise InvalidInput(f"mode is {mode!r}, allowed: {', '.join(MODES)}")
         return range(0, self.stripes, self.coarse_every if mode == "coarse" else 1)
+
+
+# A robot does not change, and is asked for its settings by every scan.
+_OF_ROBOTS: WeakKeyDictionary[RobotModel, Settings] = WeakKeyDictionary()
 
 
 def _limits(table: Fields, sole: tuple[float, float]) -> TraversabilityLimits:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.hazard import UNKNOWN_MASK, cells_by_flag
 
 
 def summary(terrain: TerrainGrid) -> str:
@@ -13,7 +13,7 @@ def summary(terrain: TerrainGrid) -> str:
     hazard = np.asarray(terrain.hazard)
     known = float(np.mean((hazard & UNKNOWN_MASK) == 0))
     safe = float(np.mean(np.asarray(terrain.traversability) > 0))
-    counts = {flag.name: int(np.count_nonzero(hazard & flag)) for flag in Hazard if flag and flag.name}
+    counts = cells_by_flag(hazard)
     most = sorted((name for name, n in counts.items() if n), key=lambda name: -counts[name])[:4]
     parts = [
         f"step {terrain.step}",

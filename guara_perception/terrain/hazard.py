@@ -5,6 +5,7 @@ from __future__ import annotations
 from enum import IntFlag
 
 import numpy as np
+import numpy.typing as npt
 
 
 class Hazard(IntFlag):
@@ -51,3 +52,15 @@ MEANING = {
 def names(flags: int | Hazard) -> list[str]:
     """Names of the flags that are set, lowest first."""
     return [flag.name for flag in Hazard if flag and flag & Hazard(int(flags)) and flag.name]
+
+
+def cells_by_flag(hazard: npt.NDArray[np.uint16]) -> dict[str, int]:
+    """Name of each flag -> number of cells of a grid that carry it."""
+    # Few of all combinations occur in one grid.
+    cells = np.bincount(hazard.ravel())
+    combinations = np.flatnonzero(cells)
+    return {
+        flag.name: int(cells[combinations[(combinations & int(flag)) != 0]].sum())
+        for flag in Hazard
+        if flag and flag.name
+    }

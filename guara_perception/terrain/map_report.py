@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from guara_perception.settings import Settings, limits_to_dict
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.hazard import UNKNOWN_MASK, cells_by_flag
 from guara_perception.terrain.height_anchor import HeightAnchor
 
 # Fields of a scan's metadata that also hold for the map of the same pause.
@@ -77,8 +77,6 @@ def map_report(
         "known_ground": [dict(patch) for patch in known_ground],
         "coverage": float((~unknown).mean()),
         "known": float((~unknown).mean()),
-        "hazard_cells": {
-            flag.name: int(np.count_nonzero(hazard & np.uint16(flag))) for flag in Hazard if flag and flag.name
-        },
+        "hazard_cells": cells_by_flag(hazard),
         "health": {"level": "ok" if not reasons else "degraded", "reasons": reasons},
     }

@@ -24,6 +24,16 @@ def test_areas_and_patterns_of_the_guara(robot: RobotModel) -> None:
         settings.pattern("fine")
 
 
+def test_settings_are_read_once_of_each_robot(robot: RobotModel, tmp_path: Path) -> None:
+    """The same robot gives the same object; another one of the same name its own."""
+    assert Settings.of(robot) is Settings.of(robot)
+    folder = Path(shutil.copytree(robot.folder, tmp_path / "guara"))
+    toml = folder / "robot.toml"
+    toml.write_text(toml.read_text().replace("stripes = 70", "stripes = 60"))
+    assert Settings.of(load_robot(folder)).stripes == 60
+    assert Settings.of(robot).stripes == 70
+
+
 def test_the_edge_costs_60_mm_at_most(robot: RobotModel) -> None:
     """Half a sole, the disc and one cell: more would take too much of the scanned area."""
     settings = Settings.of(robot)

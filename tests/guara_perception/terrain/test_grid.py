@@ -13,7 +13,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.terrain.geometry import GridGeometry
-from guara_perception.terrain.hazard import MEANING, Hazard, names
+from guara_perception.terrain.hazard import MEANING, Hazard, cells_by_flag, names
 
 
 @pytest.fixture
@@ -46,6 +46,17 @@ def test_flag_values_are_those_of_the_contract() -> None:
     assert {flag.name: int(flag) for flag in Hazard if flag} == expected
     assert set(MEANING) == {flag for flag in Hazard if flag}
     assert names(Hazard.STALE | Hazard.DROPOUT) == ["DROPOUT", "STALE"]
+
+
+def test_cells_are_counted_by_flag() -> None:
+    """Every flag by name, a cell with several of them under each."""
+    hazard = np.array([[0, 1, 1 | 2], [4096 | 32768, 32768, 32]], np.uint16)
+    counts = cells_by_flag(hazard)
+    assert list(counts) == [flag.name for flag in MEANING]
+    assert {name: n for name, n in counts.items() if n} == {
+        "DROPOUT": 2, "OCCLUDED": 1, "SELF": 1, "EDGE": 1, "STALE": 2
+    }  # fmt: skip
+    assert not any(cells_by_flag(np.zeros((2, 3), np.uint16)).values())
 
 
 def test_cells_are_half_open_and_found_by_their_corner(terrain: gp.TerrainGrid) -> None:
