@@ -131,14 +131,14 @@ class StepProof:
         leaks = np.count_nonzero(level.offset - difference.min(axis=0) > level.threshold) if reference_is_off else 0
         at = (first + difference.argmax(axis=0)) * float(self._grid.row_step)
         seen = _Seen(mirror_angle, at, lit)
-        is_lit = bool(lit.any())
+        count = int(np.count_nonzero(lit))
         return seen, StripeEvidence(
-            lit_fraction=np.count_nonzero(lit) / lit.size,
-            leak_fraction=leaks / lit.size,
-            contrast=_middle(peaks[lit]) if is_lit else math.nan,
+            lit_fraction=count / lit.size,
+            leak_fraction=int(leaks) / lit.size,
+            contrast=_middle(peaks if count == lit.size else peaks[lit]) if count else math.nan,
             offset=level.offset,
             noise=level.noise,
-            row=_middle(at[lit]) if is_lit else math.nan,
+            row=_middle(at if count == lit.size else at[lit]) if count else math.nan,
             row_shift=seen.shift_from(self._before),
         )
 
@@ -196,9 +196,11 @@ class _Seen:
         if before is None or before.lit.shape != self.lit.shape:
             return math.nan
         both = self.lit & before.lit
-        if np.count_nonzero(both) < 3:
+        count = np.count_nonzero(both)
+        if count < 3:
             return math.nan
-        return _middle(self.rows[both] - before.rows[both])
+        moved = self.rows - before.rows
+        return _middle(moved if count == both.size else moved[both])
 
 
 @dataclass(frozen=True, slots=True)
