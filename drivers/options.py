@@ -30,10 +30,11 @@ class AcquireOptions:
         flush_frames: frames thrown away after every change of laser or mirror when the camera's `lag` is unknown.
         queue_size: stripes that may wait for the caller, rounded up to whole groups of `together`; when so many wait,
             the scan pauses with the laser off.
-        together: stripes that are handed to the caller in one group, once the last of them is there; the last stripe
-            of a scan is always alone, so that it does not wait. Work in bursts finds its code and data in the
-            processor's caches: on a machine that is idle between frames it takes a good third less time. Each costs
-            the memory of a frame.
+        together: stripes that are handed to the caller in one group, once the last of them is there. Towards the end
+            groups become smaller: at most twice as many as are still to come, the last stripe alone. So it waits for
+            nobody, as long as a stripe is worked on in half a frame's time. Work in bursts finds its code and data in
+            the processor's caches: on a machine that is idle between frames it takes a good third less time. Each
+            stripe costs the memory of a frame.
         limits: when a difference between frames counts.
 
     Raises:

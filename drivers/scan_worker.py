@@ -33,7 +33,7 @@ class RawStripe:
 
 
 class ScanWorker(threading.Thread):
-    """Takes one scan. `items` carries stripes in groups of `options.together`, the last one alone, and at the end None.
+    """Takes one scan. `items` carries stripes in groups, see `AcquireOptions.together`, and at the end None.
 
     Attributes:
         items: the bounded queue to the caller.
@@ -165,9 +165,10 @@ class ScanWorker(threading.Thread):
             raise ScanStopped
 
     def _collect(self, place: int, stripe: RawStripe) -> None:
-        """Hand a group over when it is full, and before the last stripe, which must not wait for others."""
+        """Hand a group over when it is full, or too large for what is still to come."""
         self._group.append(stripe)
-        if len(self._group) < self._options.together and place + 2 < len(self._pattern):
+        left = len(self._pattern) - 1 - place
+        if len(self._group) < min(self._options.together, 2 * left - 2):
             return
         must_wait = self.items.full()
         if must_wait:
