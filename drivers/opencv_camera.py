@@ -21,7 +21,7 @@ from drivers.errors import (
     CameraSettingRefused,
     CameraTimeout,
 )
-from drivers.frame import Frame, read_only
+from drivers.frame import Frame
 from drivers.opencv_settings import lock_settings
 
 _log = logging.getLogger(__name__)
@@ -169,7 +169,9 @@ class OpenCvCamera(Camera):
         good, image = capture.retrieve()
         if not good:
             return None
-        frame = Frame(read_only(image), self._counter, stamp)
+        # Made for this frame alone: frozen itself, not only as a view, it may be relied on never to change.
+        image.setflags(write=False)
+        frame = Frame(image, self._counter, stamp)
         self._counter += 1
         return frame
 

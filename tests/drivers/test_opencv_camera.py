@@ -45,6 +45,19 @@ def video(tmp_path: Path) -> Path:
     return path
 
 
+def test_frames_cannot_change_under_another_name_either(sequence: str) -> None:
+    """What a frame is a view of, if anything, is read-only as well: a laser-off frame is kept for a whole scan."""
+    with OpenCvCamera(sequence) as camera:
+        memory: object = camera.grab(1.0).image
+        first = memory
+        second = camera.grab(1.0).image
+    assert isinstance(first, np.ndarray) and not np.shares_memory(first, second)
+    while isinstance(memory, np.ndarray):
+        assert not memory.flags.writeable
+        memory = memory.base
+    assert memory is None
+
+
 def test_image_sequence_is_read_pixel_by_pixel(sequence: str) -> None:
     """PNG files come back exactly, in order, numbered, read-only, and end."""
     with OpenCvCamera(sequence) as camera:
