@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 REST = "transport's threads and the rest"
+EMULATED = ("emulated camera", "emulated board")
 
 
 class ProcessorParts:
