@@ -14,14 +14,14 @@ def readonly(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     An array whose memory is read-only already is returned as it is; of any other a copy is frozen, so the caller's
     own array stays writable.
     """
-    if is_frozen(array):
+    if _is_frozen(array):
         return array
     copy = np.array(array)
     copy.setflags(write=False)
     return copy
 
 
-def is_frozen(array: npt.NDArray[Any]) -> bool:
+def _is_frozen(array: npt.NDArray[Any]) -> bool:
     """Whether the array and everything that it is a view of are read-only."""
     memory: Any = array
     while isinstance(memory, np.ndarray):

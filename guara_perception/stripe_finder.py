@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import weakref
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.methods import METHODS
-from guara_perception.readonly import is_frozen
 from guara_perception.stripes.background import SweepBackground
 from guara_perception.stripes.band import Band
 from guara_perception.stripes.channels import OffRows, SharedFrame
@@ -18,6 +17,9 @@ from guara_perception.stripes.extract import unusable_frame
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 
 Frame = npt.NDArray[Any]
+
+# The channels of a whole laser-off frame take as long as those of the bands of so many stripes.
+SHARED_FROM = 4
 
 
 class StripeFinder:
@@ -34,8 +36,6 @@ class StripeFinder:
         self._extract = METHODS[method].extract
         self._size = size
         self._background = SweepBackground(step)
-        self._last_off: weakref.ref[Frame] | None = None
-        self._shared: SharedFrame | None = None
 
     def find_all(self, frames: Sequence[tuple[int, tuple[int, int], Frame, Frame | None]]) -> list[StripeProfile]:
         """The stripes of some frame pairs.
@@ -44,12 +44,19 @@ class StripeFinder:
             frames: of each stripe its index; first and end row of the band in which it can appear; the picture with the
                 laser on; and that with the laser off, or None: earlier frames of the sweep serve instead.
         """
-        bands = [self._band(*frame) for frame in frames]
+        # For the time of this call only: later the same array may hold another picture.
+        uses = Counter(id(off) for _, _, _, off in frames)
+        shared = {
+            id(off): SharedFrame(off) for _, _, _, off in frames if off is not None and uses[id(off)] >= SHARED_FROM
+        }
+        bands = [self._band(*frame, shared.get(id(frame[3]))) for frame in frames]
         found = iter(self._extract([band for band in bands if isinstance(band, Band)]))
         return [bad_frame(self._size[0], band) if isinstance(band, str) else next(found) for band in bands]
 
-    def _band(self, index: int, rows: tuple[int, int], on: Frame, off: Frame | None) -> Band | str:
-        """What a stripe is sought in, or why it cannot be."""
+    def _band(
+        self, index: int, rows: tuple[int, int], on: Frame, off: Frame | None, shared: SharedFrame | None
+    ) -> Band | str:
+        """What a stripe is sought in, or why it cannot be; `shared` is `off` where that serves other stripes as well."""
         width, height = self._size
         if not isinstance(on, np.ndarray) or on.dtype not in (np.uint8, np.uint16) or on.ndim not in (2, 3):
             given = f"{on.dtype} {on.shape}" if isinstance(on, np.ndarray) else type(on).__name__
@@ -65,19 +72,6 @@ class StripeFinder:
         if reason:
             return reason
         if off is not None:
-            return Band(on[first:end], self._off_rows(off, first, end), first)
+            return Band(on[first:end], OffRows(off[first:end], shared, first), first)
         background = self._background.add(index, on, rows)
         return background.reason or Band.of(background.on, background.off, first)
-
-    def _off_rows(self, off: Frame, first: int, end: int) -> OffRows:
-        """Some rows of a laser-off frame; of one that serves several stripes the channels are cut out once for all.
-
-        Only of a frame that nobody can write into: a buffer that is used again holds another picture each time.
-        """
-        if self._shared is None or self._shared.frame is not off:
-            seen_before = self._last_off is not None and self._last_off() is off
-            self._last_off = weakref.ref(off)
-            if not (seen_before and is_frozen(off)):
-                return OffRows(off[first:end])
-            self._shared = SharedFrame(off)
-        return OffRows(off[first:end], self._shared, first)

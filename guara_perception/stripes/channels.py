@@ -23,7 +23,7 @@ def channel_of(frame: Frame, channel: int) -> Plane:
 
 
 class SharedFrame:
-    """A frame that serves many stripes and that nobody writes into meanwhile.
+    """A frame that serves several stripes and that nobody writes into meanwhile.
 
     Attributes:
         frame: (rows, columns[, channels]).

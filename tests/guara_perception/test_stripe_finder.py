@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.stripe_finder import StripeFinder
+from guara_perception.stripe_finder import SHARED_FROM, StripeFinder
 
 WIDTH, HEIGHT = 160, 120
 Frame = npt.NDArray[np.uint8]
@@ -82,26 +82,44 @@ def test_each_stripe_is_found_where_it_is() -> None:
     assert "outside the camera's view" in found[11].reason and "160x50 px" in found[12].reason
 
 
-def test_shared_off_frame_that_nobody_can_write_gives_what_copies_give() -> None:
-    """One frozen laser-off frame for all: its channels are cut out once, the stripes are the same."""
+def test_shared_off_frame_gives_what_copies_give() -> None:
+    """One laser-off frame for all of a group: its channels are cut out once, the stripes are the same."""
     off = off_frame()
-    frames = [(i, (10, 60), on_frame(30.0 + i, 90.0, off, i), off) for i in range(5)]
-    apart = StripeFinder("precise", (WIDTH, HEIGHT), 1).find_all([(*f[:3], f[3].copy()) for f in frames])
-    off.setflags(write=False)
-    finder = StripeFinder("precise", (WIDTH, HEIGHT), 1)
-    shared = [finder.find_all([frame])[0] for frame in frames]
-    for one, other in zip(apart, shared, strict=True):
+    shared = [(i, (10, 60), on_frame(30.0 + i, 90.0, off, i), off) for i in range(2 * SHARED_FROM)]
+    apart = [(*frame[:3], off.copy()) for frame in shared]
+    finders = [StripeFinder("precise", (WIDTH, HEIGHT), 1) for _ in range(2)]
+    for one, other in zip(*(f.find_all(of) for f, of in zip(finders, (shared, apart), strict=True)), strict=True):
         assert_same(one, other)
 
 
-@pytest.mark.parametrize("view", [False, True])
-def test_buffer_that_is_used_again_is_looked_at_again(view: bool) -> None:
-    """A laser-off frame that its owner overwrites between two stripes, handed over plainly or as a read-only view."""
+@pytest.mark.parametrize("count", [1, SHARED_FROM])
+@pytest.mark.parametrize("kind", ["writable", "read-only view", "frozen"])
+def test_off_buffer_that_is_used_again_is_looked_at_again(kind: str, count: int) -> None:
+    """A laser-off frame that its owner overwrites between two stripes or groups, however it is handed over."""
     buffer = off_frame()
-    handed = buffer.view()
-    handed.setflags(write=not view)
+    handed = buffer.view() if kind == "read-only view" else buffer
     finder = StripeFinder("precise", (WIDTH, HEIGHT), 1)
     for seed, level in enumerate((30.0, 30.0, 30.0, 130.0)):
+        buffer.setflags(write=True)
         buffer[:] = off_frame(level, seed)
         on = on_frame(40.0, 90.0, buffer, seed)
-        assert_same(finder.find_all([(seed, (20, 60), on, handed)])[0], gp.extract_stripe(on, buffer, band=(20, 60)))
+        (buffer if kind == "frozen" else handed).setflags(write=kind == "writable")
+        expected = gp.extract_stripe(on, buffer, band=(20, 60))
+        for found in finder.find_all([(count * seed + i, (20, 60), on, handed) for i in range(count)]):
+            assert_same(found, expected)
+
+
+def test_on_buffer_that_is_used_again_serves_later_stripes_as_it_was() -> None:
+    """No laser-off frames and a camera of one channel that fills the same memory again and again."""
+    buffer = np.empty((HEIGHT, WIDTH), np.uint8)
+    finders = [StripeFinder("precise", (WIDTH, HEIGHT), 1) for _ in range(2)]
+    for index in range(9):
+        row = 20.0 + 9.3 * index
+        buffer[:] = on_frame(row, 90.0, off_frame(seed=index), index)[:, :, 2]
+        band = int(row - 18), int(row + 20)
+        again, fresh = (
+            finder.find_all([(index, band, frame, None)])[0]
+            for finder, frame in zip(finders, (buffer, buffer.copy()), strict=True)
+        )
+        assert np.isfinite(fresh.position_px).mean() > 0.8
+        assert_same(again, fresh)
