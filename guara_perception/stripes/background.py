@@ -63,11 +63,14 @@ class SweepBackground:
             on: whole laser-on frame.
             band: rows in which the stripe is sought.
         """
-        if self._channel is None or self._first is None:
-            self._channel = judge(on[slice(*band)], None).channel
-            self._first = index
         rows = slice(*band)
+        if self._channel is None or self._first is None:
+            self._channel = judge(on[rows], None).channel
+            self._first = index
         plane = channel_of(on, self._channel)
+        if np.may_share_memory(plane, on):
+            # A camera of one channel may fill the same memory again.
+            plane = plane.copy()
         out_of_order = index < self._last
         self._planes[index] = plane
         self._last = max(self._last, index)
