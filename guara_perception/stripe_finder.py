@@ -56,7 +56,7 @@ class StripeFinder:
     def _band(
         self, index: int, rows: tuple[int, int], on: Frame, off: Frame | None, shared: SharedFrame | None
     ) -> Band | str:
-        """What a stripe is sought in, or why it cannot be; `shared` is `off` where that serves other stripes as well."""
+        """What a stripe is sought in, or why it cannot be; `shared` is `off` where it serves other stripes as well."""
         width, height = self._size
         if not isinstance(on, np.ndarray) or on.dtype not in (np.uint8, np.uint16) or on.ndim not in (2, 3):
             given = f"{on.dtype} {on.shape}" if isinstance(on, np.ndarray) else type(on).__name__

@@ -135,10 +135,10 @@ def _rows(profiles: Sequence[StripeProfile], name: str) -> Float:
 
 def _drop(points: Float, on_robot: Callable[[Float], Mask]) -> None:
     """Make points (3, ..., n) on the robot NaN."""
-    flat = points.reshape(3, -1)
-    own = on_robot(flat.T)
+    own = on_robot(points.reshape(3, -1).T)
     if own.any():
-        flat[:, own] = np.nan
+        # In the points themselves: reshaped they may be a copy.
+        points[:, own.reshape(points.shape[1:])] = np.nan
 
 
 def _doubtful(

@@ -366,6 +366,21 @@ def test_points_on_the_robot_are_dropped() -> None:
     assert np.isfinite(found.points[:18, 2]).all() and np.isfinite(found.points[34:, 2]).all()
 
 
+def test_points_on_the_robot_are_dropped_however_they_lie_in_memory() -> None:
+    """A locator may give its coordinates in any layout."""
+
+    class Scattered(Level):
+        def measure(self, plane: object, rows: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            points, sigmas = super().measure(plane, rows, sigma)
+            return np.asfortranarray(points), sigmas
+
+    profiles = [profile(np.zeros(60)), profile(np.zeros(60))]
+    sheets, gates = np.zeros((2, 4)), (-0.08, 0.13)
+    for found in stripe_points(profiles, Scattered(), sheets, gates, lambda p: (p[:, 1] > 0.02) & (p[:, 1] < 0.03)):  # type: ignore[arg-type]
+        assert np.isnan(found.points[21:30, 2]).all()
+        assert np.isfinite(found.points[:18, 2]).all() and np.isfinite(found.points[34:, 2]).all()
+
+
 def test_doubtful_returns_keep_their_place() -> None:
     """A return that may not be used says where it was, unless that is outside the gates."""
     doubtful = np.full(60, np.nan, np.float32)
