@@ -161,7 +161,7 @@ class ScanProcessor:
         return dict(sorted(self._profiles.items()))
 
     def add(self, index: int, on: Frame, off: Frame | None = None) -> StripeProfile:
-        """Process one frame pair: `add_all` of one."""
+        """Process one frame pair as `add_all` does, with the same errors, and give its stripe."""
         return self.add_all([(index, on, off)])[0]
 
     def add_all(self, frames: Sequence[tuple[int, Frame, Frame | None]]) -> list[StripeProfile]:
@@ -192,10 +192,10 @@ class ScanProcessor:
         stripes = self._geometry.stripes
         found = self._finder.find_all([(index, stripes[index].band, on, off) for index, on, off in frames])
         profiles = dict(zip(indices, found, strict=True))
-        self._profiles.update(profiles)
         extracted = time.perf_counter()
         points = self._ranger.points({index: each for index, each in profiles.items() if not each.is_frame_bad})
         triangulated = time.perf_counter()
+        self._profiles.update(profiles)
         self._surface.add(points)
         self._seconds["extract"] += extracted - start
         self._seconds["triangulate"] += triangulated - extracted

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from benchmarks.truth import truth_calibration
+from guara_perception.ranging.stripe_ranger import StripeRanger
 from kinematics import RobotModel, load_robot
 
 DATA = Path("tests/data")
@@ -148,6 +149,25 @@ def test_group_with_an_uncalibrated_index_is_refused_whole() -> None:
     assert not processor.profiles
     processor.add_all(frames[:2])
     assert list(processor.profiles) == [0, 2]
+
+
+def test_group_that_fails_half_way_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No memory for its points: none of its stripes counts as seen, and it may be given again."""
+    frames = recording("paper")[1][:4]
+    undisturbed, scan = processor("paper"), processor("paper")
+    for each in (undisturbed, scan):
+        each.add_all(frames[:2])
+
+    def fail(*_: object) -> None:
+        raise MemoryError
+
+    with monkeypatch.context() as patch, pytest.raises(MemoryError):
+        patch.setattr(StripeRanger, "points", fail)
+        scan.add_all(frames[2:])
+    assert list(scan.profiles) == list(scan.points) == [0, 2]
+    for each in (undisturbed, scan):
+        each.add_all(frames[2:])
+    same_result(scan, undisturbed)
 
 
 def test_empty_group_does_nothing() -> None:
