@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from guara_perception.exceptions import InvalidInput
 from guara_perception.ranging.paper.rangefinder import Literal
-from guara_perception.stripes.extract import METHODS as EXTRACT
 from guara_perception.stripes.extract import Extract
+from guara_perception.stripes.paper import extract_paper
+from guara_perception.stripes.precise import extract_precise
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +16,7 @@ class Method:
     """One method.
 
     Attributes:
-        extract: finds the stripe of each of some bands.
+        extract: finds the stripes of some bands.
         literal: what the paper's chain takes as printed; None = triangulation instead of the paper's chain.
         meaning: in words.
     """
@@ -25,14 +26,11 @@ class Method:
     meaning: str
 
 
-PRECISE, PAPER = EXTRACT["precise"], EXTRACT["paper"]
 METHODS = {
-    "precise": Method(PRECISE, None, "matched filter, triangulation with the calibrated sheets"),
-    "paper": Method(PAPER, Literal(), "the paper's chain, eqs. 7 to 21, corrected"),
-    "paper-literal-lens": Method(PAPER, Literal(lens=True), "the same, eq. 8 in one step"),
-    "paper-literal-ortho": Method(
-        EXTRACT["paper"], Literal(ortho=True), "the same, eqs. 20, 21 about the image centre"
-    ),
+    "precise": Method(extract_precise, None, "matched filter, triangulation with the calibrated sheets"),
+    "paper": Method(extract_paper, Literal(), "the paper's chain, eqs. 7 to 21, corrected"),
+    "paper-literal-lens": Method(extract_paper, Literal(lens=True), "the same, eq. 8 in one step"),
+    "paper-literal-ortho": Method(extract_paper, Literal(ortho=True), "the same, eqs. 20, 21 about the image centre"),
 }
 
 

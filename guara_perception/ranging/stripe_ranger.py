@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.ranging.calibration_variance import calibration_variance
+from guara_perception.ranging.groups import in_groups
 from guara_perception.ranging.locate import Locator
 from guara_perception.ranging.scan_geometry import ScanGeometry
 from guara_perception.ranging.stripe_points import StripePoints, stripe_points
@@ -16,9 +17,6 @@ from guara_perception.stripes.profile import StripeProfile
 
 Float = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-
-# Stripes at a time: more share the fixed cost of a call, until their arrays no longer stay in the processor's cache.
-TOGETHER = 8
 
 
 class StripeRanger:
@@ -53,9 +51,7 @@ class StripeRanger:
     def points(self, profiles: Mapping[int, StripeProfile]) -> dict[int, StripePoints]:
         """Points of stripes by index; their frames must not be bad."""
         found: dict[int, StripePoints] = {}
-        indices = list(profiles)
-        for begin in range(0, len(indices), TOGETHER):
-            group = indices[begin : begin + TOGETHER]
+        for group in in_groups(list(profiles)):
             points = stripe_points(
                 [profiles[index] for index in group],
                 self._locator,

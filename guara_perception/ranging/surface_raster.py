@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import TypeVar
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.ranging.groups import TOGETHER, in_groups
 from guara_perception.ranging.scan_surface import Key, surface_of
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import line_samples
@@ -16,10 +16,6 @@ from guara_perception.terrain.hazard import Hazard
 from guara_perception.terrain.raster import CellSamples, Raster, cells_of, merge, rasterise_parts, without_cells
 
 Flags = npt.NDArray[np.uint16]
-Item = TypeVar("Item")
-
-# Stripes at a time: more share the fixed cost of a call, until their arrays no longer stay in the processor's cache.
-TOGETHER = 8
 
 
 class SurfaceRaster:
@@ -48,7 +44,7 @@ class SurfaceRaster:
 
     def add(self, stripes: Mapping[int, StripePoints]) -> None:
         """Take stripes by index, one or several: faster, with the same result."""
-        for group in _groups(list(stripes), TOGETHER):
+        for group in in_groups(list(stripes)):
             self._stripes.update((index, stripes[index]) for index in group)
             self._mark_out_of_range(group)
             touched = {key for index in group for key in self._touched(index)}
@@ -97,7 +93,7 @@ class SurfaceRaster:
         low = self._geometry.origin[1] - cell
         y_range = (low, low + (self._geometry.shape[0] + 2) * cell)
         parts: dict[Key, CellSamples] = {}
-        for group in _groups(keys, 2 * TOGETHER):
+        for group in in_groups(keys, 2 * TOGETHER):
             samples = surface_of(self._stripes, group, self._pattern, self._join_height, cell, y_range)
             parts.update(zip(group, rasterise_parts(samples, len(group), self._geometry), strict=True))
         return parts
@@ -116,7 +112,3 @@ class SurfaceRaster:
         cells, inside = cells_of(points, self._geometry)
         self._out_of_range.ravel()[cells] = True
         self._too_high.ravel()[cells[points[inside, 2] > 0]] = True
-
-
-def _groups(items: list[Item], size: int) -> Iterator[list[Item]]:
-    return (items[begin : begin + size] for begin in range(0, len(items), size))
