@@ -1,0 +1,110 @@
+"""Points of profiles: set apart by the gates, dropped on the robot, doubtful ones kept for their cause."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from guara_perception.ranging.stripe_points import StripePoints, stripe_points
+from guara_perception.stripes.profile import StripeProfile, StripeStatus
+
+
+class Level:
+    """A locator whose point of column c and row r lies at (0, c mm, r mm)."""
+
+    view_point = np.zeros(3)
+
+    def points(self, plane: object, rows: np.ndarray, columns: np.ndarray | None = None) -> np.ndarray:
+        rows = np.asarray(rows, float)
+        columns = np.arange(rows.shape[-1]) if columns is None else columns
+        points = np.stack(np.broadcast_arrays(0.0, 0.001 * columns, 0.001 * rows))
+        points[:, np.isnan(rows)] = np.nan
+        return points
+
+    def measure(self, plane: object, rows: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self.points(plane, rows), 0.001 * np.asarray(sigma, float)
+
+
+def profile(rows: np.ndarray, doubtful: np.ndarray | None = None) -> StripeProfile:
+    rows = np.asarray(rows, np.float32)
+    known = np.isfinite(rows)
+    status = np.where(known, StripeStatus.OK, StripeStatus.DROPOUT).astype(np.uint8)
+    sigma = np.where(known, 0.1, np.nan).astype(np.float32)
+    nothing = np.full(rows.size, np.nan, np.float32)
+    return StripeProfile(
+        rows, sigma, status, np.full(rows.size, 50, np.float32), nothing if doubtful is None else doubtful
+    )
+
+
+def points_of(found: StripeProfile, **extra: object) -> StripePoints:
+    """Points of one profile by a level locator."""
+    return stripe_points([found], Level(), np.zeros((1, 4)), (-0.08, 0.13), **extra)[0]  # type: ignore[arg-type]
+
+
+def test_points_outside_the_gates_are_set_apart() -> None:
+    """Below and above the gates: no terrain, but a return that was seen."""
+    rows = np.repeat([0.0, -200.0, 0.0, 300.0, 0.0], 20)
+    found = points_of(profile(rows))
+    low, high = slice(24, 36), slice(64, 76)
+    assert np.isnan(found.points[low]).all() and np.isnan(found.points[high]).all()
+    heights = dict(zip(found.out_of_range.columns.tolist(), found.out_of_range.points[:, 2].tolist(), strict=True))
+    assert [heights[c] for c in range(24, 36)] == pytest.approx(12 * [-0.2])
+    assert [heights[c] for c in range(64, 76)] == pytest.approx(12 * [0.3])
+    assert (found.status[low] == StripeStatus.OUT_OF_BAND).all()
+    assert (found.status[18:22] == StripeStatus.MIXED_EDGE).sum() >= 2
+    np.testing.assert_allclose(found.variance[5:15], 1e-8)
+
+
+def test_points_on_the_robot_are_dropped() -> None:
+    """What lies on a leg is no terrain, and what is beside it ends a run."""
+    found = points_of(profile(np.zeros(60)), on_robot=lambda p: (p[:, 1] > 0.02) & (p[:, 1] < 0.03))
+    assert np.isnan(found.points[21:30, 2]).all()
+    assert not ((found.doubtful.columns > 20) & (found.doubtful.columns < 30)).any()
+    assert np.isfinite(found.points[:18, 2]).all() and np.isfinite(found.points[34:, 2]).all()
+
+
+def test_points_on_the_robot_are_dropped_however_they_lie_in_memory() -> None:
+    """A locator may give its coordinates in any layout."""
+
+    class Scattered(Level):
+        def measure(self, plane: object, rows: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            points, sigmas = super().measure(plane, rows, sigma)
+            return np.asfortranarray(points), sigmas
+
+    profiles = [profile(np.zeros(60)), profile(np.zeros(60))]
+    sheets, gates = np.zeros((2, 4)), (-0.08, 0.13)
+    for found in stripe_points(profiles, Scattered(), sheets, gates, lambda p: (p[:, 1] > 0.02) & (p[:, 1] < 0.03)):  # type: ignore[arg-type]
+        assert np.isnan(found.points[21:30, 2]).all()
+        assert np.isfinite(found.points[:18, 2]).all() and np.isfinite(found.points[34:, 2]).all()
+
+
+def test_doubtful_returns_keep_their_place() -> None:
+    """A return that may not be used says where it was, unless that is outside the gates."""
+    doubtful = np.full(60, np.nan, np.float32)
+    doubtful[10], doubtful[11] = 5.0, 900.0
+    rows = np.where(np.isfinite(doubtful), np.nan, 0.0)
+    found = points_of(profile(rows, doubtful))
+    assert found.doubtful.points[found.doubtful.columns == 10, 2] == pytest.approx([0.005])
+    assert 11 not in found.doubtful.columns
+
+
+def test_profiles_together_are_the_profiles_alone() -> None:
+    """Gaps, returns beyond the gates, doubtful ones and a leg, in one go: each stripe as if it were alone."""
+    random = np.random.default_rng(8)
+    profiles = []
+    for _ in range(5):
+        rows = np.repeat(random.choice([0.0, 2.0, -200.0, 300.0, np.nan], 6), 10)
+        doubtful = np.where(random.random(60) < 0.1, random.choice([5.0, 900.0, 25.0], 60), np.nan).astype(np.float32)
+        profiles.append(profile(np.where(np.isfinite(doubtful), np.nan, rows), doubtful))
+    profiles.append(profile(np.zeros(60)))
+    extra = {"on_robot": lambda p: (p[:, 1] > 0.02) & (p[:, 2] > 0.02)}
+    together = stripe_points(profiles, Level(), np.zeros((6, 4)), (-0.08, 0.13), **extra)
+    for found, alone in zip(together, (points_of(each, **extra) for each in profiles), strict=True):
+        for name in ("points", "variance", "strength", "status"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
+            assert not getattr(found, name).flags.writeable
+        for name in ("out_of_range", "doubtful"):
+            np.testing.assert_array_equal(getattr(found, name).columns, getattr(alone, name).columns)
+            np.testing.assert_array_equal(getattr(found, name).points, getattr(alone, name).points)
+    assert sum(len(found.doubtful.columns) for found in together) > 0
+    assert sum(len(found.out_of_range.columns) for found in together) > 0
