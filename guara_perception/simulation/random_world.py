@@ -10,7 +10,6 @@ from guara_perception.simulation.world import World
 
 # The gait stands on ground before this x when it starts.
 START_M = 0.55
-TALLEST_STEP_M = 0.025
 MATERIALS_OF_BOXES = ("wood", "concrete", "brick", "blue")
 
 

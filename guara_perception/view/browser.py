@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 BODY_COLOUR, LEG_COLOUR = (120, 130, 145), (95, 105, 122)
 STRIPE_COLOUR, FOOTHOLD_COLOUR = (213, 94, 0), (0, 114, 178)
 SOLE_THICKNESS_M = 0.004
-# The ground below the body is to be seen.
-BODY_OPACITY = 0.45
 EVEN_LIGHT = 2.6
 FIRST_LOOK = {"position": (1.45, -0.8, 0.65), "look_at": (0.40, 0.08, 0.0)}
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 # Perceptually even, readable in grey and by colour-blind eyes.
 HEIGHT_COLOURS = "cividis"
 TRAVERSABILITY_COLOURS = "viridis"
-# Diverging with zero in the middle, orange against purple: safe for red-green blindness.
-ERROR_COLOURS = "PuOr"
 UNKNOWN_COLOUR = "#E4E4E4"
 
 # Lines and points, in the order in which to use them (Okabe and Ito's palette without its yellow: too pale for lines).
