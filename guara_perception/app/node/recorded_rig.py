@@ -36,9 +36,6 @@ class RecordedView:
         self._angles = [stripe.mirror_angle for stripe, _, _ in frames]
         self._on = [on for _, on, _ in frames]
         self._off = offs[0]
-        for frame in (*self._on, self._off):
-            # Nobody writes into a recording: whoever is shown a frame again may rely on it being the same.
-            frame.setflags(write=False)
         # Further from every recorded angle than this the sheet falls between stripes that were recorded.
         self._reach = 0.6 * float(np.diff(self._angles).max()) if len(frames) > 1 else np.inf
 
