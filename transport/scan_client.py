@@ -68,8 +68,34 @@ def request_scan(
         ScannerGone: The scanner died while it worked.
     """
     request = ScanRequest(id=request_id or new_request_id(), mode=mode, timeout=timeout)
+    deadline = time.monotonic() + timeout
+    for is_repeated in (False, True):
+        was_alive = is_alive is not None and is_alive()
+        left = timeout if not is_repeated else deadline - time.monotonic()
+        reply = _asked(session, robot, request, left, on_progress, is_alive) if left > 0 else None
+        if reply is not None:
+            return reply
+        if is_alive is None or not was_alive or is_repeated:
+            break
+        if _has_gone(is_alive):
+            raise ScannerGone(f"the node of {robot!r} went away before it answered")
+        # A node that has just come up is known to live a little before it is known to scan: it is asked once more.
+    raise ScannerUnavailable(
+        f"no scanner answers on {scan_key(robot)!r}: no node of robot {robot!r} runs, or this side may not "
+        f"trigger scans (the role of its certificate)"
+    )
+
+
+def _asked(
+    session: Session,
+    robot: str,
+    request: ScanRequest,
+    timeout: float,
+    on_progress: Callable[[ScanReply], None] | None,
+    is_alive: Callable[[], bool] | None,
+) -> ScanReply | None:
+    """Send a request and follow it; the DONE reply, or None when nobody answers."""
     accepted = False
-    was_alive = is_alive is not None and is_alive()
     for answer in ask(session, scan_key(robot), encode_scan_request(request), timeout, is_alive=is_alive):
         if answer.payload is not None:
             reply = decode_scan_reply(answer.payload)
@@ -78,27 +104,22 @@ def request_scan(
             if reply.state is ScanState.DONE:
                 return reply
             if reply.state is ScanState.FAILED:
-                _raise_failure(reply.code, reply.message, timeout)
+                _raise_failure(reply.code, reply.message, request.timeout)
             accepted = True
             if reply.state is ScanState.PROGRESS and on_progress is not None:
                 on_progress(reply)
         elif answer.error is not None:
             refusal = _read_refusal(answer.error)
-            _raise_failure(refusal.code, refusal.message, timeout)
+            _raise_failure(refusal.code, refusal.message, request.timeout)
         elif answer.timed_out:
             raise ScanTimeout(
-                f"scan not done within {timeout:g} s ({'it was accepted' if accepted else 'no answer at all'})"
+                f"scan not done within {request.timeout:g} s ({'it was accepted' if accepted else 'no answer at all'})"
             )
         elif accepted or answer.vanished:
             raise ScannerGone(
                 f"the scanner of {robot!r} went away before the scan was done; its node died, hung or lost its link"
             )
-    if was_alive and is_alive is not None and _has_gone(is_alive):
-        raise ScannerGone(f"the node of {robot!r} went away before it answered")
-    raise ScannerUnavailable(
-        f"no scanner answers on {scan_key(robot)!r}: no node of robot {robot!r} runs, or this side may not "
-        f"trigger scans (the role of its certificate)"
-    )
+    return None
 
 
 def _has_gone(is_alive: Callable[[], bool]) -> bool:

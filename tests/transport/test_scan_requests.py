@@ -191,6 +191,23 @@ def test_grids_of_an_earlier_node_do_not_answer_a_request(endpoint: str, peer) -
     router.close()
 
 
+def test_a_node_that_lives_before_it_scans_is_asked_again(endpoint: str, peer) -> None:
+    """A node that comes up: its life is known a little before its service, and the request finds it all the same."""
+    with transport.open_node(listen=endpoint) as session, _client(endpoint) as client:
+        server = transport.PerceptionServer(session)
+        assert client.wait_until_alive(30.0)
+
+        def scan(_: object) -> transport.TerrainMessage:
+            terrain = peer.make_terrain(server.next_sequence("footprint"), stamp=peer.STAMP)
+            server.publish(terrain)
+            return terrain
+
+        late = threading.Timer(0.2, server.serve_scans, [scan])
+        late.start()
+        assert client.request_scan(timeout=30.0).stamp == peer.STAMP
+        late.join()
+
+
 def test_a_scanner_that_died_before_it_answered_is_gone(endpoint: str) -> None:
     """It was alive when it was asked and is not any more: gone, not unavailable; without a life sign: unavailable."""
     from transport.scan_client import request_scan
