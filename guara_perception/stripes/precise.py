@@ -32,22 +32,19 @@ ALBEDO_SHARE = 0.5
 def extract_precise(bands: Sequence[Band]) -> list[StripeProfile]:
     """Find the stripes of some bands, which run across their columns.
 
-    Each by itself; several of one width at once only share the fixed cost of numpy's calls.
+    Each by itself; several at once only share the fixed cost of numpy's calls.
 
     Args:
-        bands: one for each stripe.
+        bands: one for each stripe, all of one width.
 
     Returns:
         For each band one position per column in full-picture rows.
     """
     sought = [seek(band) for band in bands]
-    of_width: dict[int, list[SoughtStripe]] = {}
-    for stripe in sought:
-        if not isinstance(stripe, str):
-            of_width.setdefault(stripe.top.size, []).append(stripe)
-    found = {width: iter(_located(stripes)) for width, stripes in of_width.items()}
+    found = [stripe for stripe in sought if not isinstance(stripe, str)]
+    located = iter(_located(found) if found else [])
     return [
-        bad_frame(band.on.shape[1], stripe) if isinstance(stripe, str) else next(found[stripe.top.size])
+        bad_frame(band.on.shape[1], stripe) if isinstance(stripe, str) else next(located)
         for band, stripe in zip(bands, sought, strict=True)
     ]
 
