@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,28 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from benchmarks.truth import truth_calibration
 from guara_perception.ranging.stripe_ranger import StripeRanger
-from kinematics import RobotModel, load_robot
-
-DATA = Path("tests/data")
-Frames = tuple[int, np.ndarray, np.ndarray | None]
-
-
-@functools.cache
-def guara() -> RobotModel:
-    return load_robot("guara")
-
-
-@functools.cache
-def truth() -> gp.Calibration:
-    return truth_calibration(DATA)
-
-
-@functools.cache
-def recording(name: str) -> tuple[gp.Scan, tuple[Frames, ...]]:
-    scan = gp.open_scan(DATA / "scans" / name)
-    return scan, tuple((stripe.index, on, off) for stripe, on, off in scan.frames())
+from tests.guara_perception.recordings import Frames, guara, recording, truth
 
 
 def processor(name: str, mode: str | None = None, method: str = "precise") -> gp.ScanProcessor:

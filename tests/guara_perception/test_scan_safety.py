@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,33 +11,15 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from benchmarks.accuracy import figures, load_truth
-from benchmarks.truth import truth_calibration
-from kinematics import RobotModel, load_robot
+from tests.guara_perception.recordings import DATA, guara, recording, truth
 
-DATA = Path("tests/data")
 SCANS = ("paper", "dark", "tilt")
-
-
-@functools.cache
-def guara() -> RobotModel:
-    return load_robot("guara")
-
-
-@functools.cache
-def calibration() -> gp.Calibration:
-    return truth_calibration(DATA)
-
-
-@functools.cache
-def recording(name: str) -> tuple[gp.Scan, tuple[tuple[int, np.ndarray, np.ndarray | None], ...]]:
-    scan = gp.open_scan(DATA / "scans" / name)
-    return scan, tuple((stripe.index, on, off) for stripe, on, off in scan.frames())
 
 
 def process(name: str, lost: frozenset[int] = frozenset(), unusable: frozenset[int] = frozenset()) -> gp.TerrainGrid:
     """The terrain of a recording without the lost stripes and with blank frames for the unusable ones."""
     scan, frames = recording(name)
-    processor = gp.ScanProcessor(calibration(), guara(), scan.stance, scan.mode)
+    processor = gp.ScanProcessor(truth(), guara(), scan.stance, scan.mode)
     for index, on, off in frames:
         if index not in lost:
             processor.add(index, np.zeros_like(on) if index in unusable else on, off)
@@ -94,7 +75,7 @@ def test_interior_cells_are_known_and_right(name: str) -> None:
 def test_the_order_of_the_stripes_does_not_matter() -> None:
     """Frames in any order, and `finish` called in between, give the same grid bit by bit."""
     scan, frames = recording("paper")
-    processor = gp.ScanProcessor(calibration(), guara(), scan.stance, scan.mode)
+    processor = gp.ScanProcessor(truth(), guara(), scan.stance, scan.mode)
     shuffled = np.random.default_rng(3).permutation(len(frames))
     for done, place in enumerate(shuffled):
         index, on, off = frames[place]
