@@ -63,7 +63,8 @@ def _located(stripes: Sequence[SoughtStripe]) -> list[StripeProfile]:
     usable = (status == OK) | (status == SATURATED)
     row, shrink = smooth_line(row, height)
     row += first_row
-    variance = (noise * shrink / slope) ** 2 + (SPECKLE_OF_SIGMA * sigma) ** 2 * shrink + _albedo_shift(stripes) ** 2
+    variance = (noise * shrink / slope) ** 2 + (SPECKLE_OF_SIGMA * sigma) ** 2 * shrink
+    variance += _albedo_shift(stripes, sigma) ** 2
     is_doubtful = is_found & ~usable
     has_doubtful = is_doubtful.any(axis=1).tolist()
     position, deviation = np.where(usable, row, NAN), np.where(usable, np.sqrt(variance), NAN)
@@ -83,14 +84,14 @@ def _located(stripes: Sequence[SoughtStripe]) -> list[StripeProfile]:
     ]
 
 
-def _albedo_shift(stripes: Sequence[SoughtStripe]) -> Float32:
+def _albedo_shift(stripes: Sequence[SoughtStripe], sigma: Float32) -> Float32:
     """How far the brightness gradient of the surface may have pulled the centre [px].
 
     Reflectance that changes by a factor exp(g) per row shifts a Gaussian stripe by g sigma^2 rows. The laser-off
     picture shows the reflectance under ambient light, noise included, hence only a share of it.
     """
     above, below = (_stacked(stripes, name).astype(np.float32) for name in ("above", "below"))
-    pull = ALBEDO_SHARE * _numbers(stripes, "sigma") ** 2 / _numbers(stripes, "beside_px")
+    pull = ALBEDO_SHARE * sigma**2 / _numbers(stripes, "beside_px")
     return np.asarray(pull * (below - above) / np.maximum(above + below, np.float32(1)))
 
 
