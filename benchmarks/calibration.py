@@ -14,7 +14,7 @@ import guara_perception as gp
 from benchmarks.accuracy import figures, load_truth
 from benchmarks.truth import truth_calibration
 from guara_perception.app.calibrate import calibrate_folder
-from guara_perception.ranging.height_rows import plane_in_frame
+from guara_perception.calibration.height_rows import plane_in_frame
 from kinematics import load_robot
 
 Float = npt.NDArray[np.float64]

@@ -11,7 +11,7 @@ from benchmarks import whole_scan
 from benchmarks.rounds import alternate, number
 from benchmarks.scenes import Recording, resized, simulated
 from benchmarks.section import Effort, Section
-from guara_perception.terrain.assess_terrain import default_limits
+from guara_perception.terrain.scan.assess_terrain import default_limits
 
 SMALL = (640, 512)
 CELL_M = 0.005

@@ -17,8 +17,8 @@ from guara_perception.simulation.planner import plan_foothold
 from guara_perception.simulation.polar import PolarView
 from guara_perception.simulation.relief import Relief
 from guara_perception.simulation.walk import WalkPause
-from guara_perception.terrain.hazard import UNKNOWN_MASK
-from guara_perception.terrain.terrain_map import TerrainMap
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, RobotModel, Stance, load_robot
 
 Float = npt.NDArray[np.float64]

@@ -16,10 +16,10 @@ import guara_perception as gp
 from benchmarks.truth import truth_calibration
 from benchmarks.walk import Ground, Pause, scan, seen_height, walk
 from guara_perception.settings import Settings
-from guara_perception.terrain.fuse_heights import Drift, forget_heights, fuse_heights
-from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.look import look_at
-from guara_perception.terrain.odom_cells import OdomCells
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.map.fuse_heights import Drift, forget_heights, fuse_heights
+from guara_perception.terrain.map.look import look_at
+from guara_perception.terrain.map.odom_cells import OdomCells
 from kinematics import LegOdometry, RobotModel, load_robot
 
 Float = npt.NDArray[np.float64]

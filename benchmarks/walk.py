@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 import guara_perception as gp
 from guara_perception.settings import Settings, limits_to_dict
-from guara_perception.terrain.assess import assess_layers
-from guara_perception.terrain.geometry import GridGeometry
+from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import RobotModel, Stance
 
 Float = npt.NDArray[np.float64]

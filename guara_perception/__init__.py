@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from guara_perception.app.calibrate import calibrate
     from guara_perception.app.client import TerrainClient
-    from guara_perception.app.open_scan import open_scan
+    from guara_perception.app.files.open_scan import open_scan
     from guara_perception.calibration.calibration import Calibration, StripePlane
     from guara_perception.calibration.camera import CameraModel
     from guara_perception.calibration.drift import Drift, check_drift
@@ -32,19 +32,19 @@ if TYPE_CHECKING:
     from guara_perception.settings import TraversabilityLimits
     from guara_perception.stripes.extract import extract_stripe
     from guara_perception.stripes.profile import StripeProfile, StripeStatus
-    from guara_perception.terrain.assess_terrain import assess_terrain
-    from guara_perception.terrain.best_foothold import Foothold
     from guara_perception.terrain.file import load_terrain
-    from guara_perception.terrain.foothold import FootholdVerdict, FootholdVerdicts
     from guara_perception.terrain.grid import TerrainGrid
-    from guara_perception.terrain.hazard import Hazard
-    from guara_perception.terrain.known_ground import KnownGround
-    from guara_perception.terrain.obstacles import Obstacle
-    from guara_perception.terrain.path import PathVerdict
-    from guara_perception.terrain.policy import ScanDecision, ScanPolicy
-    from guara_perception.terrain.reason import Reason
-    from guara_perception.terrain.refined import refined
-    from guara_perception.terrain.terrain_map import TerrainMap
+    from guara_perception.terrain.layers.hazard import Hazard
+    from guara_perception.terrain.layers.reason import Reason
+    from guara_perception.terrain.map.known_ground import KnownGround
+    from guara_perception.terrain.map.terrain_map import TerrainMap
+    from guara_perception.terrain.questions.best_foothold import Foothold
+    from guara_perception.terrain.questions.foothold import FootholdVerdict, FootholdVerdicts
+    from guara_perception.terrain.questions.obstacles import Obstacle
+    from guara_perception.terrain.questions.path import PathVerdict
+    from guara_perception.terrain.scan.assess_terrain import assess_terrain
+    from guara_perception.terrain.scan.policy import ScanDecision, ScanPolicy
+    from guara_perception.terrain.scan.refined import refined
     from transport.exceptions import (
         ScanBusy,
         ScanFailed,
@@ -61,20 +61,20 @@ _HOME = {
     "CameraModel": "calibration.camera",
     "Drift": "calibration.drift",
     "FileFormatError": "exceptions",
-    "Foothold": "terrain.best_foothold",
-    "FootholdVerdict": "terrain.foothold",
-    "FootholdVerdicts": "terrain.foothold",
-    "Hazard": "terrain.hazard",
+    "Foothold": "terrain.questions.best_foothold",
+    "FootholdVerdict": "terrain.questions.foothold",
+    "FootholdVerdicts": "terrain.questions.foothold",
+    "Hazard": "terrain.layers.hazard",
     "InvalidInput": "exceptions",
-    "KnownGround": "terrain.known_ground",
+    "KnownGround": "terrain.map.known_ground",
     "MissingFile": "exceptions",
-    "Obstacle": "terrain.obstacles",
-    "PathVerdict": "terrain.path",
+    "Obstacle": "terrain.questions.obstacles",
+    "PathVerdict": "terrain.questions.path",
     "PerceptionError": "exceptions",
-    "Reason": "terrain.reason",
+    "Reason": "terrain.layers.reason",
     "Scan": "scan",
-    "ScanDecision": "terrain.policy",
-    "ScanPolicy": "terrain.policy",
+    "ScanDecision": "terrain.scan.policy",
+    "ScanPolicy": "terrain.scan.policy",
     "ScanProcessor": "scan_processor",
     "ScanStripe": "scan",
     "StripePlane": "calibration.calibration",
@@ -82,19 +82,19 @@ _HOME = {
     "StripeStatus": "stripes.profile",
     "TerrainClient": "app.client",
     "TerrainGrid": "terrain.grid",
-    "TerrainMap": "terrain.terrain_map",
+    "TerrainMap": "terrain.map.terrain_map",
     "TraversabilityLimits": "settings",
     "UnsafeGrid": "exceptions",
-    "assess_terrain": "terrain.assess_terrain",
+    "assess_terrain": "terrain.scan.assess_terrain",
     "calibrate": "app.calibrate",
     "check_drift": "calibration.drift",
     "extract_stripe": "stripes.extract",
     "interpolate_pattern": "calibration.pattern",
     "load_calibration": "calibration.file",
     "load_terrain": "terrain.file",
-    "open_scan": "app.open_scan",
+    "open_scan": "app.files.open_scan",
     "process_scan": "process",
-    "refined": "terrain.refined",
+    "refined": "terrain.scan.refined",
     "save_calibration": "calibration.file",
 }
 

@@ -23,12 +23,12 @@ from guara_perception.scan_report import scan_report
 from guara_perception.settings import Settings
 from guara_perception.stripe_finder import StripeFinder
 from guara_perception.stripes.profile import StripeProfile, bad_frame
-from guara_perception.terrain.assess import assess_layers
-from guara_perception.terrain.causes import LookPlan, unknown_causes
-from guara_perception.terrain.geometry import GridGeometry
+from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.assessment.causes import LookPlan, unknown_causes
+from guara_perception.terrain.assessment.lost_cells import lost_cells
+from guara_perception.terrain.assessment.raster import pool, pool_flags
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.lost_cells import lost_cells
-from guara_perception.terrain.raster import pool, pool_flags
+from guara_perception.terrain.layers.geometry import GridGeometry
 
 if TYPE_CHECKING:
     from kinematics import RobotModel, Stance

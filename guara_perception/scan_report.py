@@ -12,7 +12,7 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.settings import Settings, limits_to_dict
 from guara_perception.stripes.profile import StripeProfile, StripeStatus
-from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
 
 if TYPE_CHECKING:
     from kinematics import RobotModel, Stance, StancePose

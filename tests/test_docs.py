@@ -32,8 +32,8 @@ import guara_perception as gp
 from guara_perception.app.main import guara as program
 from guara_perception.ranging.scan_geometry import scan_geometry
 from guara_perception.settings import Settings
-from guara_perception.terrain.disc import disc_kernel
-from guara_perception.terrain.edges import EXTRA_RING_CELLS, half_cells
+from guara_perception.terrain.assessment.disc import disc_kernel
+from guara_perception.terrain.assessment.edges import EXTRA_RING_CELLS, half_cells
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

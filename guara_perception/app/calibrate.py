@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from guara_perception.app.calibration_session import open_session
+from guara_perception.app.files.calibration_session import open_session
 from guara_perception.calibration.calibrate import calibrate_session
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.result import CalibrationResult

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from guara_perception.app.open_scan import open_scan
+from guara_perception.app.files.open_scan import open_scan
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.drift import DRIFTING, HOLDS, check_drift
 from guara_perception.calibration.file import load_calibration

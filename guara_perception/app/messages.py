@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from guara_perception.exceptions import UnsafeGrid
-from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.invariant import check_invariant
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.invariant import check_invariant
 from transport import Health, ObstacleMessage, StanceMessage, TerrainMessage, TransformMessage
 
 HEALTH = {"ok": Health.OK, "degraded": Health.WARN, "failed": Health.ERROR}

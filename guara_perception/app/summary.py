@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.hazard import UNKNOWN_MASK, cells_by_flag
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, cells_by_flag
 
 
 def summary(terrain: TerrainGrid) -> str:

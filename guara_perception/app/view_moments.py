@@ -45,7 +45,7 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
     if path.is_dir():
         if calibration is None:
             raise InvalidInput(f"{path} is a scan folder: give the calibration that belongs to it with -c")
-        from guara_perception.app.open_scan import open_scans
+        from guara_perception.app.files.open_scan import open_scans
 
         return [_processed(scan, robot, calibration) for scan in open_scans(path)]
     if path.suffix == ".npz":
@@ -95,7 +95,7 @@ def _processed(scan: Scan, robot: RobotModel, calibration: Calibration) -> Momen
 
 def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) -> list[Moment]:
     """Moments of a recording: its grids by step; scans without grids are processed."""
-    from guara_perception.app.open_scan import open_scans
+    from guara_perception.app.files.open_scan import open_scans
     from transport import TransportError
     from transport.recording import open_recording
 

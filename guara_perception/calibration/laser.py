@@ -10,13 +10,13 @@ import numpy.typing as npt
 
 from guara_perception.calibration.bundle import CameraFit
 from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.height_rows import plane_in_frame
 from guara_perception.calibration.height_sigma import HeightUncertainty, field_covariance, plane_covariance
 from guara_perception.calibration.mirror_model import MirrorModel
 from guara_perception.calibration.plates import PlateLine, level_pixels
 from guara_perception.calibration.session import Plate
 from guara_perception.calibration.stripe_planes import StripeFit, fit_stripes
 from guara_perception.calibration.sweep import Sweep, fit_sweep, line_points
-from guara_perception.ranging.height_rows import plane_in_frame
 from guara_perception.readonly import readonly
 
 Float = npt.NDArray[np.float64]

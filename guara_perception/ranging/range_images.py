@@ -11,8 +11,8 @@ import numpy.typing as npt
 from guara_perception.ranging.scan_surface import scan_surface
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.readonly import readonly
-from guara_perception.terrain.geometry import GridGeometry
-from guara_perception.terrain.raster import merge, rasterise
+from guara_perception.terrain.assessment.raster import merge, rasterise
+from guara_perception.terrain.layers.geometry import GridGeometry
 
 Float = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]

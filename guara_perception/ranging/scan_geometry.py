@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.calibration.calibration import Calibration
-from guara_perception.ranging.height_rows import plane_in_frame, row_bands
+from guara_perception.calibration.height_rows import plane_in_frame, row_bands
 from guara_perception.ranging.triangulate import sheet_origin
 from guara_perception.settings import Settings
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import confirmed_points, joined_surface, linked_columns
-from guara_perception.terrain.raster import PartSamples
+from guara_perception.terrain.assessment.raster import PartSamples
 
 Key = tuple[int, int]
 Mask = npt.NDArray[np.bool_]

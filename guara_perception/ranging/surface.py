@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.ranging.stripe_points import ColumnPoints
-from guara_perception.terrain.raster import PartSamples
+from guara_perception.terrain.assessment.raster import PartSamples
 
 Float = npt.NDArray[np.float64]
 Stored = npt.NDArray[Any]

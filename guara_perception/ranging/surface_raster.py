@@ -11,9 +11,16 @@ from guara_perception.ranging.groups import TOGETHER, in_groups
 from guara_perception.ranging.scan_surface import Key, surface_of
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import line_samples
-from guara_perception.terrain.geometry import GridGeometry
-from guara_perception.terrain.hazard import Hazard
-from guara_perception.terrain.raster import CellSamples, Raster, cells_of, merge, rasterise_parts, without_cells
+from guara_perception.terrain.assessment.raster import (
+    CellSamples,
+    Raster,
+    cells_of,
+    merge,
+    rasterise_parts,
+    without_cells,
+)
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import Hazard
 
 Flags = npt.NDArray[np.uint16]
 

@@ -30,7 +30,7 @@ from guara_perception.simulation.walk import (
     true_footprint,
 )
 from guara_perception.simulation.world import World
-from guara_perception.terrain.known_ground import KnownGround
+from guara_perception.terrain.map.known_ground import KnownGround
 
 if TYPE_CHECKING:
     from kinematics import RobotModel

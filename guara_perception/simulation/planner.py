@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from guara_perception.terrain.grid import TerrainGrid
 
 if TYPE_CHECKING:
-    from guara_perception.terrain.best_foothold import Foothold
+    from guara_perception.terrain.questions.best_foothold import Foothold
     from kinematics import RobotModel
 
 # How far from its wish a foot may land: first near, then as far as a wave gait's stride bears.

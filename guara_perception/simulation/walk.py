@@ -13,7 +13,7 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.gait import WaveGait
 from guara_perception.simulation.stand import stand_on
 from guara_perception.simulation.world import World
-from guara_perception.terrain.known_ground import KnownGround
+from guara_perception.terrain.map.known_ground import KnownGround
 
 if TYPE_CHECKING:
     from kinematics import RobotModel, Stance

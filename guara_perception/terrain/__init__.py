@@ -1,1 +1,5 @@
-"""Terrain: from points to grids, hazards and answers for planners."""
+"""Terrain: elevation grids with hazards, what can be asked of them, and the map of a walk.
+
+Rooms: `layers`, `assessment`, `questions`, `map`, `scan`; here `grid` (TerrainGrid) and its `file`.
+The processor, `app`, `view` and `simulation` may import it; it does no input or output but its own file.
+"""

@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from guara_perception.exceptions import FileFormatError, MissingFile, PerceptionError
 from guara_perception.fields import refuse_not_finite
-from guara_perception.terrain.geometry import GridGeometry
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers import LAYERS
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.layers import LAYERS
 
 # What NumPy and zipfile raise on damaged files; RuntimeError: a flipped bit says "encrypted" or "unknown method".
 UNREADABLE = (ValueError, TypeError, OSError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)

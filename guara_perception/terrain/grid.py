@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.terrain.best_foothold import Foothold, best_foothold
-from guara_perception.terrain.coarser import coarser
-from guara_perception.terrain.explain import explain
-from guara_perception.terrain.foothold import FootholdVerdict, FootholdVerdicts, check_foothold
-from guara_perception.terrain.layered_grid import LayeredGrid
-from guara_perception.terrain.normal import normal_at
-from guara_perception.terrain.obstacles import Obstacle, obstacles
-from guara_perception.terrain.path import PathVerdict, check_path, check_polygon
-from guara_perception.terrain.save import save_terrain
+from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.questions.best_foothold import Foothold, best_foothold
+from guara_perception.terrain.questions.coarser import coarser
+from guara_perception.terrain.questions.explain import explain
+from guara_perception.terrain.questions.foothold import FootholdVerdict, FootholdVerdicts, check_foothold
+from guara_perception.terrain.questions.normal import normal_at
+from guara_perception.terrain.questions.obstacles import Obstacle, obstacles
+from guara_perception.terrain.questions.path import PathVerdict, check_path, check_polygon
+from guara_perception.terrain.questions.save import save_terrain
 
 if TYPE_CHECKING:
     from kinematics import RobotModel

@@ -12,7 +12,7 @@ import numpy as np
 from guara_perception.exceptions import InvalidInput
 from guara_perception.extras import optional_library
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.hazard import MEANING, Hazard
+from guara_perception.terrain.layers.hazard import MEANING, Hazard
 from guara_perception.view.moment import Moment
 from guara_perception.view.robot_mesh import robot_meshes
 from guara_perception.view.style import rgb

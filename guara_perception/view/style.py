@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.terrain.geometry import GridGeometry
-from guara_perception.terrain.hazard import Hazard
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.whole_file import whole_file
 
 if TYPE_CHECKING:

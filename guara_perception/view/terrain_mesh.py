@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.view.style import HEIGHT_COLOURS, TRAVERSABILITY_COLOURS, hazard_picture
 
 COLOURINGS = ("hazard", "elevation", "traversability")

@@ -16,7 +16,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.simulation import SimulatedRangefinder, World, specimen
 from guara_perception.simulation.walk import simulate_walk
-from guara_perception.terrain.terrain_map import TerrainMap
+from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, load_robot
 
 ROOT = Path(__file__).parents[2]

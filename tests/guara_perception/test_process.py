@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.terrain.hazard import UNKNOWN_MASK
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import RobotModel
 
 

@@ -46,8 +46,8 @@ def command(
     from guara_perception.app.calibrate import refuse
     from guara_perception.app.calibration_report.html import check_report_folder, write_report
     from guara_perception.app.calibration_report.summary import summary
-    from guara_perception.app.calibration_session import open_session
-    from guara_perception.app.camera_info import write_camera_info
+    from guara_perception.app.files.calibration_session import open_session
+    from guara_perception.app.files.camera_info import write_camera_info
     from guara_perception.calibration.calibrate import calibrate_session, session_pictures
     from guara_perception.calibration.file import save_calibration
     from guara_perception.calibration.pattern import interpolate_pattern

@@ -20,7 +20,7 @@ def command(source: Path, target: Path, step: int | None) -> None:
     Example:
       guara convert scans/paper paper.mcap
     """
-    from guara_perception.app.convert import convert
+    from guara_perception.app.files.convert import convert
 
     with progress("Converting", 1) as advance:
         convert(source, target, step=step, progress=lambda done, total: advance(1 / total))

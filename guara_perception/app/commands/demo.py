@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from guara_perception.app.progress import progress
-from guara_perception.terrain.hazard import UNKNOWN_MASK
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
 if TYPE_CHECKING:
     from guara_perception.app.demo.walk import DemoPause

@@ -44,12 +44,12 @@ def command(
     Example:
       guara process scans/paper -c calibration.json -o paper.npz --figures pictures
     """
-    from guara_perception.app.open_scan import open_scan
+    from guara_perception.app.files.open_scan import open_scan
     from guara_perception.app.summary import summary
     from guara_perception.calibration.file import load_calibration
     from guara_perception.methods import METHODS
     from guara_perception.process import run_scan, with_pictures
-    from guara_perception.terrain.save import save_terrain
+    from guara_perception.terrain.questions.save import save_terrain
     from guara_perception.whole_file import check_target
     from kinematics import RobotNotFound, load_robot
 
@@ -84,7 +84,7 @@ def command(
         save_terrain(terrain, target)
         click.echo(f"{target}: {summary(terrain)}")
         if figures is not None:
-            from guara_perception.app.figures import draw_figures
+            from guara_perception.app.figures.figures import draw_figures
 
             folder = figures if len(methods) == 1 else figures / name
             pictures = draw_figures(folder, recorded, calibrated, processor, terrain)

@@ -55,13 +55,13 @@ def command(
       guara replay walk.mcap -c calibration.json -o grids
       guara replay scans/a scans/b -c calibration.json --extent map --publish
     """
+    from guara_perception.app.files.open_scan import open_scans
     from guara_perception.app.node.walk_map import WalkMap
-    from guara_perception.app.open_scan import open_scans
     from guara_perception.app.summary import summary
     from guara_perception.calibration.file import load_calibration
     from guara_perception.process import process_scan
-    from guara_perception.terrain.layered_grid import EXTENTS
-    from guara_perception.terrain.save import save_terrain
+    from guara_perception.terrain.layers.layered_grid import EXTENTS
+    from guara_perception.terrain.questions.save import save_terrain
     from kinematics import load_robot
 
     extents = tuple(dict.fromkeys(name.strip() for name in extent.split(",")))

@@ -43,11 +43,11 @@ def command(
     Example:
       guara scan -c calibration.json -o scans/today
     """
-    from guara_perception.app.figures import draw_figures
+    from guara_perception.app.figures.figures import draw_figures
+    from guara_perception.app.files.open_scan import open_scan
+    from guara_perception.app.files.scan_folder_writer import ScanFolderWriter
     from guara_perception.app.node.devices import choose_rig
     from guara_perception.app.node.live_scan import live_scan
-    from guara_perception.app.open_scan import open_scan
-    from guara_perception.app.scan_folder_writer import ScanFolderWriter
     from guara_perception.app.summary import summary
     from guara_perception.fields import read_json
     from guara_perception.process import with_pictures

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from guara_perception.simulation.walk import WalkPause
 from guara_perception.simulation.world import World
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.hazard import UNKNOWN_MASK
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
 Float = npt.NDArray[np.float64]
 

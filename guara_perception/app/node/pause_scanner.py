@@ -22,7 +22,7 @@ from guara_perception.exceptions import MirrorSlipped
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.policy import ScanPolicy
+from guara_perception.terrain.scan.policy import ScanPolicy
 from kinematics import CameraMoved, RobotModel, Stance, check_camera_still
 from transport import TerrainMessage, TransportError
 from transport.server import PerceptionServer

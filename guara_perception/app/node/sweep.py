@@ -16,8 +16,8 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import MODES, Settings
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.policy import ScanPolicy
-from guara_perception.terrain.refined import refined
+from guara_perception.terrain.scan.policy import ScanPolicy
+from guara_perception.terrain.scan.refined import refined
 
 if TYPE_CHECKING:
     from drivers import StripeCapture

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.known_ground import KnownGround
-from guara_perception.terrain.terrain_map import TerrainMap
+from guara_perception.terrain.map.known_ground import KnownGround
+from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, OdometryLost, OdometryPose, RobotModel, Stance
 from transport import GroundPatch
 

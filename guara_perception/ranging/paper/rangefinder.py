@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.calibration.camera import CameraModel
-from guara_perception.ranging.height_rows import plane_in_frame
+from guara_perception.calibration.height_rows import plane_in_frame
 from guara_perception.ranging.paper.camera import undistort
 from guara_perception.ranging.paper.height import StripeConstants, depth_from_constants, height, stripe_constants
 from guara_perception.ranging.paper.ortho import ortho_u, ortho_v

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.app.calibration_session import open_session
-from guara_perception.app.camera_info import read_camera_info, write_camera_info
+from guara_perception.app.files.calibration_session import open_session
+from guara_perception.app.files.camera_info import read_camera_info, write_camera_info
 from guara_perception.app.main import run
 
 Edit = Callable[[dict[str, Any]], object]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.terrain.hazard import UNKNOWN_MASK
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
 FLOATS = "elevation variance elevation_min elevation_max slope step_height roughness clearance traversability".split()
 LAYERS = {**dict.fromkeys(FLOATS, np.float32), "hazard": np.uint16, "age": np.uint8, "looks": np.uint8}

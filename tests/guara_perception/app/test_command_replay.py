@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.terrain.hazard import Hazard
+from guara_perception.terrain.layers.hazard import Hazard
 
 GUARA = ("-m", "guara_perception.app.main")
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.app.figure_frames import as_grey, corrected_frame, middle_frame, stripes_together
-from guara_perception.app.figures import draw_figures
-from guara_perception.app.range_files import cause_image, from_16_bit, to_8_bit, to_16_bit
+from guara_perception.app.figures.figure_frames import as_grey, corrected_frame, middle_frame, stripes_together
+from guara_perception.app.figures.figures import draw_figures
+from guara_perception.app.files.range_files import cause_image, from_16_bit, to_8_bit, to_16_bit
 from guara_perception.process import run_scan, with_pictures
-from guara_perception.terrain.hazard import UNKNOWN_MASK
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
 NAMES = [
     "fig13_original_frame.png",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.app.scan_folder import open_scan_folder, read_picture
+from guara_perception.app.files.scan_folder import open_scan_folder, read_picture
 
 
 def test_good_folder_says_what_was_recorded(data: Path):
@@ -48,7 +48,7 @@ def test_frames_are_read_one_by_one(data: Path, monkeypatch: pytest.MonkeyPatch)
         read.append(path.name)
         return read_picture(path)
 
-    monkeypatch.setattr("guara_perception.app.scan_folder.read_picture", counted)
+    monkeypatch.setattr("guara_perception.app.files.scan_folder.read_picture", counted)
     scan = open_scan_folder(data / "scans" / "paper")
     assert read == []
     for _, on, off in scan.frames():

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from guara_perception.app.calibration_session import open_session
+from guara_perception.app.files.calibration_session import open_session
 from guara_perception.calibration.calibrate import calibrate_session
 from guara_perception.calibration.result import CalibrationResult
 from guara_perception.calibration.session import CalibrationSession

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.app.scan_folder import read_picture
+from guara_perception.app.files.scan_folder import read_picture
 from guara_perception.calibration.board import BoardSpec, find_board, other_size
 
 BOARD = BoardSpec(9, 7, 0.03)

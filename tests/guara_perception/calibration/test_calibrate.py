@@ -14,13 +14,13 @@ from guara_perception.calibration.board import to_grey
 from guara_perception.calibration.bundle import fit_camera
 from guara_perception.calibration.calibrate import calibrate_session, session_pictures
 from guara_perception.calibration.faults import suspect_plate
+from guara_perception.calibration.height_rows import plane_in_frame
 from guara_perception.calibration.height_sigma import HeightUncertainty
 from guara_perception.calibration.laser import fit_laser
 from guara_perception.calibration.mirror_model import nominal_mirror
 from guara_perception.calibration.mount import locate_camera
 from guara_perception.calibration.result import CalibrationResult
 from guara_perception.calibration.session import CalibrationSession, Fiducials
-from guara_perception.ranging.height_rows import plane_in_frame
 from kinematics import RobotModel
 from tests.guara_perception.calibration.breaking import with_frames, with_pictures, with_plate
 

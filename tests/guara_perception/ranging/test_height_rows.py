@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.ranging.height_rows import plane_in_frame, row_bands
+from guara_perception.calibration.height_rows import plane_in_frame, row_bands
 from kinematics import RobotModel
 
 MARGIN = 8

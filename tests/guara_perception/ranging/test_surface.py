@@ -11,9 +11,9 @@ from guara_perception.ranging.scan_surface import scan_surface
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 from guara_perception.ranging.surface import OPEN_END_M, joined_surface, line_samples, linked_columns
 from guara_perception.ranging.surface_raster import SurfaceRaster
-from guara_perception.terrain.geometry import GridGeometry
-from guara_perception.terrain.hazard import Hazard
-from guara_perception.terrain.raster import PartSamples
+from guara_perception.terrain.assessment.raster import PartSamples
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import Hazard
 
 COLUMNS = 40
 JOIN = 0.008

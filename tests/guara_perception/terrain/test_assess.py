@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.settings import TraversabilityLimits
-from guara_perception.terrain.disc import disc_kernel, fit_disc
-from guara_perception.terrain.hazard import Hazard
+from guara_perception.terrain.assessment.disc import disc_kernel, fit_disc
+from guara_perception.terrain.layers.hazard import Hazard
 
 RESOLUTION = 0.005
 PROPERTY = settings(max_examples=40, deadline=None, derandomize=True)
@@ -98,8 +98,8 @@ def test_up_and_down_are_told_apart() -> None:
 
 def test_a_step_inside_one_cell_counts() -> None:
     """Lowest and highest samples of one cell that are 35 mm apart make a step, though the mean heights are flat."""
-    from guara_perception.terrain.assess import assess_layers
-    from guara_perception.terrain.assess_terrain import default_limits
+    from guara_perception.terrain.assessment.assess import assess_layers
+    from guara_perception.terrain.scan.assess_terrain import default_limits
 
     flat, high = np.zeros((40, 40)), np.zeros((40, 40))
     high[20, 20] = 0.035

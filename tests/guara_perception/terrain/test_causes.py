@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guara_perception.terrain.causes import LookPlan, is_hidden, unknown_causes
-from guara_perception.terrain.geometry import GridGeometry
-from guara_perception.terrain.hazard import Hazard
+from guara_perception.terrain.assessment.causes import LookPlan, is_hidden, unknown_causes
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import Hazard
 
 GRID = GridGeometry((0.5, -0.05), 0.005, (20, 60))
 EYES = (np.array([0.4, 0.0, 0.5]), np.array([0.6, 0.0, 0.47]))

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.terrain.hazard import Hazard
+from guara_perception.terrain.layers.hazard import Hazard
 from kinematics import KinematicsError, RobotModel, Stance
 
 PROPERTY = settings(max_examples=40, deadline=None, derandomize=True)
@@ -108,7 +108,7 @@ def test_unknown_reasons_name_cause_and_share() -> None:
 def test_uncertain_conflicting_and_stale_ground_is_told(robot: RobotModel) -> None:
     """The flags that fusion sets are reasons of their own."""
     from guara_perception.settings import Settings
-    from guara_perception.terrain.assess import assess_layers
+    from guara_perception.terrain.assessment.assess import assess_layers
 
     limits = Settings.of(robot).limits
     flat = np.zeros((120, 120))

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.terrain.geometry import GridGeometry
-from guara_perception.terrain.hazard import MEANING, Hazard, cells_by_flag, names
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import MEANING, Hazard, cells_by_flag, names
 
 
 @pytest.fixture

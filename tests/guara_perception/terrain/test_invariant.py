@@ -12,8 +12,8 @@ from hypothesis.extra import numpy as hnp
 
 import guara_perception as gp
 from guara_perception.settings import TraversabilityLimits
-from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.invariant import check_invariant
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.layers.invariant import check_invariant
 
 # Three cells of disc, two by one cells of sole: windows small enough for small grids.
 LIMITS = TraversabilityLimits(
@@ -140,7 +140,7 @@ def test_bands_of_a_large_grid_change_no_bit(monkeypatch: pytest.MonkeyPatch) ->
     elevation = heights(5, (120, 40), 1e-3, 0.05)
     elevation[50:53, 10:12] = np.nan
     whole = gp.assess_terrain(elevation, RESOLUTION, limits=LIMITS)
-    monkeypatch.setattr("guara_perception.terrain.assess.BAND_CELLS", 1)
+    monkeypatch.setattr("guara_perception.terrain.assessment.assess.BAND_CELLS", 1)
     banded = gp.assess_terrain(elevation, RESOLUTION, limits=LIMITS)
     for name, layer in whole.layers.items():
         np.testing.assert_array_equal(layer, banded.layer(name), err_msg=name)

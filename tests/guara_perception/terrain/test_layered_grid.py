@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.terrain.best_foothold import best_foothold
-from guara_perception.terrain.coarser import coarser
-from guara_perception.terrain.explain import explain
-from guara_perception.terrain.foothold import check_foothold
-from guara_perception.terrain.layered_grid import LayeredGrid
-from guara_perception.terrain.normal import normal_at
-from guara_perception.terrain.obstacles import obstacles
-from guara_perception.terrain.path import check_path, check_polygon
-from guara_perception.terrain.save import save_terrain
+from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.questions.best_foothold import best_foothold
+from guara_perception.terrain.questions.coarser import coarser
+from guara_perception.terrain.questions.explain import explain
+from guara_perception.terrain.questions.foothold import check_foothold
+from guara_perception.terrain.questions.normal import normal_at
+from guara_perception.terrain.questions.obstacles import obstacles
+from guara_perception.terrain.questions.path import check_path, check_polygon
+from guara_perception.terrain.questions.save import save_terrain
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +106,7 @@ def test_a_missing_name_is_told_with_the_class(terrain: gp.TerrainGrid, bare: La
 def test_questions_are_loaded_without_the_terrain_grid() -> None:
     """In a fresh process, the modules of all questions load without the class above them."""
     names = ["best_foothold", "coarser", "explain", "foothold", "normal", "obstacles", "path", "save"]
-    code = "; ".join(f"import guara_perception.terrain.{name}" for name in names)
+    code = "; ".join(f"import guara_perception.terrain.questions.{name}" for name in names)
     code += "; import sys; print('guara_perception.terrain.grid' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.terrain.polygon import distance_to_segment, inside_polygon, touched_cells
+from guara_perception.terrain.questions.polygon import distance_to_segment, inside_polygon, touched_cells
 
 PROPERTY = settings(max_examples=60, deadline=None, derandomize=True)
 

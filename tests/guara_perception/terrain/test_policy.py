@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.terrain.hazard import Hazard
-from guara_perception.terrain.policy import CLEAR_PAUSES
+from guara_perception.terrain.layers.hazard import Hazard
+from guara_perception.terrain.scan.policy import CLEAR_PAUSES
 from kinematics import RobotModel
 
 MakeScan = Any

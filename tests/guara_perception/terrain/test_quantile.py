@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.terrain.quantile import quantile
+from guara_perception.terrain.assessment.quantile import quantile
 
 
 @given(st.integers(1, 40), st.floats(0.0, 1.0), st.integers(0, 1000))

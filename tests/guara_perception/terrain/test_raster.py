@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.terrain.geometry import GridGeometry
-from guara_perception.terrain.raster import (
+from guara_perception.terrain.assessment.raster import (
     TOP_LAYER_M,
     PartSamples,
     cells_of,
@@ -19,6 +18,7 @@ from guara_perception.terrain.raster import (
     rasterise_parts,
     without_cells,
 )
+from guara_perception.terrain.layers.geometry import GridGeometry
 
 GRID = GridGeometry((0.5, -0.27), 0.005, (6, 8))
 

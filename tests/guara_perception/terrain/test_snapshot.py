@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from guara_perception.settings import Settings
-from guara_perception.terrain.fuse_heights import Drift
-from guara_perception.terrain.geometry import GridGeometry
-from guara_perception.terrain.hazard import Hazard
-from guara_perception.terrain.odom_cells import OdomCells
-from guara_perception.terrain.snapshot import Moment, snapshot_layers
-from guara_perception.terrain.touched import SHRUNK_M
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import Hazard
+from guara_perception.terrain.map.fuse_heights import Drift
+from guara_perception.terrain.map.odom_cells import OdomCells
+from guara_perception.terrain.map.snapshot import Moment, snapshot_layers
+from guara_perception.terrain.map.touched import SHRUNK_M
 from kinematics import RobotModel
 
 RESOLUTION = 0.005

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.settings import Settings
-from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from kinematics import RobotModel
 
 MakeScan = Any

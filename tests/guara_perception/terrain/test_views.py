@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.terrain.floor_plane import fit_floor
-from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.questions.floor_plane import fit_floor
 
 PROPERTY = settings(max_examples=30, deadline=None, derandomize=True)
 

@@ -10,7 +10,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.simulation import World
 from guara_perception.simulation.features import Box
-from guara_perception.terrain.geometry import GridGeometry
+from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import RobotModel, Stance, load_robot
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from guara_perception.app.demo.check import CheckedFoothold, DemoCheck
-from guara_perception.app.open_scan import open_scans
+from guara_perception.app.files.open_scan import open_scans
 
 PATIENCE = 240.0
 

@@ -7,7 +7,7 @@ from drivers import DriverError, Frame
 from drivers.emulator import CameraFault, Fault, FaultKind
 from drivers.protocol import Request
 from guara_perception.app.node.live_scan import live_scan
-from guara_perception.terrain.hazard import Hazard
+from guara_perception.terrain.layers.hazard import Hazard
 from tests.guara_perception.app.node.conftest import Rig
 
 TRANSFER_FAULTS = [

@@ -9,9 +9,9 @@ import pytest
 import guara_perception as gp
 from drivers.emulator import Fault, FaultKind
 from drivers.protocol import Request
+from guara_perception.app.files.open_scan import open_scans
 from guara_perception.app.node.recorder import ScanRecorder
-from guara_perception.app.open_scan import open_scans
-from guara_perception.terrain.hazard import UNKNOWN_MASK
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import RobotModel, Stance
 from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, running, wait_until

@@ -16,7 +16,7 @@ from guara_perception.app.node.recorded_rig import RecordedView
 from guara_perception.app.node.recorder import stance_message
 from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.scan import Scan, ScanStripe
-from guara_perception.terrain.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from kinematics import RobotModel, Stance
 from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, running, wait_until

@@ -10,12 +10,12 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app.demo.check import true_elevation
+from guara_perception.app.files.open_scan import open_scan
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
 from guara_perception.app.node.simulated_walk import walk_until_stopped
-from guara_perception.app.open_scan import open_scan
-from guara_perception.terrain.hazard import UNKNOWN_MASK
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from transport import Session, open_client, open_node
 from transport.server import PerceptionServer
 from transport.stance_link import StancePublisher, StanceReceiver

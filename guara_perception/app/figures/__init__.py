@@ -1,0 +1,4 @@
+"""Pictures for people, drawn with matplotlib: maps, frames and range images.
+
+Only `app` imports it.
+"""

@@ -1,0 +1,4 @@
+"""Scans, sessions and range images in folders and recordings: opened, written, converted.
+
+The commands and the node import it; it starts neither.
+"""

@@ -1,0 +1,83 @@
+"""Opens a calibration session folder: `session.json`, its pictures and its plate scans."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from guara_perception.app.files.scan_folder import open_scan_folder, read_picture
+from guara_perception.calibration.board import BoardSpec
+from guara_perception.calibration.session import CalibrationSession, Fiducials, Plate
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.fields import Fields, read_json
+
+FORMAT = "guara-calibration-session/1"
+SESSION_FILE = "session.json"
+# No plate is lower than a pit or higher than what the camera can look down on.
+PLATE_HEIGHTS = (-0.5, 0.5)
+
+
+def open_session(folder: str | Path) -> CalibrationSession:
+    """Read and check `session.json`; pictures are read when they are asked for.
+
+    Raises:
+        MissingFile: the folder, its session.json, a picture or a scan that it names is not there.
+        FileFormatError: the message names file and field, what was given and what is allowed.
+        InvalidInput: the parts do not belong together (another robot, another stance).
+    """
+    from kinematics import KinematicsError, Stance
+
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise MissingFile(f"{folder}: no such folder; a calibration session is a folder with {SESSION_FILE}")
+    fields = read_json(folder / SESSION_FILE)
+    fields.text("format", (FORMAT,))
+    try:
+        stance = Stance.from_dict(fields.sub("stance").data)
+    except KinematicsError as error:
+        raise FileFormatError(f"{folder / SESSION_FILE}: {error}") from None
+    images = tuple(
+        _picture_name(name, folder, fields.place("board_images")) for name in fields.sequence("board_images")
+    )
+    ground = _picture_name(fields.text("ground_board_image"), folder, fields.place("ground_board_image"))
+    plates = tuple(_plate(item, folder) for item in fields.items("plates"))
+    return CalibrationSession(
+        robot=fields.text("robot"),
+        board=_board(fields.sub("board")),
+        board_images=images if ground in images else (*images, ground),
+        ground_board_image=ground,
+        fiducials=_fiducials(fields.sub("fiducials"), folder),
+        plates=plates,
+        stance=stance,
+        source=str(folder),
+        read_picture=lambda name: read_picture(folder / name),
+    )
+
+
+def _board(fields: Fields) -> BoardSpec:
+    columns, rows = fields.array("inner_corners", (2,))
+    if columns != int(columns) or rows != int(rows):
+        raise FileFormatError(f"{fields.place('inner_corners')} is [{columns}, {rows}], it must be two whole numbers")
+    return BoardSpec(int(columns), int(rows), fields.number("square"))
+
+
+def _fiducials(fields: Fields, folder: Path) -> Fiducials:
+    image = _picture_name(fields.text("image"), folder, fields.place("image"))
+    points = fields.array("points_in_footprint", (None, 2))
+    pixels = fields.array("points_px", (None, 2)) if fields.has("points_px") else None
+    try:
+        return Fiducials(image, points, pixels)
+    except InvalidInput as error:
+        raise FileFormatError(f"{fields.source}: {error}") from None
+
+
+def _plate(item: Fields, folder: Path) -> Plate:
+    name = item.text("scan")
+    return Plate(name, item.number("height", *PLATE_HEIGHTS), open_scan_folder(folder / name))
+
+
+def _picture_name(name: object, folder: Path, place: str) -> str:
+    if not isinstance(name, str):
+        raise FileFormatError(f"{place}: {name!r} is no file name")
+    if not (folder / name).is_file():
+        raise MissingFile(f"{place}: {folder / name} is not there")
+    return name

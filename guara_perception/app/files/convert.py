@@ -1,0 +1,87 @@
+"""Converts a recorded scan between a folder and an MCAP recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from guara_perception.app.files.open_scan import open_scan, open_scans
+from guara_perception.app.files.scan_folder_writer import ScanFolderWriter
+from guara_perception.app.node.recorder import stance_message
+from guara_perception.exceptions import InvalidInput
+from guara_perception.scan import Scan
+from transport.recording import Frame, FrameReference, RecordingWriter, ScanRecord
+
+Progress = Callable[[int, int], None]
+
+
+def convert(
+    source: str | Path, target: str | Path, *, step: int | None = None, progress: Progress | None = None
+) -> Path:
+    """Convert a folder into an .mcap file, or a scan of an .mcap file into a folder; whole or not at all.
+
+    Args:
+        source: folder or recording.
+        target: what to write; a name that ends in .mcap becomes a recording, any other a folder.
+        step: which scan of a recording that holds several.
+        progress: called with (stripes done, stripes in all).
+
+    Raises:
+        InvalidInput: the target exists, or both are of one kind.
+        MissingFile, FileFormatError: the source cannot be read.
+    """
+    source, target = Path(source), Path(target)
+    if target.exists():
+        raise InvalidInput(f"{target} exists; give another name, or remove it first")
+    if source.is_dir() == (target.suffix != ".mcap"):
+        raise InvalidInput(f"{source} -> {target}: one must be a folder and the other end in .mcap")
+    if source.is_dir():
+        _write_recording(open_scans(source), target, progress)
+    else:
+        _write_folder(open_scan(source, step), target, progress)
+    return target
+
+
+def _write_recording(scans: list[Scan], target: Path, progress: Progress | None) -> None:
+    with RecordingWriter(target, robot=scans[0].robot, atomic=True) as writer:
+        for scan in scans:
+            writer.begin_scan(
+                ScanRecord(
+                    robot=scan.robot,
+                    mode=scan.mode,
+                    stamp=scan.stamp,
+                    step=scan.step,
+                    stance=stance_message(scan.stance),
+                    calibration_hash=scan.calibration_hash or "",
+                )
+            )
+            shared: dict[str, FrameReference] = {}
+            for done, (stripe, on, off) in enumerate(scan.frames(), start=1):
+                stamp = stripe.stamp or scan.stamp
+                if stripe.off is not None and off is not None and stripe.off not in shared:
+                    shared[stripe.off] = writer.add_frame(Frame(pixels=off, stamp=stamp), laser_on=False)
+                reference = None if stripe.off is None else shared[stripe.off]
+                writer.add_stripe(
+                    stripe.index, stripe.mirror_angle, Frame(pixels=on, stamp=stamp), reference, stamp=stamp
+                )
+                if progress is not None:
+                    progress(done, len(scan.stripes))
+            end = None if scan.stance_end is None else stance_message(scan.stance_end)
+            writer.end_scan(stance_end=end, stamp=scan.stamp)
+
+
+def _write_folder(scan: Scan, target: Path, progress: Progress | None) -> None:
+    with ScanFolderWriter(target) as writer:
+        for done, (stripe, on, off) in enumerate(scan.frames(), start=1):
+            writer.add(stripe.index, stripe.mirror_angle, on, off, off_key=stripe.off, stamp=stripe.stamp)
+            if progress is not None:
+                progress(done, len(scan.stripes))
+        writer.finish(
+            robot=scan.robot,
+            mode=scan.mode,
+            stamp=scan.stamp,
+            step=scan.step,
+            stance=scan.stance,
+            stance_end=scan.stance_end,
+            calibration_hash=scan.calibration_hash,
+        )

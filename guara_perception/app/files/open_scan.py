@@ -1,0 +1,47 @@
+"""`open_scan`: a recorded scan, whether it is a folder or part of an MCAP recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from guara_perception.app.files.scan_folder import open_scan_folder
+from guara_perception.exceptions import InvalidInput, MissingFile
+from guara_perception.scan import Scan
+
+
+def open_scan(path: str | Path, step: int | None = None) -> Scan:
+    """Open one recorded scan: a folder, or an .mcap file.
+
+    Args:
+        path: scan folder or recording.
+        step: which pause of a recording that holds several.
+
+    Raises:
+        MissingFile: nothing there.
+        FileFormatError: not a scan; the message names file and field.
+        InvalidInput: neither a folder nor an .mcap file; or the recording holds several scans and `step` does not
+            say which.
+    """
+    scans = open_scans(path)
+    # A pause may hold two scans, the coarse one and the same with the stripes between: the later has more.
+    scans = list({scan.step: scan for scan in scans}.values())
+    chosen = scans if step is None else [scan for scan in scans if scan.step == step]
+    if len(chosen) == 1:
+        return chosen[0]
+    held = ", ".join(str(scan.step) for scan in scans) or "none"
+    wanted = "which is not said" if step is None else f"{step} is wanted"
+    raise InvalidInput(f"{path}: it holds the scans of steps {held}, {wanted}: give the step of one of them")
+
+
+def open_scans(path: str | Path) -> list[Scan]:
+    """Open all scans of a folder (one) or of an .mcap recording, in recorded order; errors as of `open_scan`."""
+    path = Path(path)
+    if not path.exists():
+        raise MissingFile(f"{path}: no such scan")
+    if path.is_dir():
+        return [open_scan_folder(path)]
+    if path.suffix != ".mcap":
+        raise InvalidInput(f"{path}: a scan is a folder that holds scan.json, or a file that ends in .mcap")
+    from guara_perception.app.files.scan_recording import open_recorded_scans
+
+    return open_recorded_scans(path)

@@ -1,0 +1,89 @@
+"""Range images as picture files: 16 bits with scale and offset for programs, 8 bits for the eye, causes as flags."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.ranging.range_images import COLUMNS, ROWS
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.whole_file import whole_file
+
+Picture = npt.NDArray[np.float32]
+
+# Value 0 means unknown; value v means v * SCALE_MM + OFFSET_MM.
+SCALE_MM = 0.01
+OFFSET_MM = -300.0
+IMAGES = ("range_image_mm", "ortho_image_mm")
+
+
+def write_range_images(folder: Path, terrain: TerrainGrid) -> list[Path]:
+    """Write both range images in 16 and 8 bits, the causes of the orthorectified one, and what the numbers mean.
+
+    Pixel (r, c) is row r along x, column c along y, as in the grid file; nothing is flipped for the eye here.
+    """
+    paths = []
+    shown: dict[str, tuple[float, float]] = {}
+    for name in IMAGES:
+        image = terrain.pictures[name]
+        stem = name.removesuffix("_mm")
+        paths.append(_write(folder / f"{stem}_16bit.png", to_16_bit(image)))
+        shades, low, high = to_8_bit(image)
+        paths.append(_write(folder / f"{stem}_8bit.png", shades))
+        shown[stem] = (low, high)
+    paths.append(_write(folder / "ortho_image_causes.png", cause_image(terrain)))
+    meaning = {
+        "16bit": {"unknown": 0, "scale_mm": SCALE_MM, "offset_mm": OFFSET_MM, "height_mm": "value * scale + offset"},
+        "8bit": {name: {"unknown": 0, "value_1_mm": low, "value_255_mm": high} for name, (low, high) in shown.items()},
+        "causes": {flag.name: int(flag) for flag in Hazard if flag and int(flag) & int(UNKNOWN_MASK)},
+        "pixels": {"rows": "along x", "columns": "along y", "size": [ROWS, COLUMNS]},
+    }
+    path = folder / "range_images.json"
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(meaning, indent=1) + "\n", encoding="utf-8")
+    return [*paths, path]
+
+
+def to_16_bit(image: Picture) -> npt.NDArray[np.uint16]:
+    """Heights [mm] as whole numbers of SCALE_MM above OFFSET_MM, 0 where unknown."""
+    steps = np.clip(np.rint((np.nan_to_num(image, nan=OFFSET_MM) - OFFSET_MM) / SCALE_MM), 1, 65535)
+    return np.where(np.isfinite(image), steps, 0).astype(np.uint16)
+
+
+def from_16_bit(steps: npt.NDArray[np.uint16]) -> Picture:
+    """Heights [mm] of a 16-bit range image, NaN where unknown."""
+    return np.where(steps > 0, steps * SCALE_MM + OFFSET_MM, np.nan).astype(np.float32)
+
+
+def to_8_bit(image: Picture) -> tuple[npt.NDArray[np.uint8], float, float]:
+    """Grey levels 1 ... 255 from the lowest to the highest height, 0 where unknown; and those two heights [mm]."""
+    known = np.isfinite(image)
+    if not known.any():
+        return np.zeros(image.shape, dtype=np.uint8), 0.0, 0.0
+    low, high = float(image[known].min()), float(image[known].max())
+    share = (np.nan_to_num(image, nan=low) - low) / max(high - low, 1e-6)
+    return np.where(known, 1 + np.rint(254 * share), 0).astype(np.uint8), low, high
+
+
+def cause_image(terrain: TerrainGrid) -> npt.NDArray[np.uint8]:
+    """Flags of unknown (512, 640) of the cell under each pixel of the orthorectified image; 0 where it is known."""
+    geometry = terrain.geometry
+    x, y = geometry.centres()
+    half = geometry.resolution / 2
+    px = np.linspace(x[0] - half, x[-1] + half, ROWS + 1)
+    py = np.linspace(y[0] - half, y[-1] + half, COLUMNS + 1)
+    iy, ix = geometry.indices((px[:-1] + px[1:])[:, None] / 2, (py[:-1] + py[1:])[None, :] / 2)
+    iy, ix = np.broadcast_arrays(iy, ix)
+    flags = (terrain.hazard[iy, ix] & UNKNOWN_MASK).astype(np.uint8)
+    return np.where(np.isnan(terrain.pictures["ortho_image_mm"]), flags, 0).astype(np.uint8)
+
+
+def _write(path: Path, image: npt.NDArray[np.uint16] | npt.NDArray[np.uint8]) -> Path:
+    with whole_file(path) as temporary:
+        cv2.imwrite(str(temporary), image)
+    return path

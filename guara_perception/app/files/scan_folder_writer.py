@@ -1,0 +1,121 @@
+"""Writes a scan folder, frame by frame; the folder appears whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import cv2
+import numpy.typing as npt
+
+from guara_perception.app.files.scan_folder import FORMAT, SCAN_FILE
+from guara_perception.exceptions import FileFormatError, InvalidInput
+
+if TYPE_CHECKING:
+    from kinematics import Stance
+
+# Fast and lossless: level 1 costs a third of the default and 5 % more bytes on camera frames.
+PNG_OPTIONS = (cv2.IMWRITE_PNG_COMPRESSION, 1)
+
+
+class ScanFolderWriter:
+    """A scan folder in the making; use it in a `with` block and call `finish` when the scan is complete."""
+
+    def __init__(self, folder: str | Path) -> None:
+        """Begin beside the target.
+
+        Raises:
+            InvalidInput: the target exists, or its parent folder does not.
+        """
+        self.folder = Path(folder)
+        if self.folder.exists():
+            raise InvalidInput(f"{self.folder} exists; give another name, or remove it first")
+        if not self.folder.parent.is_dir():
+            raise InvalidInput(f"{self.folder}: the folder {self.folder.parent} does not exist, create it first")
+        self._staging = Path(tempfile.mkdtemp(prefix=f".{self.folder.name}-", dir=self.folder.parent))
+        self._stripes: list[dict[str, object]] = []
+        self._offs: dict[object, str] = {}
+
+    def __enter__(self) -> Self:
+        """The writer itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Throw away what was not finished."""
+        shutil.rmtree(self._staging, ignore_errors=True)
+
+    def add(
+        self,
+        index: int,
+        mirror_angle: float,
+        on: npt.NDArray[Any],
+        off: npt.NDArray[Any] | None = None,
+        *,
+        off_key: object = None,
+        stamp: int | None = None,
+    ) -> None:
+        """Write one stripe.
+
+        Args:
+            index: in the standard pattern.
+            mirror_angle: as commanded [rad].
+            on: laser-on frame.
+            off: laser-off frame, or None.
+            off_key: stripes with the same key share one file; None = this one alone.
+            stamp: of the laser-on frame [ns since the epoch].
+
+        Raises:
+            FileFormatError: a picture cannot be written.
+        """
+        entry: dict[str, object] = {"index": index, "mirror_angle": mirror_angle, "on": f"on_{index:03d}.png"}
+        self._write(str(entry["on"]), on)
+        entry["off"] = None
+        if off is not None:
+            key = ("alone", index) if off_key is None else off_key
+            if key not in self._offs:
+                self._offs[key] = f"off_{len(self._offs):03d}.png"
+                self._write(self._offs[key], off)
+            entry["off"] = self._offs[key]
+        if stamp is not None:
+            entry["stamp"] = stamp
+        self._stripes.append(entry)
+
+    def finish(
+        self,
+        *,
+        robot: str,
+        mode: str,
+        stamp: int,
+        step: int,
+        stance: Stance,
+        stance_end: Stance | None = None,
+        calibration_hash: str | None = None,
+    ) -> Path:
+        """Write `scan.json` and give the folder its name."""
+        document: dict[str, object] = {
+            "format": FORMAT,
+            "robot": robot,
+            "mode": mode,
+            "stamp": stamp,
+            "step": step,
+            "stripes": sorted(self._stripes, key=lambda entry: int(str(entry["index"]))),
+            "stance": stance.to_dict(),
+        }
+        if stance_end is not None:
+            document["stance_end"] = stance_end.to_dict()
+        if calibration_hash:
+            document["calibration_hash"] = calibration_hash
+        (self._staging / SCAN_FILE).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+        self._staging.chmod(0o755)
+        self._staging.rename(self.folder)
+        return self.folder
+
+    def _write(self, name: str, picture: npt.NDArray[Any]) -> None:
+        if not cv2.imwrite(str(self._staging / name), picture, PNG_OPTIONS):
+            raise FileFormatError(f"{self.folder / name}: the picture cannot be written; is the disk full?")

@@ -1,0 +1,183 @@
+"""From heights to hazards: slope, step, roughness, clearance and traversability of every cell."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.settings import TraversabilityLimits
+from guara_perception.terrain.assessment.disc import Kernel, disc_kernel, fit_disc
+from guara_perception.terrain.assessment.edges import EXTRA_RING_CELLS, clearance, edge_cells, half_cells
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+
+Float = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.uint16]
+
+# A safe cell keeps a positive score however close to its limits it is: 0 is reserved for hazards.
+LEAST_SAFE_SCORE = 0.01
+# Large grids are judged in bands of rows that fit the cache; as every test is local, the result is the same.
+BAND_CELLS = 60_000
+# The rows that a band shares with its neighbours are judged twice: wide grids get bands of so many halos at least.
+LEAST_HALOS = 6
+# What the layers say of unknown cells, where it is not NaN.
+UNKNOWN = {"traversability": 0.0}
+
+
+def assess_layers(
+    elevation: Float,
+    variance: Float,
+    low: Float,
+    high: Float,
+    hazard: Flags,
+    resolution: float,
+    limits: TraversabilityLimits,
+) -> dict[str, npt.NDArray[Any]]:
+    """Judge every cell; return all layers of a grid that follow from the heights.
+
+    Every test reads a fixed window. A cell whose windows, or those of the cells its sole would cover, are not wholly
+    known gets EDGE whatever the values say: so losing an observation never makes another cell safe.
+
+    Args:
+        elevation, variance, low, high: (ny, nx) heights [m], variances [m^2], lowest and highest sample [m].
+        hazard: (ny, nx) uint16, flags known beforehand (causes of unknown, CONFLICT, STALE).
+        resolution: cell edge [m].
+        limits: what the feet can bear.
+
+    Returns:
+        Layers by name, read-only, in the types of the contract: elevation, variance, elevation_min, elevation_max,
+        slope, step_height, roughness, clearance, traversability, hazard.
+    """
+    known = np.isfinite(elevation)
+    flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
+    flags[~known & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
+    # Beyond the outermost known cells all is unknown, which counts as off the grid does: nothing to judge there.
+    window = _extent(known, axis=0), _extent(known, axis=1)
+
+    def within(layer: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        return np.ascontiguousarray(layer[window])
+
+    judged = _judge_in_bands(
+        within(elevation), within(variance), within(low), within(high), within(flags), resolution, limits
+    )
+    layers: dict[str, npt.NDArray[Any]] = {}
+    for name, values in judged.items():
+        layers[name] = flags if name == "hazard" else np.full(known.shape, UNKNOWN.get(name, np.nan), np.float32)
+        layers[name][window] = values
+    layers["clearance"] = clearance(flags, resolution).astype(np.float32)
+    for layer in layers.values():
+        # Frozen here they need not be copied when a grid is made of them.
+        layer.setflags(write=False)
+    return layers
+
+
+def _extent(known: npt.NDArray[np.bool_], axis: int) -> slice:
+    """From the first to the last row (axis 0) or column (axis 1) with a known cell; one, unknown, where none is."""
+    places = np.flatnonzero(known.any(axis=1 - axis))
+    return slice(int(places[0]), int(places[-1]) + 1) if places.size else slice(0, 1)
+
+
+def _judge_in_bands(
+    elevation: Float,
+    variance: Float,
+    low: Float,
+    high: Float,
+    flags: Flags,
+    resolution: float,
+    limits: TraversabilityLimits,
+) -> dict[str, npt.NDArray[Any]]:
+    """All layers but the clearance."""
+    kernel = disc_kernel(limits.disc_radius / resolution)
+    ny, nx = elevation.shape
+    halo = half_cells(limits.sole_width, resolution) + 2 * (kernel.shape[0] // 2) + EXTRA_RING_CELLS
+    rows = max(BAND_CELLS // nx, LEAST_HALOS * halo)
+    bands = []
+    for start in range(0, ny, rows):
+        first, end = max(start - halo, 0), min(start + rows + halo, ny)
+        part = slice(first, end)
+        band = _judge(elevation[part], variance[part], low[part], high[part], flags[part], kernel, resolution, limits)
+        bands.append({name: layer[start - first : start - first + rows] for name, layer in band.items()})
+    return bands[0] if len(bands) == 1 else {name: np.concatenate([b[name] for b in bands]) for name in bands[0]}
+
+
+def _judge(
+    elevation: Float,
+    variance: Float,
+    low: Float,
+    high: Float,
+    flags: Flags,
+    kernel: Kernel,
+    resolution: float,
+    limits: TraversabilityLimits,
+) -> dict[str, npt.NDArray[Any]]:
+    """All layers but the clearance for a band of rows; within a halo of its first and last row they are not valid."""
+    known = (flags & UNKNOWN_MASK) == 0
+    # What follows is told of the known cells alone, often a quarter of a map.
+    place = np.flatnonzero(known)
+    rise, fall = steps(low, high, known, kernel)
+    fit = fit_disc(elevation, variance, kernel, resolution)
+    spread = variance.take(place)
+    sigma = np.sqrt(spread)
+    k = limits.confidence
+    step_sigma = k * np.sqrt(2.0) * sigma
+    slope = fit.slope + k * fit.slope_sigma
+    roughness = fit.roughness + k * fit.roughness_sigma
+    highest_rise, deepest_fall = rise + step_sigma, fall + step_sigma
+
+    found = flags.take(place)
+    with np.errstate(invalid="ignore"):
+        tests = {
+            Hazard.STEEP: slope > limits.slope,
+            Hazard.STEP: highest_rise > limits.step,
+            Hazard.DROP: deepest_fall > limits.drop,
+            Hazard.ROUGH: roughness > limits.roughness,
+            Hazard.UNCERTAIN: sigma > limits.sigma,
+        }
+        for flag, failed in tests.items():
+            found |= failed * np.uint16(flag)
+        score = (
+            _score(slope, limits.slope)
+            * _score(highest_rise, limits.step)
+            * _score(deepest_fall, limits.drop)
+            * _score(roughness, limits.roughness)
+        )
+    result = flags.copy()
+    result.reshape(-1)[place] = found
+    found |= edge_cells(result, kernel, resolution, limits).take(place) * np.uint16(Hazard.EDGE)
+    result.reshape(-1)[place] = found
+
+    def layer(name: str, values: Float) -> npt.NDArray[np.float32]:
+        whole = np.full(elevation.shape, UNKNOWN.get(name, np.nan), dtype=np.float32)
+        whole.reshape(-1)[place] = values
+        return whole
+
+    told = {
+        "elevation": elevation.take(place),
+        "variance": spread,
+        "elevation_min": low.take(place),
+        "elevation_max": high.take(place),
+        "slope": fit.slope,
+        "step_height": np.maximum(rise, fall),
+        "roughness": fit.roughness,
+        "traversability": np.where(found == 0, np.maximum(score, LEAST_SAFE_SCORE), 0.0),
+    }
+    return {**{name: layer(name, values) for name, values in told.items()}, "hazard": result}
+
+
+def steps(low: Float, high: Float, known: npt.NDArray[np.bool_], kernel: Kernel) -> tuple[Float, Float]:
+    """Largest rise and largest fall from each known cell (n,) to any known cell of its window [m].
+
+    Lowest and highest samples are used, so a step inside one cell counts too.
+    """
+    far = 1e3
+    highest = cv2.dilate(np.where(known, high, -far), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=(-far,))
+    lowest = cv2.erode(np.where(known, low, far), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=(far,))
+    place = np.flatnonzero(known)
+    return highest.take(place) - low.take(place), high.take(place) - lowest.take(place)
+
+
+def _score(value: Float, limit: float) -> Float:
+    """1 at zero, 0 from the limit on; 0 for NaN too."""
+    return np.minimum(np.fmax(1.0 - value / limit, 0.0), 1.0)

@@ -1,0 +1,234 @@
+"""Rasterises stripes: samples, and the lines between neighbouring stripes, into the cells of a grid."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.terrain.layers.geometry import GridGeometry
+
+Float = npt.NDArray[np.float64]
+Single = npt.NDArray[np.float32]
+
+# Samples this far below the highest of a cell belong to another surface: the top one is what a foot meets.
+TOP_LAYER_M = 0.004
+# Part of a cell by which `GridGeometry.indices` forgives rounding.
+ROUNDING = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class CellSamples:
+    """Samples of one stripe or one pair, summed per cell; arrays of equal length, each cell once.
+
+    Attributes:
+        cell: int32 ix * (ny + 2) + iy, column and row counted from 1: what lies beyond the grid is in those around it.
+        total, count: sum and number of the heights in the top layer of the cell, float64 and float32.
+        variance_total: float32 sum of their variances.
+        low, high: float32 lowest and highest height of any sample.
+    """
+
+    cell: npt.NDArray[np.int32]
+    total: Float
+    count: Single
+    variance_total: Single
+    low: Single
+    high: Single
+
+
+NO_SAMPLES = CellSamples(np.empty(0, np.int32), np.empty(0), *(np.empty(0, np.float32) for _ in range(4)))
+
+
+@dataclass(frozen=True, slots=True)
+class PartSamples:
+    """Samples of several parts (stripes and pairs), in runs that each belong to one part.
+
+    Attributes:
+        points: (3, n) float64 in base_footprint, coordinate by coordinate; samples that are NaN are left out.
+        variance: (n,) float64 variance of the heights [m^2].
+        runs: part and number of samples of each run, one or more, n in all; a part may have many runs, or none.
+    """
+
+    points: Float
+    variance: Float
+    runs: Sequence[tuple[int, int]]
+
+
+@dataclass(frozen=True, slots=True)
+class Raster:
+    """A grid of heights: all (ny, nx) float64, NaN (count 0) where no sample fell."""
+
+    elevation: Float
+    variance: Float
+    low: Float
+    high: Float
+    count: Float
+
+
+def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSamples:
+    """Sum samples per cell, the top layer of each cell apart from what lies below it.
+
+    Args:
+        points: (n, 3) in base_footprint; NaN points are left out.
+        variance: (n,) variance of the heights [m^2].
+        geometry: the grid.
+    """
+    runs = [(0, len(points))] if len(points) else []
+    return rasterise_parts(PartSamples(np.asarray(points.T, np.float64), variance, runs), 1, geometry)[0]
+
+
+def rasterise_parts(samples: PartSamples, count: int, geometry: GridGeometry) -> list[CellSamples]:
+    """The same for `count` parts at once, each by itself; parts near each other, or the work arrays grow large."""
+    if not samples.runs:
+        return [NO_SAMPLES] * count
+    (ix, iy), height, spread = _cells(samples.points, geometry), samples.points[2], samples.variance
+    ny = geometry.shape[0]
+    # Each part has a place for every cell in the columns that they touch together, one part behind the other.
+    lowest = int(ix.min())
+    span = (int(ix.max()) + 1 - lowest) * (ny + 2)
+    ix -= lowest
+    ix *= ny + 2
+    ix += iy
+    place = np.repeat([part * span for part, _ in samples.runs], [length for _, length in samples.runs])
+    place += ix
+    size = count * span
+    high, low = np.full(size, -np.inf), np.full(size, np.inf)
+    with np.errstate(invalid="ignore"):
+        np.maximum.at(high, place, height)
+        np.minimum.at(low, place, height)
+    used = np.flatnonzero(high >= low)
+    cell = (used % span + lowest * (ny + 2)).astype(np.int32)
+    lows, highs = low.take(used), high.take(used)
+    if not (lows > highs - TOP_LAYER_M).all():
+        is_top = np.flatnonzero(height > high.take(place) - TOP_LAYER_M)
+        place, height, spread = place.take(is_top), height.take(is_top), spread.take(is_top)
+    total = _sum(place, height, size).take(used)
+    numbers = np.bincount(place, minlength=size).take(used)
+    singles = [layer.astype(np.float32) for layer in (numbers, _sum(place, spread, size).take(used), lows, highs)]
+    bounds = used.searchsorted(span * np.arange(1, count + 1)).tolist()
+    return [
+        CellSamples(cell[first:last], total[first:last], *(layer[first:last] for layer in singles))
+        for first, last in itertools.pairwise([0, *bounds])
+    ]
+
+
+def _cells(points: Float, geometry: GridGeometry) -> npt.NDArray[np.int32]:
+    """Column and row (2, n) of the cells of points (3, n), those of `GridGeometry.indices` counted from 1.
+
+    A point beyond the grid has column or row 0 or one more than there are; so has one that is not known.
+    """
+    offset, last = _frame(geometry)
+    place = points[:2] * (1 / geometry.resolution)
+    place += offset
+    with np.errstate(invalid="ignore"):
+        # What is NaN becomes the lowest number, as what is below the grid; the rest is cut off where it is positive.
+        cell = place.astype(np.int32)
+    cell.clip(np.int32(0), last, out=cell)
+    unknown = np.isnan(points[2])
+    if unknown.any():
+        cell[1, unknown] = 0
+    return cell
+
+
+@functools.lru_cache(maxsize=8)
+def _frame(geometry: GridGeometry) -> tuple[Float, npt.NDArray[np.int32]]:
+    """Place (2, 1) of base_footprint's origin in columns and rows counted from 1, and their numbers beyond the end."""
+    offset = [[1 + ROUNDING - origin / geometry.resolution] for origin in geometry.origin]
+    ny, nx = geometry.shape
+    return np.array(offset), np.array([[nx + 1], [ny + 1]], dtype=np.int32)
+
+
+def cells_of(points: Float, geometry: GridGeometry) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
+    """Flat cells iy * nx + ix (m,) of those points (n, 3) that are known and lie on the grid, and which these are."""
+    ix, iy = _cells(np.asarray(points.T, dtype=np.float64), geometry)
+    ny, nx = geometry.shape
+    inside = np.asarray((ix > 0) & (ix <= nx) & (iy > 0) & (iy <= ny))
+    return (iy[inside] - 1).astype(np.int64) * nx + (ix[inside] - 1), inside
+
+
+def _sum(cell: npt.NDArray[np.int64], weights: npt.NDArray[Any], size: int) -> Float:
+    return np.asarray(np.bincount(cell, weights=weights, minlength=size), dtype=np.float64)
+
+
+def merge(parts: Iterable[CellSamples], geometry: GridGeometry) -> Raster:
+    """Bring the parts of all stripes together; the result does not depend on the order in which they were made."""
+    parts = [part for part in parts if part.cell.size]
+    shape = geometry.shape
+    if not parts:
+        nothing = np.full(shape, np.nan)
+        return Raster(nothing, nothing, nothing, nothing, np.zeros(shape))
+    total, count, variance_total, low, high = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("total", "count", "variance_total", "low", "high")
+    )
+    # As numpy counts places: with any other type `at` is many times slower.
+    cell = np.concatenate([part.cell for part in parts], dtype=np.intp)
+    columns, rows = geometry.shape[1] + 2, geometry.shape[0] + 2
+    size = columns * rows
+    highest = np.full(size, -np.inf, dtype=np.float32)
+    lowest = np.full(size, np.inf, dtype=np.float32)
+    np.maximum.at(highest, cell, high)
+    np.minimum.at(lowest, cell, low)
+    is_top = high > highest.take(cell) - np.float32(TOP_LAYER_M)
+    counts = _sum(cell, count * is_top, size)
+    known = counts > 0
+    safe = np.where(known, counts, 1)
+    mean = _sum(cell, total * is_top, size) / safe
+    mean_variance = _sum(cell, variance_total * is_top, size) / safe
+    nan = np.where(known, 0.0, np.nan)
+
+    def of_grid(layer: Float) -> Float:
+        return np.ascontiguousarray(layer.reshape(columns, rows)[1:-1, 1:-1].T, dtype=np.float64)
+
+    return Raster(
+        elevation=of_grid(mean + nan),
+        variance=of_grid(mean_variance + nan),
+        low=of_grid(nan + lowest),
+        high=of_grid(nan + highest),
+        count=of_grid(counts),
+    )
+
+
+def without_cells(raster: Raster, cells: npt.NDArray[np.bool_]) -> Raster:
+    """The same grid with some cells unknown."""
+
+    def cut(layer: Float) -> Float:
+        return np.where(cells, np.nan, layer)
+
+    return Raster(
+        elevation=cut(raster.elevation),
+        variance=cut(raster.variance),
+        low=cut(raster.low),
+        high=cut(raster.high),
+        count=np.where(cells, 0.0, raster.count),
+    )
+
+
+def pool(raster: Raster, factor: int) -> Raster:
+    """Coarser cells from `factor` x `factor` fine ones, conservatively: one unknown fine cell makes all unknown."""
+    if factor == 1:
+        return raster
+    ny, nx = (n // factor for n in raster.count.shape)
+
+    def blocks(layer: Float) -> Float:
+        return layer.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1)
+
+    return Raster(
+        elevation=blocks(raster.elevation).mean(axis=-1),
+        variance=blocks(raster.variance).mean(axis=-1),
+        low=blocks(raster.low).min(axis=-1),
+        high=blocks(raster.high).max(axis=-1),
+        count=np.where(np.isfinite(blocks(raster.elevation)).all(axis=-1), blocks(raster.count).sum(axis=-1), 0),
+    )
+
+
+def pool_flags(flags: npt.NDArray[np.uint16], factor: int) -> npt.NDArray[np.uint16]:
+    """Flags of coarser cells: those of any of their `factor` x `factor` fine ones."""
+    ny, nx = (n // factor for n in flags.shape)
+    blocks = flags.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1)
+    return np.asarray(np.bitwise_or.reduce(blocks, axis=-1), dtype=np.uint16)

@@ -1,0 +1,146 @@
+"""`LayeredGrid`: the layers of one terrain on their cells, immutable, with the look-ups that read a single cell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.readonly import readonly
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import Hazard
+from guara_perception.terrain.layers.invariant import check_invariant, occupancy_values
+from guara_perception.terrain.layers.layers import LAYER_NAMES
+
+EXTENTS = ("footprint", "map")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LayeredGrid:
+    """What is known of the terrain, by layer and cell; the questions that take more than a cell are written on it.
+
+    Made only from layers that satisfy the safety invariant. All arrays are (ny, nx), a[iy, ix], read-only.
+
+    Attributes:
+        layers: every layer of `LAYERS` by name.
+        geometry: origin, resolution and shape.
+        frame: "base_footprint".
+        stamp: time of the scan [ns since the epoch].
+        step: number of the stance pause.
+        extent: "footprint" (this scan alone) or "map" (fused).
+        metadata: mode, method, calibration hash, stance, transforms, coverage, health ... ; plain JSON values.
+        pictures: range images by name, (512, 640) float32 [mm], where the scan was processed with them.
+    """
+
+    layers: Mapping[str, npt.NDArray[Any]]
+    geometry: GridGeometry
+    frame: str = "base_footprint"
+    stamp: int = 0
+    step: int = 0
+    extent: str = "footprint"
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    pictures: Mapping[str, npt.NDArray[np.float32]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the invariant and freeze."""
+        check_invariant(self.layers)
+        shape = self.layers["elevation"].shape
+        if shape != self.geometry.shape:
+            raise InvalidInput(f"layers have shape {shape}, the geometry says {self.geometry.shape}")
+        if self.extent not in EXTENTS:
+            raise InvalidInput(f"extent is {self.extent!r}, allowed: {', '.join(EXTENTS)}")
+        frozen = {name: readonly(self.layers[name]) for name in LAYER_NAMES}
+        pictures = {name: readonly(picture) for name, picture in self.pictures.items()}
+        object.__setattr__(self, "layers", MappingProxyType(frozen))
+        object.__setattr__(self, "pictures", MappingProxyType(pictures))
+        object.__setattr__(self, "metadata", MappingProxyType(dict(self.metadata)))
+
+    def __getattr__(self, name: str) -> npt.NDArray[Any]:
+        """Layers as attributes: `terrain.elevation`, `terrain.hazard` ..."""
+        if name in LAYER_NAMES:
+            return self.layers[name]
+        raise AttributeError(f"{type(self).__name__} has no attribute {name!r}; layers: {', '.join(LAYER_NAMES)}")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Plain containers, for pickling and copying."""
+        state = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        for name in ("layers", "metadata", "pictures"):
+            state[name] = dict(state[name])
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore and freeze again."""
+        for name, value in state.items():
+            object.__setattr__(self, name, value)
+        self.__post_init__()
+
+    @property
+    def resolution(self) -> float:
+        """Edge of a cell [m]."""
+        return self.geometry.resolution
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Corner of cell (0, 0) [m]."""
+        return self.geometry.origin
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(ny, nx)."""
+        return self.geometry.shape
+
+    def layer(self, name: str) -> npt.NDArray[Any]:
+        """A layer by name.
+
+        Raises:
+            InvalidInput: no such layer.
+        """
+        if name not in LAYER_NAMES:
+            raise InvalidInput(f"layer is {name!r}, allowed: {', '.join(LAYER_NAMES)}")
+        return self.layers[name]
+
+    def height_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Any:
+        """Elevation of the cell under each point [m]; NaN where unknown or outside. Scalars give a float."""
+        return self._look_up("elevation", x, y, np.float32(np.nan), float)
+
+    def hazard_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Any:
+        """Hazard flags of the cell under each point; UNSCANNED outside. Scalars give a Hazard, arrays uint16."""
+        return self._look_up("hazard", x, y, np.uint16(Hazard.UNSCANNED), lambda flags: Hazard(int(flags)))
+
+    def is_traversable(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Any:
+        """Whether a sole may be centred on the cell under each point. Scalars give a bool; False outside."""
+        score = self._look_up("traversability", x, y, np.float32(0), float)
+        return score > 0
+
+    def to_occupancy(self, unknown: int = 100) -> npt.NDArray[np.int8]:
+        """Occupancy (ny, nx) int8 as nav_msgs/OccupancyGrid counts it; its data are `.ravel()` of this.
+
+        Args:
+            unknown: value of cells that were not seen, 100 (as a hazard) or -1.
+
+        Raises:
+            InvalidInput: any other value for `unknown`.
+        """
+        if unknown not in (100, -1):
+            raise InvalidInput(f"unknown is {unknown!r}, allowed: 100 (unknown is a hazard), -1 (unknown is marked)")
+        return occupancy_values(self.layers["traversability"], self.layers["hazard"], unknown)
+
+    def _points(self, x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        try:
+            px, py = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+        except (ValueError, TypeError):
+            raise InvalidInput("x and y must be numbers or arrays of one shape [m]") from None
+        return px, py
+
+    def _look_up(self, layer: str, x: npt.ArrayLike, y: npt.ArrayLike, outside: Any, scalar: Any) -> Any:
+        px, py = self._points(x, y)
+        iy, ix = self.geometry.indices(px, py)
+        inside = self.geometry.contains(iy, ix)
+        values = np.full(px.shape, outside)
+        values[inside] = self.layers[layer][iy[inside], ix[inside]]
+        return scalar(values[()]) if values.ndim == 0 else values

@@ -1,0 +1,130 @@
+"""The memory of the rolling map: cells that stand still in `odom`, in a window that follows the robot."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.terrain.layers.hazard import Hazard
+
+Float = npt.NDArray[np.float64]
+Index = npt.NDArray[np.int64]
+
+NEVER = -1
+# What is remembered of each cell: type and the value of a cell never seen.
+MEMORY: dict[str, tuple[Any, Any]] = {
+    "height": (np.float64, np.nan),  # [m] in odom
+    "variance": (np.float64, 0.0),  # [m^2] when last seen
+    "below": (np.float64, 0.0),  # how far the lowest sample lies below the height [m]
+    "above": (np.float64, 0.0),  # how far the highest sample lies above the height [m]
+    "steepness": (np.float64, 0.0),  # tan^2 of the slope when last seen
+    "cause": (np.uint16, np.uint16(Hazard.UNSCANNED)),  # why it is unknown, 0 where it is known
+    "conflict": (np.bool_, False),  # whether the last looks disagree
+    "other": (np.float64, np.nan),  # height of the last look while they disagree [m]
+    "other_variance": (np.float64, 0.0),  # its variance [m^2]
+    "pause": (np.int64, NEVER),  # number of the pause when last seen
+    "stamp": (np.int64, 0),  # time when last seen [ns]
+    "looks": (np.uint8, 0),  # scans that saw it
+    "rise": (np.float64, 0.0),  # drift of the odometry when last seen: variance of z [m^2]
+    "shift": (np.float64, 0.0),  # of x and y [m^2]
+    "turn": (np.float64, 0.0),  # of the heading [rad^2]
+}
+
+
+class OdomCells:
+    """Cells of one size, aligned with the axes of `odom`; nothing is ever moved or resampled.
+
+    Cell (cy, cx) covers cx * resolution <= x < (cx + 1) * resolution. It lives at row cy mod n, column cx mod n, so
+    when the window moves on only the rows and columns that come in are cleared: what lies far behind is forgotten.
+
+    Attributes:
+        resolution: cell edge [m].
+        side: rows and columns n of the window.
+        memory: every array of MEMORY, (n * n,).
+    """
+
+    def __init__(self, resolution: float, reach: float) -> None:
+        """An empty window.
+
+        Args:
+            resolution: cell edge [m].
+            reach: distance from its middle that the window must always cover [m].
+        """
+        self.resolution = resolution
+        self.side = 2 * (int(np.ceil(reach / resolution)) + 1)
+        self.memory = {name: np.full(self.side**2, empty, dtype) for name, (dtype, empty) in MEMORY.items()}
+        self._first: tuple[int, int] | None = None
+
+    def indices(self, x: Float, y: Float) -> tuple[Index, Index]:
+        """Cells (cy, cx) under points of `odom`."""
+        cx = np.floor(x / self.resolution + 1e-6).astype(np.int64)
+        cy = np.floor(y / self.resolution + 1e-6).astype(np.int64)
+        return cy, cx
+
+    def cells_between(self, low: tuple[float, float], high: tuple[float, float]) -> tuple[Index, Index]:
+        """Cells (cy, cx), (n,) each, of the upright rectangle from corner `low` to corner `high`, both (x, y) [m]."""
+        (x0, y0), (x1, y1) = ((int(np.floor(v / self.resolution)) for v in corner) for corner in (low, high))
+        cx, cy = np.meshgrid(np.arange(x0, x1 + 1), np.arange(y0, y1 + 1))
+        return cy.ravel(), cx.ravel()
+
+    def places(self, cy: Index, cx: Index) -> Index:
+        """Where cells live in the arrays of memory, -1 for cells outside the window."""
+        if self._first is None:
+            return np.full(np.broadcast_shapes(np.shape(cy), np.shape(cx)), -1, dtype=np.int64)
+        first_y, first_x = self._first
+        inside = (cy >= first_y) & (cy < first_y + self.side) & (cx >= first_x) & (cx < first_x + self.side)
+        return np.where(inside, (cy % self.side) * self.side + cx % self.side, -1)
+
+    def patch(self, name: str, first: tuple[int, int], shape: tuple[int, int], outside: Any) -> npt.NDArray[Any]:
+        """What is remembered of the cells of a rectangle, as an array of its own.
+
+        Args:
+            name: of MEMORY.
+            first: (cy, cx) of its lowest cell.
+            shape: (rows, columns).
+            outside: value of cells outside the window.
+        """
+        square = self.memory[name].reshape(self.side, self.side)
+        if self._first is None:
+            return np.full(shape, outside, square.dtype)
+        values = np.full(shape, outside, square.dtype)
+        rows, columns = (self._pieces(first[axis], shape[axis], self._first[axis]) for axis in (0, 1))
+        for to_rows, from_rows in rows:
+            for to_columns, from_columns in columns:
+                values[to_rows, to_columns] = square[from_rows, from_columns]
+        return values
+
+    def _pieces(self, first: int, count: int, window: int) -> list[tuple[slice, slice]]:
+        """Where rows (or columns) of a rectangle that lie in the window go, and where they live: in one run or two."""
+        low, high = max(first, window), min(first + count, window + self.side)
+        turn = low + -low % self.side
+        runs = ((low, min(turn, high)), (max(low, turn), high))
+        return [
+            (slice(start - first, end - first), slice(start % self.side, (end - 1) % self.side + 1))
+            for start, end in runs
+            if end > start
+        ]
+
+    def centre_on(self, x: float, y: float) -> None:
+        """Move the window so that a point of `odom` is in its middle; forget what falls out."""
+        cy, cx = (int(np.floor(value / self.resolution)) - self.side // 2 for value in (y, x))
+        if self._first is None:
+            self._first = (cy, cx)
+            return
+        old_y, old_x = self._first
+        self._first = (cy, cx)
+        rows = _entering(old_y, cy, self.side)
+        columns = _entering(old_x, cx, self.side)
+        for name, (_, empty) in MEMORY.items():
+            square = self.memory[name].reshape(self.side, self.side)
+            square[rows % self.side] = empty
+            square[:, columns % self.side] = empty
+
+
+def _entering(old: int, new: int, side: int) -> Index:
+    """Rows (or columns) of the new window that were not in the old one."""
+    if abs(new - old) >= side:
+        return np.arange(new, new + side)
+    return np.arange(old + side, new + side) if new > old else np.arange(new, old)

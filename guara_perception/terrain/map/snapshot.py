@@ -1,0 +1,112 @@
+"""A view of the rolling map in base_footprint: nearest cell for values, union of the flags of all cells touched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.settings import Settings
+from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.map.fuse_heights import Drift, drift_variance
+from guara_perception.terrain.map.look import tilt_variance
+from guara_perception.terrain.map.odom_cells import OdomCells
+from guara_perception.terrain.map.touched import Squares
+
+Float = npt.NDArray[np.float64]
+
+NEVER_SEEN_AGE = 255
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """The pause at which the map is looked at.
+
+    Attributes:
+        pause: its number.
+        stamp: [ns since the epoch].
+        drift: of the odometry.
+        transform_footprint_to_odom: (4, 4).
+    """
+
+    pause: int
+    stamp: int
+    drift: Drift
+    transform_footprint_to_odom: Float
+
+
+def snapshot_layers(
+    cells: OdomCells, geometry: GridGeometry, terrain: TerrainGrid, now: Moment, settings: Settings
+) -> dict[str, npt.NDArray[Any]]:
+    """All layers of the `map` extent.
+
+    A cell whose square touches an unknown cell of the map is unknown, with the causes of all of them; lowest and
+    highest samples are those of all cells touched, so that no narrow bump slips between the nearest ones.
+    """
+    x, y = geometry.centres()
+    transform = now.transform_footprint_to_odom
+    row, memory = transform[2], cells.memory
+    in_odom_x, in_odom_y = (
+        np.add.outer(transform[axis, 1] * y, transform[axis, 0] * x + transform[axis, 3]).ravel() for axis in (0, 1)
+    )
+    x, y = np.tile(x, y.size), np.repeat(y, x.size)
+    if np.any(transform[:2, 2]):
+        # Where the two verticals differ a cell's height moves it sideways.
+        place = cells.places(*cells.indices(in_odom_x, in_odom_y))
+        rise = memory["height"][place] - (row[0] * x + row[1] * y + row[3])
+        height = np.nan_to_num(np.where(place >= 0, rise, 0.0) / row[2])
+        in_odom_x += height * transform[0, 2]
+        in_odom_y += height * transform[1, 2]
+    half = 0.5 * geometry.resolution * (abs(transform[0, 0]) + abs(transform[1, 0]))
+    squares = Squares.of(cells, in_odom_x, in_odom_y, half)
+    flags = squares.joined(_flags(cells, squares, now, settings), np.bitwise_or)
+
+    known = np.flatnonzero((flags & UNKNOWN_MASK) == 0)
+    x, y = x.take(known), y.take(known)
+    drop = row[0] * x + row[1] * y + row[3]
+    heights = cells.patch("height", squares.first, squares.shape, np.nan)
+    low = heights - cells.patch("below", squares.first, squares.shape, 0.0)
+    high = heights + cells.patch("above", squares.first, squares.shape, 0.0)
+    place = cells.places(*cells.indices(in_odom_x.take(known), in_odom_y.take(known)))
+    pauses = np.clip(now.pause - memory["pause"].take(place), 0, NEVER_SEEN_AGE - 1)
+    variance = memory["variance"].take(place) + drift_variance(cells, place, now.drift, np.sqrt(x * x + y * y))
+    # What was seen at this very pause shares its tilt; older heights do not.
+    variance += np.where(pauses > 0, tilt_variance(terrain, x, y), 0.0)
+
+    def shaped(values: npt.NDArray[Any], unknown: Any) -> npt.NDArray[Any]:
+        layer = np.full(geometry.size, unknown, dtype=values.dtype)
+        layer[known] = values
+        return layer.reshape(geometry.shape)
+
+    layers = assess_layers(
+        shaped((memory["height"].take(place) - drop) / row[2], np.nan),
+        shaped(variance, np.nan),
+        shaped((squares.joined(low, np.fmin, known) - drop) / row[2], np.nan),
+        shaped((squares.joined(high, np.fmax, known) - drop) / row[2], np.nan),
+        flags.reshape(geometry.shape),
+        geometry.resolution,
+        settings.limits,
+    )
+    layers["age"] = shaped(pauses.astype(np.uint8), NEVER_SEEN_AGE)
+    layers["looks"] = shaped(memory["looks"].take(place), 0)
+    return layers
+
+
+def _flags(cells: OdomCells, squares: Squares, now: Moment, settings: Settings) -> npt.NDArray[np.uint16]:
+    """Why each cell of the memory is unknown, and whether it is in conflict or stale; UNSCANNED outside."""
+
+    def patch(name: str, outside: Any) -> npt.NDArray[Any]:
+        return cells.patch(name, squares.first, squares.shape, outside)
+
+    flags = patch("cause", np.uint16(Hazard.UNSCANNED))
+    flags[patch("conflict", False)] |= np.uint16(Hazard.CONFLICT)
+    # Older than its validity, in pauses or in seconds.
+    old = now.pause - patch("pause", now.pause) > settings.validity_pauses
+    old |= now.stamp - patch("stamp", now.stamp) > settings.validity_seconds * 1e9
+    flags[old & np.isfinite(patch("height", np.nan))] |= np.uint16(Hazard.STALE)
+    return flags

@@ -1,0 +1,129 @@
+"""Feet on the ground measure its height: what supporting soles say of the map, and of ground that no scan saw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.settings import TraversabilityLimits
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.map.fuse_heights import Drift, Heights, fuse_heights
+from guara_perception.terrain.map.height_anchor import SoleError
+from guara_perception.terrain.map.look import LOOKED_AT
+from guara_perception.terrain.map.odom_cells import Index, OdomCells
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+Float = npt.NDArray[np.float64]
+
+# A level sole stands on the highest ground under it; one cell in ten may be higher by noise.
+BEARING_QUANTILE = 0.9
+# Ground under a sole that no scan saw may lie lower than the sole by so much (a sigma).
+UNSEEN_RELIEF_M = 0.003
+# From this share of the sole known on, its height can be compared with the map's.
+COMPARED_SHARE = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class FootMeasurement:
+    """A supporting sole.
+
+    Attributes:
+        leg: its name.
+        centre: (3,) sole centre in odom [m].
+        variance: of its height [m^2].
+        place, distance: cells of the map that lie wholly under it, and their distance from the robot [m].
+    """
+
+    leg: str
+    centre: Float
+    variance: float
+    place: Index
+    distance: Float
+
+    def raised(self, rise: float) -> FootMeasurement:
+        """The same foot, `rise` higher [m]."""
+        return replace(self, centre=self.centre + (0.0, 0.0, rise))
+
+
+def support_feet(
+    cells: OdomCells,
+    robot: RobotModel,
+    terrain: TerrainGrid,
+    transform_footprint_to_odom: Float,
+    limits: TraversabilityLimits,
+) -> list[FootMeasurement]:
+    """The supporting soles of the stance at which a scan was taken; none where its metadata holds no stance."""
+    from kinematics import Stance
+    from kinematics.stance_pose import sole_covariances
+
+    stance_fields, to_footprint = (terrain.metadata.get(n) for n in ("stance", "transform_base_to_footprint"))
+    if stance_fields is None or to_footprint is None:
+        return []
+    stance = Stance.from_dict(stance_fields)
+    legs = list(terrain.metadata.get("support_feet_used", stance.support_feet))
+    state = robot.state(stance.joint_positions)
+    base_to_footprint = np.asarray(to_footprint, dtype=np.float64)
+    soles = state.soles_in_base(legs) @ base_to_footprint[:3, :3].T + base_to_footprint[:3, 3]
+    up = base_to_footprint[2, :3]
+    variances = [float(up @ c @ up) for c in sole_covariances(state, legs, robot.noise)]
+    transform = transform_footprint_to_odom
+    in_odom = soles @ transform[:3, :3].T + transform[:3, 3]
+    half = np.array([limits.sole_length, limits.sole_width]) / 2
+    resolution = cells.resolution
+    feet = []
+    for leg, sole, centre, variance in zip(legs, soles, in_odom, variances, strict=True):
+        (x, y), reach = centre[:2], float(np.hypot(*half))
+        cy, cx = cells.cells_between((x - reach, y - reach), (x + reach, y + reach))
+        offset = np.column_stack(((cx + 0.5) * resolution - x, (cy + 0.5) * resolution - y))
+        along = np.abs(offset @ transform[:2, :2])
+        cell = 0.5 * resolution * (abs(transform[0, 0]) + abs(transform[1, 0]))
+        under = (along <= half - cell + 1e-9).all(axis=-1)
+        place = cells.places(cy[under], cx[under])
+        inside = place >= 0
+        distance = np.full(int(inside.sum()), float(np.hypot(sole[0], sole[1])))
+        feet.append(FootMeasurement(leg, centre, variance, place[inside], distance))
+    return feet
+
+
+def sole_error(cells: OdomCells, foot: FootMeasurement) -> SoleError | None:
+    """Height of a sole over the ground that scans saw under it; None where the map knows too little of that ground."""
+    memory = cells.memory
+    place = foot.place[_scanned(cells, foot)]
+    if not foot.place.size or place.size < COMPARED_SHARE * foot.place.size:
+        return None
+    bearing = float(np.quantile(memory["height"][place], BEARING_QUANTILE))
+    return SoleError(float(foot.centre[2]) - bearing, foot.variance + float(memory["variance"][place].mean()))
+
+
+def fill_under_foot(cells: OdomCells, foot: FootMeasurement, drift: Drift, pause: int, stamp: int) -> None:
+    """Give cells under a sole that no scan saw, and that were not found empty, the sole's height.
+
+    Ground that scans saw keeps its own: one sole tells nothing of the relief under it, and what all soles say of the
+    height of the walk is taken into account by the height anchor.
+    """
+    memory = cells.memory
+    is_free = ~_scanned(cells, foot) & ((memory["cause"][foot.place] & LOOKED_AT) == 0)
+    if not is_free.any():
+        return
+    place = foot.place[is_free]
+    nothing = np.zeros(place.size)
+    heights = Heights(
+        place=place,
+        height=np.full(place.size, foot.centre[2]),
+        variance=np.full(place.size, foot.variance + UNSEEN_RELIEF_M**2),
+        below=nothing,
+        above=nothing,
+        steepness=nothing,
+    )
+    fuse_heights(cells, heights, drift, foot.distance[is_free], pause, stamp, is_look=False)
+
+
+def _scanned(cells: OdomCells, foot: FootMeasurement) -> npt.NDArray[np.bool_]:
+    memory = cells.memory
+    known = np.isfinite(memory["height"][foot.place]) & ~memory["conflict"][foot.place]
+    return np.asarray(known & (memory["looks"][foot.place] > 0))

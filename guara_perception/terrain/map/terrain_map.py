@@ -1,0 +1,212 @@
+"""`TerrainMap`: what the scans of a walk saw, joined; it lives in `odom` and answers in base_footprint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.settings import Settings
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.map.fuse_heights import Drift, forget_heights, fuse_heights
+from guara_perception.terrain.map.height_anchor import HeightAnchor
+from guara_perception.terrain.map.known_ground import KnownGround, declared_heights
+from guara_perception.terrain.map.look import LOOKED_AT, look_at
+from guara_perception.terrain.map.map_report import map_report
+from guara_perception.terrain.map.odom_cells import OdomCells
+from guara_perception.terrain.map.snapshot import Moment, snapshot_layers
+from guara_perception.terrain.map.support_feet import fill_under_foot, sole_error, support_feet
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+Float = npt.NDArray[np.float64]
+
+# The window is moved when the robot has gone so far: seldom, and still little memory.
+MARGIN_M = 0.2
+# Without gravity a scan is levelled by its support plane, which tilts by 0.11 rad with two feet on a box of 40 mm.
+LARGEST_TILT = 0.2
+# Two ways to one vertical differ by rounding. At a metre's height such a tilt would be a nanometre: it is none.
+LEAST_TURN = 1e-9
+
+
+class TerrainMap:
+    """The rolling map of one walk.
+
+    Each pause's scan is fused into cells that stand still in `odom`; a snapshot of the contract's `map` extent comes
+    back. Same input, same bytes. Memory does not grow: what lies further from the robot than the area of the map
+    reaches (plus a margin) is forgotten.
+
+    Example:
+        terrain_map = TerrainMap(robot)
+        odometry = LegOdometry(robot)
+        for scan in scans:
+            terrain = process_scan(scan, calibration, robot)
+            pose = odometry.update(scan.stance)
+            fused = terrain_map.update(terrain, pose.transform_footprint_to_odom, pose.covariance)
+    """
+
+    def __init__(self, robot: RobotModel, *, resolution: float | None = None) -> None:
+        """Start with nothing known.
+
+        Args:
+            robot: its robot.toml gives the area, limits and validity; its kinematics the soles.
+            resolution: cell edge [m]; None = the robot's default.
+
+        Raises:
+            InvalidInput: the resolution does not divide the area of the map.
+        """
+        self._robot = robot
+        self._settings = Settings.of(robot)
+        x, y = self._settings.map_x, self._settings.map_y
+        self._grid = GridGeometry.over(x, y, self._settings.resolution if resolution is None else float(resolution))
+        reach = float(np.hypot(max(map(abs, x)), max(map(abs, y)))) + MARGIN_M
+        self._cells = OdomCells(self._grid.resolution, reach)
+        self._middle: Float | None = None
+        self._pause = 0
+        self._step: int | None = None
+        self._drift = Drift(0.0, 0.0, 0.0)
+        self._anchor = HeightAnchor()
+        self._ground: list[dict[str, Any]] = []
+        self._scans = 0
+
+    @property
+    def grid(self) -> GridGeometry:
+        """Geometry of the grids that `update` returns."""
+        return self._grid
+
+    def update(
+        self,
+        terrain: TerrainGrid,
+        transform_footprint_to_odom: npt.ArrayLike,
+        covariance: npt.ArrayLike,
+        *,
+        known_ground: Sequence[KnownGround] = (),
+        metadata: Mapping[str, Any] | None = None,
+    ) -> TerrainGrid:
+        """Fuse one scan and give the map as it is known now.
+
+        Args:
+            terrain: this pause's scan alone (extent "footprint").
+            transform_footprint_to_odom: (4, 4) for the base_footprint of `terrain`; where odometry levels the body by
+                other means than the scan did, `transform_base_to_odom @ transform_footprint_to_base` of the scan.
+            covariance: (6, 6) of it, REP-103 order, relative to the start; must not shrink as the walk goes on.
+            known_ground: what the gait declares at this pause, in its base_footprint.
+            metadata: more fields for the metadata of the result.
+
+        Returns:
+            TerrainGrid of extent "map" in base_footprint of this pause. Ground that only a foot or the gait vouches
+            for has `looks` 0.
+
+        Raises:
+            InvalidInput: a grid of another extent or cell size, or of an earlier pause; a transform that is none or
+                tilts by more than 0.2 rad; a covariance that is none.
+        """
+        transform, spread = self._checked(terrain, transform_footprint_to_odom, covariance)
+        self._pause += 1 if self._step is None else terrain.step - self._step
+        self._step = terrain.step
+        position = transform[:2, 3]
+        if self._middle is None or np.abs(position - self._middle).max() > MARGIN_M:
+            self._cells.centre_on(float(position[0]), float(position[1]))
+            self._middle = position.copy()
+        transform[2, 3] += self._anchor.offset
+        feet = support_feet(self._cells, self._robot, terrain, transform, self._settings.limits)
+        errors = {foot.leg: sole_error(self._cells, foot) for foot in feet}
+        anchor = self._anchor.after(float(spread[2, 2]), {leg: e for leg, e in errors.items() if e is not None})
+        correction, self._anchor = anchor.offset - self._anchor.offset, anchor
+        transform[2, 3] += correction
+        last = self._drift
+        self._drift = Drift(
+            rise=self._anchor.rise,
+            shift=max(last.shift, float(spread[0, 0]), float(spread[1, 1])),
+            turn=max(last.turn, float(spread[5, 5])),
+        )
+        moment = Moment(self._pause, terrain.stamp, self._drift, transform)
+        rejected = self._look(terrain, moment)
+        for foot in feet:
+            fill_under_foot(self._cells, foot.raised(correction), self._drift, self._pause, terrain.stamp)
+        for ground in known_ground:
+            self._declare(ground, moment)
+        self._scans += 1
+        layers = snapshot_layers(self._cells, self._grid, terrain, moment, self._settings)
+        report = map_report(
+            terrain=terrain,
+            robot=self._robot.name,
+            settings=self._settings,
+            layers=layers,
+            transform_footprint_to_odom=transform,
+            covariance=spread,
+            scans=self._scans,
+            rejected=rejected,
+            anchor=self._anchor,
+            residuals={leg: None if error is None else error.residual for leg, error in errors.items()},
+            known_ground=self._ground,
+        )
+        return TerrainGrid(
+            layers=layers,
+            geometry=self._grid,
+            stamp=terrain.stamp,
+            step=terrain.step,
+            extent="map",
+            metadata={**report, **(metadata or {})},
+        )
+
+    def _look(self, terrain: TerrainGrid, now: Moment) -> int:
+        """Fuse the scan; return the number of heights that disagreed with what was known."""
+        look = look_at(self._cells, terrain, now.transform_footprint_to_odom)
+        accepted = fuse_heights(self._cells, look.heights, now.drift, look.distance, now.pause, now.stamp)
+        forget_heights(self._cells, look.empty, look.empty_cause)
+        memory = self._cells.memory
+        # A cause tells more than "never looked at", and a look without return more than no look.
+        cause = memory["cause"][look.unseen]
+        is_unknown = np.isnan(memory["height"][look.unseen])
+        better = is_unknown & ((cause & LOOKED_AT) == 0) & (look.unseen_cause != np.uint16(Hazard.UNSCANNED))
+        memory["cause"][look.unseen[better]] = look.unseen_cause[better] & UNKNOWN_MASK
+        return int((~accepted).sum())
+
+    def _declare(self, ground: KnownGround, now: Moment) -> None:
+        heights, distance = declared_heights(self._cells, ground, now.transform_footprint_to_odom)
+        fuse_heights(self._cells, heights, now.drift, distance, now.pause, now.stamp, is_look=False)
+        self._ground.append(
+            {
+                "step": self._step,
+                "outline": ground.outline.tolist(),
+                "height": ground.height,
+                "sigma": ground.sigma,
+                "cells": int(heights.place.size),
+            }
+        )
+
+    def _checked(
+        self, terrain: TerrainGrid, transform: npt.ArrayLike, covariance: npt.ArrayLike
+    ) -> tuple[Float, Float]:
+        if terrain.extent != "footprint":
+            raise InvalidInput(f"a grid of extent {terrain.extent!r} cannot be fused, it must be a scan's: 'footprint'")
+        if abs(terrain.resolution - self._grid.resolution) > 1e-9:
+            raise InvalidInput(
+                f"the scan's cells are {terrain.resolution} m, the map's {self._grid.resolution} m: they must be alike"
+            )
+        if self._step is not None and terrain.step <= self._step:
+            raise InvalidInput(
+                f"step {terrain.step} comes after step {self._step}: scans must come in the order of their pauses; "
+                "begin a new map for another walk"
+            )
+        matrix = np.array(transform, dtype=np.float64)
+        if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
+            raise InvalidInput(f"transform_footprint_to_odom has shape {matrix.shape}, it must be a rigid (4, 4)")
+        rotation = matrix[:3, :3]
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or rotation[2, 2] < np.cos(LARGEST_TILT):
+            raise InvalidInput(
+                "transform_footprint_to_odom is no rotation, or tilts by more than "
+                f"{LARGEST_TILT} rad: both frames must be level"
+            )
+        rotation[np.abs(rotation) < LEAST_TURN] = 0.0
+        spread = np.array(covariance, dtype=np.float64)
+        if spread.shape != (6, 6) or not np.isfinite(spread).all() or (np.diag(spread) < 0).any():
+            raise InvalidInput(f"covariance has shape {spread.shape}, it must be (6, 6) with a positive diagonal")
+        return matrix, spread

@@ -1,0 +1,136 @@
+"""`best_foothold`: the best place for a sole near a wish, the same every time, and steady from pause to pause."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.readonly import readonly
+from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.limits_of import limits_of
+from guara_perception.terrain.questions.foothold import FootholdVerdicts, check_foothold, enough_clearance
+from guara_perception.terrain.questions.normal import normal_at
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+Float = npt.NDArray[np.float64]
+
+# At the rim of the search a place is worth half: near the wish the body moves as the gait planned it.
+VALUE_AT_RIM = 0.5
+# Beside an edge a place is worth half of one in the open.
+VALUE_AT_EDGE = 0.5
+# A new place must be worth a third more than the previous choice, or the choice flips between two sides of an edge.
+HYSTERESIS = 1 / 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Foothold:
+    """A place for a sole.
+
+    Attributes:
+        x, y: centre of the sole in base_footprint [m].
+        z: height of the ground there [m].
+        normal: (3,) unit normal of the ground.
+        score: its traversability, above 0 ... 1.
+        value: what it was chosen by, above 0 ... 1: score, distance from the wish and clearance together.
+        leg: the leg that was asked for, or None.
+    """
+
+    x: float
+    y: float
+    z: float
+    normal: Float
+    score: float
+    value: float
+    leg: str | None
+
+    def __post_init__(self) -> None:
+        """Freeze the normal."""
+        object.__setattr__(self, "normal", readonly(self.normal))
+
+    @property
+    def position(self) -> Float:
+        """(3,) in base_footprint [m]."""
+        return np.array([self.x, self.y, self.z])
+
+
+def best_foothold(
+    terrain: LayeredGrid,
+    x: float,
+    y: float,
+    radius: float,
+    leg: str | None = None,
+    previous: Foothold | tuple[float, float] | None = None,
+    robot: RobotModel | None = None,
+) -> Foothold | None:
+    """See `TerrainGrid.best_foothold`."""
+    if not (np.isfinite(x) and np.isfinite(y)):
+        raise InvalidInput(f"the wish is ({x}, {y}), it must be finite [m]")
+    if not (np.isfinite(radius) and 0 <= radius <= 1):
+        raise InvalidInput(f"radius is {radius}, it must be 0 ... 1 m")
+    px, py = _candidates(terrain, float(x), float(y), float(radius))
+    kept = _point(previous)
+    if kept is not None and np.hypot(kept[0] - x, kept[1] - y) <= radius + 1e-9:
+        px, py = np.append(px, kept[0]), np.append(py, kept[1])
+    else:
+        kept = None
+    verdicts = check_foothold(terrain, px, py, leg, robot)
+    assert isinstance(verdicts, FootholdVerdicts)
+    value = _values(terrain, verdicts, np.hypot(px - x, py - y), float(radius))
+    if not (value > 0).any():
+        return None
+    # Equal values: the nearest, then the smallest x, then the smallest y.
+    distance = np.round(np.hypot(px - x, py - y), 9)
+    order = np.lexsort((py, px, distance, -np.round(value, 9)))
+    best = int(order[0])
+    if kept is not None and value[-1] > 0 and value[best] < value[-1] * (1 + HYSTERESIS):
+        best = px.size - 1
+    bx, by = float(px[best]), float(py[best])
+    return Foothold(
+        x=bx,
+        y=by,
+        z=float(terrain.height_at(bx, by)),
+        normal=normal_at(terrain, bx, by),
+        score=float(verdicts.score[best]),
+        value=float(value[best]),
+        leg=leg,
+    )
+
+
+def _candidates(terrain: LayeredGrid, x: float, y: float, radius: float) -> tuple[Float, Float]:
+    """The wish itself and the cell centres within the radius."""
+    cx, cy = terrain.geometry.centres()
+    cx, cy = cx[np.abs(cx - x) <= radius], cy[np.abs(cy - y) <= radius]
+    gx, gy = (a.ravel() for a in np.meshgrid(cx, cy))
+    near = np.hypot(gx - x, gy - y) <= radius
+    return np.append(gx[near], x), np.append(gy[near], y)
+
+
+def _values(terrain: LayeredGrid, verdicts: FootholdVerdicts, distance: Float, radius: float) -> Float:
+    enough = enough_clearance(terrain, limits_of(terrain))
+    clearance = np.asarray(
+        terrain._look_up("clearance", verdicts.x, verdicts.y, np.float32(0), float), dtype=np.float64
+    )
+    # Between the least clearance that a sole needs and twice of what is always enough the value rises.
+    openness = np.clip(clearance / (2 * enough), 0.0, 1.0)
+    nearness = 1 - (1 - VALUE_AT_RIM) * (distance / radius) ** 2 if radius > 0 else np.ones(distance.shape)
+    return np.asarray(verdicts.score * nearness * (VALUE_AT_EDGE + (1 - VALUE_AT_EDGE) * openness))
+
+
+def _point(previous: Foothold | tuple[float, float] | None) -> tuple[float, float] | None:
+    if previous is None:
+        return None
+    if isinstance(previous, Foothold):
+        return previous.x, previous.y
+    try:
+        x, y = (float(v) for v in previous)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"previous is {previous!r}, it must be a Foothold or a pair (x, y)") from None
+    if not (np.isfinite(x) and np.isfinite(y)):
+        raise InvalidInput(f"previous is ({x}, {y}), it must be finite [m]")
+    return x, y

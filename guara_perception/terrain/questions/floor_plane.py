@@ -1,0 +1,85 @@
+"""The floor under everything that stands on it or gapes in it: a plane that most of the heights agree with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.plane_fit import solve_plane
+from guara_perception.terrain.assessment.quantile import quantile
+
+Float = npt.NDArray[np.float64]
+
+# With 45 % of the cells on the floor, three at random lie on it in one of 100 trials with 1 - (1 - 0.45^3)^100.
+TRIALS = 100
+# The floor is the plane to which this share of the heights lies nearest: boxes may cover more than half of the view.
+FLOOR_SHARE = 0.35
+# That quantile of |noise| in standard deviations, if all cells lie on the floor; with boxes it is larger, and refined.
+QUANTILE_TO_SIGMA = 1 / 0.4538
+# Cells that a trial is judged by, evenly spread.
+JUDGES = 500
+# Within three of their robust standard deviations, and at least this much, heights belong to the floor.
+LEAST_TOLERANCE_M = 0.002
+REFINEMENTS = 10
+SEED = 2024
+
+
+@dataclass(frozen=True, slots=True)
+class FloorPlane:
+    """A plane z = a x + b y + c in base_footprint.
+
+    Attributes:
+        a, b: slopes along x and y.
+        c: height at the origin [m].
+        sigma: standard deviation of the floor's heights about it [m].
+    """
+
+    a: float
+    b: float
+    c: float
+    sigma: float
+
+    def height_at(self, x: Float | float, y: Float | float) -> Float:
+        """Height of the floor [m]."""
+        return np.asarray(self.a * x + self.b * y + self.c)
+
+
+def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
+    """Find the floor among points (n,) by least quantile of squares, then least squares over those that agree.
+
+    Deterministic: the trials are the same every time. None with fewer than three points, or all on a line.
+    """
+    if z.size < 3:
+        return None
+    middle_x, middle_y = float(x.mean()), float(y.mean())
+    terms = np.stack((x - middle_x, y - middle_y, np.ones(z.size)))
+    if solve_plane(terms, z) is None:
+        return None
+    generator = np.random.default_rng(SEED)
+    judges = np.linspace(0, z.size - 1, min(JUDGES, z.size)).astype(np.int64)
+    triples = generator.integers(0, z.size, (TRIALS, 3))
+    matrices = terms.T[triples]
+    usable = np.abs(np.linalg.det(matrices)) > 1e-9
+    level = np.array([0.0, 0.0, float(quantile(z, 0.5))])
+    trials = np.linalg.solve(matrices[usable], z[triples[usable]][..., None])[..., 0]
+    trials = np.vstack((level, trials))
+    misses = quantile(np.abs(z[judges] - trials @ terms[:, judges]), FLOOR_SHARE)
+    plane = trials[int(misses.argmin())]
+    spread = QUANTILE_TO_SIGMA * float(misses.min())
+    residual = z - plane @ terms
+    for _ in range(REFINEMENTS):
+        near = np.flatnonzero(np.abs(residual) <= max(3 * spread, LEAST_TOLERANCE_M))
+        refined = solve_plane(terms.take(near, axis=1), z.take(near))
+        if refined is None:
+            break
+        has_settled = bool(np.abs(refined - plane).max() < 1e-9)
+        plane = refined
+        residual = z - plane @ terms
+        on_floor = residual.take(near)
+        spread = float(np.sqrt(on_floor @ on_floor / near.size))
+        if has_settled:
+            break
+    a, b = float(plane[0]), float(plane[1])
+    return FloorPlane(a, b, float(plane[2] - a * middle_x - b * middle_y), spread)

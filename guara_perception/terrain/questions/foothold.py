@@ -1,0 +1,177 @@
+"""`check_foothold`: may a sole be set here, and if not, why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.readonly import readonly
+from guara_perception.settings import TraversabilityLimits
+from guara_perception.terrain.assessment.disc import disc_kernel
+from guara_perception.terrain.assessment.edges import EXTRA_RING_CELLS, half_cells
+from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, names
+from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.limits_of import limits_of
+from guara_perception.terrain.layers.reason import Reason
+from guara_perception.terrain.questions.leg_reach import beyond_reach
+from guara_perception.terrain.questions.sole_cells import sole_flags, sole_window
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+Float = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class FootholdVerdict:
+    """The answer for one place.
+
+    Attributes:
+        ok: whether a sole may be set there.
+        score: traversability of the place, 0 where not ok.
+        reasons: each failed test with value and limit; empty where ok.
+    """
+
+    ok: bool
+    score: float
+    reasons: tuple[Reason, ...]
+
+    def __bool__(self) -> bool:
+        """The same as `ok`."""
+        return self.ok
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FootholdVerdicts:
+    """The answers for many places; `verdicts[i]` is the FootholdVerdict of place i, with its reasons.
+
+    Attributes:
+        terrain: the grid that was asked.
+        x, y: (n,) places in base_footprint [m].
+        ok: (n,) bool.
+        score: (n,) float64, 0 where not ok.
+        leg: leg that was asked for, or None.
+        beyond: (n,) how far its joints would go beyond their limits [rad], NaN out of reach; zeros without a leg.
+    """
+
+    terrain: LayeredGrid
+    x: Float
+    y: Float
+    ok: npt.NDArray[np.bool_]
+    score: Float
+    leg: str | None
+    beyond: Float
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("x", "y", "ok", "score", "beyond"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    def __len__(self) -> int:
+        """Number of places."""
+        return int(self.x.size)
+
+    def __getitem__(self, i: int) -> FootholdVerdict:
+        """The verdict of place i, counted in the flattened arrays."""
+        ok = bool(self.ok.ravel()[i])
+        if ok:
+            return FootholdVerdict(True, float(self.score.ravel()[i]), ())
+        x, y, beyond = (float(values.ravel()[i]) for values in (self.x, self.y, self.beyond))
+        return FootholdVerdict(False, 0.0, tuple(_reasons(self.terrain, x, y, self.leg, beyond)))
+
+    def __iter__(self) -> Iterator[FootholdVerdict]:
+        """All verdicts in order."""
+        return (self[i] for i in range(len(self)))
+
+
+def check_foothold(
+    terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, leg: str | None = None, robot: RobotModel | None = None
+) -> FootholdVerdict | FootholdVerdicts:
+    """See `TerrainGrid.check_foothold`."""
+    px, py = terrain._points(x, y)
+    limits = limits_of(terrain)
+    flat_x, flat_y = np.atleast_1d(px).ravel(), np.atleast_1d(py).ravel()
+    finite = np.isfinite(flat_x) & np.isfinite(flat_y)
+    score = np.asarray(terrain._look_up("traversability", flat_x, flat_y, np.float32(0), float), np.float64)
+    flags = np.full(flat_x.size, np.uint16(Hazard.UNSCANNED))
+    flags[finite] = sole_flags(terrain.hazard, terrain.geometry, flat_x[finite], flat_y[finite], limits)
+    ok = (score > 0) & ((flags & ALL_BUT_EDGE) == 0)
+    beyond = np.zeros(flat_x.size)
+    if leg is not None:
+        z = np.asarray(terrain.height_at(flat_x, flat_y), np.float64)
+        beyond = beyond_reach(terrain, leg, np.column_stack((flat_x, flat_y, z)), robot)
+        ok &= beyond == 0
+    shape = px.shape
+    verdicts = FootholdVerdicts(
+        terrain,
+        px,
+        py,
+        ok.reshape(shape),
+        np.where(ok, score, 0.0).reshape(shape),
+        leg,
+        beyond.reshape(shape),
+    )
+    return verdicts[0] if px.ndim == 0 else verdicts
+
+
+def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: float) -> Iterator[Reason]:
+    """Every failed test of one place."""
+    if not (np.isfinite(x) and np.isfinite(y)):
+        yield Reason("unknown", 1.0, 0.0, "share", "the place is not finite")
+        return
+    limits = limits_of(terrain)
+    rows, columns, total, off = sole_window(terrain.geometry, x, y, limits)
+    hazard = terrain.hazard[rows, columns]
+    unknown = (hazard & UNKNOWN_MASK) != 0
+    count = int(unknown.sum()) + off
+    if count:
+        causes = names(int(np.bitwise_or.reduce(hazard[unknown] & UNKNOWN_MASK, axis=None)) if unknown.any() else 0)
+        words = ", ".join(causes + (["off the grid"] if off else []))
+        yield Reason("unknown", count / total, 0.0, "share", f"of the sole: {words}")
+    validity = float(terrain.metadata.get("validity_pauses", 255))
+    sigma = f"plus {limits.confidence:g} sigma"
+    tests: tuple[tuple[Hazard, str, str, float, str, str], ...] = (
+        (Hazard.STEEP, "slope", "slope", limits.slope, "rad", sigma),
+        (Hazard.STEP, "step", "step_height", limits.step, "m", sigma),
+        (Hazard.DROP, "drop", "step_height", limits.drop, "m", sigma),
+        (Hazard.ROUGH, "roughness", "roughness", limits.roughness, "m", sigma),
+        (Hazard.UNCERTAIN, "sigma", "variance", limits.sigma, "m", "of the height"),
+        (Hazard.STALE, "age", "age", validity, "pauses", ""),
+    )
+    for flag, test, layer, limit, unit, detail in tests:
+        where = (hazard & np.uint16(flag)) != 0
+        if where.any():
+            value = float(np.nanmax(_values(terrain, layer, rows, columns)[where]))
+            yield Reason(test, value, limit, unit, detail)
+    disputed = int(((hazard & np.uint16(Hazard.CONFLICT)) != 0).sum())
+    if disputed:
+        yield Reason("conflict", disputed, 0.0, "cells", "looks disagree")
+    here = terrain.hazard_at(x, y)
+    if here & Hazard.EDGE and not count:
+        yield Reason("edge", _clearance_at(terrain, x, y), enough_clearance(terrain, limits), "m", _EDGE)
+    if leg is not None and beyond != 0:
+        yield Reason("reach", beyond, 0.0, "rad", f"of {leg} beyond its joints' limits")
+
+
+_EDGE = "too near to something unknown, hazardous or off the grid; so much clearance is always enough"
+
+
+def _values(terrain: LayeredGrid, layer: str, rows: slice, columns: slice) -> npt.NDArray[Any]:
+    values = terrain.layers[layer][rows, columns].astype(np.float64)
+    return np.sqrt(values) if layer == "variance" else values
+
+
+def _clearance_at(terrain: LayeredGrid, x: float, y: float) -> float:
+    return float(terrain._look_up("clearance", x, y, np.float32(np.nan), float))
+
+
+def enough_clearance(terrain: LayeredGrid, limits: TraversabilityLimits) -> float:
+    """Clearance from which on a cell is never EDGE [m]: the corner of the window that its tests read."""
+    resolution = terrain.resolution
+    reach = disc_kernel(limits.disc_radius / resolution).shape[0] // 2 + EXTRA_RING_CELLS
+    half = [half_cells(length, resolution) + reach for length in (limits.sole_length, limits.sole_width)]
+    return float(np.hypot(half[0] + 0.5, half[1] + 0.5) * resolution)

@@ -1,0 +1,76 @@
+"""Whether a leg reaches a place on a grid, with the body where it stood when the grid was made."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.terrain.layers.layered_grid import LayeredGrid
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel, StancePose
+
+Float = npt.NDArray[np.float64]
+
+
+def beyond_reach(
+    terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robot: RobotModel | None = None
+) -> npt.NDArray[np.float64]:
+    """How far the leg's joints would have to go beyond their limits [rad]: 0 within reach, NaN where nothing helps.
+
+    Args:
+        terrain: grid with the stance in its metadata.
+        leg: name of the leg.
+        soles_in_footprint: (n, 3) sole centres on the ground [m].
+        robot: its model; None = the one of that name that comes with the package.
+
+    Raises:
+        InvalidInput: the grid does not say robot, stance and transform.
+        kinematics.KinematicsError: no such robot or leg.
+    """
+    from kinematics.reach import leg_kinematics, reach_from_pose
+
+    pose = _pose_of(terrain, robot)
+    reach = reach_from_pose(pose, leg, soles_in_footprint)
+    solver = leg_kinematics(pose.state.tree, leg)
+    joints = np.asarray(reach.joint_positions)
+    excess = np.maximum(np.maximum(solver.lower - joints, joints - solver.upper), 0.0).max(axis=-1)
+    return np.where(reach.is_reachable, 0.0, np.where(excess > 0, excess, np.nan))
+
+
+def _pose_of(terrain: LayeredGrid, robot: RobotModel | None) -> StancePose:
+    metadata = terrain.metadata
+    missing = [name for name in ("robot", "stance", "transform_base_to_footprint") if metadata.get(name) is None]
+    if missing:
+        raise InvalidInput(
+            f"the grid's metadata holds no {', '.join(missing)}: whether a leg reaches a place cannot be told, "
+            "ask with leg=None"
+        )
+    if robot is None:
+        robot = _robot(str(metadata["robot"]))
+    elif robot.name != metadata["robot"]:
+        raise InvalidInput(f"the grid belongs to robot {metadata['robot']!r}, the model given is {robot.name!r}")
+    key = json.dumps([metadata["stance"], metadata["transform_base_to_footprint"]], sort_keys=True)
+    return _pose(robot, key)
+
+
+@lru_cache(maxsize=4)
+def _robot(name: str) -> RobotModel:
+    from kinematics import load_robot
+
+    return load_robot(name)
+
+
+@lru_cache(maxsize=4)
+def _pose(robot: RobotModel, key: str) -> StancePose:
+    from kinematics import Stance
+
+    stance, transform = json.loads(key)
+    pose = robot.stance_pose(Stance.from_dict(stance))
+    return dataclasses.replace(pose, transform_base_to_footprint=np.array(transform, dtype=np.float64))

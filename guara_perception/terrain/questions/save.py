@@ -1,0 +1,33 @@
+"""Saves terrain as one NumPy file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.whole_file import whole_file
+
+
+def save_terrain(terrain: LayeredGrid, path: str | Path) -> None:
+    """Write a grid to an .npz file, whole or not at all (contract, section 4, `OUT.npz`).
+
+    Raises:
+        MissingFile: the folder does not exist.
+    """
+    metadata = {**terrain.metadata, "extent": terrain.extent}
+    with whole_file(path) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(
+            stream,
+            allow_pickle=False,
+            **terrain.layers,
+            **terrain.pictures,
+            origin=np.array(terrain.origin, dtype=np.float64),
+            resolution=np.float64(terrain.resolution),
+            frame=np.array(terrain.frame),
+            stamp=np.int64(terrain.stamp),
+            step=np.int64(terrain.step),
+            metadata=np.array(json.dumps(metadata)),
+        )

@@ -1,0 +1,93 @@
+"""`assess_terrain`: a TerrainGrid from any elevation array."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.settings import TraversabilityLimits, limits_to_dict
+from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import Hazard
+
+Float = npt.NDArray[np.float64]
+
+# Heights beyond this lose the roughness to rounding: 10 km leave 0.1 mm.
+HIGHEST_M = 1e4
+
+
+def assess_terrain(
+    elevation: npt.ArrayLike,
+    resolution: float,
+    origin: tuple[float, float] = (0.0, 0.0),
+    variance: npt.ArrayLike | None = None,
+    limits: TraversabilityLimits | None = None,
+) -> TerrainGrid:
+    """Judge any elevation array as if the rangefinder had measured it.
+
+    Args:
+        elevation: (ny, nx) heights [m], a[iy, ix], x fastest; NaN = unknown (becomes UNSCANNED).
+        resolution: cell edge [m].
+        origin: corner of cell (0, 0) [m].
+        variance: (ny, nx) variances of the heights [m^2]; None = exact.
+        limits: what the feet can bear; None = those of the Guara's robot.toml.
+
+    Raises:
+        InvalidInput: wrong shapes, resolution not positive, infinite heights, NaN or negative variance.
+    """
+    heights, spread = check_heights(elevation, variance)
+    if np.ndim(resolution) != 0 or len(tuple(origin)) != 2:
+        raise InvalidInput(f"resolution is {resolution}, origin is {origin}: one number and a pair (x, y) are needed")
+    x, y = origin
+    geometry = GridGeometry((float(x), float(y)), float(resolution), (heights.shape[0], heights.shape[1]))
+    known = np.isfinite(heights)
+    hazard = np.where(known, 0, np.uint16(Hazard.UNSCANNED)).astype(np.uint16)
+    if limits is None:
+        limits = default_limits()
+    layers = assess_layers(heights, spread, heights, heights, hazard, geometry.resolution, limits)
+    layers["age"] = np.where(known, 0, 255).astype(np.uint8)
+    layers["looks"] = known.astype(np.uint8)
+    return TerrainGrid(layers=layers, geometry=geometry, metadata={"limits": limits_to_dict(limits)})
+
+
+def default_limits() -> TraversabilityLimits:
+    """The limits of the Guara."""
+    from guara_perception.settings import Settings
+    from kinematics import load_robot
+
+    return Settings.of(load_robot("guara")).limits
+
+
+def check_heights(elevation: npt.ArrayLike, variance: npt.ArrayLike | None) -> tuple[Float, Float]:
+    """Elevation and variance as float64 grids, or a clear refusal.
+
+    Raises:
+        InvalidInput: no numbers, wrong shape, infinite or absurd heights, negative or missing variance at a known
+            height.
+    """
+    heights = _numbers(elevation, "elevation")
+    if heights.ndim != 2 or heights.size == 0:
+        raise InvalidInput(f"elevation has shape {heights.shape}, it must be (ny, nx) with one cell or more")
+    if np.isinf(heights).any():
+        raise InvalidInput("elevation holds infinite heights, use NaN for unknown cells")
+    known = np.isfinite(heights)
+    if known.any() and np.abs(heights[known]).max() > HIGHEST_M:
+        raise InvalidInput(
+            f"elevation reaches {np.abs(heights[known]).max():.4g} m, at most {HIGHEST_M:.0f} m is allowed: "
+            "heights are in metres, take off a level first"
+        )
+    spread = np.where(known, 0.0, np.nan) if variance is None else _numbers(variance, "variance")
+    if spread.shape != heights.shape:
+        raise InvalidInput(f"variance has shape {spread.shape}, elevation has {heights.shape}: they must be alike")
+    if (~np.isfinite(spread[known])).any() or (spread[known] < 0).any():
+        raise InvalidInput("variance is NaN, infinite or negative at a known height, it must be 0 or more [m^2]")
+    return heights, np.where(known, spread, np.nan)
+
+
+def _numbers(values: npt.ArrayLike, name: str) -> Float:
+    try:
+        return np.array(values, dtype=np.float64)
+    except (ValueError, TypeError):
+        raise InvalidInput(f"{name} is no array of numbers, it must be (ny, nx)") from None

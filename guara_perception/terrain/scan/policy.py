@@ -1,0 +1,147 @@
+"""`ScanPolicy`: a coarse scan until there is an obstacle; then the stripes between, within the same pause."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.settings import Settings
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, names
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+Mask = npt.NDArray[np.bool_]
+
+# Clear pauses in a row before a walk goes back to coarse scans: one cycle, so that every foot has stepped once.
+CLEAR_PAUSES = 4
+# Cells as far beside the tracks of the soles are in the corridor too: the feet sway, and boxes are hit from the side.
+CORRIDOR_MARGIN_M = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class ScanDecision:
+    """What to do after the coarse stripes of a pause.
+
+    Attributes:
+        mode: "coarse" (the scan is done) or "standard" (fire `stripes` too).
+        stripes: indices still to be fired, ascending; with little time those that are needed most. Empty for coarse.
+        is_whole: whether `stripes` are all that the standard pattern lacks.
+        reasons: what was found, in words; empty where the way is clear.
+    """
+
+    mode: str
+    stripes: tuple[int, ...]
+    is_whole: bool
+    reasons: tuple[str, ...]
+
+
+class ScanPolicy:
+    """Decides pause by pause; remembers how long the way has been clear.
+
+    Example:
+        processor = ScanProcessor(calibration, robot, stance, mode="coarse")
+        ...                                              # add the stripes of policy.first_stripes
+        coarse = processor.finish()
+        decision = policy.decide(coarse, processor.pairs, time_left=1.5, stripe_time=1 / 30)
+        if decision.mode == "standard":
+            processor = processor.extended()
+            ...                                          # add decision.stripes
+            terrain = refined(coarse, processor.finish())
+    """
+
+    def __init__(self, robot: RobotModel, *, height_limit: float | None = None) -> None:
+        """Start clear.
+
+        Args:
+            robot: its hips and soles span the corridor, its robot.toml gives patterns and limits.
+            height_limit: heights that differ more from the support plane are obstacles [m]; None = half of the
+                allowed drop.
+
+        Raises:
+            InvalidInput: a height limit that is not above 0.
+        """
+        self._settings = Settings.of(robot)
+        limits = self._settings.limits
+        self._height_limit = limits.drop / 2 if height_limit is None else float(height_limit)
+        if not (np.isfinite(self._height_limit) and self._height_limit > 0):
+            raise InvalidInput(f"height_limit is {height_limit}, it must be above 0 m")
+        state = robot.state(robot.posture(robot.config.scan_posture))
+        tracks = np.abs(state.soles_in_base()[:, 1]).max()
+        self._half_width = float(tracks) + limits.sole_width / 2 + CORRIDOR_MARGIN_M
+        self._clear = CLEAR_PAUSES
+
+    @property
+    def mode(self) -> str:
+        """What the next pause will be scanned in if nothing new is found."""
+        return "coarse" if self._clear >= CLEAR_PAUSES else "standard"
+
+    @property
+    def first_stripes(self) -> tuple[int, ...]:
+        """Indices to fire first at every pause: the coarse pattern."""
+        return tuple(self._settings.pattern("coarse"))
+
+    def decide(
+        self,
+        coarse: TerrainGrid,
+        pairs: npt.NDArray[np.int64],
+        *,
+        time_left: float | None = None,
+        stripe_time: float = 1 / 30,
+    ) -> ScanDecision:
+        """Judge the coarse scan of a pause; call once per pause.
+
+        Args:
+            coarse: grid of the coarse stripes.
+            pairs: `ScanProcessor.pairs` of that scan.
+            time_left: of the pause [s]; None = as long as it takes.
+            stripe_time: for one stripe [s].
+
+        Raises:
+            InvalidInput: a grid that is no scan, or pairs of another shape; a time that is none.
+        """
+        if coarse.extent != "footprint" or pairs.shape != coarse.shape:
+            raise InvalidInput(
+                f"a grid of extent {coarse.extent!r} and shape {coarse.shape} with pairs of shape {pairs.shape}: "
+                "a scan's own grid and its pairs are needed"
+            )
+        if not stripe_time > 0 or (time_left is not None and not np.isfinite(time_left)):
+            raise InvalidInput(f"time_left is {time_left}, stripe_time {stripe_time}: seconds above 0 are needed")
+        found, reasons = self._obstacles(coarse)
+        self._clear = 0 if reasons else min(self._clear + 1, CLEAR_PAUSES)
+        if self.mode == "coarse":
+            return ScanDecision("coarse", (), False, ())
+        between = self._between(pairs, found)
+        most = len(between) if time_left is None else max(int(time_left / stripe_time), 0)
+        # Those that are needed most, but fired in the order in which the mirror passes them.
+        chosen = tuple(sorted(between[:most]))
+        if not chosen:
+            return ScanDecision("coarse", (), False, (*reasons, "no time is left for the stripes between"))
+        return ScanDecision("standard", chosen, len(chosen) == len(between), tuple(reasons))
+
+    def _obstacles(self, coarse: TerrainGrid) -> tuple[Mask, list[str]]:
+        """Cells of the corridor that are an obstacle, and what they are."""
+        _, y = coarse.geometry.centres()
+        corridor = np.repeat((np.abs(y) <= self._half_width)[:, None], coarse.shape[1], axis=1)
+        hazardous = corridor & ((coarse.hazard & ALL_BUT_EDGE) != 0)
+        high = corridor & (np.abs(np.nan_to_num(coarse.elevation)) > self._height_limit)
+        reasons = []
+        if hazardous.any():
+            flags = int(np.bitwise_or.reduce(coarse.hazard[hazardous] & ALL_BUT_EDGE))
+            reasons.append(f"{int(hazardous.sum())} hazardous cells in the corridor: {', '.join(names(flags))}")
+        if high.any():
+            limit_mm = self._height_limit * 1e3
+            reasons.append(f"{int(high.sum())} cells in the corridor are over {limit_mm:.0f} mm off the support plane")
+        return hazardous | high, reasons
+
+    def _between(self, pairs: npt.NDArray[np.int64], found: Mask) -> tuple[int, ...]:
+        """The stripes that a coarse scan lacks: those over most obstacle cells first, then from near to far."""
+        lacking = sorted(set(self._settings.pattern("standard")) - set(self._settings.pattern("coarse")))
+        every = self._settings.coarse_every
+        passed = {index: int(((pairs == index - index % every) & found).sum()) for index in lacking}
+        return tuple(sorted(lacking, key=lambda index: (-passed[index], index)))

@@ -1,0 +1,55 @@
+"""`refined`: a coarse scan and some of the stripes between, as one grid."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.layers.limits_of import limits_of
+from guara_perception.terrain.map.look import scan_flags
+
+
+def refined(coarse: TerrainGrid, standard: TerrainGrid) -> TerrainGrid:
+    """The grid of a scan of which only some of the stripes between were fired.
+
+    Where the standard scan looked, its answer counts, heights and unknowns alike; where it lacks a stripe that was
+    never fired, the coarse scan's does. A stripe that was fired and lost leaves its cells unknown.
+
+    Args:
+        coarse: grid of the coarse stripes.
+        standard: grid of `ScanProcessor.extended()` after the stripes between were added.
+
+    Raises:
+        InvalidInput: the grids are not of one scan.
+    """
+    if coarse.geometry != standard.geometry or coarse.step != standard.step:
+        raise InvalidInput("the coarse and the standard grid are not of one scan: geometry or step differ")
+    flags = scan_flags(standard) & UNKNOWN_MASK
+    takes_coarse = flags == np.uint16(Hazard.UNSCANNED)
+    if not takes_coarse.any():
+        return standard
+    flags = np.where(takes_coarse, coarse.hazard & UNKNOWN_MASK, flags).astype(np.uint16)
+
+    def either(name: str) -> npt.NDArray[np.float64]:
+        return np.where(takes_coarse, coarse.layers[name], standard.layers[name]).astype(np.float64)
+
+    layers = assess_layers(
+        either("elevation"),
+        either("variance"),
+        either("elevation_min"),
+        either("elevation_max"),
+        flags,
+        coarse.resolution,
+        limits_of(standard),
+    )
+    seen = np.isfinite(layers["elevation"])
+    layers["age"] = np.where(seen, 0, 255).astype(np.uint8)
+    layers["looks"] = seen.astype(np.uint8)
+    known = float(seen.mean())
+    return dataclasses.replace(standard, layers=layers, metadata={**standard.metadata, "known": known})
