@@ -56,7 +56,7 @@ class LazyGroup(click.Group):
 @click.version_option(package_name="guara-perception", prog_name="guara")
 @click.option("-v", "--verbose", is_flag=True, help="Log what is going on, to standard error.")
 def guara(verbose: bool) -> None:
-    r"""Terrain perception for walking robots: one camera, a swept laser stripe, grids that planners receive.
+    """Terrain perception for walking robots: one camera, a swept laser stripe, grids that planners receive.
 
     \b
     Example:

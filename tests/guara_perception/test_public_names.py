@@ -15,7 +15,7 @@ import guara_perception as gp
 PROMISED = """
 Calibration Foothold FootholdVerdict Hazard Obstacle PerceptionError Scan ScanBusy ScanFailed ScanProcessor ScanTimeout
 ScannerGone ScannerUnavailable StaleTerrain StripeStatus TerrainClient TerrainGrid assess_terrain calibrate
-extract_stripe load_calibration load_terrain open_scan process_scan
+extract_stripe load_calibration load_robot load_terrain open_scan process_scan
 """.split()
 # Heavy or with side effects: loaded when first used.
 HEAVY = ["pinocchio", "scipy", "matplotlib", "zenoh", "cv2", "rosbags", "mcap", "usb", "mujoco", "viser", "rich"]
@@ -44,6 +44,19 @@ def test_every_public_name_loads_from_its_module(name: str):
     """Each name of the table is there, and is the very object of its module."""
     assert getattr(gp, name) is getattr(importlib.import_module(gp._MODULES[name]), name)
     assert name in dir(gp)
+
+
+def test_all_is_written_out_for_type_checkers():
+    """`__all__` is a literal list: a computed one hides every name from `mypy --strict` and from completion."""
+    tree = ast.parse(Path(gp.__file__).read_text())
+    value = next(n.value for n in tree.body if isinstance(n, ast.Assign) and n.targets[0].id == "__all__")
+    assert ast.literal_eval(value) == sorted(gp.__all__)
+
+
+def test_star_import_brings_every_public_name():
+    """`from guara_perception import *` loads each name, in a fresh process."""
+    code = "from guara_perception import *; import guara_perception as gp; print(set(gp.__all__) - set(dir()))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"
 
 
 @pytest.mark.parametrize("name", PROMISED)

@@ -35,7 +35,7 @@ def command(
     pattern: str,
     camera_info: Path | None,
 ) -> None:
-    r"""Calibrate camera, mount and laser from the pictures of one SESSION folder.
+    """Calibrate camera, mount and laser from the pictures of one SESSION folder.
 
     Writes nothing and exits 1 when the verdict is `refused`; the report is written all the same.
 

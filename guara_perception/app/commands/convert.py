@@ -14,7 +14,7 @@ from guara_perception.app.progress import progress
 @click.argument("target", type=click.Path(path_type=Path))
 @click.option("--step", type=int, help="which scan of a recording that holds several")
 def command(source: Path, target: Path, step: int | None) -> None:
-    r"""Convert the scan SOURCE (folder or .mcap) into TARGET (the other kind).
+    """Convert the scan SOURCE (folder or .mcap) into TARGET (the other kind).
 
     \b
     Example:

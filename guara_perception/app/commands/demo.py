@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @click.option("--cycles", type=click.FloatRange(1, 12), default=10, show_default=True, help="gait cycles of 140 mm")
 @click.pass_context
 def command(context: click.Context, out: Path, view: bool, cycles: float) -> None:
-    r"""Walk a simulated robot over mixed terrain; scan, publish and choose footholds at every pause.
+    """Walk a simulated robot over mixed terrain; scan, publish and choose footholds at every pause.
 
     The planner runs in a second process and gets its grids over Zenoh. Pictures and a recording of everything are left
     in the folder --out. Exit 1 when the demo's own check fails.

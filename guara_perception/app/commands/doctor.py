@@ -22,7 +22,7 @@ def command(
     scan: Path | None,
     checks: tuple[str, ...],
 ) -> None:
-    r"""Check camera, USB board, permissions, Zenoh, calibration, disk and speed; exit 1 when something must be mended.
+    """Check camera, USB board, permissions, Zenoh, calibration, disk and speed; exit 1 when something must be mended.
 
     \b
     Example:

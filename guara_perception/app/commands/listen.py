@@ -17,7 +17,7 @@ import click
 def command(
     endpoint: str | None, robot: str, extent: str, security: Path | None, count: int | None, timeout: float | None
 ) -> None:
-    r"""Print one line per grid that the node publishes; the last one comes at once.
+    """Print one line per grid that the node publishes; the last one comes at once.
 
     \b
     Example:

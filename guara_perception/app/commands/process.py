@@ -36,7 +36,7 @@ def command(
     step: int | None,
     keep_going: bool,
 ) -> None:
-    r"""Turn a recorded SCAN (folder or .mcap) into terrain.
+    """Turn a recorded SCAN (folder or .mcap) into terrain.
 
     With two methods the first goes into OUT, the second beside it as OUT-METHOD.npz.
 

@@ -11,7 +11,7 @@ import click
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("-o", "--out", type=click.Path(path_type=Path), help="new file; default: FILE-recovered.mcap")
 def command(file: Path, out: Path | None) -> None:
-    r"""Copy all that is whole in FILE, a cut or damaged .mcap, into a new file with an index.
+    """Copy all that is whole in FILE, a cut or damaged .mcap, into a new file with an index.
 
     \b
     Example:

@@ -46,7 +46,7 @@ def command(
     method: str,
     robot: str | None,
 ) -> None:
-    r"""Replay recorded SCANs (folders or .mcap) in the order given, with fusion over pauses.
+    """Replay recorded SCANs (folders or .mcap) in the order given, with fusion over pauses.
 
     A scan whose step does not come after the one before begins another walk: the map starts anew.
 

@@ -43,7 +43,7 @@ def command(
     fps: float | None,
     off_frames: str,
 ) -> None:
-    r"""Scan at each stance pause that the gait announces, and publish, until Ctrl-C.
+    """Scan at each stance pause that the gait announces, and publish, until Ctrl-C.
 
     \b
     Example:

@@ -35,7 +35,7 @@ def command(
     fps: float | None,
     off_frames: str,
 ) -> None:
-    r"""Scan once, with the robot standing still; write the scan folder OUT and pictures into OUT-figures.
+    """Scan once, with the robot standing still; write the scan folder OUT and pictures into OUT-figures.
 
     Without --stance the robot is taken to stand in its scan posture on all feet, gravity unknown.
 

@@ -9,7 +9,7 @@ import click
 
 @click.group(name="security")
 def command() -> None:
-    r"""Make and check certificates and access rules.
+    """Make and check certificates and access rules.
 
     \b
     Example:
@@ -23,7 +23,7 @@ def command() -> None:
 @click.option("--robot", default="guara", show_default=True, help="instance name of the robot")
 @click.option("--host", "hosts", multiple=True, help="name or address by which clients reach the node; repeatable")
 def init(folder: Path, robot: str, hosts: tuple[str, ...]) -> None:
-    r"""Make a CA and one folder per role (node, gait, planner, viewer) in the new FOLDER.
+    """Make a CA and one folder per role (node, gait, planner, viewer) in the new FOLDER.
 
     \b
     Example:
@@ -40,7 +40,7 @@ def init(folder: Path, robot: str, hosts: tuple[str, ...]) -> None:
 @click.option("--robot", help="instance name of the robot; default: what the folder says")
 @click.pass_context
 def check(context: click.Context, folder: Path, robot: str | None) -> None:
-    r"""Connect as each role and print what it may do; exit 1 when that is not as it should be.
+    """Connect as each role and print what it may do; exit 1 when that is not as it should be.
 
     \b
     Example:

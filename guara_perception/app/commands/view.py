@@ -37,7 +37,7 @@ def command(
     security: Path | None = None,
     port: int = 8080,
 ) -> None:
-    r"""Show terrain, robot, stripes and planned footholds in a browser until Ctrl-C.
+    """Show terrain, robot, stripes and planned footholds in a browser until Ctrl-C.
 
     FILE is a grid (.npz), a recording (.mcap) or a scan folder; without it, what a running node publishes is shown.
     The page is served to this machine only.

@@ -39,6 +39,15 @@ def test_help_shows_an_example(guara, name: str):
         assert "Example:" in said.out
         example = said.out.split("Example:")[1].strip().splitlines()[0]
         assert example.startswith(f"guara {' '.join(words)}")
+        assert "\\b" not in said.out and not [c for c in said.out if ord(c) < 32 and c != "\n"]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_example_stands_on_a_line_of_its_own(guara, name: str):
+    """Examples are shown as they would be typed: each line of the block is one command, none is wrapped or joined."""
+    for words in with_subcommands(name):
+        block = guara(*words, "--help").out.split("Example:\n")[1].split("\n\n")[0]
+        assert all(line.startswith("    guara ") and line.count("guara ") == 1 for line in block.splitlines()), block
 
 
 def test_help_lists_every_command(guara):
