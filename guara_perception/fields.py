@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import FileFormatError, MissingFile
 
 
@@ -126,7 +126,7 @@ class Fields:
         self._check_bounds(name, number, minimum, maximum)
         return number
 
-    def array(self, name: str, shape: tuple[int | None, ...]) -> npt.NDArray[np.float64]:
+    def array(self, name: str, shape: tuple[int | None, ...]) -> Float:
         """A nested list of finite numbers of the given shape (None = any length)."""
         value = self.raw(name)
         wanted = "x".join("n" if n is None else str(n) for n in shape)

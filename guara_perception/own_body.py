@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
+
+from guara_perception.arrays import Float, Mask
 
 if TYPE_CHECKING:
     from kinematics import RobotState
-
-Float = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 
 class OwnBody:

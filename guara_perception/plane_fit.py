@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float64]
+from guara_perception.arrays import Float
 
 # Less spread across the line that points lie along [m], and no plane can be told from it.
 LEAST_SPREAD_M = 1e-3

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+
+from guara_perception.arrays import Array
 
 
-def readonly(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def readonly(array: Array) -> Array:
     """The same values in an array that nobody can write, not even through another name of its memory.
 
     An array whose memory is read-only already is returned as it is; of any other a copy is frozen, so the caller's
@@ -21,7 +22,7 @@ def readonly(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return copy
 
 
-def _is_frozen(array: npt.NDArray[Any]) -> bool:
+def _is_frozen(array: Array) -> bool:
     """Whether the array and everything that it is a view of are read-only."""
     memory: Any = array
     while isinstance(memory, np.ndarray):

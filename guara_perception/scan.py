@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy.typing as npt
-
+from guara_perception.arrays import Image
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import MODES
 
 if TYPE_CHECKING:
     from kinematics import Stance
-
-Frame = npt.NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +59,7 @@ class Scan:
     stance_end: Stance | None
     calibration_hash: str | None
     source: str
-    read_frame: Callable[[str], Frame]
+    read_frame: Callable[[str], Image]
 
     def __post_init__(self) -> None:
         """Check what no field alone can show."""
@@ -76,7 +73,7 @@ class Scan:
         if not self.stripes:
             raise InvalidInput(f"{self.source}: the scan holds no stripe")
 
-    def frames(self) -> Iterator[tuple[ScanStripe, Frame, Frame | None]]:
+    def frames(self) -> Iterator[tuple[ScanStripe, Image, Image | None]]:
         """Stripe, laser-on and laser-off picture, one stripe at a time; a shared off frame is read once in a row.
 
         Raises:
@@ -93,15 +90,15 @@ class FrameReader:
     def __init__(self, scan: Scan) -> None:
         """Start with nothing read."""
         self._read_frame = scan.read_frame
-        self._last: tuple[str, Frame] | None = None
+        self._last: tuple[str, Image] | None = None
 
-    def read(self, stripe: ScanStripe) -> tuple[Frame, Frame | None]:
+    def read(self, stripe: ScanStripe) -> tuple[Image, Image | None]:
         """Laser-on and laser-off picture; an off frame shared with the stripe read before is not read again.
 
         Raises:
             MissingFile, FileFormatError: a frame cannot be read; the message names it.
         """
-        off: Frame | None = None
+        off: Image | None = None
         if stripe.off is not None:
             if self._last is None or self._last[0] != stripe.off:
                 self._last = (stripe.off, self._read_frame(stripe.off))

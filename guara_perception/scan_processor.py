@@ -8,8 +8,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float, Image, Index
 from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.methods import METHODS, check_method
@@ -33,7 +33,6 @@ from guara_perception.terrain.layers.geometry import GridGeometry
 if TYPE_CHECKING:
     from kinematics import RobotModel, Stance
 
-Frame = npt.NDArray[Any]
 
 # Finer than this the raster need not be; coarser grids are pooled from it, so a lost stripe always leaves a gap.
 FINEST_CELL_M = 0.005
@@ -138,7 +137,7 @@ class ScanProcessor:
         return self._grid
 
     @property
-    def camera_position(self) -> npt.NDArray[np.float64]:
+    def camera_position(self) -> Float:
         """Optical centre (3,) in base_footprint: its height is the paper's H, its x and y the nadir.
 
         With `paper-literal-ortho` its x and y are the middle of the picture, about which that method orthorectifies.
@@ -146,7 +145,7 @@ class ScanProcessor:
         return self._locator.view_point
 
     @property
-    def transform_camera_to_footprint(self) -> npt.NDArray[np.float64]:
+    def transform_camera_to_footprint(self) -> Float:
         """Placement (4, 4) of the camera at this stance."""
         return self._geometry.transform_camera_to_footprint
 
@@ -160,11 +159,11 @@ class ScanProcessor:
         """Stripe profiles of the frames added so far, by index."""
         return dict(sorted(self._profiles.items()))
 
-    def add(self, index: int, on: Frame, off: Frame | None = None) -> StripeProfile:
+    def add(self, index: int, on: Image, off: Image | None = None) -> StripeProfile:
         """Process one frame pair as `add_all` does, with the same errors, and give its stripe."""
         return self.add_all([(index, on, off)])[0]
 
-    def add_all(self, frames: Sequence[tuple[int, Frame, Frame | None]]) -> list[StripeProfile]:
+    def add_all(self, frames: Sequence[tuple[int, Image, Image | None]]) -> list[StripeProfile]:
         """Process frame pairs in any order, one at a time or several: faster, with the same result. None is kept.
 
         Without laser-off frames one channel of the last few frames is kept instead: the darker of two of them is the
@@ -227,7 +226,7 @@ class ScanProcessor:
         return self._geometry.stripes[index].band
 
     @property
-    def pairs(self) -> npt.NDArray[np.int64]:
+    def pairs(self) -> Index:
         """(ny, nx) index of the first stripe of the pair that passes over each cell on flat ground, -1 where none."""
         order = np.append(np.array(self._order, dtype=np.int64), -1)
         return order[self._plan.pairs(np.arange(self._grid.size))].reshape(self._grid.shape)

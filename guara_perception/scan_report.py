@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Array, Index, Mask
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.settings import Settings, limits_to_dict
@@ -24,7 +24,7 @@ NO_LIGHT = 0.01
 REGIONS_X, REGIONS_Y = ("near", "middle", "far"), ("right", "centre", "left")
 
 
-def advice(coverage: float, counts: npt.NDArray[np.int64]) -> str:
+def advice(coverage: float, counts: Index) -> str:
     """One sentence on a scan with few returns: what happened and what helps, the paper's remedies included.
 
     Args:
@@ -43,7 +43,7 @@ def advice(coverage: float, counts: npt.NDArray[np.int64]) -> str:
     return f"{found}, the rest is too dark or a hole: put a narrow band-pass filter on the lens or use a stronger laser"
 
 
-def regional_coverage(seen: npt.NDArray[np.bool_], expected: npt.NDArray[np.bool_]) -> dict[str, float | None]:
+def regional_coverage(seen: Mask, expected: Mask) -> dict[str, float | None]:
     """Seen over expected in each ninth of the area, by names such as "far left"; None where nothing was expected."""
     result: dict[str, float | None] = {}
     ny, nx = seen.shape
@@ -67,7 +67,7 @@ def scan_report(
     profiles: Mapping[int, StripeProfile],
     points: Mapping[int, StripePoints],
     planned: Sequence[int],
-    layers: Mapping[str, npt.NDArray[Any]],
+    layers: Mapping[str, Array],
     seconds: Mapping[str, float],
 ) -> dict[str, Any]:
     """Metadata of a grid; see docs/files.md for the fields."""

@@ -9,13 +9,13 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from guara_perception.arrays import Interval
 from guara_perception.exceptions import FileFormatError, InvalidInput
 from guara_perception.fields import Fields
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-Range = tuple[float, float]
 MODES = ("coarse", "standard")
 
 # Beyond these a limit is a slip of units (degrees, millimetres), not a robot.
@@ -90,16 +90,16 @@ class Settings:
     """
 
     resolution: float
-    footprint_x: Range
-    footprint_y: Range
-    map_x: Range
-    map_y: Range
+    footprint_x: Interval
+    footprint_y: Interval
+    map_x: Interval
+    map_y: Interval
     minimum_height: float
     maximum_height: float
     join_height: float
     stripes: int
     coarse_every: int
-    mirror_angles: Range
+    mirror_angles: Interval
     limits: TraversabilityLimits
     validity_pauses: int
     validity_seconds: float
@@ -174,7 +174,7 @@ def _limits(table: Fields, sole: tuple[float, float]) -> TraversabilityLimits:
         raise FileFormatError(f"{table.source}: [traversability] {error}") from None
 
 
-def _range(fields: Fields, name: str) -> Range:
+def _range(fields: Fields, name: str) -> Interval:
     low, high = (float(v) for v in fields.array(name, (2,)))
     if high <= low:
         raise FileFormatError(f"{fields.place(name)} is [{low}, {high}], the first must be below the second")

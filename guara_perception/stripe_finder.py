@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Image
 from guara_perception.methods import METHODS
 from guara_perception.stripes.background import SweepBackground
 from guara_perception.stripes.band import Band
 from guara_perception.stripes.channels import OffRows, SharedFrame
 from guara_perception.stripes.extract import unusable_frame
 from guara_perception.stripes.profile import StripeProfile, bad_frame
-
-Frame = npt.NDArray[Any]
 
 # The channels of a whole laser-off frame take as long as those of the bands of so many stripes.
 SHARED_FROM = 4
@@ -37,7 +34,7 @@ class StripeFinder:
         self._size = size
         self._background = SweepBackground(step)
 
-    def find_all(self, frames: Sequence[tuple[int, tuple[int, int], Frame, Frame | None]]) -> list[StripeProfile]:
+    def find_all(self, frames: Sequence[tuple[int, tuple[int, int], Image, Image | None]]) -> list[StripeProfile]:
         """The stripes of some frame pairs.
 
         Args:
@@ -54,7 +51,7 @@ class StripeFinder:
         return [bad_frame(self._size[0], band) if isinstance(band, str) else next(found) for band in bands]
 
     def _band(
-        self, index: int, rows: tuple[int, int], on: Frame, off: Frame | None, shared: SharedFrame | None
+        self, index: int, rows: tuple[int, int], on: Image, off: Image | None, shared: SharedFrame | None
     ) -> Band | str:
         """What a stripe is sought in, or why it cannot be; `shared` is `off` where it serves other stripes as well."""
         width, height = self._size

@@ -6,10 +6,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-import numpy.typing as npt
-
 from guara_perception.app.messages import message_to_terrain
+from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import parse_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
@@ -21,8 +19,6 @@ if TYPE_CHECKING:
     from guara_perception.scan import Scan
     from guara_perception.terrain.grid import TerrainGrid
     from kinematics import RobotModel
-
-Float = npt.NDArray[np.float64]
 
 
 def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration | None = None) -> list[Moment]:

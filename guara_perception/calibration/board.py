@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float, Grey, Image
 from guara_perception.readonly import readonly
-
-Float = npt.NDArray[np.float64]
-Picture = npt.NDArray[Any]
 
 # Grey levels between darkest and brightest thing below which a picture shows nothing.
 BLANK_CONTRAST = 12
@@ -79,7 +75,7 @@ class BoardView:
         return not self.reason
 
 
-def find_board(picture: Picture, board: BoardSpec, name: str = "") -> BoardView:
+def find_board(picture: Image, board: BoardSpec, name: str = "") -> BoardView:
     """Find the inner corners of the board to a few hundredths of a pixel.
 
     The classic detector comes first (fast, strict about the number of corners), the sector-based one second (finds
@@ -112,7 +108,7 @@ def find_board(picture: Picture, board: BoardSpec, name: str = "") -> BoardView:
     return BoardView(name, refined, width)
 
 
-def refine_corners(grey: Picture, corners: Float, size: tuple[int, int]) -> Float:
+def refine_corners(grey: Image, corners: Float, size: tuple[int, int]) -> Float:
     """Corners (n, 2) to sub-pixel accuracy, with a window that grows with the squares."""
     grid = corners.reshape(size[1], size[0], 2)
     smallest = min(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1))
@@ -124,7 +120,7 @@ def refine_corners(grey: Picture, corners: Float, size: tuple[int, int]) -> Floa
     return np.asarray(found, dtype=np.float64).reshape(-1, 2)
 
 
-def wrong_grid(grey: Picture, corners: Float, size: tuple[int, int]) -> bool:
+def wrong_grid(grey: Image, corners: Float, size: tuple[int, int]) -> bool:
     """Whether the corners are only a part of the board's, or no even grid: both detectors return such things.
 
     Asked for too few corners they return a part of the board, or every second line of it. So the grid is laid over the
@@ -150,7 +146,7 @@ def wrong_grid(grey: Picture, corners: Float, size: tuple[int, int]) -> bool:
     return False
 
 
-def _crossing(grey: Picture, homography: Float, places: Float, radius: float) -> Float:
+def _crossing(grey: Image, homography: Float, places: Float, radius: float) -> Float:
     """How much a ring about each place (n, 2) of a grid crosses black, white, black, white; NaN off the picture."""
     angle = np.deg2rad(np.arange(0, 360, 15) + 7.5)
     ring = radius * np.column_stack((np.cos(angle), np.sin(angle)))
@@ -163,13 +159,13 @@ def _crossing(grey: Picture, homography: Float, places: Float, radius: float) ->
     return np.asarray(turned - opposite, dtype=np.float64)
 
 
-def edge_width(grey: Picture, corners: Float, size: tuple[int, int]) -> float:
+def edge_width(grey: Image, corners: Float, size: tuple[int, int]) -> float:
     """Mean width of the black-white edges [px]."""
     points = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
     return float(np.ravel(cv2.estimateChessboardSharpness(grey, size, points)[0])[0])
 
 
-def other_size(picture: Picture, board: BoardSpec) -> tuple[int, int] | None:
+def other_size(picture: Image, board: BoardSpec) -> tuple[int, int] | None:
     """Which other number of inner corners the board in this picture has, if one close to the given one fits."""
     grey = to_grey(picture)
     scale = min(SEARCH_WIDTH_PX / grey.shape[1], 1.0)
@@ -184,7 +180,7 @@ def other_size(picture: Picture, board: BoardSpec) -> tuple[int, int] | None:
     return None
 
 
-def to_grey(picture: Picture) -> npt.NDArray[np.uint8]:
+def to_grey(picture: Image) -> Grey:
     """An 8-bit grey picture of whatever a camera delivers."""
     if picture.dtype == np.uint16:
         picture = (picture >> 8).astype(np.uint8)
@@ -192,7 +188,7 @@ def to_grey(picture: Picture) -> npt.NDArray[np.uint8]:
     return np.ascontiguousarray(grey.reshape(grey.shape[:2]), dtype=np.uint8)
 
 
-def _detect(grey: npt.NDArray[np.uint8], size: tuple[int, int]) -> Float | None:
+def _detect(grey: Grey, size: tuple[int, int]) -> Float | None:
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
     found, corners = cv2.findChessboardCorners(grey, size, flags=flags)
     if not found:

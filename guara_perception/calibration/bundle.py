@@ -6,15 +6,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.calibration.intrinsics import Intrinsics
 from guara_perception.calibration.mount import FloorPose
 from guara_perception.readonly import readonly
-
-Float = npt.NDArray[np.float64]
 
 # Scale of the robust loss, in standard deviations: a corner further off counts less and less.
 ROBUST_SIGMAS = 3.0

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from guara_perception.calibration.board import to_grey
 from guara_perception.calibration.bundle import fit_camera
@@ -37,8 +36,6 @@ from guara_perception.settings import Settings
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
-
-Float = npt.NDArray[np.float64]
 
 
 def calibrate_session(

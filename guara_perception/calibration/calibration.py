@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.readonly import readonly
 
-Float = npt.NDArray[np.float64]
 VERDICTS = ("good", "usable", "refused", "unknown")
 
 

@@ -9,10 +9,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.readonly import readonly
-
-Float = npt.NDArray[np.float64]
 
 # 8 fixed-point steps leave < 0.001 px at the corner for k1 = -0.3; 30 cost little and reach rounding.
 UNDISTORT_STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 1e-10)

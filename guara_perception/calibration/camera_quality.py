@@ -6,22 +6,20 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float, Index
 from guara_perception.calibration.board import BoardSpec, BoardView
 from guara_perception.calibration.bundle import CameraFit
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.calibration.floor import to_floor
 from guara_perception.exceptions import CalibrationRefused
 
-Float = npt.NDArray[np.float64]
-
 # Cells of the picture in which corners are counted, columns x rows.
 COVERAGE_CELLS = (8, 6)
 GRID = (9, 7)
 
 
-def coverage(views: Sequence[BoardView], size: tuple[int, int]) -> npt.NDArray[np.int64]:
+def coverage(views: Sequence[BoardView], size: tuple[int, int]) -> Index:
     """(rows, columns) number of corners in each of COVERAGE_CELLS."""
     corners = np.concatenate([view.corners_px for view in views])
     column = np.clip(corners[:, 0] * COVERAGE_CELLS[0] / size[0], 0, COVERAGE_CELLS[0] - 1).astype(int)

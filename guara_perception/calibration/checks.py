@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float, Index
 from guara_perception.calibration.bundle import CameraFit
 from guara_perception.calibration.intrinsics import Intrinsics
 from guara_perception.calibration.laser import LaserFit
 from guara_perception.calibration.mount import FloorPose
 from guara_perception.calibration.quality import Check
-
-Float = npt.NDArray[np.float64]
 
 LEFT_OUT = "plate left out"
 
@@ -21,7 +19,7 @@ def camera_checks(
     fit: CameraFit,
     floor: FloorPose,
     square_ratio: float,
-    corners_by_cell: npt.NDArray[np.int64],
+    corners_by_cell: Index,
     halves_px: Float | None,
     floor_sigma: Float,
 ) -> list[Check]:

@@ -7,14 +7,11 @@ from itertools import product
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float, Float32, Grey
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.calibration.floor import floor_pixels, to_floor
 from guara_perception.readonly import readonly
-
-Float = npt.NDArray[np.float64]
-Grey = npt.NDArray[np.uint8]
 
 # The crosses of the contract: 24 mm from tip to tip; the width of the bars is found, this starts the search.
 ARM_M = 0.012
@@ -110,7 +107,7 @@ def _candidates(grey: Grey, camera: CameraModel, transform: Float, point: Float)
     return found
 
 
-def _template(angle: float) -> npt.NDArray[np.float32]:
+def _template(angle: float) -> Float32:
     half = 1.5 * ARM_M
     line = np.arange(-half, half + RASTER_M / 2, RASTER_M)
     x, y = np.meshgrid(line, line, indexing="ij")

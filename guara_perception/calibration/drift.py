@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Float, Index
 from guara_perception.plane_fit import solve_plane
-
-Float = npt.NDArray[np.float64]
 
 HOLDS, DRIFTING, UNKNOWN = "holds", "drifting", "unknown"
 # Points within this of the floor plane are floor; the floor is looked for within this of z = 0.
@@ -117,7 +116,7 @@ class _Seen:
     """
 
     indices: list[int]
-    stripe: npt.NDArray[np.int64]
+    stripe: Index
     x: Float
     y: Float
     z: Float
@@ -135,7 +134,7 @@ class _Seen:
         return cls([indices[place] for place in used], stripe, x[known], y[known], z[known])
 
 
-def _middles(distance: Float, stripe: npt.NDArray[np.int64], counts: npt.NDArray[np.int64]) -> dict[int, float]:
+def _middles(distance: Float, stripe: Index, counts: Index) -> dict[int, float]:
     """Upper median of the distances (n,) [m] of each stripe that has enough of them, as `counts` says."""
     # Distances are far below a metre: sorted together with the stripes' numbers, each stripe's stand in one run.
     ordered = np.sort(stripe + distance)
@@ -200,7 +199,7 @@ def _floor(x: Float, y: Float, z: Float) -> Float:
     return plane - (0.0, 0.0, plane[0] * middle_x + plane[1] * middle_y)
 
 
-def _step(seen: _Seen, distance: Float, on_floor: npt.NDArray[np.int64]) -> tuple[int, float] | None:
+def _step(seen: _Seen, distance: Float, on_floor: Index) -> tuple[int, float] | None:
     """First stripe from which on nothing lies on the floor any more, and how far off; None when there is none.
 
     Before it the floor is seen on most stripes; of the last three at least none shows it.

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.laser import LeaveOneOut
 from guara_perception.calibration.mirror_model import PARAMETERS
 from guara_perception.calibration.plates import PlateLine
 from guara_perception.calibration.session import Plate
 from guara_perception.calibration.sweep import Sweep
 from guara_perception.exceptions import CalibrationRefused
-
-Float = npt.NDArray[np.float64]
 
 # Plates nearer than this to one height do not fix a plane.
 MIN_HEIGHT_DIFFERENCE_M = 0.010

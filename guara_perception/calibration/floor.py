@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.camera import CameraModel
-
-Float = npt.NDArray[np.float64]
 
 
 def floor_pixels(camera: CameraModel, transform_camera_to_footprint: Float, points: Float) -> Float:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.camera import CameraModel
-
-Float = npt.NDArray[np.float64]
 
 # The line is sampled this far to both sides of the camera: well beyond any picture at half a metre.
 HALF_LENGTH_M = 1.2

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import FileFormatError
 from guara_perception.readonly import readonly
-
-Float = npt.NDArray[np.float64]
 
 # The height field is a quadratic about this point of base_link: middle of the area, 40 mm over the floor.
 FIELD_TERMS = ("1", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")

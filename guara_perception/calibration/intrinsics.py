@@ -7,14 +7,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.board import BoardSpec, BoardView
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.exceptions import CalibrationRefused
 from guara_perception.readonly import readonly
-
-Float = npt.NDArray[np.float64]
 
 MIN_VIEWS = 5
 # Largest angle between two boards below which focal length and distance cannot be told apart.

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float, Interval
 from guara_perception.calibration.bundle import CameraFit
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.calibration.height_rows import plane_in_frame
@@ -18,9 +18,6 @@ from guara_perception.calibration.session import Plate
 from guara_perception.calibration.stripe_planes import StripeFit, fit_stripes
 from guara_perception.calibration.sweep import Sweep, fit_sweep, line_points
 from guara_perception.readonly import readonly
-
-Float = npt.NDArray[np.float64]
-Range = tuple[float, float]
 
 # Places at which the height field is sampled.
 FIELD_Y_M = np.linspace(-0.27, 0.27, 7)
@@ -118,7 +115,7 @@ def heights_through(pixels: Float, camera: CameraModel, transform_camera_to_foot
 
 
 def height_sigmas(
-    fit: CameraFit, laser: LaserFit, lines: Sequence[PlateLine], transform_base_to_footprint: Float, x: Range
+    fit: CameraFit, laser: LaserFit, lines: Sequence[PlateLine], transform_base_to_footprint: Float, x: Interval
 ) -> tuple[float, float]:
     """Predicted sigma [m] of one height on the floor at the near and the far edge of the area.
 

@@ -6,15 +6,13 @@ import dataclasses
 from collections.abc import Iterable
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float, Index
 from guara_perception.calibration.calibration import Calibration, StripePlane, format_indices
 from guara_perception.calibration.height_sigma import HeightUncertainty
 from guara_perception.calibration.mirror_model import MirrorModel
 from guara_perception.calibration.stripe_planes import plane_basis
 from guara_perception.exceptions import CalibrationMismatch, FileFormatError
-
-Float = npt.NDArray[np.float64]
 
 # Periods of a stepper's own error that are tried, in stripes of the standard pattern. With every second stripe
 # calibrated nothing shorter than four can be told apart.
@@ -126,7 +124,7 @@ def _wave_terms(indices: Float, period: float) -> Float:
     return np.column_stack((np.ones(len(indices)), np.cos(phase), np.sin(phase)))
 
 
-def _extended(wanted: Float, indices: npt.NDArray[np.int64], angles: Float) -> Float:
+def _extended(wanted: Float, indices: Index, angles: Float) -> Float:
     """Commanded angles between the known ones, and just beyond them at the same pace."""
     inside = np.interp(wanted, indices, angles)
     pace = (angles[1] - angles[0]) / (indices[1] - indices[0]), (angles[-1] - angles[-2]) / (indices[-1] - indices[-2])

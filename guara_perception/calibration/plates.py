@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.calibration.floor import floor_pixels, to_floor
 from guara_perception.calibration.height_rows import row_bands
@@ -17,8 +17,6 @@ from guara_perception.exceptions import CalibrationMismatch
 from guara_perception.readonly import readonly
 from guara_perception.stripes.extract import extract_stripe
 from guara_perception.stripes.profile import StripeProfile
-
-Float = npt.NDArray[np.float64]
 
 # A laser mount this much off its nominal place (3 degrees, 20 mm) moves a stripe by this share of the picture.
 BAND_SHARE = 0.12

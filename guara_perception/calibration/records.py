@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.board import BoardView
 from guara_perception.calibration.bundle import CameraFit
 from guara_perception.calibration.calibration import StripePlane, format_indices
@@ -19,8 +19,6 @@ from guara_perception.calibration.mount import FloorPose
 from guara_perception.calibration.plates import LostLine, PlateLine
 from guara_perception.calibration.session import CalibrationSession
 from guara_perception.calibration.surface_map import SurfaceMap, stripe_constants
-
-Float = npt.NDArray[np.float64]
 
 
 def stripe_records(

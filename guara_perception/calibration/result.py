@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
+from guara_perception.arrays import Float, Index
 from guara_perception.calibration.board import BoardView
 from guara_perception.calibration.bundle import CameraFit
 from guara_perception.calibration.calibration import Calibration
@@ -17,8 +15,6 @@ from guara_perception.calibration.plates import LostLine, PlateLine
 from guara_perception.calibration.quality import Check
 from guara_perception.calibration.session import CalibrationSession
 from guara_perception.calibration.surface_map import SurfaceMap
-
-Float = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +52,7 @@ class CalibrationResult:
     lost: tuple[LostLine, ...]
     laser: LaserFit
     checks: tuple[Check, ...]
-    coverage: npt.NDArray[np.int64]
+    coverage: Index
     cross_validation: tuple[Float, Float] | None
     floor_sigma: tuple[Float, Float]
     seconds: dict[str, float]

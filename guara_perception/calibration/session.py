@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
-from guara_perception.calibration.board import BoardSpec, Picture
+from guara_perception.arrays import Float, Image
+from guara_perception.calibration.board import BoardSpec
 from guara_perception.exceptions import InvalidInput
 from guara_perception.readonly import readonly
 from guara_perception.scan import Scan
@@ -17,7 +17,6 @@ from guara_perception.scan import Scan
 if TYPE_CHECKING:
     from kinematics import Stance
 
-Float = npt.NDArray[np.float64]
 
 # A plate whose stance differs by more than this in any joint was scanned from elsewhere (contract, section 3).
 MAX_JOINT_DIFFERENCE = float(np.deg2rad(0.1))
@@ -94,7 +93,7 @@ class CalibrationSession:
     plates: tuple[Plate, ...]
     stance: Stance
     source: str
-    read_picture: Callable[[str], Picture]
+    read_picture: Callable[[str], Image]
 
     def __post_init__(self) -> None:
         """Check what no field alone can show."""

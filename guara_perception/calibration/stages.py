@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-import numpy.typing as npt
-
-from guara_perception.calibration.board import BoardView, Picture, find_board, other_size
+from guara_perception.arrays import Image
+from guara_perception.calibration.board import BoardView, find_board, other_size
 from guara_perception.calibration.bundle import CameraFit
 from guara_perception.calibration.faults import check_lines, check_order, find_steps, refuse_steps
 from guara_perception.calibration.intrinsics import MIN_VIEWS, Intrinsics, calibrate_intrinsics
@@ -16,8 +14,6 @@ from guara_perception.calibration.plates import LostLine, PlateLine, plate_lines
 from guara_perception.calibration.session import CalibrationSession
 from guara_perception.calibration.sweep import line_points
 from guara_perception.exceptions import CalibrationMismatch, CalibrationRefused
-
-Float = npt.NDArray[np.float64]
 
 
 def find_boards(session: CalibrationSession, advance: Callable[[], None]) -> tuple[list[BoardView], tuple[int, int]]:
@@ -41,7 +37,7 @@ def find_boards(session: CalibrationSession, advance: Callable[[], None]) -> tup
     return views, size
 
 
-def check_size(picture: Picture, size: tuple[int, int], name: str, source: str) -> None:
+def check_size(picture: Image, size: tuple[int, int], name: str, source: str) -> None:
     """Refuse a picture of another size than the first board picture.
 
     Raises:

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.mirror_model import PARAMETERS, MirrorModel, perturbed_mirror
 from guara_perception.calibration.plates import PlateLine
 from guara_perception.calibration.sweep import STEP_ERROR_SIGMA, Sweep
 from guara_perception.readonly import readonly
-
-Float = npt.NDArray[np.float64]
 
 # A sheet may wobble out of the model by at least this much: bearings and mirrors are not perfect.
 WOBBLE_FLOOR = np.array([2e-5, 1e-5])  # tilt along the stripe [rad], shift [m]

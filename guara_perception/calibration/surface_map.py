@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.readonly import readonly
-
-Float = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

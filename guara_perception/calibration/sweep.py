@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.calibration.floor import to_floor
 from guara_perception.calibration.mirror_model import PARAMETERS, MirrorModel, perturbed_mirror
 from guara_perception.calibration.plates import PlateLine
 from guara_perception.readonly import readonly
-
-Float = npt.NDArray[np.float64]
 
 # Error of one mirror position that a stepper is granted before it counts as a fault [rad]; a prior, not a limit.
 STEP_ERROR_SIGMA = float(np.deg2rad(0.02))

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.height_sigma import HeightUncertainty
 from guara_perception.ranging.scan_geometry import ScanGeometry
 
-Float = npt.NDArray[np.float64]
 VarianceOfPoints = Callable[[Float], Float]
 
 

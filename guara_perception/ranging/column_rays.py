@@ -6,9 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import chebyshev
 
+from guara_perception.arrays import Float, Index
 from guara_perception.calibration.camera import CameraModel
-
-Float = npt.NDArray[np.float64]
 
 # Number of coefficients that are tried. A usual lens needs 16; one that folds near a corner of the picture needs more.
 COUNTS = (16, 24)
@@ -25,7 +24,7 @@ class ColumnRays:
         self._middle = (camera.size[1] - 1) / 2
         self._coefficients = next((c for n in COUNTS if (c := _fitted(camera, n)) is not None), None)
 
-    def at(self, rows: npt.ArrayLike, columns: npt.NDArray[np.intp] | None = None) -> Float:
+    def at(self, rows: npt.ArrayLike, columns: Index | None = None) -> Float:
         """Rays (2, ..., n): x and y in the camera frame at z = 1, NaN where the row is NaN.
 
         Args:
@@ -47,7 +46,7 @@ class ColumnRays:
         rays += coefficients[-1]
         return np.asarray(rays)
 
-    def _exact(self, rows: Float, columns: npt.NDArray[np.intp]) -> Float:
+    def _exact(self, rows: Float, columns: Index) -> Float:
         known = np.isfinite(rows)
         rays = np.full((2, *rows.shape), np.nan)
         pixels = np.column_stack((np.broadcast_to(columns, rows.shape)[known], rows[known]))

@@ -7,13 +7,11 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Float, Index
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.ranging.column_rays import ColumnRays
 from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder
 from guara_perception.ranging.triangulate import sheet_depth
-
-Float = npt.NDArray[np.float64]
-Columns = npt.NDArray[np.intp]
 
 
 class Locator(Protocol):
@@ -23,7 +21,7 @@ class Locator(Protocol):
     def view_point(self) -> Float:
         """(3,) point in base_footprint about which heights are orthorectified: the optical centre, if all is right."""
 
-    def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Columns | None = None) -> Float:
+    def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Index | None = None) -> Float:
         """Points (3, ..., n) in base_footprint of stripes at these rows; NaN where there is none.
 
         Args:
@@ -58,7 +56,7 @@ class Triangulator:
         """Optical centre (3,)."""
         return np.array(self._translation)
 
-    def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Columns | None = None) -> Float:
+    def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Index | None = None) -> Float:
         """Points (3, ..., n) in base_footprint."""
         rays = self._rays.at(position_px, columns)
         return self._place(self._directions(rays), sheet_depth(rays, plane_in_camera)[0])

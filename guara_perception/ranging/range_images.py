@@ -6,16 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float, Float32
 from guara_perception.ranging.scan_surface import scan_surface
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.readonly import readonly
 from guara_perception.terrain.assessment.raster import merge, rasterise
 from guara_perception.terrain.layers.geometry import GridGeometry
-
-Float = npt.NDArray[np.float64]
-Picture = npt.NDArray[np.float32]
 
 # Picture size of the paper: rows along x, columns along y.
 ROWS, COLUMNS = 512, 640
@@ -32,8 +29,8 @@ class RangeImages:
         range_image_mm: perspective: every height where the camera's ray through it meets the floor.
     """
 
-    ortho_image_mm: Picture
-    range_image_mm: Picture
+    ortho_image_mm: Float32
+    range_image_mm: Float32
 
     def __post_init__(self) -> None:
         """Freeze the pictures."""
@@ -88,7 +85,7 @@ def to_ortho(points: Float, camera_position: Float) -> Float:
     return moved
 
 
-def _draw(points: Float, x: tuple[float, float], y: tuple[float, float]) -> Picture:
+def _draw(points: Float, x: tuple[float, float], y: tuple[float, float]) -> Float32:
     """Heights [mm] on the picture's pixels, which are not square: scaled to unit cells first."""
     scaled = np.column_stack(
         (

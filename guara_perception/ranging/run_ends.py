@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
-Places = npt.NDArray[np.intp]
+from guara_perception.arrays import Float, Index, Mask
 
 # A larger difference of height between neighbouring columns is a jump from one surface to another.
 JUMP_M = 0.004
@@ -90,13 +87,13 @@ def _faded(strength: Float, is_return: Mask, breaks: Mask) -> Mask:
     return faded.reshape(strength.shape)
 
 
-def _medians(strength: Float, is_return: Mask, places: Places) -> Float:
+def _medians(strength: Float, is_return: Mask, places: Index) -> Float:
     """Median strength (n,) of the returns of the stripes in which these places lie."""
     stripes, which = np.unique(places // strength.shape[1], return_inverse=True)
     return np.array([np.median(strength[stripe][is_return[stripe]]) for stripe in stripes.tolist()])[which]
 
 
-def _fade_lengths(strength: Float, first: Places, last: Places, window: int = FADE_WINDOW) -> list[tuple[int, int]]:
+def _fade_lengths(strength: Float, first: Index, last: Index, window: int = FADE_WINDOW) -> list[tuple[int, int]]:
     """Number of first columns of each run before SOUND_COLUMNS in a row reach FADED_OF_LEVEL of those that follow them.
 
     Args:

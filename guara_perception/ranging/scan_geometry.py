@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.height_rows import plane_in_frame, row_bands
 from guara_perception.ranging.triangulate import sheet_origin
 from guara_perception.settings import Settings
-
-Float = npt.NDArray[np.float64]
 
 # Beyond the height gates, so that a stripe just outside is seen and told apart from no return at all.
 GATE_MARGIN_M = 0.025

@@ -6,14 +6,13 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Mask
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import confirmed_points, joined_surface, linked_columns
 from guara_perception.terrain.assessment.raster import PartSamples
 
 Key = tuple[int, int]
-Mask = npt.NDArray[np.bool_]
 
 
 def scan_surface(

@@ -5,24 +5,20 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Array, Codes, Float, Index, Mask
 from guara_perception.ranging.locate import Locator
 from guara_perception.ranging.run_ends import run_ends
 from guara_perception.readonly import readonly
 from guara_perception.stripes.profile import StripeProfile, StripeStatus
 
-Float = npt.NDArray[np.float64]
-Stored = npt.NDArray[Any]
-Mask = npt.NDArray[np.bool_]
-
 MIXED_EDGE, OUT_OF_BAND = np.uint8(StripeStatus.MIXED_EDGE), np.uint8(StripeStatus.OUT_OF_BAND)
 
 
-def _stored(values: npt.ArrayLike, kind: npt.DTypeLike) -> Stored:
+def _stored(values: npt.ArrayLike, kind: npt.DTypeLike) -> Array:
     """A read-only array of this type; no copy when the values are one already."""
     array = np.asarray(values, dtype=kind)
     if array is not values and array.base is None:
@@ -40,8 +36,8 @@ class ColumnPoints:
         points: (m, 3) float32 in base_footprint [m].
     """
 
-    columns: npt.NDArray[Any]
-    points: Stored
+    columns: Array
+    points: Array
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -62,10 +58,10 @@ class StripePoints:
         doubtful: points of returns that may not be used.
     """
 
-    points: Stored
-    variance: Stored
-    strength: Stored
-    status: npt.NDArray[np.uint8]
+    points: Array
+    variance: Array
+    strength: Array
+    status: Codes
     out_of_range: ColumnPoints
     doubtful: ColumnPoints
 
@@ -168,7 +164,7 @@ def _doubtful(
     return _by_stripe(points, places[usable], found[:, usable])
 
 
-def _by_stripe(points: Float, places: npt.NDArray[np.intp], found: Float | None = None) -> list[ColumnPoints]:
+def _by_stripe(points: Float, places: Index, found: Float | None = None) -> list[ColumnPoints]:
     """Points (3, s, w) at ascending places, counted through all stripes, or what was found there (3, n), by stripe."""
     _, count, width = points.shape
     if not places.size:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float, Mask
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.ranging.calibration_variance import calibration_variance
 from guara_perception.ranging.groups import in_groups
@@ -14,9 +14,6 @@ from guara_perception.ranging.locate import Locator
 from guara_perception.ranging.scan_geometry import ScanGeometry
 from guara_perception.ranging.stripe_points import StripePoints, stripe_points
 from guara_perception.stripes.profile import StripeProfile
-
-Float = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 
 class StripeRanger:

@@ -9,17 +9,12 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Array, Float, Mask
 from guara_perception.ranging.stripe_points import ColumnPoints
 from guara_perception.terrain.assessment.raster import PartSamples
-
-Float = npt.NDArray[np.float64]
-Stored = npt.NDArray[Any]
-Mask = npt.NDArray[np.bool_]
 
 # Samples along a joining line are at most a third of a cell apart, so no crossed cell is missed.
 SAMPLES_PER_CELL = 3
@@ -31,7 +26,7 @@ WEAK_JOIN_HEIGHT_M = 0.0015
 OPEN_END_M = 0.0005
 
 
-def linked_columns(heights: tuple[Stored, Stored], strengths: tuple[Stored, Stored], join_height: float) -> Mask:
+def linked_columns(heights: tuple[Array, Array], strengths: tuple[Array, Array], join_height: float) -> Mask:
     """Columns in which two neighbouring stripes lie on one surface.
 
     A stripe that is cut off by an edge or a shadow is weak and lies in the wrong place: where one of the two returns
@@ -51,7 +46,7 @@ def linked_columns(heights: tuple[Stored, Stored], strengths: tuple[Stored, Stor
         return np.asarray(np.abs(heights[1] - heights[0]) < allowed)
 
 
-def confirmed_points(points: Stored, variance: Stored, confirmed: Mask, parts: Sequence[int]) -> PartSamples:
+def confirmed_points(points: Array, variance: Array, confirmed: Mask, parts: Sequence[int]) -> PartSamples:
     """Points of stripes that lie within a surface.
 
     Args:
@@ -67,8 +62,8 @@ def confirmed_points(points: Stored, variance: Stored, confirmed: Mask, parts: S
 
 
 def joined_surface(
-    points: Stored,
-    variance: Stored,
+    points: Array,
+    variance: Array,
     links: tuple[Mask, Mask, Mask],
     resolution: float,
     wanted: Mask,
@@ -157,7 +152,7 @@ def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> 
     return np.asarray((first + share * step).reshape(-1, 3))
 
 
-def sample_count(step: Stored, is_line: Mask, resolution: float) -> list[int]:
+def sample_count(step: Array, is_line: Mask, resolution: float) -> list[int]:
     """Samples per line that leave no crossed cell out, for each of s sets of lines (3, s, w) that `is_line` names."""
     squares = np.where(is_line, step[0] ** 2 + step[1] ** 2, 0)
     longest = np.sqrt(squares.max(axis=1)).tolist()

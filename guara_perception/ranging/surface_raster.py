@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Flags
 from guara_perception.ranging.groups import TOGETHER, in_groups
 from guara_perception.ranging.scan_surface import Key, surface_of
 from guara_perception.ranging.stripe_points import StripePoints
@@ -21,8 +21,6 @@ from guara_perception.terrain.assessment.raster import (
 )
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
-
-Flags = npt.NDArray[np.uint16]
 
 
 class SurfaceRaster:

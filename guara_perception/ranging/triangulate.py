@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float64]
+from guara_perception.arrays import Float
 
 # A ray that meets the sheet at less than about 3 degrees says nothing useful about distance.
 MIN_SINE_TO_SHEET = 0.05

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Float, Float32
+
 if TYPE_CHECKING:
     from kinematics import RobotState
-
-Float32 = npt.NDArray[np.float32]
-Float = npt.NDArray[np.float64]
 
 
 class Body:

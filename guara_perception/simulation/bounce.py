@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float32, Index, Mask
 from guara_perception.simulation.scene_view import SceneView
-
-Float32 = npt.NDArray[np.float32]
 
 # Bounced light is smooth: one receiver for so many pixels each way, and so many sources per stripe.
 RECEIVER_PX_OF_WIDTH = 1 / 64
@@ -33,7 +31,7 @@ class Bounce:
         self._leaning = self._normals[..., 2] < LEVEL_COSINE
         self._view = view
 
-    def light(self, pixels: npt.NDArray[np.intp], level: Float32, strength: float) -> Float32 | None:
+    def light(self, pixels: Index, level: Float32, strength: float) -> Float32 | None:
         """Levels (h, w) of bounced light, or None when there is none worth adding.
 
         Args:
@@ -67,8 +65,8 @@ class Bounce:
     def _add(
         self,
         total: Float32,
-        receivers: npt.NDArray[np.bool_] | None,
-        sources: npt.NDArray[np.intp],
+        receivers: Mask | None,
+        sources: Index,
         sent: Float32,
     ) -> None:
         """Add the light of sources to receivers: Lambert on both sides, falling with the square of the distance."""
@@ -86,7 +84,7 @@ class Bounce:
         exchange = np.maximum(out, 0) * np.maximum(into, 0) / square**2
         total[where] += self._reflectance[where] * (exchange @ (sent * areas)) / np.float32(np.pi)
 
-    def _pixel_areas(self, sources: npt.NDArray[np.intp]) -> Float32:
+    def _pixel_areas(self, sources: Index) -> Float32:
         """Area of surface (n,) that a pixel shows [m^2], bounded: beside an edge its corners lie far apart."""
         height, width = self._shape
         points = self._view.points.reshape(-1, 3)

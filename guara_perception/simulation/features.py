@@ -8,13 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.materials import material_index
-
-Float = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 DIRECTIONS = ("up", "down")
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.extras import optional_library
 from guara_perception.simulation.features import Box, Patch
@@ -16,7 +16,6 @@ from guara_perception.simulation.world import World
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-Float = npt.NDArray[np.float64]
 
 # With the default pyramidal cone feet creep 2.6 mm per step, with steps of 4 ms they slide 150 mm.
 STEP_S = 0.002

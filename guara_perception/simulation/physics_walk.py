@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.simulation.gait import WaveGait
 from guara_perception.simulation.physics import PhysicsRobot
 from guara_perception.simulation.stand import (
@@ -35,7 +35,6 @@ from guara_perception.terrain.map.known_ground import KnownGround
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-Float = npt.NDArray[np.float64]
 
 TICK_S = 0.010
 # Away from the leg that lifts: without it the centre of mass is 6 mm inside the three other feet.

@@ -8,15 +8,12 @@ meets (its inverse) and whether a given point is in sight.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Array, Float, Float32, Mask
 from guara_perception.simulation.relief import Relief
-
-Float32 = npt.NDArray[np.float32]
 
 # A point counts as in sight of the light although something up to this much in front of it is as high: raster error.
 IN_FRONT_M = 0.0025
@@ -36,7 +33,7 @@ class PolarView:
         horizon: (bearings, radii) float32, running maximum of the tangent.
     """
 
-    eye: npt.NDArray[np.float64]
+    eye: Float
     bearings: tuple[float, float]
     radius_step: float
     horizon: Float32
@@ -44,7 +41,7 @@ class PolarView:
     @staticmethod
     def around(
         relief: Relief,
-        eye: npt.NDArray[np.float64],
+        eye: Float,
         bearing_range: tuple[float, float],
         bearing_count: int,
         radius: float,
@@ -88,7 +85,7 @@ class PolarView:
         # Beside an edge, the mean of near and far would be a point in the air.
         return np.where(np.abs(smooth - nearest) < np.float32(EDGE_M), smooth, nearest)
 
-    def sees(self, points: Float32) -> npt.NDArray[np.bool_]:
+    def sees(self, points: Float32) -> Mask:
         """Which of the points (h, w, 3) are in sight."""
         dx, dy = points[..., 0] - np.float32(self.eye[0]), points[..., 1] - np.float32(self.eye[1])
         radius = cv2.magnitude(dx, dy)
@@ -99,6 +96,6 @@ class PolarView:
         before = cv2.remap(self.horizon, column, self._row(bearing), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(tangent >= before - np.float32(TANGENT_TOLERANCE))
 
-    def _row(self, bearing: npt.NDArray[Any]) -> Float32:
+    def _row(self, bearing: Array) -> Float32:
         first, step = self.bearings
         return np.asarray((bearing - np.float32(first)) * np.float32(1 / step), dtype=np.float32)

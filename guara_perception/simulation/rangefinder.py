@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Float, Float32, Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.ranging.triangulate import sheet_origin
@@ -23,8 +24,6 @@ from guara_perception.simulation.world import World
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-Float = npt.NDArray[np.float64]
-Picture = npt.NDArray[np.uint8]
 
 # Beyond this many sigmas the sheet's light is below a hundredth of a level.
 REACH_SIGMAS = 4.5
@@ -75,7 +74,7 @@ class SimulatedRangefinder:
         self._laser_in_base = sheet_origin(self.sheets.planes_in_base, camera)
         self._sensor = Sensor(self.light, (height, width), seed)
         self._view: SceneView | None = None
-        self._thin_points: npt.NDArray[np.float32] = np.zeros((0, 0, 3), np.float32)
+        self._thin_points: Float32 = np.zeros((0, 0, 3), np.float32)
         self._bounce: Bounce | None = None
         self._transform_world_to_base: Float = np.eye(4)
 
@@ -123,7 +122,7 @@ class SimulatedRangefinder:
         self._thin_points = np.ascontiguousarray(self._view.points[::THINNING_PX, ::THINNING_PX])
         return self._view
 
-    def frames(self, indices: Iterable[int]) -> Iterator[tuple[int, Picture, Picture]]:
+    def frames(self, indices: Iterable[int]) -> Iterator[tuple[int, Image, Image]]:
         """Frames of stripes, one after the other: index, laser on, laser off, each (h, w, 3) BGR uint8.
 
         Raises:
@@ -136,7 +135,7 @@ class SimulatedRangefinder:
 
     def frame(
         self, *, laser: float = 1.0, mirror_angle: float = 0.0, mirror_travel: float = 0.0, exposure: float = 1.0
-    ) -> Picture:
+    ) -> Image:
         """One picture, (h, w, 3) BGR uint8.
 
         Args:
@@ -156,7 +155,7 @@ class SimulatedRangefinder:
 
     def _laser_light(
         self, view: SceneView, mirror_angle: float, mirror_travel: float
-    ) -> tuple[npt.NDArray[np.float32], tuple[int, int]]:
+    ) -> tuple[Float32, tuple[int, int]]:
         """Levels (rows, w) of the laser's light and the rows (first, end) where there is any."""
         plane = self.sheets.plane_at(mirror_angle)
         normal = self._transform_world_to_base[:3, :3].T @ plane[:3]

@@ -7,11 +7,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Array, Codes, Float32
 from guara_perception.simulation.world import World
-
-Float32 = npt.NDArray[np.float32]
 
 # Finer than a stripe is wide; walls become slopes of this width.
 CELL_M = 0.001
@@ -37,7 +35,7 @@ class Relief:
     cell: float
     height: Float32
     slope: Float32
-    material: npt.NDArray[np.uint8]
+    material: Codes
     texture: Float32
 
     @staticmethod
@@ -48,7 +46,7 @@ class Relief:
         slope = np.dstack([_slope(height, cell, axis) for axis in (0, 1)]).astype(np.float32)
         return Relief((world.x[0], world.y[0]), cell, height, slope, material, _texture(world.seed))
 
-    def sample(self, layer: npt.NDArray[Any], x: Float32, y: Float32, interpolation: int = cv2.INTER_LINEAR) -> Any:
+    def sample(self, layer: Array, x: Float32, y: Float32, interpolation: int = cv2.INTER_LINEAR) -> Any:
         """Values of a layer at points (h, w) [m]."""
         column = (x - np.float32(self.origin[0])) * np.float32(1 / self.cell) - np.float32(0.5)
         row = (y - np.float32(self.origin[1])) * np.float32(1 / self.cell) - np.float32(0.5)
@@ -61,7 +59,7 @@ class Relief:
         return np.asarray(picture, dtype=np.float32)
 
 
-def _slope(height: Float32, cell: float, axis: int) -> npt.NDArray[Any]:
+def _slope(height: Float32, cell: float, axis: int) -> Array:
     """Central differences along x (0) or y (1)."""
     along = (1, 0) if axis == 0 else (0, 1)
     return cv2.Sobel(height, cv2.CV_32F, *along, ksize=1, scale=1 / (2 * cell), borderType=cv2.BORDER_REPLICATE)

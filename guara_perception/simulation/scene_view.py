@@ -6,16 +6,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float, Float32, Mask
 from guara_perception.simulation.body import Body
 from guara_perception.simulation.light import Light
 from guara_perception.simulation.materials import MATERIALS
 from guara_perception.simulation.polar import PolarView
 from guara_perception.simulation.relief import Relief
-
-Float = npt.NDArray[np.float64]
-Float32 = npt.NDArray[np.float32]
 
 # How far the eyes look, and how finely: half a pixel's width on the ground at most.
 RADIUS_M = 1.3
@@ -51,7 +48,7 @@ class SceneView:
     reflectance: Float32
     laser_gain: Float32
     ambient: Float32
-    is_body: npt.NDArray[np.bool_]
+    is_body: Mask
 
 
 def look(
@@ -167,7 +164,7 @@ def _add_body(
     normals: Float32,
     albedo: Float32,
     shine: Float32,
-) -> npt.NDArray[np.bool_]:
+) -> Mask:
     """Put the robot's own shapes in front of the ground; returns where."""
     height, width = ways.shape[:2]
     is_body = np.zeros((height, width), dtype=bool)
@@ -197,7 +194,7 @@ def _add_body(
     return is_body
 
 
-def _shade(body: Body, laser: Float, points: Float32, lit: npt.NDArray[np.bool_]) -> None:
+def _shade(body: Body, laser: Float, points: Float32, lit: Mask) -> None:
     """Take the laser's light from points behind the robot's own shapes, in place."""
     flat, is_lit = points.reshape(-1, 3), lit.reshape(-1)
     floor = float(points[..., 2].min())

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float32, Image
 from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.light import Light
-
-Float32 = npt.NDArray[np.float32]
-Picture = npt.NDArray[np.uint8]
 
 # Noisy pictures without laser kept per scene: drawn in turn, so that no two in a row are alike.
 DARK_PICTURES = 4
@@ -32,7 +29,7 @@ class Sensor:
         size = max(POOL_SIZE, 2 * shape[0] * shape[1] * 3)
         self._pool = self._rng.standard_normal(size, dtype=np.float32)
         self._ambient: Float32 = np.zeros((*shape, 3), np.float32)
-        self._dark: dict[float, list[Picture]] = {}
+        self._dark: dict[float, list[Image]] = {}
         self._turn = 0
 
     def set_scene(self, ambient: Float32) -> None:
@@ -40,11 +37,11 @@ class Sensor:
         self._ambient = ambient
         self._dark.clear()
 
-    def dark_picture(self, exposure: float) -> Picture:
+    def dark_picture(self, exposure: float) -> Image:
         """A picture without laser, (h, w, 3) uint8."""
         return self._next_dark(exposure).copy()
 
-    def picture(self, light: Float32, rows: tuple[int, int], laser: float, exposure: float) -> Picture:
+    def picture(self, light: Float32, rows: tuple[int, int], laser: float, exposure: float) -> Image:
         """A picture with laser light.
 
         Args:
@@ -72,7 +69,7 @@ class Sensor:
         factors = 1 + np.float32(self._light.speckle) * self._noise(count)
         return np.asarray(np.maximum(factors, 0))
 
-    def _next_dark(self, exposure: float) -> Picture:
+    def _next_dark(self, exposure: float) -> Image:
         if not (np.isfinite(exposure) and exposure > 0):
             raise InvalidInput(f"exposure is {exposure} of the nominal one, it must be above 0")
         if exposure not in self._dark:
@@ -84,7 +81,7 @@ class Sensor:
             return kept[-1]
         return kept[self._turn % DARK_PICTURES]
 
-    def _expose(self, level: Float32, exposure: float) -> Picture:
+    def _expose(self, level: Float32, exposure: float) -> Image:
         """Add noise to levels (..., 3), in place, and clip to eight bits."""
         if exposure != 1.0:
             level *= np.float32(exposure)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration
-
-Float = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

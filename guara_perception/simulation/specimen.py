@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration, StripePlane
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.exceptions import InvalidInput
@@ -15,7 +16,6 @@ from guara_perception.settings import Settings
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-Float = npt.NDArray[np.float64]
 
 # A lens of 3.2 mm before a sensor 3.5 mm wide: sees the area with a margin of 5 % on each side.
 FOCAL_LENGTH_OF_WIDTH = 0.921

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-Float = npt.NDArray[np.float64]
 
 # A body that cannot reach all footholds at its height crouches, by so much at a time and not below the lowest [m].
 CROUCH_STEP_M = 0.005

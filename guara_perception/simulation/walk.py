@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.gait import WaveGait
 from guara_perception.simulation.stand import stand_on
@@ -18,7 +18,6 @@ from guara_perception.terrain.map.known_ground import KnownGround
 if TYPE_CHECKING:
     from kinematics import RobotModel, Stance
 
-Float = npt.NDArray[np.float64]
 Choice = tuple[float, float] | None
 
 # Declared around the feet of the first stance: back where a foot may slip to, ahead to where the scanned area begins.

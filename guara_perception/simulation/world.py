@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Codes, Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.features import AnyFeature, Step
 from guara_perception.simulation.materials import material_index
-
-Float = npt.NDArray[np.float64]
 
 UNDULATION_WAVES = 6
 SHORTEST_WAVE_M = 0.25
@@ -83,14 +82,12 @@ class World:
         px, py = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
         return self._evaluate(px, py, self.features)[0]
 
-    def material_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> npt.NDArray[np.uint8]:
+    def material_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Codes:
         """Index into MATERIALS of the top surface at points."""
         px, py = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
         return self._evaluate(px, py, self.features)[1]
 
-    def raster(
-        self, x: tuple[float, float], y: tuple[float, float], cell: float
-    ) -> tuple[Float, npt.NDArray[np.uint8]]:
+    def raster(self, x: tuple[float, float], y: tuple[float, float], cell: float) -> tuple[Float, Codes]:
         """Heights and materials at the centres of a fine grid a[iy, ix] over an area; quick for many features."""
         cx = np.arange(x[0] + cell / 2, x[1], cell)
         cy = np.arange(y[0] + cell / 2, y[1], cell)
@@ -116,7 +113,7 @@ class World:
         c, s = np.cos(yaw), np.sin(yaw)
         return float(self.height(x + c * u - s * v, y + s * u + c * v).max())
 
-    def _evaluate(self, x: Float, y: Float, features: tuple[AnyFeature, ...]) -> tuple[Float, npt.NDArray[np.uint8]]:
+    def _evaluate(self, x: Float, y: Float, features: tuple[AnyFeature, ...]) -> tuple[Float, Codes]:
         x, y = np.clip(x, *self.x), np.clip(y, *self.y)
         heights = np.zeros(x.shape)
         if self.undulation > 0:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Array
 from guara_perception.exceptions import FileFormatError, MissingFile, PerceptionError
 from guara_perception.fields import refuse_not_finite
 from guara_perception.terrain.grid import TerrainGrid
@@ -62,9 +62,7 @@ def load_terrain(path: str | Path) -> TerrainGrid:
         raise FileFormatError(f"{path}: {error}") from None
 
 
-def _checked(
-    data: dict[str, Any], path: Path, name: str, kinds: str, shape: tuple[int | None, ...]
-) -> npt.NDArray[Any]:
+def _checked(data: dict[str, Any], path: Path, name: str, kinds: str, shape: tuple[int | None, ...]) -> Array:
     """An array of the file, if its type is of `kinds` (NumPy's letters) and its shape is `shape` (None = any)."""
     array = np.asarray(data[name])
     fits = len(array.shape) == len(shape) and all(w in (None, n) for w, n in zip(shape, array.shape, strict=True))

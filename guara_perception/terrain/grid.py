@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
-import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.questions.best_foothold import Foothold, best_foothold
 from guara_perception.terrain.questions.coarser import coarser
@@ -34,7 +34,7 @@ class TerrainGrid(LayeredGrid):
 
     __slots__ = ()
 
-    def normal_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def normal_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Float:
         """Unit normals (..., 3) of the plane fitted around the cell under each point; NaN where no slope is known."""
         return normal_at(self, x, y)
 

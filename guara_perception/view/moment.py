@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.terrain.grid import TerrainGrid
-
-Float = npt.NDArray[np.float64]
 
 
 def no_stripes() -> list[Float]:

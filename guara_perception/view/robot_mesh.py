@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
+
+from guara_perception.arrays import Float, Index
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-Float = npt.NDArray[np.float64]
-Faces = npt.NDArray[np.int64]
+Faces = Index
 
 ROUND_SIDES = 16
 

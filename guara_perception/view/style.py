@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Array, Flags, Float32
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.whole_file import whole_file
@@ -88,7 +88,7 @@ def styled() -> Iterator[None]:
 
 def new_figure(
     rows: int = 1, columns: int = 1, size: tuple[float, float] = (5.0, 4.0), **options: Any
-) -> tuple[Figure, npt.NDArray[Any]]:
+) -> tuple[Figure, Array]:
     """A figure with rows x columns axes, (rows, columns) object array.
 
     Args:
@@ -117,7 +117,7 @@ def save_figure(figure: Figure, path: str | Path) -> None:
         figure.savefig(temporary, facecolor="white")
 
 
-def draw_layer(axes: Axes, geometry: GridGeometry, values: npt.NDArray[Any], **options: Any) -> AxesImage:
+def draw_layer(axes: Axes, geometry: GridGeometry, values: Array, **options: Any) -> AxesImage:
     """Draw a layer a[iy, ix] of a grid as people see it: x up, y to the left, axes in metres; NaN in pale grey.
 
     Args:
@@ -140,7 +140,7 @@ def draw_layer(axes: Axes, geometry: GridGeometry, values: npt.NDArray[Any], **o
     return image
 
 
-def hazard_picture(hazard: npt.NDArray[np.uint16]) -> tuple[npt.NDArray[np.float32], list[tuple[str, str]]]:
+def hazard_picture(hazard: Flags) -> tuple[Float32, list[tuple[str, str]]]:
     """Colours of a hazard layer and the legend that goes with it.
 
     Args:
@@ -164,7 +164,7 @@ def hazard_picture(hazard: npt.NDArray[np.uint16]) -> tuple[npt.NDArray[np.float
     return picture, shown
 
 
-def draw_hazards(axes: Axes, geometry: GridGeometry, hazard: npt.NDArray[np.uint16], legend: bool = True) -> None:
+def draw_hazards(axes: Axes, geometry: GridGeometry, hazard: Flags, legend: bool = True) -> None:
     """Draw a hazard layer, each cell in the colour of its foremost flag, with a legend of what is there."""
     from matplotlib.patches import Patch
 

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Float32, Image
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
@@ -33,10 +34,10 @@ class TerrainMesh:
         legend: (name, colour) of what is shown, for the hazard colouring; empty otherwise.
     """
 
-    vertices: npt.NDArray[np.float32]
+    vertices: Float32
     faces: npt.NDArray[np.uint32]
-    picture: npt.NDArray[np.uint8]
-    texture_positions: npt.NDArray[np.float32]
+    picture: Image
+    texture_positions: Float32
     legend: tuple[tuple[str, str], ...]
 
 
@@ -78,14 +79,14 @@ def terrain_mesh(terrain: TerrainGrid, colouring: str = "hazard") -> TerrainMesh
     return TerrainMesh(vertices, faces, np.round(picture * 255).astype(np.uint8), texture_positions, legend)
 
 
-def _coloured(values: npt.NDArray[np.floating], name: str) -> npt.NDArray[np.float32]:
+def _coloured(values: npt.NDArray[np.floating], name: str) -> Float32:
     """Colours (..., 3) 0 ... 1 of values 0 ... 1."""
     import matplotlib
 
     return np.asarray(matplotlib.colormaps[name](np.clip(values, 0, 1))[..., :3], dtype=np.float32)
 
 
-def _filled(elevation: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _filled(elevation: Float32) -> Float32:
     """Unknown cells at the height of the nearest known one; 0 when nothing is known."""
     known = np.isfinite(elevation)
     if not known.any():

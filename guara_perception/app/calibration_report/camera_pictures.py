@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from guara_perception.app.calibration_report.drawing import BLUE, GREEN, GREY, RED, for_show, new_figure, to_png
+from guara_perception.arrays import Image
 from guara_perception.calibration.camera_quality import COVERAGE_CELLS, GRID
 from guara_perception.calibration.floor import floor_pixels
 from guara_perception.calibration.result import CalibrationResult
@@ -36,7 +36,7 @@ def board_before_after(result: CalibrationResult) -> bytes:
     return to_png(figure)
 
 
-def floor_picture(result: CalibrationResult, picture: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+def floor_picture(result: CalibrationResult, picture: Image) -> Image:
     """A picture rectified to the floor area, far side up, left side left."""
     x = np.linspace(AREA_X[1], AREA_X[0], 512)
     y = np.linspace(AREA_Y[1], AREA_Y[0], 640)

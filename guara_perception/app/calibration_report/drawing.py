@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
+
+from guara_perception.arrays import Image
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,7 +43,7 @@ def data_url(png: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
-def for_show(picture: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+def for_show(picture: Image) -> Image:
     """A camera picture as RGB, stretched to full contrast so that dark ones can be seen."""
     if picture.dtype == np.uint16:
         picture = (picture >> 8).astype(np.uint8)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.simulation.walk import WalkPause
 from guara_perception.simulation.world import World
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
-
-Float = npt.NDArray[np.float64]
 
 # A hind foot comes to ground that was scanned after 0.73 m; over a whole walk so many must have trodden on some.
 HIND_FOOTHOLDS_WANTED = 8

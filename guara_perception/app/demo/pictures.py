@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float, Image
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.view.style import LINE_COLOURS, draw_hazards, draw_layer, new_figure, save_figure, styled
 from guara_perception.whole_file import whole_file
@@ -16,7 +16,6 @@ from guara_perception.whole_file import whole_file
 if TYPE_CHECKING:
     from guara_perception.app.demo.walk import DemoPause
 
-Float = npt.NDArray[np.float64]
 
 FRAME_MS = 250
 ANIMATION_DOTS_PER_INCH = 80
@@ -107,7 +106,7 @@ def footholds_in_last_footprint(pauses: Sequence[DemoPause], leg: str) -> Float:
     return np.asarray(soles @ to_last[:3, :3].T + to_last[:3, 3])
 
 
-def _frame(item: DemoPause) -> npt.NDArray[np.uint8]:
+def _frame(item: DemoPause) -> Image:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     fused = item.fused

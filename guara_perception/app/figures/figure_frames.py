@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float, Grey, Image, Interval
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.exceptions import FileFormatError, MissingFile
 from guara_perception.ranging.range_images import COLUMNS, ROWS
-from guara_perception.scan import Frame, Scan
-
-Grey = npt.NDArray[np.uint8]
-Float = npt.NDArray[np.float64]
-Range = tuple[float, float]
+from guara_perception.scan import Scan
 
 
 def middle_frame(scan: Scan) -> Grey:
@@ -39,14 +35,14 @@ def stripes_together(scan: Scan) -> Grey:
     return brightest
 
 
-def as_grey(frame: Frame) -> Grey:
+def as_grey(frame: Image) -> Grey:
     """Grey picture of 8 bits; of a colour picture the brightest channel, which shows a laser of any colour."""
     grey = frame.max(axis=2) if frame.ndim == 3 else frame
     return np.asarray(grey >> 8 if grey.dtype == np.uint16 else grey, dtype=np.uint8)
 
 
 def corrected_frame(
-    frame: Grey, camera: CameraModel, transform_camera_to_footprint: Float, area: tuple[Range, Range]
+    frame: Grey, camera: CameraModel, transform_camera_to_footprint: Float, area: tuple[Interval, Interval]
 ) -> Grey:
     """The frame as if seen from straight above the floor: distortion and perspective removed.
 

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from guara_perception.app.files.range_files import cause_image
+from guara_perception.arrays import Float32, Grey, Interval, Mask
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.whole_file import whole_file
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Range = tuple[float, float]
 DPI = 110
 # One colour per cause of unknown, and one per reason against known ground; distinct also for colour-blind eyes.
 CAUSES = {
@@ -41,7 +40,7 @@ REASONS = {
 UNKNOWN_COLOUR = "#ffffff"
 
 
-def draw_frame(path: Path, frame: npt.NDArray[np.uint8], area: tuple[Range, Range] | None, title: str) -> Path:
+def draw_frame(path: Path, frame: Grey, area: tuple[Interval, Interval] | None, title: str) -> Path:
     """A grey picture: of the camera (axes in pixels) or of the floor seen from above (axes in millimetres)."""
     figure, axes = _figure()
     if area is None:
@@ -56,7 +55,7 @@ def draw_frame(path: Path, frame: npt.NDArray[np.uint8], area: tuple[Range, Rang
 
 
 def draw_range_image(
-    path: Path, image: npt.NDArray[np.float32], terrain: TerrainGrid | None, area: tuple[Range, Range], title: str
+    path: Path, image: Float32, terrain: TerrainGrid | None, area: tuple[Interval, Interval], title: str
 ) -> Path:
     """A range image (512, 640) [mm], higher is lighter, unknown hatched; with a grid its causes are told apart."""
     figure, axes = _figure()
@@ -166,7 +165,7 @@ def _figure() -> tuple[Figure, Axes]:
     return figure, figure.add_subplot()
 
 
-def _extent(area: tuple[Range, Range]) -> tuple[float, float, float, float]:
+def _extent(area: tuple[Interval, Interval]) -> tuple[float, float, float, float]:
     (x0, x1), (y0, y1) = area
     return (1e3 * y1, 1e3 * y0, 1e3 * x0, 1e3 * x1)
 
@@ -177,7 +176,7 @@ def _label(axes: Axes) -> None:
     axes.set_aspect("equal")
 
 
-def _hatch(axes: Axes, mask: npt.NDArray[np.bool_], extent: tuple[float, float, float, float], colour: str) -> None:
+def _hatch(axes: Axes, mask: Mask, extent: tuple[float, float, float, float], colour: str) -> None:
     """Hatch the pixels of a mask, rows along x and columns along y, over a light tint of the colour."""
     from matplotlib.colors import to_rgb
 

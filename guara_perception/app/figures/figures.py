@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from guara_perception.app.figures.figure_frames import corrected_frame, middle_frame, stripes_together
 from guara_perception.app.figures.figure_maps import draw_frame, draw_hazards, draw_range_image, draw_surface
 from guara_perception.app.files.range_files import write_range_images
+from guara_perception.arrays import Grey
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput
 from guara_perception.scan import Scan
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.terrain.grid import TerrainGrid
-
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
 
 
 def draw_figures(
@@ -47,7 +43,7 @@ def draw_figures(
     transform = processor.transform_camera_to_footprint
     raw = middle_frame(scan)
 
-    def corrected(frame: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    def corrected(frame: Grey) -> Grey:
         return corrected_frame(frame, calibration.camera, transform, area)
 
     perspective, ortho = terrain.pictures["range_image_mm"], terrain.pictures["ortho_image_mm"]

@@ -7,14 +7,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float32, Grey, Image
 from guara_perception.ranging.range_images import COLUMNS, ROWS
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.whole_file import whole_file
-
-Picture = npt.NDArray[np.float32]
 
 # Value 0 means unknown; value v means v * SCALE_MM + OFFSET_MM.
 SCALE_MM = 0.01
@@ -49,18 +47,18 @@ def write_range_images(folder: Path, terrain: TerrainGrid) -> list[Path]:
     return [*paths, path]
 
 
-def to_16_bit(image: Picture) -> npt.NDArray[np.uint16]:
+def to_16_bit(image: Float32) -> Image:
     """Heights [mm] as whole numbers of SCALE_MM above OFFSET_MM, 0 where unknown."""
     steps = np.clip(np.rint((np.nan_to_num(image, nan=OFFSET_MM) - OFFSET_MM) / SCALE_MM), 1, 65535)
     return np.where(np.isfinite(image), steps, 0).astype(np.uint16)
 
 
-def from_16_bit(steps: npt.NDArray[np.uint16]) -> Picture:
+def from_16_bit(steps: Image) -> Float32:
     """Heights [mm] of a 16-bit range image, NaN where unknown."""
     return np.where(steps > 0, steps * SCALE_MM + OFFSET_MM, np.nan).astype(np.float32)
 
 
-def to_8_bit(image: Picture) -> tuple[npt.NDArray[np.uint8], float, float]:
+def to_8_bit(image: Float32) -> tuple[Grey, float, float]:
     """Grey levels 1 ... 255 from the lowest to the highest height, 0 where unknown; and those two heights [mm]."""
     known = np.isfinite(image)
     if not known.any():
@@ -70,7 +68,7 @@ def to_8_bit(image: Picture) -> tuple[npt.NDArray[np.uint8], float, float]:
     return np.where(known, 1 + np.rint(254 * share), 0).astype(np.uint8), low, high
 
 
-def cause_image(terrain: TerrainGrid) -> npt.NDArray[np.uint8]:
+def cause_image(terrain: TerrainGrid) -> Image:
     """Flags of unknown (512, 640) of the cell under each pixel of the orthorectified image; 0 where it is known."""
     geometry = terrain.geometry
     x, y = geometry.centres()
@@ -83,7 +81,7 @@ def cause_image(terrain: TerrainGrid) -> npt.NDArray[np.uint8]:
     return np.where(np.isnan(terrain.pictures["ortho_image_mm"]), flags, 0).astype(np.uint8)
 
 
-def _write(path: Path, image: npt.NDArray[np.uint16] | npt.NDArray[np.uint8]) -> Path:
+def _write(path: Path, image: Image) -> Path:
     with whole_file(path) as temporary:
         cv2.imwrite(str(temporary), image)
     return path

@@ -7,12 +7,12 @@ import shutil
 import tempfile
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import cv2
-import numpy.typing as npt
 
 from guara_perception.app.files.scan_folder import FORMAT, SCAN_FILE
+from guara_perception.arrays import Image
 from guara_perception.exceptions import FileFormatError, InvalidInput
 
 if TYPE_CHECKING:
@@ -54,8 +54,8 @@ class ScanFolderWriter:
         self,
         index: int,
         mirror_angle: float,
-        on: npt.NDArray[Any],
-        off: npt.NDArray[Any] | None = None,
+        on: Image,
+        off: Image | None = None,
         *,
         off_key: object = None,
         stamp: int | None = None,
@@ -116,6 +116,6 @@ class ScanFolderWriter:
         self._staging.rename(self.folder)
         return self.folder
 
-    def _write(self, name: str, picture: npt.NDArray[Any]) -> None:
+    def _write(self, name: str, picture: Image) -> None:
         if not cv2.imwrite(str(self._staging / name), picture, PNG_OPTIONS):
             raise FileFormatError(f"{self.folder / name}: the picture cannot be written; is the disk full?")

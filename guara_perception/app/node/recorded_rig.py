@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import bisect
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Image
 from guara_perception.exceptions import InvalidInput
 from guara_perception.scan import Scan
 
 if TYPE_CHECKING:
     from drivers.emulator import ExposureView
 
-Frame = npt.NDArray[Any]
 
 # An exposure in which the laser shone for less than half of the time shows no usable stripe.
 LIT_FRACTION = 0.5
@@ -39,7 +38,7 @@ class RecordedView:
         # Further from every recorded angle than this the sheet falls between stripes that were recorded.
         self._reach = 0.6 * float(np.diff(self._angles).max()) if len(frames) > 1 else np.inf
 
-    def render(self, view: ExposureView, settings: object) -> Frame:
+    def render(self, view: ExposureView, settings: object) -> Image:
         """The recorded frame nearest to the mirror's angle, or the one with the laser off."""
         above = bisect.bisect_left(self._angles, view.mirror_angle)
         nearest = min(

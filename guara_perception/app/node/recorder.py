@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import cv2
-import numpy.typing as npt
 
+from guara_perception.arrays import Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import to_json
 from kinematics import Stance
@@ -132,7 +132,7 @@ class ScanRecording:
         except (TransportError, OSError) as error:
             self._error = error
 
-    def _frame(self, pixels: npt.NDArray[Any], stamp: int) -> Frame:
+    def _frame(self, pixels: Image, stamp: int) -> Frame:
         if self._quality is None:
             return Frame(pixels=pixels, stamp=stamp)
         # 4:4:4, since the red stripe lives in the colour planes that 4:2:0 would halve.

@@ -6,8 +6,8 @@ import logging
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.known_ground import KnownGround
@@ -88,7 +88,7 @@ class WalkMap:
         self._map = TerrainMap(self._robot)
 
 
-def _place_of(terrain: TerrainGrid, pose: OdometryPose) -> npt.NDArray[np.float64]:
+def _place_of(terrain: TerrainGrid, pose: OdometryPose) -> Float:
     """transform_footprint_to_odom (4, 4) of the footprint that the scan was processed in.
 
     Without gravity that one is level with the support plane, and odometry's own with the gravity that it carries along.

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float64]
+from guara_perception.arrays import Float
 
 # Fixed-point steps of eq. 8: 8 leave < 0.001 px at the corner for k = -0.3; more cost little.
 UNDISTORT_STEPS = 12

@@ -7,9 +7,8 @@ lies outside the picture; only about the nadir the equations are exact.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float64]
+from guara_perception.arrays import Float
 
 
 def ortho_u(u: Float, h: Float, camera_height: float, u0: float) -> Float:

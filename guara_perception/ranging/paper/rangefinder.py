@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Float, Index
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.calibration.height_rows import plane_in_frame
 from guara_perception.ranging.paper.camera import undistort
 from guara_perception.ranging.paper.height import StripeConstants, depth_from_constants, height, stripe_constants
 from guara_perception.ranging.paper.ortho import ortho_u, ortho_v
 from guara_perception.ranging.paper.surface import surface_coefficients, surface_x, surface_y
-
-Float = npt.NDArray[np.float64]
 
 # Heights of the plates that the constants of a stripe are taken at [m].
 PLATE_HEIGHTS_M = (0.0, 0.08)
@@ -94,9 +93,7 @@ class PaperRangefinder:
         ]
         return stripe_constants(v[0], z[0], v[1], z[1]), across
 
-    def points(
-        self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: npt.NDArray[np.intp] | None = None
-    ) -> Float:
+    def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Index | None = None) -> Float:
         """Points (3, ..., n) in base_footprint of stripes seen at these rows, NaN where there is none.
 
         Args:

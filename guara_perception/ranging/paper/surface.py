@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
-
-Float = npt.NDArray[np.float64]
 
 # Above this condition number of the 8 x 8 system the marks as good as lie on one line.
 LARGEST_CONDITION = 1e8

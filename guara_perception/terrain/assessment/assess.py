@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Array, Flags, Float, Float32, Mask
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.disc import Kernel, disc_kernel, fit_disc
 from guara_perception.terrain.assessment.edges import EXTRA_RING_CELLS, clearance, edge_cells, half_cells
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-
-Float = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.uint16]
 
 # A safe cell keeps a positive score however close to its limits it is: 0 is reserved for hazards.
 LEAST_SAFE_SCORE = 0.01
@@ -34,7 +29,7 @@ def assess_layers(
     hazard: Flags,
     resolution: float,
     limits: TraversabilityLimits,
-) -> dict[str, npt.NDArray[Any]]:
+) -> dict[str, Array]:
     """Judge every cell; return all layers of a grid that follow from the heights.
 
     Every test reads a fixed window. A cell whose windows, or those of the cells its sole would cover, are not wholly
@@ -56,13 +51,13 @@ def assess_layers(
     # Beyond the outermost known cells all is unknown, which counts as off the grid does: nothing to judge there.
     window = _extent(known, axis=0), _extent(known, axis=1)
 
-    def within(layer: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    def within(layer: Array) -> Array:
         return np.ascontiguousarray(layer[window])
 
     judged = _judge_in_bands(
         within(elevation), within(variance), within(low), within(high), within(flags), resolution, limits
     )
-    layers: dict[str, npt.NDArray[Any]] = {}
+    layers: dict[str, Array] = {}
     for name, values in judged.items():
         layers[name] = flags if name == "hazard" else np.full(known.shape, UNKNOWN.get(name, np.nan), np.float32)
         layers[name][window] = values
@@ -73,7 +68,7 @@ def assess_layers(
     return layers
 
 
-def _extent(known: npt.NDArray[np.bool_], axis: int) -> slice:
+def _extent(known: Mask, axis: int) -> slice:
     """From the first to the last row (axis 0) or column (axis 1) with a known cell; one, unknown, where none is."""
     places = np.flatnonzero(known.any(axis=1 - axis))
     return slice(int(places[0]), int(places[-1]) + 1) if places.size else slice(0, 1)
@@ -87,7 +82,7 @@ def _judge_in_bands(
     flags: Flags,
     resolution: float,
     limits: TraversabilityLimits,
-) -> dict[str, npt.NDArray[Any]]:
+) -> dict[str, Array]:
     """All layers but the clearance."""
     kernel = disc_kernel(limits.disc_radius / resolution)
     ny, nx = elevation.shape
@@ -111,7 +106,7 @@ def _judge(
     kernel: Kernel,
     resolution: float,
     limits: TraversabilityLimits,
-) -> dict[str, npt.NDArray[Any]]:
+) -> dict[str, Array]:
     """All layers but the clearance for a band of rows; within a halo of its first and last row they are not valid."""
     known = (flags & UNKNOWN_MASK) == 0
     # What follows is told of the known cells alone, often a quarter of a map.
@@ -148,7 +143,7 @@ def _judge(
     found |= edge_cells(result, kernel, resolution, limits).take(place) * np.uint16(Hazard.EDGE)
     result.reshape(-1)[place] = found
 
-    def layer(name: str, values: Float) -> npt.NDArray[np.float32]:
+    def layer(name: str, values: Float) -> Float32:
         whole = np.full(elevation.shape, UNKNOWN.get(name, np.nan), dtype=np.float32)
         whole.reshape(-1)[place] = values
         return whole
@@ -166,7 +161,7 @@ def _judge(
     return {**{name: layer(name, values) for name, values in told.items()}, "hazard": result}
 
 
-def steps(low: Float, high: Float, known: npt.NDArray[np.bool_], kernel: Kernel) -> tuple[Float, Float]:
+def steps(low: Float, high: Float, known: Mask, kernel: Kernel) -> tuple[Float, Float]:
     """Largest rise and largest fall from each known cell (n,) to any known cell of its window [m].
 
     Lowest and highest samples are used, so a step inside one cell counts too.

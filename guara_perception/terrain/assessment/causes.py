@@ -7,16 +7,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Flags, Float, Index, Mask
 from guara_perception.terrain.assessment.raster import ROUNDING
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
-
-Float = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.uint16]
-Index = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
 
 # A surface must rise this far above a line of sight to count as hiding what lies beyond.
 HIDING_MARGIN_M = 0.001
@@ -70,11 +65,11 @@ class LookPlan:
 def unknown_causes(
     elevation: Float,
     plan: LookPlan,
-    pair_usable: npt.NDArray[np.bool_],
+    pair_usable: Mask,
     marks: Flags,
     eyes: tuple[Float, ...],
     geometry: GridGeometry,
-    in_own_shadow: Callable[[Float], npt.NDArray[np.bool_]] | None = None,
+    in_own_shadow: Callable[[Float], Mask] | None = None,
 ) -> Flags:
     """Give every unknown cell its cause.
 
@@ -109,9 +104,7 @@ def unknown_causes(
     return flags
 
 
-def is_hidden(
-    elevation: Float, cells: npt.NDArray[np.bool_], eye: Float, geometry: GridGeometry
-) -> npt.NDArray[np.bool_]:
+def is_hidden(elevation: Float, cells: Mask, eye: Float, geometry: GridGeometry) -> Mask:
     """Whether a measured surface stands between an eye and each of `cells`, taken at the lowest height around it.
 
     Args:
@@ -127,7 +120,7 @@ def is_hidden(
     return result
 
 
-def _behind_surface(elevation: Float, targets: Float, eye: Float, geometry: GridGeometry) -> npt.NDArray[np.bool_]:
+def _behind_surface(elevation: Float, targets: Float, eye: Float, geometry: GridGeometry) -> Mask:
     """Whether a measured surface stands between an eye and each of the targets (n, 3)."""
     top = float(np.fmax.reduce(elevation, axis=None))
     x, y, z = targets.T
@@ -156,7 +149,7 @@ def _behind_surface(elevation: Float, targets: Float, eye: Float, geometry: Grid
         return np.asarray((around.ravel().take(row) > eye[2] + share * (z - eye[2]) + HIDING_MARGIN_M).any(axis=0))
 
 
-def _lowest_ground(elevation: Float, cells: npt.NDArray[np.intp], geometry: GridGeometry) -> Float:
+def _lowest_ground(elevation: Float, cells: Index, geometry: GridGeometry) -> Float:
     """Centres (n, 3) of flat cells at the lowest height measured around them, at 0 where nothing is known nearby."""
     x, y = geometry.centres()
     iy, ix = np.divmod(cells, x.size)

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Array, Codes, Float
 from guara_perception.exceptions import InvalidInput
 
-Float = npt.NDArray[np.float64]
-Kernel = npt.NDArray[np.uint8]
+Kernel = Codes
 
 # A value may come from a partly known disc, from this share on; whether the cell is safe is decided elsewhere.
 KNOWN_SHARE = 0.6
@@ -81,7 +79,7 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     disc = kernel.astype(np.float64)
     x, y = disc * offset[None, :], disc * offset[:, None]
 
-    def sums(layer: npt.NDArray[Any], weights: Float) -> Float:
+    def sums(layer: Array, weights: Float) -> Float:
         return disc_sums(layer, weights).take(place).astype(np.float64, copy=False)
 
     n = sums(mask, disc)
@@ -119,7 +117,7 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     )
 
 
-def disc_sums(layer: npt.NDArray[Any], weights: Float) -> npt.NDArray[Any]:
+def disc_sums(layer: Array, weights: Float) -> Array:
     """Weighted sum over the window around each cell, zeros outside; each cell exactly from its window alone.
 
     Args:

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Codes, Flags, Float, Mask
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.disc import Kernel
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK
-
-Float = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.uint16]
 
 # The value of a cell may change when something is lost beside it, so one more ring must be known.
 EXTRA_RING_CELLS = 1
 
 
-def edge_cells(flags: Flags, kernel: Kernel, resolution: float, limits: TraversabilityLimits) -> npt.NDArray[np.bool_]:
+def edge_cells(flags: Flags, kernel: Kernel, resolution: float, limits: TraversabilityLimits) -> Mask:
     """Cells where the sole would cover, or a test would read, something unknown, hazardous or off the grid."""
     half_x = half_cells(limits.sole_length, resolution)
     half_y = half_cells(limits.sole_width, resolution)
@@ -27,7 +24,7 @@ def edge_cells(flags: Flags, kernel: Kernel, resolution: float, limits: Traversa
     bad = ((flags & ALL_BUT_EDGE) != 0).astype(np.uint8)
     unknown = ((flags & UNKNOWN_MASK) != 0).astype(np.uint8)
 
-    def reaches(cells: npt.NDArray[np.uint8], area: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+    def reaches(cells: Codes, area: Codes) -> Mask:
         return np.asarray(cv2.dilate(cells, area, borderType=cv2.BORDER_CONSTANT, borderValue=(1,)), dtype=bool)
 
     return reaches(bad, sole) | reaches(unknown, window)
@@ -55,7 +52,7 @@ def half_cells(length: float, resolution: float) -> int:
     return int(np.ceil((length / 2 - resolution / 2) / resolution - 1e-9)) if length > resolution else 0
 
 
-def _distance_cells(mask: npt.NDArray[np.bool_]) -> Float:
+def _distance_cells(mask: Mask) -> Float:
     """From each cell to the nearest one on the other side of the mask, centre to centre."""
     within = mask.astype(np.uint8)
     inside, outside = (cv2.distanceTransform(m, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for m in (within, 1 - within))

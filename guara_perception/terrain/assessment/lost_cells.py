@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Flags, Float, Mask
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
-
-Float = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 
 def lost_cells(
     elevation: Float,
-    hazard: npt.NDArray[np.uint16],
+    hazard: Flags,
     in_view: Mask,
     planes_in_footprint: Float,
     is_lost: Mask,

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float64]
+from guara_perception.arrays import Float
 
 
 def quantile(values: Float, share: float) -> Float:

@@ -6,15 +6,12 @@ import functools
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Array, Flags, Float, Float32, Index, Mask
 from guara_perception.terrain.layers.geometry import GridGeometry
-
-Float = npt.NDArray[np.float64]
-Single = npt.NDArray[np.float32]
 
 # Samples this far below the highest of a cell belong to another surface: the top one is what a foot meets.
 TOP_LAYER_M = 0.004
@@ -35,10 +32,10 @@ class CellSamples:
 
     cell: npt.NDArray[np.int32]
     total: Float
-    count: Single
-    variance_total: Single
-    low: Single
-    high: Single
+    count: Float32
+    variance_total: Float32
+    low: Float32
+    high: Float32
 
 
 NO_SAMPLES = CellSamples(np.empty(0, np.int32), np.empty(0), *(np.empty(0, np.float32) for _ in range(4)))
@@ -143,7 +140,7 @@ def _frame(geometry: GridGeometry) -> tuple[Float, npt.NDArray[np.int32]]:
     return np.array(offset), np.array([[nx + 1], [ny + 1]], dtype=np.int32)
 
 
-def cells_of(points: Float, geometry: GridGeometry) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
+def cells_of(points: Float, geometry: GridGeometry) -> tuple[Index, Mask]:
     """Flat cells iy * nx + ix (m,) of those points (n, 3) that are known and lie on the grid, and which these are."""
     ix, iy = _cells(np.asarray(points.T, dtype=np.float64), geometry)
     ny, nx = geometry.shape
@@ -151,7 +148,7 @@ def cells_of(points: Float, geometry: GridGeometry) -> tuple[npt.NDArray[np.int6
     return (iy[inside] - 1).astype(np.int64) * nx + (ix[inside] - 1), inside
 
 
-def _sum(cell: npt.NDArray[np.int64], weights: npt.NDArray[Any], size: int) -> Float:
+def _sum(cell: Index, weights: Array, size: int) -> Float:
     return np.asarray(np.bincount(cell, weights=weights, minlength=size), dtype=np.float64)
 
 
@@ -194,7 +191,7 @@ def merge(parts: Iterable[CellSamples], geometry: GridGeometry) -> Raster:
     )
 
 
-def without_cells(raster: Raster, cells: npt.NDArray[np.bool_]) -> Raster:
+def without_cells(raster: Raster, cells: Mask) -> Raster:
     """The same grid with some cells unknown."""
 
     def cut(layer: Float) -> Float:
@@ -227,7 +224,7 @@ def pool(raster: Raster, factor: int) -> Raster:
     )
 
 
-def pool_flags(flags: npt.NDArray[np.uint16], factor: int) -> npt.NDArray[np.uint16]:
+def pool_flags(flags: Flags, factor: int) -> Flags:
     """Flags of coarser cells: those of any of their `factor` x `factor` fine ones."""
     ny, nx = (n // factor for n in flags.shape)
     blocks = flags.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1)

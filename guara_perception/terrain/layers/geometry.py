@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Float, Index, Mask
 from guara_perception.exceptions import InvalidInput
-
-Float = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +59,7 @@ class GridGeometry:
         """Number of cells."""
         return self.shape[0] * self.shape[1]
 
-    def indices(self, x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    def indices(self, x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[Index, Index]:
         """Cell indices (iy, ix) of points; not clipped, -1 for NaN. Cells are half open: [low, high)."""
         fx = (np.asarray(x, np.float64) - self.origin[0]) / self.resolution
         fy = (np.asarray(y, np.float64) - self.origin[1]) / self.resolution
@@ -70,7 +69,7 @@ class GridGeometry:
         limit = 2**31
         return np.clip(iy, -1, limit).astype(np.int64), np.clip(ix, -1, limit).astype(np.int64)
 
-    def contains(self, iy: npt.NDArray[np.int64], ix: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    def contains(self, iy: Index, ix: Index) -> Mask:
         """Whether indices lie on the grid."""
         return (iy >= 0) & (iy < self.shape[0]) & (ix >= 0) & (ix < self.shape[1])
 

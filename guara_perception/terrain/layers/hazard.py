@@ -5,7 +5,8 @@ from __future__ import annotations
 from enum import IntFlag
 
 import numpy as np
-import numpy.typing as npt
+
+from guara_perception.arrays import Flags
 
 
 class Hazard(IntFlag):
@@ -54,7 +55,7 @@ def names(flags: int | Hazard) -> list[str]:
     return [flag.name for flag in Hazard if flag and flag & Hazard(int(flags)) and flag.name]
 
 
-def cells_by_flag(hazard: npt.NDArray[np.uint16]) -> dict[str, int]:
+def cells_by_flag(hazard: Flags) -> dict[str, int]:
     """Name of each flag -> number of cells of a grid that carry it."""
     # Few of all combinations occur in one grid.
     cells = np.bincount(hazard.ravel())

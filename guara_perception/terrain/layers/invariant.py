@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Array, Flags, Float32, Mask
 from guara_perception.exceptions import UnsafeGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.layers.layers import LAYERS
 
 
-def check_invariant(layers: Mapping[str, npt.NDArray[Any]]) -> None:
+def check_invariant(layers: Mapping[str, Array]) -> None:
     """Refuse a grid that could call something safe that was not seen (contract, section 2).
 
     Raises:
@@ -44,9 +44,7 @@ def check_invariant(layers: Mapping[str, npt.NDArray[Any]]) -> None:
     _refuse(~unknown & ~(variance >= 0), "variance of a known cell is NaN or negative")
 
 
-def occupancy_values(
-    traversability: npt.NDArray[np.float32], hazard: npt.NDArray[np.uint16], unknown: int = 100
-) -> npt.NDArray[np.int8]:
+def occupancy_values(traversability: Float32, hazard: Flags, unknown: int = 100) -> npt.NDArray[np.int8]:
     """Occupancy as nav_msgs/OccupancyGrid counts it: 0 ... 99 free, 100 hazard, `unknown` where not seen."""
     free = np.rint(99 * (1 - traversability.astype(np.float64))).astype(np.int8)
     values = np.where(hazard == 0, free, np.int8(100))
@@ -55,7 +53,7 @@ def occupancy_values(
     return values
 
 
-def _refuse(broken: npt.NDArray[np.bool_], rule: str) -> None:
+def _refuse(broken: Mask, rule: str) -> None:
     if broken.any():
         iy, ix = (int(i[0]) for i in np.nonzero(broken))
         raise UnsafeGrid(f"{rule}: {int(broken.sum())} cells, the first at iy={iy}, ix={ix}; the grid is not published")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Array, Float, Float32
 from guara_perception.exceptions import InvalidInput
 from guara_perception.readonly import readonly
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -37,14 +38,14 @@ class LayeredGrid:
         pictures: range images by name, (512, 640) float32 [mm], where the scan was processed with them.
     """
 
-    layers: Mapping[str, npt.NDArray[Any]]
+    layers: Mapping[str, Array]
     geometry: GridGeometry
     frame: str = "base_footprint"
     stamp: int = 0
     step: int = 0
     extent: str = "footprint"
     metadata: Mapping[str, Any] = field(default_factory=dict)
-    pictures: Mapping[str, npt.NDArray[np.float32]] = field(default_factory=dict)
+    pictures: Mapping[str, Float32] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the invariant and freeze."""
@@ -60,7 +61,7 @@ class LayeredGrid:
         object.__setattr__(self, "pictures", MappingProxyType(pictures))
         object.__setattr__(self, "metadata", MappingProxyType(dict(self.metadata)))
 
-    def __getattr__(self, name: str) -> npt.NDArray[Any]:
+    def __getattr__(self, name: str) -> Array:
         """Layers as attributes: `terrain.elevation`, `terrain.hazard` ..."""
         if name in LAYER_NAMES:
             return self.layers[name]
@@ -94,7 +95,7 @@ class LayeredGrid:
         """(ny, nx)."""
         return self.geometry.shape
 
-    def layer(self, name: str) -> npt.NDArray[Any]:
+    def layer(self, name: str) -> Array:
         """A layer by name.
 
         Raises:
@@ -130,7 +131,7 @@ class LayeredGrid:
             raise InvalidInput(f"unknown is {unknown!r}, allowed: 100 (unknown is a hazard), -1 (unknown is marked)")
         return occupancy_values(self.layers["traversability"], self.layers["hazard"], unknown)
 
-    def _points(self, x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    def _points(self, x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[Float, Float]:
         try:
             px, py = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
         except (ValueError, TypeError):

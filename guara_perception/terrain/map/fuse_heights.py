@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from guara_perception.terrain.map.odom_cells import Index, OdomCells
-
-Float = npt.NDArray[np.float64]
+from guara_perception.arrays import Flags, Float, Index, Mask
+from guara_perception.terrain.map.odom_cells import OdomCells
 
 # 3 sigma: one good look in 370 is taken for a disagreement, and the next one mends it.
 GATE_SIGMAS = 3.0
@@ -68,7 +66,7 @@ def drift_variance(cells: OdomCells, place: Index, drift: Drift, distance: Float
 
 def fuse_heights(
     cells: OdomCells, new: Heights, drift: Drift, distance: Float, pause: int, stamp: int, *, is_look: bool = True
-) -> npt.NDArray[np.bool_]:
+) -> Mask:
     """Bring new heights into memory.
 
     Unknown cells take them over. Known cells are corrected where the new height agrees within GATE_SIGMAS. Where it
@@ -94,7 +92,7 @@ def fuse_heights(
     other, other_variance = memory["other"][place], memory["other_variance"][place] + grown
     was_known, disputed = np.isfinite(height), memory["conflict"][place]
 
-    def agrees(value: Float, spread: Float) -> npt.NDArray[np.bool_]:
+    def agrees(value: Float, spread: Float) -> Mask:
         with np.errstate(invalid="ignore"):
             return np.asarray(np.abs(new.height - value) <= GATE_SIGMAS * np.sqrt(spread + new.variance))
 
@@ -147,7 +145,7 @@ def mark_seen(cells: OdomCells, place: Index, drift: Drift, pause: int, stamp: i
         cells.memory[name][place] = value
 
 
-def forget_heights(cells: OdomCells, place: Index, cause: npt.NDArray[np.uint16]) -> None:
+def forget_heights(cells: OdomCells, place: Index, cause: Flags) -> None:
     """Looked at without a return: whatever was known of these cells is known no longer."""
     memory = cells.memory
     for name in ("height", "other"):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.readonly import readonly
 from guara_perception.terrain.map.fuse_heights import Heights
@@ -14,8 +14,6 @@ from guara_perception.terrain.map.look import LOOKED_AT
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.touched import SHRUNK_M
 from guara_perception.terrain.questions.polygon import inside_polygon
-
-Float = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

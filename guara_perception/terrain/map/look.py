@@ -5,18 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Flags, Float, Index
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.map.fuse_heights import Heights
-from guara_perception.terrain.map.odom_cells import Index, OdomCells
+from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.touched import Squares
-
-Float = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.uint16]
 
 # The cell was looked at, and what came back (if anything) was no height that may be used.
 LOOKED_AT = np.uint16(Hazard.DROPOUT | Hazard.AMBIGUOUS | Hazard.OUT_OF_RANGE)

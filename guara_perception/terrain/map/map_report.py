@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Array, Float
 from guara_perception.settings import Settings, limits_to_dict
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, cells_by_flag
@@ -33,9 +33,9 @@ def map_report(
     terrain: TerrainGrid,
     robot: str,
     settings: Settings,
-    layers: Mapping[str, npt.NDArray[Any]],
-    transform_footprint_to_odom: npt.NDArray[np.float64],
-    covariance: npt.NDArray[np.float64],
+    layers: Mapping[str, Array],
+    transform_footprint_to_odom: Float,
+    covariance: Float,
     scans: int,
     rejected: int,
     anchor: HeightAnchor,

@@ -5,12 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Array, Float, Index
 from guara_perception.terrain.layers.hazard import Hazard
-
-Float = npt.NDArray[np.float64]
-Index = npt.NDArray[np.int64]
 
 NEVER = -1
 # What is remembered of each cell: type and the value of a cell never seen.
@@ -77,7 +74,7 @@ class OdomCells:
         inside = (cy >= first_y) & (cy < first_y + self.side) & (cx >= first_x) & (cx < first_x + self.side)
         return np.where(inside, (cy % self.side) * self.side + cx % self.side, -1)
 
-    def patch(self, name: str, first: tuple[int, int], shape: tuple[int, int], outside: Any) -> npt.NDArray[Any]:
+    def patch(self, name: str, first: tuple[int, int], shape: tuple[int, int], outside: Any) -> Array:
         """What is remembered of the cells of a rectangle, as an array of its own.
 
         Args:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Array, Flags, Float
 from guara_perception.settings import Settings
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.grid import TerrainGrid
@@ -17,8 +17,6 @@ from guara_perception.terrain.map.fuse_heights import Drift, drift_variance
 from guara_perception.terrain.map.look import tilt_variance
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.touched import Squares
-
-Float = npt.NDArray[np.float64]
 
 NEVER_SEEN_AGE = 255
 
@@ -42,7 +40,7 @@ class Moment:
 
 def snapshot_layers(
     cells: OdomCells, geometry: GridGeometry, terrain: TerrainGrid, now: Moment, settings: Settings
-) -> dict[str, npt.NDArray[Any]]:
+) -> dict[str, Array]:
     """All layers of the `map` extent.
 
     A cell whose square touches an unknown cell of the map is unknown, with the causes of all of them; lowest and
@@ -78,7 +76,7 @@ def snapshot_layers(
     # What was seen at this very pause shares its tilt; older heights do not.
     variance += np.where(pauses > 0, tilt_variance(terrain, x, y), 0.0)
 
-    def shaped(values: npt.NDArray[Any], unknown: Any) -> npt.NDArray[Any]:
+    def shaped(values: Array, unknown: Any) -> Array:
         layer = np.full(geometry.size, unknown, dtype=values.dtype)
         layer[known] = values
         return layer.reshape(geometry.shape)
@@ -97,10 +95,10 @@ def snapshot_layers(
     return layers
 
 
-def _flags(cells: OdomCells, squares: Squares, now: Moment, settings: Settings) -> npt.NDArray[np.uint16]:
+def _flags(cells: OdomCells, squares: Squares, now: Moment, settings: Settings) -> Flags:
     """Why each cell of the memory is unknown, and whether it is in conflict or stale; UNSCANNED outside."""
 
-    def patch(name: str, outside: Any) -> npt.NDArray[Any]:
+    def patch(name: str, outside: Any) -> Array:
         return cells.patch(name, squares.first, squares.shape, outside)
 
     flags = patch("cause", np.uint16(Hazard.UNSCANNED))

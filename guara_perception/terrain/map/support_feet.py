@@ -6,19 +6,18 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float, Index, Mask
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.fuse_heights import Drift, Heights, fuse_heights
 from guara_perception.terrain.map.height_anchor import SoleError
 from guara_perception.terrain.map.look import LOOKED_AT
-from guara_perception.terrain.map.odom_cells import Index, OdomCells
+from guara_perception.terrain.map.odom_cells import OdomCells
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-Float = npt.NDArray[np.float64]
 
 # A level sole stands on the highest ground under it; one cell in ten may be higher by noise.
 BEARING_QUANTILE = 0.9
@@ -123,7 +122,7 @@ def fill_under_foot(cells: OdomCells, foot: FootMeasurement, drift: Drift, pause
     fuse_heights(cells, heights, drift, foot.distance[is_free], pause, stamp, is_look=False)
 
 
-def _scanned(cells: OdomCells, foot: FootMeasurement) -> npt.NDArray[np.bool_]:
+def _scanned(cells: OdomCells, foot: FootMeasurement) -> Mask:
     memory = cells.memory
     known = np.isfinite(memory["height"][foot.place]) & ~memory["conflict"][foot.place]
     return np.asarray(known & (memory["looks"][foot.place] > 0))

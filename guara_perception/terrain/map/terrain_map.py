@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
@@ -25,7 +26,6 @@ from guara_perception.terrain.map.support_feet import fill_under_foot, sole_erro
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-Float = npt.NDArray[np.float64]
 
 # The window is moved when the robot has gone so far: seldom, and still little memory.
 MARGIN_M = 0.2

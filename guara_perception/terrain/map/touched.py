@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float64]
-Index = npt.NDArray[np.int64]
+from guara_perception.arrays import Array, Float, Index
 
 # A square that only shares an edge with a cell does not touch it.
 SHRUNK_M = 1e-7
@@ -54,7 +52,7 @@ class Squares:
         lowest = (low_y - first[0]) * shape[1] + low_x - first[1]
         return cls(first, shape, most, (rows * most[1] + columns) * (shape[0] * shape[1]) + lowest)
 
-    def joined(self, layer: npt.NDArray[Any], join: np.ufunc, which: Index | None = None) -> npt.NDArray[Any]:
+    def joined(self, layer: Array, join: np.ufunc, which: Index | None = None) -> Array:
         """Values of an array of this shape, joined over all cells that each square touches.
 
         Args:

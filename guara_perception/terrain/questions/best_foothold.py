@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.readonly import readonly
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
@@ -18,7 +18,6 @@ from guara_perception.terrain.questions.normal import normal_at
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-Float = npt.NDArray[np.float64]
 
 # At the rim of the search a place is worth half: near the wish the body moves as the gait planned it.
 VALUE_AT_RIM = 0.5

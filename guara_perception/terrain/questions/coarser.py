@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Array
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
@@ -28,7 +28,7 @@ def coarser(terrain: Grid, factor: int) -> Grid:
         )
     shape = (ny // factor, nx // factor)
 
-    def blocks(name: str) -> npt.NDArray[Any]:
+    def blocks(name: str) -> Array:
         return terrain.layers[name].reshape(shape[0], factor, shape[1], factor).swapaxes(1, 2).reshape(*shape, -1)
 
     hazard = np.asarray(np.bitwise_or.reduce(blocks("hazard"), axis=-1), dtype=np.uint16)
@@ -37,7 +37,7 @@ def coarser(terrain: Grid, factor: int) -> Grid:
     beside = cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE) > 0
     hazard[beside & ~unknown] |= np.uint16(Hazard.EDGE)
     nan = np.where(unknown, np.float32(np.nan), np.float32(0))
-    layers: dict[str, npt.NDArray[Any]] = {
+    layers: dict[str, Array] = {
         "elevation": blocks("elevation").astype(np.float64).mean(axis=-1).astype(np.float32),
         "variance": blocks("variance").max(axis=-1),
         "elevation_min": blocks("elevation_min").min(axis=-1),

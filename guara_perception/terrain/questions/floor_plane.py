@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.plane_fit import solve_plane
 from guara_perception.terrain.assessment.quantile import quantile
-
-Float = npt.NDArray[np.float64]
 
 # With 45 % of the cells on the floor, three at random lie on it in one of 100 trials with 1 - (1 - 0.45^3)^100.
 TRIALS = 100

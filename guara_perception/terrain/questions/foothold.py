@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Array, Float, Mask
 from guara_perception.readonly import readonly
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.disc import disc_kernel
@@ -22,8 +23,6 @@ from guara_perception.terrain.questions.sole_cells import sole_flags, sole_windo
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
-
-Float = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +60,7 @@ class FootholdVerdicts:
     terrain: LayeredGrid
     x: Float
     y: Float
-    ok: npt.NDArray[np.bool_]
+    ok: Mask
     score: Float
     leg: str | None
     beyond: Float
@@ -160,7 +159,7 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
 _EDGE = "too near to something unknown, hazardous or off the grid; so much clearance is always enough"
 
 
-def _values(terrain: LayeredGrid, layer: str, rows: slice, columns: slice) -> npt.NDArray[Any]:
+def _values(terrain: LayeredGrid, layer: str, rows: slice, columns: slice) -> Array:
     values = terrain.layers[layer][rows, columns].astype(np.float64)
     return np.sqrt(values) if layer == "variance" else values
 

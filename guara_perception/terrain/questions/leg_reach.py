@@ -8,20 +8,16 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 
 if TYPE_CHECKING:
     from kinematics import RobotModel, StancePose
 
-Float = npt.NDArray[np.float64]
 
-
-def beyond_reach(
-    terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robot: RobotModel | None = None
-) -> npt.NDArray[np.float64]:
+def beyond_reach(terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robot: RobotModel | None = None) -> Float:
     """How far the leg's joints would have to go beyond their limits [rad]: 0 within reach, NaN where nothing helps.
 
     Args:

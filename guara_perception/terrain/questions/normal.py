@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.terrain.assessment.disc import KNOWN_SHARE, disc_kernel
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.layers.limits_of import limits_of
-
-Float = npt.NDArray[np.float64]
 
 
 def normal_at(terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike) -> Float:

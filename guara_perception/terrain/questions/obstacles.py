@@ -6,17 +6,13 @@ from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Flags, Float, Index, Mask
 from guara_perception.plane_fit import fit_plane
 from guara_perception.readonly import readonly
 from guara_perception.terrain.assessment.quantile import quantile
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.questions.floor_plane import FloorPlane, fit_floor
-
-Float = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
-Index = npt.NDArray[np.int64]
 
 # Lower things are relief of the floor; the paper's lowest object is 10 mm high.
 LEAST_HEIGHT_M = 0.006
@@ -85,7 +81,7 @@ class _Cells:
     elevation: Float
     variance: Float
     rise: Float
-    hazard: npt.NDArray[np.uint16]
+    hazard: Flags
 
     def some(self, which: Mask | Index) -> _Cells:
         """Those of a mask, or of places in the arrays."""

@@ -7,16 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Float, Index, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, names
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.layers.limits_of import limits_of
 from guara_perception.terrain.layers.reason import Reason
 from guara_perception.terrain.questions.polygon import touched_cells
-
-Float = npt.NDArray[np.float64]
-Index = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
 
 # Near its ends a swing touches the ground: there it may lie so much lower than the map.
 TOUCH_M = 0.005

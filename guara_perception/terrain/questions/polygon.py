@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float, Index, Mask
 from guara_perception.terrain.layers.geometry import GridGeometry
 
-Float = npt.NDArray[np.float64]
 
-
-def inside_polygon(corners: Float, x: Float, y: Float) -> npt.NDArray[np.bool_]:
+def inside_polygon(corners: Float, x: Float, y: Float) -> Mask:
     """Whether points lie inside a simple polygon, by the number of edges that a ray to the left crosses.
 
     Args:
@@ -27,7 +25,7 @@ def inside_polygon(corners: Float, x: Float, y: Float) -> npt.NDArray[np.bool_]:
     return inside
 
 
-def touched_cells(corners: Float, geometry: GridGeometry) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def touched_cells(corners: Float, geometry: GridGeometry) -> tuple[Index, Index]:
     """Cells (iy, ix) that a polygon touches, those off the grid among them: none is missed, a few more may be given.
 
     A cell counts when its centre lies inside, or an edge passes within half its diagonal.

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Flags, Float, Index
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
-
-Float = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.uint16]
-Index = npt.NDArray[np.int64]
 
 # Places looked at together: keeps the memory small for whole grids of places.
 CHUNK = 4096

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import TraversabilityLimits, limits_to_dict
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
-
-Float = npt.NDArray[np.float64]
 
 # Heights beyond this lose the roughness to rounding: 10 km leave 0.1 mm.
 HIGHEST_M = 1e4

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Index, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
@@ -16,7 +16,6 @@ from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, names
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-Mask = npt.NDArray[np.bool_]
 
 # Clear pauses in a row before a walk goes back to coarse scans: one cycle, so that every foot has stepped once.
 CLEAR_PAUSES = 4
@@ -89,7 +88,7 @@ class ScanPolicy:
     def decide(
         self,
         coarse: TerrainGrid,
-        pairs: npt.NDArray[np.int64],
+        pairs: Index,
         *,
         time_left: float | None = None,
         stripe_time: float = 1 / 30,
@@ -139,7 +138,7 @@ class ScanPolicy:
             reasons.append(f"{int(high.sum())} cells in the corridor are over {limit_mm:.0f} mm off the support plane")
         return hazardous | high, reasons
 
-    def _between(self, pairs: npt.NDArray[np.int64], found: Mask) -> tuple[int, ...]:
+    def _between(self, pairs: Index, found: Mask) -> tuple[int, ...]:
         """The stripes that a coarse scan lacks: those over most obstacle cells first, then from near to far."""
         lacking = sorted(set(self._settings.pattern("standard")) - set(self._settings.pattern("coarse")))
         every = self._settings.coarse_every

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.grid import TerrainGrid
@@ -36,7 +36,7 @@ def refined(coarse: TerrainGrid, standard: TerrainGrid) -> TerrainGrid:
         return standard
     flags = np.where(takes_coarse, coarse.hazard & UNKNOWN_MASK, flags).astype(np.uint16)
 
-    def either(name: str) -> npt.NDArray[np.float64]:
+    def either(name: str) -> Float:
         return np.where(takes_coarse, coarse.layers[name], standard.layers[name]).astype(np.float64)
 
     layers = assess_layers(

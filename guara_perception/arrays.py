@@ -1,0 +1,22 @@
+"""Names for the types of arrays, for all of this package; shapes and units stand where they are used."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[Any]
+Float = npt.NDArray[np.float64]
+Float32 = npt.NDArray[np.float32]
+# Indices, and counts.
+Index = npt.NDArray[np.intp]
+Mask = npt.NDArray[np.bool_]
+Flags = npt.NDArray[np.uint16]
+# Small whole numbers: statuses, materials, masks as OpenCV takes them.
+Codes = npt.NDArray[np.uint8]
+# A picture of grey levels, (h, w).
+Grey = npt.NDArray[np.uint8]
+# A camera's picture, (h, w) or (h, w, 3), uint8 or uint16.
+Image = npt.NDArray[Any]
+# Lowest and highest value.
+Interval = tuple[float, float]
