@@ -15,7 +15,6 @@ from drivers.frame import Frame, Image
 from drivers.metering import MeteringResult, meter_exposure
 from drivers.opencv_camera import OpenCvCamera
 from drivers.options import AcquireOptions, OffFrames
-from drivers.pattern import coarse, coarse_first
 from drivers.proof import ProofLimits
 from drivers.protocol import BoardFault, BoardFlag
 from drivers.records import BoardIdentity, BoardStatus
@@ -51,8 +50,6 @@ __all__ = [
     "StripeStream",
     "StripeVerdict",
     "acquire",
-    "coarse",
-    "coarse_first",
     "measure_lag",
     "meter_exposure",
     "prepare",

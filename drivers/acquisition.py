@@ -17,14 +17,16 @@ from drivers.capture import ScanReport, StripeCapture, StripeEvidence, StripeVer
 from drivers.errors import AcquisitionNotEntered, DriverError
 from drivers.frame import Frame, Image
 from drivers.options import AcquireOptions
-from drivers.pattern import BandOf, PatternStripe, check_pattern
+from drivers.pattern import PatternStripe, RowRangeOf, check_pattern
 from drivers.proof import StepProof
 from drivers.scan_report import write_report
 from drivers.scan_worker import RawStripe, ScanWorker
 
-_log = logging.getLogger(__name__)
-_POLL = 1.0  # s between two looks at whether the scan's thread still lives
-_JOIN = 2.0  # s; more than a camera may take to return from a grab slice
+logger = logging.getLogger(__name__)
+# Seconds between two looks at whether the scan's thread still lives.
+POLL = 1.0
+# Seconds; more than a camera may take to return from a grab slice.
+JOIN = 2.0
 
 
 def acquire(
@@ -33,10 +35,10 @@ def acquire(
     pattern: Iterable[tuple[int, float]],
     options: AcquireOptions | None = None,
     *,
-    band: BandOf | None = None,
+    band: RowRangeOf | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> StripeStream:
-    """Return a scan to be taken in a `with` block, whose stripes are iterated.
+    """A scan to be taken in a `with` block, whose stripes are iterated.
 
     ```python
     with acquire(board, camera, pattern, should_stop=pause_is_over) as stripes:
@@ -89,7 +91,7 @@ class StripeStream:
         camera: Camera,
         pattern: tuple[PatternStripe, ...],
         options: AcquireOptions,
-        band: BandOf | None,
+        band: RowRangeOf | None,
         should_stop: Callable[[], bool] | None,
     ) -> None:
         """Prepare; see `acquire`."""
@@ -126,11 +128,11 @@ class StripeStream:
             # What ended the scan was raised while iterating; closing must not raise its echo over again.
             if error is None and not (self._ended and self._worker.failure is not None):
                 raise
-            _log.error("while ending the scan after %r: %s", error or self._worker.failure, failure)
+            logger.error("while ending the scan after %r: %s", error or self._worker.failure, failure)
         finally:
-            self._worker.join(_JOIN)
+            self._worker.join(JOIN)
             if self._worker.is_alive():
-                _log.error("the camera does not return from a grab; the laser is off")
+                logger.error("the camera does not return from a grab; the laser is off")
 
     def __iter__(self) -> Iterator[StripeCapture]:
         """Iterate over the stripes, each as it is handed over.
@@ -176,7 +178,7 @@ class StripeStream:
         """The next stripes from the scan's thread, None at its end."""
         while True:
             try:
-                return self._worker.items.get(timeout=_POLL)
+                return self._worker.items.get(timeout=POLL)
             except queue.Empty:
                 if not self._worker.is_alive() and self._worker.items.empty():
                     return None

@@ -23,11 +23,14 @@ from drivers.protocol import BoardFault, BoardFlag, Request, describe_faults
 from drivers.records import BoardStatus
 from drivers.session import BoardSession, raise_if_stuck_on
 
-_log = logging.getLogger(__name__)
-_EVERY_FAULT = 0xFFFF
-_REPORT_SLICE = 0.02  # s; a lost report costs at most this before the status is asked for
-_CLOCK_WRAP = 1 << 32  # ms
-_CLOCK_STEP, _CLOCK_ERROR = 0.001, 0.01  # s to which the board's clock is told, and share by which it may be slow
+logger = logging.getLogger(__name__)
+EVERY_FAULT = 0xFFFF
+# Seconds; a lost report costs at most this before the status is asked for.
+REPORT_SLICE = 0.02
+# Milliseconds.
+CLOCK_WRAP = 1 << 32
+# Resolution of the board's clock [s], and share by which it may be slow.
+CLOCK_STEP, CLOCK_ERROR = 0.001, 0.01
 
 
 class LaserBoard(BoardSession):
@@ -65,13 +68,13 @@ class LaserBoard(BoardSession):
         try:
             status = self.status()
         except (BoardUnplugged, BoardNotOpen, BoardTimeout, BoardTransferFailed) as failure:
-            _log.warning("reconnecting to the laser board: %s", failure)
+            logger.warning("reconnecting to the laser board: %s", failure)
             self.reconnect(timeout)
             status = self.status()
         if BoardFlag.SESSION not in status.flags:
             status = self._begin_session()
         if status.faults:
-            _log.warning("clearing faults of the laser board: %s", describe_faults(status.faults))
+            logger.warning("clearing faults of the laser board: %s", describe_faults(status.faults))
             status = self.clear_faults()
         if status.faults:
             raise LaserRefused(f"the laser board cannot work: {describe_faults(status.faults)}")
@@ -82,7 +85,7 @@ class LaserBoard(BoardSession):
 
     def clear_faults(self) -> BoardStatus:
         """Clear every fault whose cause is gone and return the status, with those that remain."""
-        return self._command(Request.CLEAR_FAULTS, _EVERY_FAULT)
+        return self._command(Request.CLEAR_FAULTS, EVERY_FAULT)
 
     def laser_on(self) -> BoardStatus:
         """Switch the laser on and check that it shines.
@@ -124,7 +127,7 @@ class LaserBoard(BoardSession):
         """Turn the mirror to `angle` [rad] and return the angle of the nearest step, where it really goes.
 
         Args:
-            angle: mirror angle; zero when the sheet falls along -z of the body, positive towards +x.
+            angle: mirror angle; zero when the laser plane falls along -z of the body, positive towards +x.
             wait: return only when the mirror has come to rest.
 
         Raises:
@@ -135,7 +138,7 @@ class LaserBoard(BoardSession):
         return self.go_to_step(self.step_at(angle), wait=wait)
 
     def step_at(self, angle: float) -> int:
-        """Return the step nearest to a mirror angle [rad].
+        """The step nearest to a mirror angle [rad].
 
         Raises:
             MirrorOutOfRange: outside the travel, or not finite.
@@ -196,10 +199,10 @@ class LaserBoard(BoardSession):
         while status is None or status.moving or status.motion != self._motion:
             if time.monotonic() > deadline:
                 raise MirrorTimeout(f"the mirror did not come to rest within {patience:g} s: check motor and mechanics")
-            status = self._read_report(_REPORT_SLICE) or self.status()
+            status = self._read_report(REPORT_SLICE) or self.status()
         self._moving = False
-        taken = round((status.device_time - self._board_time) / 1e-3) % _CLOCK_WRAP * 1e-3
-        return status, min(time.monotonic(), self._host_time + taken * (1.0 + _CLOCK_ERROR) + _CLOCK_STEP)
+        taken = round((status.device_time - self._board_time) / 1e-3) % CLOCK_WRAP * 1e-3
+        return status, min(time.monotonic(), self._host_time + taken * (1.0 + CLOCK_ERROR) + CLOCK_STEP)
 
     def _begin_motion(self, status: BoardStatus) -> None:
         self._motion, self._moving = status.motion, status.moving

@@ -41,10 +41,10 @@ class BoardConfig:
         for name in ("vendor_id", "product_id"):
             value = getattr(self, name)
             if not 0 <= value <= 0xFFFF:
-                raise ValueError(f"{name} is {value}, allowed is 0 ... 65535 (0xFFFF)")
+                raise ValueError(f"{name} is {value}, allowed: 0 ... 65535 (0xFFFF)")
         for name in ("timeout", "motion_timeout", "home_timeout"):
             seconds = getattr(self, name)
             if not (math.isfinite(seconds) and seconds > 0):
                 raise ValueError(f"{name} is {seconds} s, it must be finite and above 0")
         if not 1 <= self.attempts <= 10:
-            raise ValueError(f"attempts is {self.attempts}, allowed is 1 ... 10")
+            raise ValueError(f"attempts is {self.attempts}, allowed: 1 ... 10")

@@ -87,7 +87,7 @@ class Camera(ABC):
 
     @abstractmethod
     def grab(self, timeout: float) -> Frame:
-        """Return the oldest frame not yet returned, waiting for it at most `timeout` [s].
+        """The oldest frame not yet returned, waiting for it at most `timeout` [s].
 
         Raises:
             CameraTimeout: none came.

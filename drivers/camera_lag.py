@@ -14,11 +14,15 @@ from drivers.camera import Camera
 from drivers.errors import CameraTimeout, LaserNotSeen, StripeClipped
 from drivers.frame import Frame, Image
 
-_FULL, _NONE = 0.9, 0.1  # share of the laser's light at which a frame counts as wholly lit, or wholly dark
-_GOLDEN = 0.618034
-_MAX_CLIPPED = 0.1  # share of the stripe's pixels
-_SETTLE_FRAMES = 6  # frames after which any pipeline shows the new state
-_MOST_FRAMES = 20  # frames to wait for a change before the camera counts as not looking
+# Share of the laser's light at which a frame counts as wholly lit, or wholly dark.
+FULL, NONE = 0.9, 0.1
+GOLDEN = 0.618034
+# Share of the stripe's pixels.
+MAX_CLIPPED = 0.1
+# Frames after which any pipeline shows the new state.
+SETTLE_FRAMES = 6
+# Frames to wait for a change before the camera counts as not looking.
+MOST_FRAMES = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,24 +74,24 @@ def measure_lag(board: LaserBoard, camera: Camera, *, toggles: int = 24, timeout
         for turn in range(toggles):
             on = not on
             # Steps of the golden section spread the moments evenly over the period.
-            time.sleep(turn * _GOLDEN % 1.0 * period)
+            time.sleep(turn * GOLDEN % 1.0 * period)
             board.status()
             before = time.monotonic()
             board.laser_on() if on else board.laser_off()
             after = time.monotonic()
-            for _ in range(_MOST_FRAMES):
+            for _ in range(MOST_FRAMES):
                 frame = camera.grab(timeout)
                 board.status()
                 value = share.of(frame.image) if on else 1.0 - share.of(frame.image)
                 if frame.stamp <= before:
                     continue
-                if value >= _FULL:
+                if value >= FULL:
                     longest = min(longest, max(0.0, frame.stamp - before))
                     break
                 shortest = max(shortest, frame.stamp - after)
             else:
                 raise LaserNotSeen(
-                    f"{_MOST_FRAMES} frames after the laser was switched {'on' if on else 'off'}, "
+                    f"{MOST_FRAMES} frames after the laser was switched {'on' if on else 'off'}, "
                     f"{camera.name} does not show it: does anything else light the scene?"
                 )
     finally:
@@ -112,9 +116,9 @@ class _ShareOfLight:
         self._where = np.nonzero(difference > threshold)
         brightest = lit.max(axis=2) if lit.ndim == 3 else lit
         clipped = float(np.mean(brightest[self._where] >= 0.99 * full)) if len(self._where[0]) else 0.0
-        if clipped > _MAX_CLIPPED:
+        if clipped > MAX_CLIPPED:
             raise StripeClipped(
-                f"{clipped:.0%} of the stripe is clipped, at most {_MAX_CLIPPED:.0%} may be: meter_exposure() first, "
+                f"{clipped:.0%} of the stripe is clipped, at most {MAX_CLIPPED:.0%} may be: meter_exposure() first, "
                 "so that a part of an exposure can be told from the whole"
             )
         self._whole = float(difference[self._where].sum())
@@ -124,7 +128,7 @@ class _ShareOfLight:
             )
 
     def of(self, image: Image) -> float:
-        """Return the share of light in `image`."""
+        """The share of light in `image`."""
         return float((_flat(image) - _flat(self._dark))[self._where].sum()) / self._whole
 
 
@@ -136,7 +140,7 @@ def _flat(image: Image) -> npt.NDArray[np.float32]:
 def _settled(board: LaserBoard, camera: Camera, timeout: float) -> tuple[Frame, float]:
     camera.flush()
     frames = []
-    for _ in range(_SETTLE_FRAMES):
+    for _ in range(SETTLE_FRAMES):
         frames.append(camera.grab(timeout))
         board.status()
     span = frames[-1].stamp - frames[0].stamp

@@ -34,10 +34,10 @@ class StripeVerdict(enum.Enum):
     @property
     def in_step(self) -> bool:
         """Whether the frames show what was commanded; a dark stripe is no proof of the contrary."""
-        return self in _IN_STEP
+        return self in IN_STEP
 
 
-_IN_STEP = frozenset({StripeVerdict.OK, StripeVerdict.UNPROVED, StripeVerdict.AMBIENT_CHANGED, StripeVerdict.DARK})
+IN_STEP = frozenset({StripeVerdict.OK, StripeVerdict.UNPROVED, StripeVerdict.AMBIENT_CHANGED, StripeVerdict.DARK})
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ class Frame:
 
 
 def read_only(image: Image) -> Image:
-    """Return a view of `image` that cannot be written to."""
+    """A view of `image` that cannot be written to."""
     view = image.view()
     view.setflags(write=False)
     return view

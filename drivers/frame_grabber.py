@@ -11,7 +11,8 @@ from drivers.errors import CameraTimeout
 from drivers.frame import Frame
 from drivers.options import AcquireOptions
 
-_SLICE = 0.2  # s; between two, the board is spoken to, so that its watchdog (0.5 s) is fed while a frame is awaited
+# Seconds; between two, the board is spoken to, so that its watchdog (0.5 s) is fed while a frame is awaited.
+SLICE = 0.2
 
 
 class FrameGrabber:
@@ -45,7 +46,7 @@ class FrameGrabber:
         self._before = None
 
     def after(self, ready: float, proved: Callable[[], float] | None = None) -> Frame | None:
-        """Return the first frame exposed wholly after `ready` [s]; None when none came in time.
+        """The first frame exposed wholly after `ready` [s]; None when none came in time.
 
         Args:
             ready: when the command had taken effect, at the earliest if `proved` is given.
@@ -65,7 +66,7 @@ class FrameGrabber:
                 return None
             asked = time.monotonic()
             try:
-                frame = self._camera.grab(min(left, _SLICE))
+                frame = self._camera.grab(min(left, SLICE))
             except CameraTimeout:
                 self._board.status()
                 continue
@@ -93,5 +94,5 @@ class FrameGrabber:
             # Frames that arrived while nobody asked for one were not wanted; those due since then are lost.
             gap = frame.counter - before.counter
             period = (frame.stamp - before.stamp) / gap
-            self.dropped += sum(before.stamp + place * period > asked for place in range(1, gap))
+            self.dropped += sum(before.stamp + missed * period > asked for missed in range(1, gap))
         return True

@@ -14,8 +14,8 @@ import threading
 from types import FrameType
 from typing import Protocol
 
-_log = logging.getLogger(__name__)
-_SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+logger = logging.getLogger(__name__)
+SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
 class Closable(Protocol):
@@ -37,7 +37,7 @@ def watch(device: Closable, handle_signals: bool = True) -> None:
             atexit.register(_close_all)
         _open.append(device)
         if handle_signals and threading.current_thread() is threading.main_thread():
-            for number in _SIGNALS:
+            for number in SIGNALS:
                 if signal.getsignal(number) is signal.SIG_DFL:
                     signal.signal(number, _leave)
                     _taken.append(number)
@@ -67,4 +67,4 @@ def _close_all() -> None:
         try:
             device.close()
         except Exception:
-            _log.exception("a laser board could not be closed at exit; its watchdog puts the laser out")
+            logger.exception("a laser board could not be closed at exit; its watchdog puts the laser out")

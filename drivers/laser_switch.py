@@ -9,7 +9,7 @@ import time
 from drivers.board import LaserBoard
 from drivers.errors import LaserRefused
 
-_log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 
 class ScanStopped(Exception):  # noqa: N818 - not an error: the scan was asked to end
@@ -55,7 +55,7 @@ class LaserSwitch:
             try:
                 self._board.laser_on()
             except LaserRefused as refusal:
-                _log.warning("%s; clearing and trying once more", refusal)
+                logger.warning("%s; clearing and trying once more", refusal)
                 self.interruptions += 1
                 time.sleep(self._board.identity.laser_rest)
                 self._board.clear_faults()
@@ -76,7 +76,7 @@ class LaserSwitch:
             shines: what the board's last status said of the laser.
         """
         if self._lit_since is not None and not shines:
-            _log.warning("the board put the laser out during the scan")
+            logger.warning("the board put the laser out during the scan")
             self.off()
         if self.lit and not self.may_stay_on:
             self.off()

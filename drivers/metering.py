@@ -15,7 +15,8 @@ from drivers.frame import Image
 from drivers.frame_grabber import FrameGrabber
 from drivers.options import AcquireOptions
 
-_SAMPLES = 160  # sampled columns
+# Sampled columns.
+SAMPLES = 160
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +57,7 @@ def meter_exposure(
     Args:
         board: an open board, ready for a scan.
         camera: an open camera.
-        mirror_angle: where to look [rad]; the middle of the pattern is a good place.
+        mirror_angle: where to look [rad]; the middle of the pattern is a good choice.
         exposure: to begin with [s]; None leaves the camera's exposure alone and only measures.
         limits: shortest and longest exposure allowed [s].
         levels: wanted brightness of the ridge, 0 ... 1.
@@ -105,7 +106,7 @@ class _Levels:
     clipped: float
 
     def factor(self, levels: tuple[float, float]) -> float:
-        """Return by what to multiply the exposure; 1 when it is right."""
+        """By what to multiply the exposure; 1 when it is right."""
         if math.isnan(self.ridge):
             return 2.0 if self.background < levels[1] else 0.5
         if levels[0] <= self.ridge <= levels[1]:
@@ -131,9 +132,9 @@ def _measure(board: LaserBoard, camera: Camera, grabber: FrameGrabber) -> _Level
 
 
 def levels_of(on: Image, off: Image) -> _Levels:
-    """Return the brightness of ridge and background, and the share of clipped columns."""
+    """The brightness of ridge and background, and the share of clipped columns."""
     full = float(np.iinfo(on.dtype).max)
-    step = max(1, on.shape[1] // _SAMPLES)
+    step = max(1, on.shape[1] // SAMPLES)
     bright, dark = (_strongest(image[:, ::step]) / full for image in (on, off))
     difference = bright - dark
     rows = difference.argmax(axis=0)[None, :]

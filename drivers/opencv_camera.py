@@ -24,11 +24,12 @@ from drivers.errors import (
 from drivers.frame import Frame
 from drivers.opencv_settings import lock_settings
 
-_log = logging.getLogger(__name__)
-_LONGEST_READ = 15.0  # s; V4L2 gives a read up after 10 s
-_BACKENDS = {"any": "CAP_ANY", "v4l2": "CAP_V4L2", "gstreamer": "CAP_GSTREAMER", "ffmpeg": "CAP_FFMPEG"}
-_BACKENDS |= {"images": "CAP_IMAGES", "firewire": "CAP_FIREWIRE"}
-_FIREWIRE_HELP = (
+logger = logging.getLogger(__name__)
+# Seconds; V4L2 gives a read up after 10 s.
+LONGEST_READ = 15.0
+BACKENDS = {"any": "CAP_ANY", "v4l2": "CAP_V4L2", "gstreamer": "CAP_GSTREAMER", "ffmpeg": "CAP_FFMPEG"}
+BACKENDS |= {"images": "CAP_IMAGES", "firewire": "CAP_FIREWIRE"}
+FIREWIRE_HELP = (
     "this OpenCV has no FireWire backend (no pip wheel of it has): see docs/drivers.md, 'FireWire cameras', "
     "for the ways around"
 )
@@ -64,8 +65,8 @@ class OpenCvCamera(Camera):
         Raises:
             ValueError: unknown backend.
         """
-        if backend not in _BACKENDS:
-            raise ValueError(f"unknown backend {backend!r}, known are {', '.join(_BACKENDS)}")
+        if backend not in BACKENDS:
+            raise ValueError(f"unknown backend {backend!r}, allowed: {', '.join(BACKENDS)}")
         self.name = f"camera {source}"
         self._source = source
         self._backend, self._size, self._fps = backend, size, fps
@@ -91,7 +92,7 @@ class OpenCvCamera(Camera):
             return
         import cv2
 
-        number = getattr(cv2, _BACKENDS[self._backend])
+        number = getattr(cv2, BACKENDS[self._backend])
         self._check_backend(cv2, number)
         capture = cv2.VideoCapture()
         source = self._source if isinstance(self._source, int) else str(self._source)
@@ -116,10 +117,10 @@ class OpenCvCamera(Camera):
         """Stop reading and give the source back."""
         self._stop.set()
         if self._reader is not None:
-            self._reader.join(_LONGEST_READ)
+            self._reader.join(LONGEST_READ)
             if self._reader.is_alive():
                 # Releasing a capture that another thread still reads crashes the process.
-                _log.error("%s does not return from a read; it is left to the end of the program", self.name)
+                logger.error("%s does not return from a read; it is left to the end of the program", self.name)
                 self._capture = None
             self._reader = None
         if self._capture is not None:
@@ -134,7 +135,7 @@ class OpenCvCamera(Camera):
         return lock_settings(capture, settings, self.name)
 
     def grab(self, timeout: float) -> Frame:
-        """Return the next frame of a file, or the newest not yet returned of a live camera."""
+        """The next frame of a file, or the newest not yet returned of a live camera."""
         capture = self._opened()
         if self._is_file:
             frame = self._read(capture)
@@ -181,7 +182,7 @@ class OpenCvCamera(Camera):
             try:
                 frame = self._read(capture)
             except Exception:
-                _log.exception("%s: OpenCV failed to read", self.name)
+                logger.exception("%s: OpenCV failed to read", self.name)
                 frame = None
             with self._changed:
                 self._newest = frame
@@ -192,7 +193,7 @@ class OpenCvCamera(Camera):
 
     def _check_backend(self, cv2: Any, number: int) -> None:
         if self._backend == "firewire" and not cv2.videoio_registry.hasBackend(number):
-            raise CameraBackendMissing(_FIREWIRE_HELP)
+            raise CameraBackendMissing(FIREWIRE_HELP)
         if self._backend != "any" and not cv2.videoio_registry.hasBackend(number):
             raise CameraBackendMissing(
                 f"the installed OpenCV {cv2.__version__} was built without {self._backend}: choose another backend, or "

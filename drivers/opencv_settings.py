@@ -7,10 +7,12 @@ from typing import Protocol
 from drivers.camera import CameraSettings
 from drivers.errors import CameraSettingRefused
 
-_V4L2_EXPOSURE_UNIT = 1e-4  # s; V4L2 counts exposure_time_absolute in 100 microseconds
-_V4L2_MANUAL_EXPOSURE = 1.0
-_TOLERANCE = 0.02  # relative; drivers round to their own steps
-_EXPOSURE_TOLERANCE = 0.05
+# Seconds; V4L2 counts exposure_time_absolute in 100 microseconds.
+V4L2_EXPOSURE_UNIT = 1e-4
+V4L2_MANUAL_EXPOSURE = 1.0
+# Relative; drivers round to their own steps.
+TOLERANCE = 0.02
+EXPOSURE_TOLERANCE = 0.05
 
 
 class Capture(Protocol):
@@ -20,7 +22,7 @@ class Capture(Protocol):
         """Set a property; False when the device has none such."""
 
     def get(self, propId: int) -> float:
-        """Return a property."""
+        """A property."""
 
 
 def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> CameraSettings:
@@ -38,10 +40,10 @@ def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> Came
 
     held = {}
     if settings.exposure is not None:
-        _set(capture, cv2.CAP_PROP_AUTO_EXPOSURE, _V4L2_MANUAL_EXPOSURE, "manual exposure", name)
-        wanted = settings.exposure / _V4L2_EXPOSURE_UNIT
-        got = _set(capture, cv2.CAP_PROP_EXPOSURE, wanted, "exposure [100 us]", name, _EXPOSURE_TOLERANCE)
-        held["exposure"] = got * _V4L2_EXPOSURE_UNIT
+        _set(capture, cv2.CAP_PROP_AUTO_EXPOSURE, V4L2_MANUAL_EXPOSURE, "manual exposure", name)
+        wanted = settings.exposure / V4L2_EXPOSURE_UNIT
+        got = _set(capture, cv2.CAP_PROP_EXPOSURE, wanted, "exposure [100 us]", name, EXPOSURE_TOLERANCE)
+        held["exposure"] = got * V4L2_EXPOSURE_UNIT
     if settings.gain is not None:
         held["gain"] = _set(capture, cv2.CAP_PROP_GAIN, settings.gain, "gain", name)
     if settings.white_balance is not None:
@@ -54,7 +56,7 @@ def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> Came
     return CameraSettings(**held)
 
 
-def _set(capture: Capture, prop: int, value: float, what: str, name: str, tolerance: float = _TOLERANCE) -> float:
+def _set(capture: Capture, prop: int, value: float, what: str, name: str, tolerance: float = TOLERANCE) -> float:
     taken = capture.set(prop, value)
     got = capture.get(prop)
     if not taken:

@@ -26,10 +26,10 @@ class AcquireOptions:
     Attributes:
         off: which off frames are taken.
         frame_timeout: how long to wait for a frame of a stripe before it counts as lost [s].
-        max_lost: so many lost frames in a row end the scan.
+        max_lost: lost frames in a row that end the scan.
         flush_frames: frames thrown away after every change of laser or mirror when the camera's `lag` is unknown.
-        queue_size: stripes that may wait for the caller, rounded up to whole groups of `together`; when so many wait,
-            the scan pauses with the laser off.
+        queue_size: stripes that may wait for the caller, rounded up to whole groups of `together`; when the queue is
+            full, the scan pauses with the laser off.
         together: stripes that are handed to the caller in one group, once the last of them is there. Towards the end
             groups become smaller: at most twice as many as are still to come, the last stripe alone. So it waits for
             nobody, as long as a stripe is worked on in half a frame's time. Work in bursts finds its code and data in

@@ -17,14 +17,14 @@ class PatternStripe:
     mirror_angle: float
 
 
-Band = tuple[int, int]
-"""Image rows (first, end) between which a stripe must appear."""
-BandOf = Callable[[int], Band]
-"""Says the band of a stripe index; whoever has a calibration can tell."""
+# Image rows (first, end) between which a stripe must appear.
+RowRange = tuple[int, int]
+# The row range of a stripe by its index; it follows from a calibration.
+RowRangeOf = Callable[[int], RowRange]
 
 
 def check_pattern(pattern: Iterable[tuple[int, float]]) -> tuple[PatternStripe, ...]:
-    """Return the pattern as a tuple.
+    """The pattern as a tuple.
 
     Args:
         pattern: pairs (index, mirror angle [rad]) in the order in which they are to be taken.
@@ -43,20 +43,3 @@ def check_pattern(pattern: Iterable[tuple[int, float]]) -> tuple[PatternStripe, 
             raise BadPattern(f"stripe {stripe.index} has mirror angle {stripe.mirror_angle}, it must be finite")
         seen.add(stripe.index)
     return stripes
-
-
-def coarse(pattern: Iterable[tuple[int, float]]) -> tuple[tuple[int, float], ...]:
-    """Return every second stripe: those with an even index."""
-    return tuple(pair for pair in _pairs(pattern) if pair[0] % 2 == 0)
-
-
-def coarse_first(pattern: Iterable[tuple[int, float]]) -> tuple[tuple[int, float], ...]:
-    """Return the even stripes, then those between, both swept the same way.
-
-    A scan that is cut short then covers the whole area coarsely rather than a part of it finely.
-    """
-    return tuple(sorted(_pairs(pattern), key=lambda pair: pair[0] % 2))
-
-
-def _pairs(pattern: Iterable[tuple[int, float]]) -> list[tuple[int, float]]:
-    return [(stripe.index, stripe.mirror_angle) for stripe in check_pattern(pattern)]

@@ -13,14 +13,19 @@ import numpy.typing as npt
 
 from drivers.capture import StripeEvidence, StripeVerdict
 from drivers.frame import Image
-from drivers.pattern import Band
+from drivers.pattern import RowRange
 
-_COLUMNS = 80  # sampled columns: the median row of 80 columns is good to a fraction of a pixel, in 0.2 ms
-_ROWS = 512  # sampled rows: finer than half a stripe's width at any size
-_EVERY = (32, 4)  # of the sampled rows and columns, those that tell of offset and noise
-_MEMORY = 9  # stripes from which the usual shift per radian is taken
-_PLAINLY_LIT = 0.5  # share of columns lit within the band from which on the rest of the frame cannot outvote them
-_IN_STEP = (StripeVerdict.OK, StripeVerdict.AMBIENT_CHANGED)
+# Sampled columns: the median row of 80 columns is good to a fraction of a pixel, in 0.2 ms.
+COLUMNS = 80
+# Sampled rows: finer than half a stripe's width at any size.
+ROWS = 512
+# Of the sampled rows and columns, those that tell of offset and noise.
+EVERY = (32, 4)
+# Stripes from which the usual shift per radian is taken.
+MEMORY = 9
+# Share of columns lit within the band from which on the rest of the frame cannot outvote them.
+PLAINLY_LIT = 0.5
+IN_STEP = (StripeVerdict.OK, StripeVerdict.AMBIENT_CHANGED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +65,7 @@ class StepProof:
         """Begin a scan."""
         self._limits = limits or ProofLimits()
         self._before: _Seen | None = None
-        self._slopes: deque[float] = deque(maxlen=_MEMORY)
+        self._slopes: deque[float] = deque(maxlen=MEMORY)
         self._grid = _SampleGrid(1, 1)
         self._reference: Image | None = None
         self._reference_light: _Light = np.zeros((0, 0), dtype=np.int32)
@@ -73,7 +78,7 @@ class StepProof:
         reference: Image,
         *,
         reference_is_off: bool,
-        band: Band | None = None,
+        band: RowRange | None = None,
     ) -> tuple[StripeVerdict, StripeEvidence]:
         """Compare the on frame of a stripe with a reference.
 
@@ -96,21 +101,21 @@ class StepProof:
             rows = self._grid.sampled(band)
             if rows[1] > rows[0]:
                 found = self._compare(mirror_angle, on, rows, level, reference_is_off)
-                if found[1].lit_fraction >= _PLAINLY_LIT:
+                if found[1].lit_fraction >= PLAINLY_LIT:
                     # Looked at in the band alone, it is nowhere else.
                     verdict = self._verdict(*found, level, None)
-                    if verdict in _IN_STEP:
+                    if verdict in IN_STEP:
                         return verdict, found[1]
         found = self._compare(mirror_angle, on, (0, len(self._reference_light)), level, reference_is_off)
         verdict = self._verdict(*found, level, band)
-        self._reference_is_clean = reference_is_off and verdict in _IN_STEP
+        self._reference_is_clean = reference_is_off and verdict in IN_STEP
         return verdict, found[1]
 
     def _level(self, on: Image) -> _Level:
         """How the whole frame differs from the reference, by one in 128 of the sampled pixels."""
-        sample = self._grid.coarser.light(on) - self._reference_light[:: _EVERY[0], :: _EVERY[1]]
-        offset = _middle(sample)
-        noise = 1.4826 * _middle(np.abs(sample - offset))
+        sample = self._grid.coarser.light(on) - self._reference_light[:: EVERY[0], :: EVERY[1]]
+        offset = _median(sample)
+        noise = 1.4826 * _median(np.abs(sample - offset))
         full = float((1 << 8 * on.dtype.itemsize) - 1)
         threshold = max(self._limits.min_contrast * full, self._limits.noise_factor * noise)
         return _Level(offset, noise, threshold, full * (on.shape[2] if on.ndim == 3 else 1))
@@ -135,14 +140,14 @@ class StepProof:
         return seen, StripeEvidence(
             lit_fraction=count / lit.size,
             leak_fraction=int(leaks) / lit.size,
-            contrast=_middle(peaks if count == lit.size else peaks[lit]) if count else math.nan,
+            contrast=_median(peaks if count == lit.size else peaks[lit]) if count else math.nan,
             offset=level.offset,
             noise=level.noise,
-            row=_middle(at if count == lit.size else at[lit]) if count else math.nan,
+            row=_median(at if count == lit.size else at[lit]) if count else math.nan,
             row_shift=seen.shift_from(self._before),
         )
 
-    def _verdict(self, seen: _Seen, evidence: StripeEvidence, level: _Level, band: Band | None) -> StripeVerdict:
+    def _verdict(self, seen: _Seen, evidence: StripeEvidence, level: _Level, band: RowRange | None) -> StripeVerdict:
         limits = self._limits
         if evidence.leak_fraction >= limits.min_leak_fraction:
             return StripeVerdict.LEAK
@@ -192,7 +197,7 @@ class _Seen:
     lit: npt.NDArray[np.bool_]
 
     def shift_from(self, before: _Seen | None) -> float:
-        """Return the median shift over columns lit in both [px], NaN when there are too few."""
+        """The median shift over columns lit in both [px], NaN when there are too few."""
         if before is None or before.lit.shape != self.lit.shape:
             return math.nan
         both = self.lit & before.lit
@@ -200,7 +205,7 @@ class _Seen:
         if count < 3:
             return math.nan
         moved = self.rows - before.rows
-        return _middle(moved if count == both.size else moved[both])
+        return _median(moved if count == both.size else moved[both])
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,21 +217,21 @@ class _SampleGrid:
 
     @classmethod
     def of(cls, image: Image) -> _SampleGrid:
-        """Return the grid for frames of this size; steps of whole fours can be read quickly."""
-        column_step = max(1, image.shape[1] // _COLUMNS)
-        return cls(max(1, image.shape[0] // _ROWS), column_step - column_step % 4 if column_step > 4 else column_step)
+        """The grid for frames of this size; steps of whole fours can be read quickly."""
+        column_step = max(1, image.shape[1] // COLUMNS)
+        return cls(max(1, image.shape[0] // ROWS), column_step - column_step % 4 if column_step > 4 else column_step)
 
     @property
     def coarser(self) -> _SampleGrid:
         """The grid of one in 128 of the pixels."""
-        return _SampleGrid(_EVERY[0] * self.row_step, _EVERY[1] * self.column_step)
+        return _SampleGrid(EVERY[0] * self.row_step, EVERY[1] * self.column_step)
 
-    def sampled(self, band: Band) -> tuple[int, int]:
-        """Return the first sampled row in a band of image rows, and the one after its last."""
+    def sampled(self, band: RowRange) -> tuple[int, int]:
+        """The first sampled row in a band of image rows, and the one after its last."""
         return -(-max(band[0], 0) // self.row_step), -(-max(band[1], 0) // self.row_step)
 
     def light(self, image: Image, rows: tuple[int, int] | None = None) -> _Light:
-        """Return the channels' sum (rows, columns) on sampled columns and rows (first, end), all for None.
+        """The channels' sum (rows, columns) on sampled columns and rows (first, end), all for None.
 
         The sum sees a laser of any colour, and keeps the sign of a difference, which the strongest channel would not.
         """
@@ -254,8 +259,8 @@ class _SampleGrid:
         return words.copy().view(np.uint8).reshape(*words.shape, 4)
 
 
-def _middle(values: npt.NDArray[Any]) -> float:
-    """Return the median; a third of the time that numpy's takes for so few."""
+def _median(values: npt.NDArray[Any]) -> float:
+    """The median; a third of the time that numpy's takes for so few."""
     ordered = np.sort(values, axis=None)
     half = ordered.size // 2
     return float(ordered[half] if ordered.size % 2 else 0.5 * (ordered[half - 1] + ordered[half]))

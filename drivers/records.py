@@ -16,8 +16,8 @@ from drivers.protocol import (
     checksum,
 )
 
-_IDENTITY = struct.Struct("<4sBBHIiiiHHHH")
-_STATUS = struct.Struct("<BBHHHiHhhHIH")
+IDENTITY = struct.Struct("<4sBBHIiiiHHHH")
+STATUS = struct.Struct("<BBHHHiHhhHIH")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,16 +47,16 @@ class BoardIdentity:
     laser_rest: float
 
     def angle_of(self, step: int) -> float:
-        """Return the mirror angle [rad] at `step`."""
+        """The mirror angle [rad] at `step`."""
         return (step - self.zero_step) * self.step_angle
 
     def step_of(self, angle: float) -> int:
-        """Return the step nearest to a mirror angle [rad]."""
+        """The step nearest to a mirror angle [rad]."""
         return self.zero_step + round(angle / self.step_angle)
 
     def pack(self) -> bytes:
-        """Return the record as the board sends it."""
-        head = _IDENTITY.pack(
+        """The record as the board sends it."""
+        head = IDENTITY.pack(
             IDENTITY_MAGIC,
             *self.protocol,
             self.firmware[0] << 8 | self.firmware[1],
@@ -78,7 +78,7 @@ class BoardIdentity:
         Raises:
             BadReply: wrong length, wrong magic or damaged.
         """
-        fields = _IDENTITY.unpack(_checked(data, IDENTITY_SIZE, "identity"))
+        fields = IDENTITY.unpack(_checked(data, IDENTITY_SIZE, "identity"))
         if fields[0] != IDENTITY_MAGIC:
             raise BadReply(
                 f"the identity begins with {fields[0]!r}, a laser board's with {IDENTITY_MAGIC!r}: "
@@ -151,7 +151,7 @@ class BoardStatus:
         return BoardFlag.HOMED in self.flags
 
     def pack(self) -> bytes:
-        """Return the record as the board sends it."""
+        """The record as the board sends it."""
         return pack_status(
             self.result,
             self.request,
@@ -173,12 +173,12 @@ class BoardStatus:
         Raises:
             BadReply: wrong length, damaged, or with a result that the protocol does not know.
         """
-        fields = _STATUS.unpack(_checked(data, STATUS_SIZE, "status"))
+        fields = STATUS.unpack(_checked(data, STATUS_SIZE, "status"))
         try:
             result = Result(fields[0])
         except ValueError:
             raise BadReply(
-                f"the status carries result {fields[0]}, known are 0 ... {max(Result)}: update the driver"
+                f"the status carries result {fields[0]}, allowed: 0 ... {max(Result)}: update the driver"
             ) from None
         return cls(
             result,
@@ -208,8 +208,8 @@ def pack_status(
     laser_time: float,
     device_time: float,
 ) -> bytes:
-    """Return the record of a status as the board sends it; arguments as the attributes of `BoardStatus`."""
-    head = _STATUS.pack(
+    """The record of a status as the board sends it; arguments as the attributes of `BoardStatus`."""
+    head = STATUS.pack(
         result,
         request,
         sequence & 0xFFFF,

@@ -61,7 +61,7 @@ class ReplayCamera(Camera):
         return settings
 
     def grab(self, timeout: float) -> Frame:
-        """Return the next frame.
+        """The next frame.
 
         Raises:
             CameraTimeout: at this frame rate it comes later than `timeout` [s].

@@ -8,7 +8,7 @@ from drivers.capture import ScanReport, StripeVerdict
 from drivers.pattern import PatternStripe
 from drivers.scan_worker import ScanWorker
 
-_WORDS = {
+WORDS = {
     StripeVerdict.AMBIENT_CHANGED: "the light or the camera's exposure changed: lock its settings",
     StripeVerdict.LEAK: "light in the off frame: the laser does not go out, or the camera's lag is wrong",
     StripeVerdict.NOT_MOVED: "the stripe did not move: the mirror is stuck, or the camera's lag is wrong",
@@ -24,7 +24,7 @@ def write_report(
     worker: ScanWorker,
     verdicts: tuple[tuple[int, StripeVerdict], ...],
 ) -> ScanReport:
-    """Return the report.
+    """The report.
 
     Args:
         pattern: what was planned.
@@ -49,7 +49,7 @@ def write_report(
 
 def _problems(worker: ScanWorker, verdicts: tuple[tuple[int, StripeVerdict], ...]) -> list[str]:
     counts = Counter(verdict for _, verdict in verdicts)
-    problems = [f"{counts[kind]} of {len(verdicts)} stripes: {words}" for kind, words in _WORDS.items() if counts[kind]]
+    problems = [f"{counts[kind]} of {len(verdicts)} stripes: {words}" for kind, words in WORDS.items() if counts[kind]]
     if verdicts and counts[StripeVerdict.DARK] == len(verdicts):
         problems.append("no stripe shows the laser: it is dead or covered, or the camera does not look at it")
     elif len(verdicts) > 1 and verdicts[0][1] is StripeVerdict.DARK and verdicts[1][1] is not StripeVerdict.DARK:

@@ -18,8 +18,9 @@ from drivers.laser_switch import LaserSwitch, ScanStopped
 from drivers.options import AcquireOptions, OffFrames
 from drivers.pattern import PatternStripe
 
-_log = logging.getLogger(__name__)
-_QUEUE_SLICE = 0.05  # s between two looks at whether to stop, while the caller is slow
+logger = logging.getLogger(__name__)
+# Seconds between two looks at whether to stop, while the caller is slow.
+QUEUE_SLICE = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +87,7 @@ class ScanWorker(threading.Thread):
             else:
                 self._take_sweep()
         except ScanStopped:
-            _log.info("scan stopped after %d of %d stripes", len(self.fired), len(self._pattern))
+            logger.info("scan stopped after %d of %d stripes", len(self.fired), len(self._pattern))
         except Exception as error:
             self.failure = error
         finally:
@@ -97,7 +98,7 @@ class ScanWorker(threading.Thread):
 
     def _take_pairs(self) -> None:
         reached = self._board.go_to_step(self._steps[0], wait=False)
-        for place, stripe in enumerate(self._pattern):
+        for number, stripe in enumerate(self._pattern):
             self._board.wait_until_still()
             self._check()
             self.switch.on()
@@ -105,17 +106,17 @@ class ScanWorker(threading.Thread):
             on = self._frame()
             self.switch.off()
             dark = time.monotonic()
-            here, reached = reached, self._move_on(place, reached)
+            here, reached = reached, self._move_on(number, reached)
             # The off frame does not care where the mirror is, so the mirror turns meanwhile.
             off = self._off_frame(dark)
-            self._collect(place, RawStripe(stripe, here, on, off))
+            self._collect(number, RawStripe(stripe, here, on, off))
 
     def _take_sweep(self) -> None:
         self.switch.off()
         reached = self._board.go_to_step(self._steps[0], wait=False)
         off = self._off_frame(time.monotonic()) if self._options.off is OffFrames.ONE else None
-        for place, stripe in enumerate(self._pattern):
-            # A camera that runs freely, with the laser on anyway, takes its next frame meanwhile: one wait in place of
+        for number, stripe in enumerate(self._pattern):
+            # A camera that runs freely, with the laser on anyway, takes its next frame meanwhile: one wait instead of
             # two, and the board says afterwards whether the mirror was still. One that waits to be asked must not be
             # asked before it is.
             self._check()
@@ -124,14 +125,14 @@ class ScanWorker(threading.Thread):
                 self.switch.keep_on(self._board.wait_until_still().laser_commanded)
             self.fired.append(stripe.index)
             on = self._frame(self._lit_and_still if ahead else None)
-            here, reached = reached, self._move_on(place, reached)
-            if place + 1 == len(self._pattern):
+            here, reached = reached, self._move_on(number, reached)
+            if number + 1 == len(self._pattern):
                 self.switch.off()
-            self._collect(place, RawStripe(stripe, here, on, off))
+            self._collect(number, RawStripe(stripe, here, on, off))
 
-    def _move_on(self, place: int, reached: float) -> float:
-        if place + 1 < len(self._pattern):
-            return self._board.go_to_step(self._steps[place + 1], wait=False)
+    def _move_on(self, number: int, reached: float) -> float:
+        if number + 1 < len(self._pattern):
+            return self._board.go_to_step(self._steps[number + 1], wait=False)
         return reached
 
     def _off_frame(self, dark_since: float) -> Frame | None:
@@ -164,10 +165,10 @@ class ScanWorker(threading.Thread):
             self.stopped_early = True
             raise ScanStopped
 
-    def _collect(self, place: int, stripe: RawStripe) -> None:
+    def _collect(self, number: int, stripe: RawStripe) -> None:
         """Hand a group over when it is full, or too large for what is still to come."""
         self._group.append(stripe)
-        left = len(self._pattern) - 1 - place
+        left = len(self._pattern) - 1 - number
         if len(self._group) < min(self._options.together, 2 * left - 2):
             return
         must_wait = self.items.full()
@@ -179,10 +180,10 @@ class ScanWorker(threading.Thread):
                 self.grabber.restart()
 
     def _put(self, item: tuple[RawStripe, ...] | None) -> bool:
-        """Wait for a place in the queue; False when the scan was cancelled instead."""
+        """Wait for a free slot of the queue; False when the scan was cancelled instead."""
         while not self._cancelled.is_set():
             try:
-                self.items.put(item, timeout=_QUEUE_SLICE)
+                self.items.put(item, timeout=QUEUE_SLICE)
                 return True
             except queue.Full:
                 continue
@@ -195,4 +196,4 @@ class ScanWorker(threading.Thread):
             if self.failure is None:
                 self.failure = error
             else:
-                _log.error("while ending after %r: %s", self.failure, error)
+                logger.error("while ending after %r: %s", self.failure, error)

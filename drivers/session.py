@@ -28,10 +28,11 @@ from drivers.refusals import check_version, raise_refusal
 from drivers.usb_link import UsbLink
 
 _Record = TypeVar("_Record")
-_log = logging.getLogger(__name__)
-_WORTH_REPEATING = (BoardTimeout, BoardStalled, BoardTransferFailed, BadReply)
-_HOST_VERSION = PROTOCOL_MAJOR << 8 | PROTOCOL_MINOR
-_SEARCH_PERIOD = 0.1  # s between two looks at the bus while reconnecting
+logger = logging.getLogger(__name__)
+WORTH_REPEATING = (BoardTimeout, BoardStalled, BoardTransferFailed, BadReply)
+HOST_VERSION = PROTOCOL_MAJOR << 8 | PROTOCOL_MINOR
+# Seconds between two looks at the bus while reconnecting.
+SEARCH_PERIOD = 0.1
 
 
 class BoardSession:
@@ -65,7 +66,7 @@ class BoardSession:
         except BoardError as failure:
             if error is None:
                 raise
-            _log.error("while closing after %r: %s", error, failure)
+            logger.error("while closing after %r: %s", error, failure)
 
     @property
     def identity(self) -> BoardIdentity:
@@ -102,12 +103,12 @@ class BoardSession:
             identity = self._repeat(Request.IDENTIFY, 0, IDENTITY_SIZE, BoardIdentity.unpack)
             check_version(identity)
             self._identity = identity
-            self._command(Request.HELLO, _HOST_VERSION)
+            self._command(Request.HELLO, HOST_VERSION)
         except BaseException:
             guard.release(self)
             self._link.close()
             raise
-        _log.info("laser board %s speaks protocol %d.%d", self._link.serial, *identity.protocol)
+        logger.info("laser board %s speaks protocol %d.%d", self._link.serial, *identity.protocol)
 
     def close(self) -> None:
         """Put the laser out, end the session and give the device back; harmless when closed.
@@ -122,7 +123,7 @@ class BoardSession:
             status = self._command(Request.GOODBYE)
             raise_if_stuck_on(status)
         except BoardUnplugged:
-            _log.warning("the laser board is gone; without USB power its laser is out")
+            logger.warning("the laser board is gone; without USB power its laser is out")
         finally:
             guard.release(self)
             self._link.close()
@@ -137,7 +138,7 @@ class BoardSession:
         try:
             self.close()
         except BoardError as failure:
-            _log.warning("closing before reconnecting: %s", failure)
+            logger.warning("closing before reconnecting: %s", failure)
         deadline = time.monotonic() + timeout
         while True:
             try:
@@ -146,21 +147,21 @@ class BoardSession:
             except (BoardNotFound, BoardUnplugged):
                 if time.monotonic() >= deadline:
                     raise
-            time.sleep(_SEARCH_PERIOD)
+            time.sleep(SEARCH_PERIOD)
 
     def status(self) -> BoardStatus:
         """Ask for the status; this also feeds the watchdog."""
         return self._command(Request.STATUS)
 
     def _begin_session(self) -> BoardStatus:
-        return self._command(Request.HELLO, _HOST_VERSION)
+        return self._command(Request.HELLO, HOST_VERSION)
 
     def _read_report(self, timeout: float) -> BoardStatus | None:
         try:
             data = self._link.read_report(timeout)
             return None if data is None else BoardStatus.unpack(data)
         except (BadReply, BoardStalled, BoardTransferFailed) as failure:
-            _log.warning("report unusable, the status is asked for instead: %s", failure)
+            logger.warning("report unusable, the status is asked for instead: %s", failure)
             return None
 
     def _command(self, request: Request, argument: int = 0) -> BoardStatus:
@@ -174,10 +175,10 @@ class BoardSession:
         while True:
             try:
                 return read(self._link.request(request, argument, size))
-            except _WORTH_REPEATING as failure:
+            except WORTH_REPEATING as failure:
                 if attempt >= self.config.attempts:
                     raise type(failure)(f"{failure} (asked {attempt} times)") from failure
-                _log.warning("attempt %d of %d: %s", attempt, self.config.attempts, failure)
+                logger.warning("attempt %d of %d: %s", attempt, self.config.attempts, failure)
             attempt += 1
 
 

@@ -6,7 +6,7 @@ UDEV_RULE_FILE = "/etc/udev/rules.d/70-guara-laser-board.rules"
 
 
 def udev_rule(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
-    """Return the rule: the user who sits at the machine, and the group `plugdev`, may open the board."""
+    """The rule: the user who sits at the machine, and the group `plugdev`, may open the board."""
     return (
         f'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{vendor_id:04x}", ATTR{{idProduct}}=="{product_id:04x}", '
         'MODE="0660", GROUP="plugdev", TAG+="uaccess"'
@@ -14,7 +14,7 @@ def udev_rule(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
 
 
 def udev_instructions(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
-    """Return the commands to type, one a line, that install the rule."""
+    """The commands to type, one a line, that install the rule."""
     return (
         f"echo '{udev_rule(vendor_id, product_id)}' | sudo tee {UDEV_RULE_FILE}\n"
         "sudo udevadm control --reload-rules && sudo udevadm trigger\n"

@@ -27,7 +27,7 @@ _T = TypeVar("_T")
 
 
 def default_backend() -> Any:
-    """Return pyusb's libusb-1.0 backend over the library that `libusb-package` carries.
+    """Pyusb's libusb-1.0 backend over the library that `libusb-package` carries.
 
     Raises:
         NoUsbBackend: the library does not load on this machine.

@@ -22,7 +22,7 @@ from drivers.protocol import REPORT_ENDPOINT
 _T = TypeVar("_T")
 
 # libusb's own codes, so that an error looks the same as from the real backend.
-_LIBUSB_CODES = {
+LIBUSB_CODES = {
     errno.EIO: -1,
     errno.EACCES: -3,
     errno.ENODEV: -4,
@@ -44,25 +44,25 @@ class EmulatedBackend(usb.backend.IBackend):
         return (number for number, bus in enumerate(self._buses) if bus.present())
 
     def get_parent(self, dev: int) -> None:
-        """Return None: no hub is emulated."""
+        """None: no hub is emulated."""
         return None
 
     def get_device_descriptor(self, dev: int) -> SimpleNamespace:
-        """Return the device descriptor."""
+        """The device descriptor."""
         return descriptors.device_descriptor(dev + 1)
 
     def get_configuration_descriptor(self, dev: int, config: int) -> SimpleNamespace:
-        """Return the only configuration; IndexError for another."""
+        """The only configuration; IndexError for another."""
         _only_zero(config)
         return descriptors.configuration_descriptor()
 
     def get_interface_descriptor(self, dev: int, intf: int, alt: int, config: int) -> SimpleNamespace:
-        """Return the only interface; IndexError for another."""
+        """The only interface; IndexError for another."""
         _only_zero(intf, alt, config)
         return descriptors.interface_descriptor()
 
     def get_endpoint_descriptor(self, dev: int, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
-        """Return the only endpoint; IndexError for another."""
+        """The only endpoint; IndexError for another."""
         _only_zero(ep, intf, alt, config)
         return descriptors.endpoint_descriptor()
 
@@ -82,7 +82,7 @@ class EmulatedBackend(usb.backend.IBackend):
             raise usb.core.USBError("Entity not found", -5, errno.ENOENT)
 
     def get_configuration(self, dev_handle: Bus) -> int:
-        """Return the only configuration: the kernel has set it."""
+        """The only configuration: the kernel has set it."""
         return 1
 
     def claim_interface(self, dev_handle: Bus, intf: int) -> None:
@@ -121,7 +121,7 @@ class EmulatedBackend(usb.backend.IBackend):
 
 
 def emulated_backend(*boards: EmulatedBoard) -> EmulatedBackend:
-    """Return a pyusb backend with these emulated boards, in this process, plugged in."""
+    """A pyusb backend with these emulated boards, in this process, plugged in."""
     return EmulatedBackend(*(LocalBus(board) for board in boards))
 
 
@@ -139,6 +139,6 @@ def _translated(transfer: Callable[[], _T]) -> _T:
     try:
         return transfer()
     except BusError as error:
-        code = _LIBUSB_CODES.get(error.errno or errno.EIO, -99)
+        code = LIBUSB_CODES.get(error.errno or errno.EIO, -99)
         kind = usb.core.USBTimeoutError if error.errno == errno.ETIMEDOUT else usb.core.USBError
         raise kind(error.strerror, code, error.errno) from error

@@ -17,7 +17,7 @@ from drivers.emulator.views import BoardView, ExposureView
 from drivers.protocol import PROTOCOL_MAJOR, REQUESTS, BoardFault, BoardFlag, Request, Result
 from drivers.records import pack_status
 
-_REPORTS_KEPT = 4
+REPORTS_KEPT = 4
 
 
 class EmulatedBoard:
@@ -37,7 +37,7 @@ class EmulatedBoard:
         self.clock = clock
         self.plan = FaultPlan()
         self._lock = threading.RLock()
-        self._reports: deque[bytes] = deque(maxlen=_REPORTS_KEPT)
+        self._reports: deque[bytes] = deque(maxlen=REPORTS_KEPT)
         now = clock()
         self._mirror = MirrorUnit(self.config, self.plan, now)
         self._light = LightUnit(self.config.identity, self.plan, self.config.temperature, now)
@@ -86,18 +86,18 @@ class EmulatedBoard:
             return self._status(result, known, now)
 
     def next_report(self) -> bytes | None:
-        """Return the oldest record for the interrupt endpoint that was not fetched, None when there is none."""
+        """The oldest record for the interrupt endpoint that was not fetched, None when there is none."""
         with self._lock:
             self._advance()
             return self._reports.popleft() if self._reports else None
 
     def still_at(self) -> float:
-        """Return when the present motion ends and has settled [s]."""
+        """When the present motion ends and has settled [s]."""
         with self._lock:
             return self._mirror.still_at
 
     def view(self, at: float | None = None) -> BoardView:
-        """Return what the board was like at a time [s] of its clock; None for now."""
+        """What the board was like at a time [s] of its clock; None for now."""
         with self._lock:
             now = self._advance()
             moment = now if at is None else at
@@ -113,7 +113,7 @@ class EmulatedBoard:
             )
 
     def exposure(self, start: float, end: float) -> ExposureView:
-        """Return what a camera that exposed from `start` to `end` [s], both past, saw of the board."""
+        """What a camera that exposed from `start` to `end` [s], both past, saw of the board."""
         with self._lock:
             self._advance()
             angle = self._mirror.true_angle
@@ -126,7 +126,7 @@ class EmulatedBoard:
             )
 
     def switchings(self) -> tuple[Switching, ...]:
-        """Return when the laser really went on and off, oldest first (the last few thousand)."""
+        """When the laser really went on and off, oldest first (the last few thousand)."""
         with self._lock:
             self._advance()
             return self._light.laser.switchings()

@@ -13,10 +13,11 @@ from drivers.emulator.descriptors import string_descriptor
 from drivers.emulator.faults import Fault, FaultKind
 from drivers.protocol import REQUEST_IN, REQUESTS, join_argument
 
-_GET_DESCRIPTOR_IN, _GET_DESCRIPTOR, _STRING = 0x80, 6, 3
-_REPORT_SLICE = 0.002  # s between two looks at a board that stands still and has nothing to report
-_BEFORE = (FaultKind.UNPLUG, FaultKind.STALL, FaultKind.TIMEOUT)
-_AFTER = (FaultKind.UNPLUG_AFTER, FaultKind.TIMEOUT_AFTER, FaultKind.SHORT_READ, FaultKind.GARBAGE)
+GET_DESCRIPTOR_IN, GET_DESCRIPTOR, STRING = 0x80, 6, 3
+# Seconds between two looks at a board that stands still and has nothing to report.
+REPORT_SLICE = 0.002
+BEFORE = (FaultKind.UNPLUG, FaultKind.STALL, FaultKind.TIMEOUT)
+AFTER = (FaultKind.UNPLUG_AFTER, FaultKind.TIMEOUT_AFTER, FaultKind.SHORT_READ, FaultKind.GARBAGE)
 
 
 class BusError(OSError):
@@ -27,7 +28,7 @@ class Bus(Protocol):
     """What the pyusb backend needs of a bus with one board on it, near or far."""
 
     def present(self) -> bool:
-        """Return whether the board is plugged in."""
+        """Whether the board is plugged in."""
 
     def open(self) -> None:
         """Open the device, or raise BusError."""
@@ -56,7 +57,7 @@ class LocalBus:
         self._noise = random.Random(1)
 
     def present(self) -> bool:
-        """Return whether the board is plugged in."""
+        """Whether the board is plugged in."""
         return self._board.plugged
 
     def open(self) -> None:
@@ -85,33 +86,33 @@ class LocalBus:
         if command is None:
             return self._string(request_type, request, value)[:length]
         plan = self._board.plan
-        self._strike_before(plan.strike(command, _BEFORE), timeout)
+        self._strike_before(plan.strike(command, BEFORE), timeout)
         if self._board.config.bus_delay > 0:
             time.sleep(self._board.config.bus_delay)
         answer = self._board.serve(request, join_argument(value, index))
         if answer is None:
             raise BusError(errno.EPIPE, "Pipe error")
-        return self._strike_after(plan.strike(command, _AFTER), answer, timeout)[:length]
+        return self._strike_after(plan.strike(command, AFTER), answer, timeout)[:length]
 
     def interrupt(self, length: int, timeout: float) -> bytes:
         """Wait for something to report."""
         plan = self._board.plan
-        self._strike_before(plan.strike("report", _BEFORE), timeout)
+        self._strike_before(plan.strike("report", BEFORE), timeout)
         deadline = time.monotonic() + timeout
         while True:
             self._check_plugged()
             report = self._board.next_report()
             if report is not None:
-                return self._strike_after(plan.strike("report", _AFTER), report, timeout)[:length]
+                return self._strike_after(plan.strike("report", AFTER), report, timeout)[:length]
             now = time.monotonic()
             if now >= deadline:
                 raise BusError(errno.ETIMEDOUT, "Operation timed out")
             motion_left = self._board.still_at() - self._board.clock()
-            time.sleep(min(motion_left if motion_left > 0 else _REPORT_SLICE, deadline - now))
+            time.sleep(min(motion_left if motion_left > 0 else REPORT_SLICE, deadline - now))
 
     def _string(self, request_type: int, request: int, value: int) -> bytes:
         text = None
-        if (request_type, request, value >> 8) == (_GET_DESCRIPTOR_IN, _GET_DESCRIPTOR, _STRING):
+        if (request_type, request, value >> 8) == (GET_DESCRIPTOR_IN, GET_DESCRIPTOR, STRING):
             text = string_descriptor(value & 0xFF, self._board.config.serial)
         if text is None:
             raise BusError(errno.EPIPE, "Pipe error")

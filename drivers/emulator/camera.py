@@ -17,7 +17,7 @@ class Exposes(Protocol):
     """A board that can say what an exposure saw: `EmulatedBoard` or `RemoteBoard`."""
 
     def exposure(self, start: float, end: float) -> ExposureView:
-        """Return what a camera that exposed from `start` to `end` [s] saw."""
+        """What a camera that exposed from `start` to `end` [s] saw."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,15 +41,15 @@ class CameraFault:
 
     def __post_init__(self) -> None:
         """Check the kind."""
-        if self.kind not in _KINDS:
-            raise ValueError(f"unknown camera fault {self.kind!r}, known are {', '.join(_KINDS)}")
+        if self.kind not in KINDS:
+            raise ValueError(f"unknown camera fault {self.kind!r}, allowed: {', '.join(KINDS)}")
 
     def holds(self, number: int) -> bool:
-        """Return whether frame `number` is concerned."""
+        """Whether frame `number` is concerned."""
         return self.first <= number < self.first + self.count
 
 
-_KINDS = ("drop", "repeat", "freeze", "silence", "resize", "brighten")
+KINDS = ("drop", "repeat", "freeze", "silence", "resize", "brighten")
 
 
 class EmulatedCamera(Camera):
@@ -119,7 +119,7 @@ class EmulatedCamera(Camera):
         return self._settings
 
     def grab(self, timeout: float) -> Frame:
-        """Return the next frame, or the newest if several have arrived since the last grab.
+        """The next frame, or the newest if several have arrived since the last grab.
 
         Raises:
             CameraTimeout: none arrives in time.

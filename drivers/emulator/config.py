@@ -10,8 +10,8 @@ from drivers.records import BoardIdentity
 
 # A 1.8 degree stepper with 256 microsteps that turns the mirror directly: 0.00703 degrees a step. The travel,
 # 40 degrees of mirror with zero 15 degrees above its low end, covers the scan of the Guara (-8 ... 19 degrees).
-_STEP_NANORAD = 122718
-_STEP = _STEP_NANORAD * 1e-9
+STEP_NANORAD = 122718
+STEP = STEP_NANORAD * 1e-9
 
 
 def _default_identity() -> BoardIdentity:
@@ -19,10 +19,10 @@ def _default_identity() -> BoardIdentity:
     return BoardIdentity(
         protocol=(PROTOCOL_MAJOR, PROTOCOL_MINOR),
         firmware=(1, 0),
-        step_angle=_STEP,
+        step_angle=STEP,
         min_step=min_step,
-        max_step=min_step + round(math.radians(40.0) / _STEP),
-        zero_step=min_step + round(math.radians(15.0) / _STEP),
+        max_step=min_step + round(math.radians(40.0) / STEP),
+        zero_step=min_step + round(math.radians(15.0) / STEP),
         watchdog=0.5,
         laser_limit=10.0,
         laser_rest=0.05,

@@ -6,11 +6,12 @@ from types import SimpleNamespace
 
 from drivers.protocol import INTERFACE, MANUFACTURER, PRODUCT, PRODUCT_ID, REPORT_ENDPOINT, VENDOR_ID
 
-_LANGUAGE = b"\x04\x03\x09\x04"  # string descriptor 0: English (United States), 0x0409
+# String descriptor 0: English (United States), 0x0409.
+LANGUAGE = b"\x04\x03\x09\x04"
 
 
 def device_descriptor(address: int) -> SimpleNamespace:
-    """Return the device descriptor of the board at a bus address."""
+    """The device descriptor of the board at a bus address."""
     return SimpleNamespace(
         bLength=18,
         bDescriptorType=1,
@@ -35,7 +36,7 @@ def device_descriptor(address: int) -> SimpleNamespace:
 
 
 def configuration_descriptor() -> SimpleNamespace:
-    """Return the only configuration."""
+    """The only configuration."""
     return SimpleNamespace(
         bLength=9,
         bDescriptorType=2,
@@ -50,7 +51,7 @@ def configuration_descriptor() -> SimpleNamespace:
 
 
 def interface_descriptor() -> SimpleNamespace:
-    """Return the only interface."""
+    """The only interface."""
     return SimpleNamespace(
         bLength=9,
         bDescriptorType=4,
@@ -66,7 +67,7 @@ def interface_descriptor() -> SimpleNamespace:
 
 
 def endpoint_descriptor() -> SimpleNamespace:
-    """Return the interrupt endpoint for reports."""
+    """The interrupt endpoint for reports."""
     return SimpleNamespace(
         bLength=7,
         bDescriptorType=5,
@@ -81,9 +82,9 @@ def endpoint_descriptor() -> SimpleNamespace:
 
 
 def string_descriptor(index: int, serial: str) -> bytes | None:
-    """Return string descriptor `index`, None when there is none."""
+    """String descriptor `index`, None when there is none."""
     if index == 0:
-        return _LANGUAGE
+        return LANGUAGE
     text = {1: MANUFACTURER, 2: PRODUCT, 3: serial}.get(index)
     if text is None:
         return None

@@ -44,6 +44,7 @@ class FaultKind(enum.Enum):
     """The mirror never reports to be still."""
 
 
+# Faults that hold from their injection on, until `clear`.
 STATE_FAULTS = frozenset(
     {
         FaultKind.LASER_STUCK_ON,
@@ -55,7 +56,6 @@ STATE_FAULTS = frozenset(
         FaultKind.HOT,
     }
 )
-"""Faults that hold from their injection on, until `clear`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,27 +96,27 @@ class FaultPlan:
             self._waiting.clear()
 
     def holds(self, kind: FaultKind) -> Fault | None:
-        """Return the fault of a kind that holds as a state, or None."""
+        """The fault of a kind that holds as a state, or None."""
         if not self._waiting:
             return None
         with self._lock:
             return next((fault for fault in self._waiting if fault.kind is kind), None)
 
     def strike(self, at: Request | str, kinds: Collection[FaultKind]) -> Fault | None:
-        """Return the fault among `kinds` that strikes at this transfer and count it; None when none does."""
+        """The fault among `kinds` that strikes at this transfer, which is counted; None without one."""
         if not self._waiting:
             return None
         with self._lock:
-            for place, fault in enumerate(self._waiting):
+            for number, fault in enumerate(self._waiting):
                 if fault.kind not in kinds or not _matches(fault, at):
                     continue
                 if fault.skip > 0:
-                    self._waiting[place] = replace(fault, skip=fault.skip - 1)
+                    self._waiting[number] = replace(fault, skip=fault.skip - 1)
                     continue
                 if fault.count > 1:
-                    self._waiting[place] = replace(fault, count=fault.count - 1)
+                    self._waiting[number] = replace(fault, count=fault.count - 1)
                 else:
-                    del self._waiting[place]
+                    del self._waiting[number]
                 return fault
         return None
 

@@ -37,18 +37,18 @@ class Laser:
             self._log.append(Switching(now, on))
 
     def switchings(self) -> tuple[Switching, ...]:
-        """Return the changes still remembered, oldest first."""
+        """The changes still remembered, oldest first."""
         return tuple(self._log)
 
     def at(self, time: float) -> bool:
-        """Return whether it shone at `time`."""
+        """Whether it shone at `time`."""
         for event in reversed(self._log):
             if event.time <= time:
                 return event.on
         return False
 
     def fraction(self, start: float, end: float) -> float:
-        """Return the share of the interval `start` ... `end` during which it shone (0 ... 1)."""
+        """The share of the interval `start` ... `end` during which it shone (0 ... 1)."""
         if end <= start:
             return 1.0 if self.at(start) else 0.0
         # From the newest change back: a camera asks for the moment just past, of a log that may be long.

@@ -9,9 +9,11 @@ from drivers.emulator.laser import Laser
 from drivers.protocol import BoardFault, BoardFlag
 from drivers.records import BoardIdentity
 
-_BLOCKING = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERATURE | BoardFault.LASER_STUCK_ON
-_TOO_HOT, _COOL_ENOUGH = 60.0, 55.0  # degrees Celsius
-_SENSE_DELAY = 0.005  # s the firmware waits for the photodiode before it opens the supply
+BLOCKING = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERATURE | BoardFault.LASER_STUCK_ON
+# Degrees Celsius.
+TOO_HOT, COOL_ENOUGH = 60.0, 55.0
+# Seconds that the firmware waits for the photodiode before it opens the supply.
+SENSE_DELAY = 0.005
 
 
 class LightUnit:
@@ -48,7 +50,7 @@ class LightUnit:
 
     def command(self, on: bool, now: float) -> bool:
         """Switch the laser; return whether the firmware was willing."""
-        if on and self.faults & _BLOCKING:
+        if on and self.faults & BLOCKING:
             return False
         if on and not self._commanded:
             if now - self._run_end >= self._identity.laser_rest:
@@ -61,24 +63,24 @@ class LightUnit:
             self.faults |= BoardFault.LASER_DEAD
             self._commanded = False
         if not on and self._sensed():
-            self._cut(BoardFault.LASER_STUCK_ON, now + _SENSE_DELAY)
+            self._cut(BoardFault.LASER_STUCK_ON, now + SENSE_DELAY)
         return True
 
     def clear(self, faults: BoardFault, now: float) -> None:
         """Clear those of `faults` whose cause is gone, and close the supply again when none is left."""
-        if self.temperature() > _COOL_ENOUGH:
+        if self.temperature() > COOL_ENOUGH:
             faults &= ~BoardFault.OVER_TEMPERATURE
         if now - self._run_end < self._identity.laser_rest:
             faults &= ~BoardFault.LASER_TIME
         if self._plan.holds(FaultKind.LASER_STUCK_ON):
             faults &= ~BoardFault.LASER_STUCK_ON
         self.faults &= ~faults
-        self._supply = not self.faults & _BLOCKING
+        self._supply = not self.faults & BLOCKING
         self._update(now)
 
     def advance(self, now: float) -> None:
         """Let the hardware timers act at the moments they are due."""
-        if self.temperature() >= _TOO_HOT and BoardFault.OVER_TEMPERATURE not in self.faults:
+        if self.temperature() >= TOO_HOT and BoardFault.OVER_TEMPERATURE not in self.faults:
             self._cut(BoardFault.OVER_TEMPERATURE, now)
         if not self.laser.on:
             return
@@ -88,7 +90,7 @@ class LightUnit:
             self._cut(BoardFault.WATCHDOG if watchdog <= limit else BoardFault.LASER_TIME, min(watchdog, limit))
 
     def flags(self) -> int:
-        """Return the bits of the flags that tell of the laser."""
+        """The bits of the flags that tell of the laser."""
         # As numbers: an operator of an enum takes longer than all else that a transfer does here.
         flags = int(BoardFlag.HAS_SENSOR)
         flags |= int(BoardFlag.LASER_COMMANDED) if self._commanded else 0
@@ -96,12 +98,12 @@ class LightUnit:
         return flags
 
     def temperature(self) -> float:
-        """Return the board's temperature [degrees Celsius]."""
+        """The board's temperature [degrees Celsius]."""
         hot = self._plan.holds(FaultKind.HOT)
         return self._temperature if hot is None else float(hot.amount)
 
     def time_on(self, now: float) -> float:
-        """Return for how long the laser has been on in one go [s]."""
+        """For how long the laser has been on in one go [s]."""
         return now - self._run_start if self.laser.on else 0.0
 
     def _sensed(self) -> bool:

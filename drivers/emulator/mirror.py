@@ -9,7 +9,8 @@ from drivers.emulator.faults import FaultKind, FaultPlan
 from drivers.emulator.motion import Motor
 from drivers.protocol import BoardFault, BoardFlag, Request, Result
 
-_PERIODIC_STEPS = 8 * 256  # period of a stepper's error: 8 full steps of 256 microsteps
+# Period of a stepper's error: 8 full steps of 256 microsteps.
+PERIODIC_STEPS = 8 * 256
 
 
 class MirrorUnit:
@@ -18,9 +19,9 @@ class MirrorUnit:
     def __init__(self, config: EmulatorConfig, plan: FaultPlan, now: float) -> None:
         """Stand somewhere in the travel, home unknown."""
         self._config, self._identity, self._plan = config, config.identity, plan
-        middle = (self._identity.min_step + self._identity.max_step) // 2
+        centre = (self._identity.min_step + self._identity.max_step) // 2
         speed = config.mirror_speed / self._identity.step_angle
-        self._motor = Motor(speed, config.settle, config.overshoot, middle, now)
+        self._motor = Motor(speed, config.settle, config.overshoot, centre, now)
         self.power_on(now)
 
     def power_on(self, now: float) -> None:
@@ -34,7 +35,7 @@ class MirrorUnit:
         self._under_way = False
 
     def ended(self, now: float) -> float | None:
-        """Return when the motion last begun had ended and settled [s], once; None at all other times."""
+        """When the motion last begun had ended and settled [s], once; None at all other times."""
         if not self._under_way or self.moving(now):
             return None
         self._under_way = False
@@ -89,7 +90,7 @@ class MirrorUnit:
         self._homing = False
 
     def moving(self, moment: float) -> bool:
-        """Return whether the mirror moved or settled at a moment [s]."""
+        """Whether the mirror moved or settled at a moment [s]."""
         jammed = self.motions > 0 and self._plan.holds(FaultKind.JAMMED) is not None
         return jammed or moment < self._motor.still_at
 
@@ -99,22 +100,22 @@ class MirrorUnit:
         return self._motor.still_at
 
     def step(self, moment: float) -> int:
-        """Return the step the firmware believes in."""
+        """The step the firmware believes in."""
         return round(self._motor.believed_position(moment))
 
     def flags(self, moment: float) -> int:
-        """Return the bits of the flags that tell of the mirror."""
+        """The bits of the flags that tell of the mirror."""
         flags = int(BoardFlag.MOVING) if self.moving(moment) else 0
         return flags | (int(BoardFlag.HOMED) if self._homed else 0)
 
     def true_angle(self, moment: float) -> float:
-        """Return where the mirror really was [rad]."""
+        """Where the mirror really was [rad]."""
         position = self._motor.true_position(moment)
-        wobble = self._config.periodic_error * math.sin(2 * math.pi * position / _PERIODIC_STEPS)
+        wobble = self._config.periodic_error * math.sin(2 * math.pi * position / PERIODIC_STEPS)
         return self._identity.angle_of(0) + position * self._identity.step_angle + wobble
 
     def believed_angle(self, moment: float) -> float:
-        """Return where the firmware believed the mirror to be [rad]."""
+        """Where the firmware believed the mirror to be [rad]."""
         position = self._motor.believed_position(moment)
         return self._identity.angle_of(0) + position * self._identity.step_angle
 

@@ -16,7 +16,7 @@ class Leg:
     target: float
 
     def at(self, time: float) -> float:
-        """Return the position [steps] at `time`."""
+        """The position [steps] at `time`."""
         if time >= self.end:
             return self.target
         if time <= self.start:
@@ -69,14 +69,14 @@ class Motor:
         self.still_at = now + self._settle
 
     def true_position(self, time: float) -> float:
-        """Return where the mirror really is at `time` [steps from the home switch]."""
+        """Where the mirror really is at `time` [steps from the home switch]."""
         for leg in reversed(self._legs):
             if leg.start <= time:
                 return leg.at(time)
         return self._legs[0].origin
 
     def believed_position(self, time: float) -> float:
-        """Return where the firmware believes the mirror to be [steps]."""
+        """Where the firmware believes the mirror to be [steps]."""
         return self.true_position(time) - self.lost
 
     def _add(self, start: float, origin: float, target: float) -> float:

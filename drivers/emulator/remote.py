@@ -24,7 +24,7 @@ class _Line:
         self._lock = threading.Lock()
 
     def ask(self, **question: Any) -> dict[str, Any]:
-        """Return the answer; raise BusError when the far bus did, or when the emulator is gone."""
+        """The answer; raise BusError when the far bus did, or when the emulator is gone."""
         with self._lock:
             self._number += 1
             try:
@@ -55,7 +55,7 @@ class RemoteBus:
         self._control, self._interrupt = _Line(address), _Line(address)
 
     def present(self) -> bool:
-        """Return whether the board is plugged in."""
+        """Whether the board is plugged in."""
         try:
             return bool(self._control.ask(op="present")["value"])
         except BusError:
@@ -102,15 +102,15 @@ class RemoteBoard:
         self._line = _Line(address)
 
     def view(self, at: float | None = None) -> BoardView:
-        """Return what the board was like at a time [s]; None for now."""
+        """What the board was like at a time [s]; None for now."""
         return BoardView(**self._line.ask(op="view", at=at))
 
     def exposure(self, start: float, end: float) -> ExposureView:
-        """Return what a camera that exposed from `start` to `end` [s] saw."""
+        """What a camera that exposed from `start` to `end` [s] saw."""
         return ExposureView(**self._line.ask(op="exposure", start=start, end=end))
 
     def switchings(self) -> tuple[Switching, ...]:
-        """Return when the laser really went on and off, oldest first."""
+        """When the laser really went on and off, oldest first."""
         return tuple(Switching(time, on) for time, on in self._line.ask(op="switchings")["value"])
 
     def inject(self, fault: Fault) -> None:
@@ -135,7 +135,7 @@ class RemoteBoard:
 
 
 def remote_backend(address: str) -> EmulatedBackend:
-    """Return a pyusb backend whose device is the board of the emulator process at `address`.
+    """A pyusb backend whose device is the board of the emulator process at `address`.
 
     Raises:
         OSError: nobody listens there.

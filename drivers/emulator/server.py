@@ -101,7 +101,7 @@ class EmulatorServer:
 
 
 def encode_fault(fault: Fault) -> dict[str, Any]:
-    """Return a fault as JSON."""
+    """A fault as JSON."""
     request = fault.request.name if isinstance(fault.request, Request) else fault.request
     return {
         "kind": fault.kind.value,
@@ -113,7 +113,7 @@ def encode_fault(fault: Fault) -> dict[str, Any]:
 
 
 def decode_fault(fields: dict[str, Any]) -> Fault:
-    """Return the fault that `encode_fault` wrote."""
+    """The fault that `encode_fault` wrote."""
     request = fields["request"]
     return Fault(
         FaultKind(fields["kind"]),

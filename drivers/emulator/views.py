@@ -39,7 +39,7 @@ class ExposureView:
         end: its end [s].
         laser_fraction: share of the exposure during which the laser shone, 0 ... 1.
         mirror_angle: true angle in the middle of the exposure [rad].
-        mirror_travel: how far the mirror turned during the exposure [rad]; the sheet turned twice as far.
+        mirror_travel: how far the mirror turned during the exposure [rad]; the laser plane turned twice as far.
     """
 
     start: float

@@ -11,7 +11,7 @@ LOOPBACK = "127.0.0.1"
 
 
 def parse_address(address: str) -> tuple[str, int] | str:
-    """Return (host, port), or the path of a unix socket.
+    """(host, port), or the path of a unix socket.
 
     Args:
         address: "127.0.0.1:PORT", or "unix:PATH".
@@ -23,20 +23,20 @@ def parse_address(address: str) -> tuple[str, int] | str:
         return address.removeprefix("unix:")
     host, _, port = address.rpartition(":")
     if host != LOOPBACK or not port.isdigit():
-        raise ValueError(f"emulator address {address!r}, allowed are '{LOOPBACK}:PORT' and 'unix:PATH'")
+        raise ValueError(f"emulator address {address!r}, allowed: '{LOOPBACK}:PORT' and 'unix:PATH'")
     return host, int(port)
 
 
 def listen(address: str) -> tuple[socket.socket, str]:
-    """Return a listening socket and the address clients use (port 0 is replaced by the one chosen)."""
-    place = parse_address(address)
-    if isinstance(place, str):
-        Path(place).unlink(missing_ok=True)
+    """A listening socket and the address clients use (port 0 is replaced by the one chosen)."""
+    where = parse_address(address)
+    if isinstance(where, str):
+        Path(where).unlink(missing_ok=True)
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        listener.bind(place)
+        listener.bind(where)
         listener.listen()
         return listener, address
-    listener = socket.create_server(place)
+    listener = socket.create_server(where)
     return listener, f"{LOOPBACK}:{listener.getsockname()[1]}"
 
 
@@ -55,13 +55,13 @@ class Channel:
         Raises:
             OSError: nobody listens there.
         """
-        place = parse_address(address)
-        if isinstance(place, str):
+        where = parse_address(address)
+        if isinstance(where, str):
             connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             connection.settimeout(timeout)
-            connection.connect(place)
+            connection.connect(where)
         else:
-            connection = socket.create_connection(place, timeout)
+            connection = socket.create_connection(where, timeout)
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.settimeout(None)
         return cls(connection)
@@ -71,7 +71,7 @@ class Channel:
         self._socket.sendall(json.dumps(message).encode() + b"\n")
 
     def receive(self) -> dict[str, Any] | None:
-        """Return the next object, None when the other side has closed."""
+        """The next object, None when the other side has closed."""
         line = self._file.readline()
         if not line:
             return None

@@ -123,7 +123,7 @@ def test_bad_use_is_refused(emulated: EmulatedBoard, scene) -> None:
     """Impossible rates, unknown faults and closed cameras say what is allowed."""
     with pytest.raises(ValueError, match="exposure above 0 and at most 1 / fps"):
         EmulatedCamera(emulated, scene, fps=30.0, exposure=0.1)
-    with pytest.raises(ValueError, match="unknown camera fault 'melt', known are drop, repeat"):
+    with pytest.raises(ValueError, match="unknown camera fault 'melt', allowed: drop, repeat"):
         CameraFault("melt", 0)
     with pytest.raises(CameraNotOpen):
         EmulatedCamera(emulated, scene).grab(0.1)

@@ -105,10 +105,10 @@ def test_unix_socket_and_clean_end(tmp_path: Path) -> None:
 @pytest.mark.parametrize("address", ["0.0.0.0:80", "localhost:80", "127.0.0.1", "127.0.0.1:x", "board"])
 def test_other_addresses_are_refused(address: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Only this machine can reach the emulator; the command says what is allowed and ends with 2."""
-    with pytest.raises(ValueError, match=r"allowed are '127\.0\.0\.1:PORT' and 'unix:PATH'"):
+    with pytest.raises(ValueError, match=r"allowed: '127\.0\.0\.1:PORT' and 'unix:PATH'"):
         parse_address(address)
     assert main(["--listen", address]) == 2
-    assert "allowed are" in capsys.readouterr().err
+    assert "allowed:" in capsys.readouterr().err
 
 
 def test_unknown_operation_is_answered_with_an_error() -> None:

@@ -124,7 +124,7 @@ def test_missing_backend_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_unknown_backend_lists_the_known() -> None:
     """A misspelt backend is refused when the camera is made."""
-    with pytest.raises(ValueError, match="unknown backend 'v4l', known are any, v4l2, gstreamer, ffmpeg, images"):
+    with pytest.raises(ValueError, match="unknown backend 'v4l', allowed: any, v4l2, gstreamer, ffmpeg, images"):
         OpenCvCamera(0, backend="v4l")
 
 
@@ -224,7 +224,7 @@ def test_a_read_that_never_returns_does_not_keep_the_program(
     live: LiveCapture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Closing gives up on a driver that hangs, and does not release what is still being read."""
-    monkeypatch.setattr("drivers.opencv_camera._LONGEST_READ", 0.05)
+    monkeypatch.setattr("drivers.opencv_camera.LONGEST_READ", 0.05)
     camera = OpenCvCamera(0)
     camera.open()
     camera.close()
