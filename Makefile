@@ -56,7 +56,7 @@ bench-quick: install
 
 # Needs uv; writes one resolution for every Python that pyproject.toml allows.
 lock:
-	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev --extra sim --extra view -o requirements-extras.lock
+	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev --extra sim --extra view --extra notebook -o requirements-extras.lock
 	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev -c requirements-extras.lock -o requirements.lock
 
 clean:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.section import Section
-from guara_perception.view.style import LINE_COLOURS, new_figure, save_figure
+from guara_perception.terrain.drawing.style import LINE_COLOURS, new_figure, save_figure
 
 MARKERS = "osD^vPX"
 

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from guara_perception.terrain.map.known_ground import KnownGround
     from guara_perception.terrain.map.terrain_map import TerrainMap
     from guara_perception.terrain.questions.best_foothold import Foothold
+    from guara_perception.terrain.questions.compare import GridComparison, compare
     from guara_perception.terrain.questions.foothold import FootholdVerdict, FootholdVerdicts
     from guara_perception.terrain.questions.obstacles import Obstacle
     from guara_perception.terrain.questions.path import PathVerdict
@@ -70,6 +71,7 @@ __all__ = [
     "Foothold",
     "FootholdVerdict",
     "FootholdVerdicts",
+    "GridComparison",
     "Hazard",
     "InvalidInput",
     "KinematicsError",
@@ -105,6 +107,7 @@ __all__ = [
     "assess_terrain",
     "calibrate",
     "check_drift",
+    "compare",
     "extract_stripe",
     "interpolate_pattern",
     "load_calibration",
@@ -127,6 +130,7 @@ _MODULES = {
     "Foothold": "guara_perception.terrain.questions.best_foothold",
     "FootholdVerdict": "guara_perception.terrain.questions.foothold",
     "FootholdVerdicts": "guara_perception.terrain.questions.foothold",
+    "GridComparison": "guara_perception.terrain.questions.compare",
     "Hazard": "guara_perception.terrain.layers.hazard",
     "InvalidInput": "guara_perception.exceptions",
     "KinematicsError": "kinematics",
@@ -162,6 +166,7 @@ _MODULES = {
     "assess_terrain": "guara_perception.terrain.scan.assess_terrain",
     "calibrate": "guara_perception.app.calibrate",
     "check_drift": "guara_perception.calibration.drift",
+    "compare": "guara_perception.terrain.questions.compare",
     "extract_stripe": "guara_perception.stripes.extract",
     "interpolate_pattern": "guara_perception.calibration.pattern",
     "load_calibration": "guara_perception.calibration.file",

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy.typing as npt
 
 from guara_perception.arrays import Float
+from guara_perception.terrain.drawing.plot import describe, describe_as_html, plot
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.questions.best_foothold import Foothold, best_foothold
 from guara_perception.terrain.questions.coarser import coarser
@@ -17,14 +19,17 @@ from guara_perception.terrain.questions.foothold import FootholdVerdict, Foothol
 from guara_perception.terrain.questions.normal import normal_at
 from guara_perception.terrain.questions.obstacles import Obstacle, obstacles
 from guara_perception.terrain.questions.path import PathVerdict, check_path, check_polygon
+from guara_perception.terrain.questions.points import points, to_xarray
 from guara_perception.terrain.questions.save import save_terrain
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from kinematics import RobotModel
 
 
 # No `slots=True`: dataclasses would then put its own pickling in place of the one inherited.
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TerrainGrid(LayeredGrid):
     """Terrain under and before the robot at one stance pause (contract, section 2).
 
@@ -33,6 +38,14 @@ class TerrainGrid(LayeredGrid):
     """
 
     __slots__ = ()
+
+    def __repr__(self) -> str:
+        """What the grid holds, in three lines."""
+        return describe(self)
+
+    def _repr_html_(self) -> str:
+        """The same with small pictures of heights and hazards, for notebooks."""
+        return describe_as_html(self)
 
     def normal_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Float:
         """Unit normals (..., 3) of the plane fitted around the cell under each point; NaN where no slope is known."""
@@ -150,3 +163,39 @@ class TerrainGrid(LayeredGrid):
             MissingFile: the folder does not exist.
         """
         save_terrain(self, path)
+
+    def plot(
+        self,
+        layer: str = "elevation",
+        *,
+        hazards: bool = True,
+        footholds: Iterable[Any] = (),
+        axes: Axes | None = None,
+    ) -> Axes:
+        """Draw one layer: x up, y to the left, metres, unknown cells in pale grey.
+
+        Args:
+            layer: any layer; "hazard" is drawn in one colour per flag with a legend.
+            hazards: veil the cells that are not traversable.
+            footholds: places to mark, each a `Foothold` or a pair (x, y) [m].
+            axes: matplotlib's, to draw on; None makes a figure that a notebook or `plt.show()` shows.
+
+        Raises:
+            InvalidInput: no such layer, or a foothold without a place.
+        """
+        return plot(self, layer, hazards=hazards, footholds=footholds, axes=axes)
+
+    def points(self) -> Float:
+        """Centres of the known cells with their heights, (n, 3) in base_footprint [m]; unknown cells give none.
+
+        A cell that is known may still be a hazard: `hazard_at(x, y)` tells.
+        """
+        return points(self)
+
+    def to_xarray(self) -> Any:
+        """The layers as an `xarray.Dataset` with coordinates x and y [m].
+
+        Raises:
+            MissingExtra: xarray is not installed.
+        """
+        return to_xarray(self)

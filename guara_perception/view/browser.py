@@ -11,11 +11,11 @@ import numpy as np
 
 from guara_perception.exceptions import InvalidInput
 from guara_perception.extras import optional_library
+from guara_perception.terrain.drawing.style import rgb
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import MEANING, Hazard
 from guara_perception.view.moment import Moment
 from guara_perception.view.robot_mesh import robot_meshes
-from guara_perception.view.style import rgb
 from guara_perception.view.terrain_mesh import COLOURINGS, TerrainMesh, terrain_mesh
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float32, Image
 from guara_perception.exceptions import InvalidInput
+from guara_perception.terrain.drawing.style import HEIGHT_COLOURS, TRAVERSABILITY_COLOURS, hazard_picture
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.view.style import HEIGHT_COLOURS, TRAVERSABILITY_COLOURS, hazard_picture
 
 COLOURINGS = ("hazard", "elevation", "traversability")
 # Heights beyond these have the colour of the end [m].

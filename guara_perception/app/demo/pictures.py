@@ -9,8 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from guara_perception.arrays import Float, Image
+from guara_perception.terrain.drawing.style import (
+    LINE_COLOURS,
+    draw_hazards,
+    draw_layer,
+    new_figure,
+    save_figure,
+    styled,
+)
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.view.style import LINE_COLOURS, draw_hazards, draw_layer, new_figure, save_figure, styled
 from guara_perception.whole_file import whole_file
 
 if TYPE_CHECKING:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Array, Float, Float32
+from guara_perception.arrays import Array, Codes, Flags, Float, Float32, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.readonly import readonly
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -67,6 +67,60 @@ class LayeredGrid:
             return self.layers[name]
         raise AttributeError(f"{type(self).__name__} has no attribute {name!r}; layers: {', '.join(LAYER_NAMES)}")
 
+    def __dir__(self) -> list[str]:
+        """Layers too, for completion."""
+        return sorted({*object.__dir__(self), *LAYER_NAMES})
+
+    if TYPE_CHECKING:
+        # The layers as type checkers and editors see them; at run time they are looked up by name.
+        @property
+        def elevation(self) -> Float32:
+            """Height [m], NaN where unknown."""
+
+        @property
+        def variance(self) -> Float32:
+            """Variance of the height [m^2]."""
+
+        @property
+        def elevation_min(self) -> Float32:
+            """Lowest sample [m]."""
+
+        @property
+        def elevation_max(self) -> Float32:
+            """Highest sample [m]."""
+
+        @property
+        def slope(self) -> Float32:
+            """Slope [rad]."""
+
+        @property
+        def step_height(self) -> Float32:
+            """Largest step beside the cell [m]."""
+
+        @property
+        def roughness(self) -> Float32:
+            """Deviation from the plane around the cell [m]."""
+
+        @property
+        def clearance(self) -> Float32:
+            """Distance to the nearest hazard other than EDGE [m]."""
+
+        @property
+        def traversability(self) -> Float32:
+            """0 never ... 1 ideal."""
+
+        @property
+        def hazard(self) -> Flags:
+            """Flags of `Hazard`."""
+
+        @property
+        def age(self) -> Codes:
+            """Pauses since last seen."""
+
+        @property
+        def looks(self) -> Codes:
+            """Scans that saw the cell."""
+
     def __getstate__(self) -> dict[str, Any]:
         """Plain containers, for pickling and copying."""
         state = {entry.name: getattr(self, entry.name) for entry in fields(self)}
@@ -105,13 +159,31 @@ class LayeredGrid:
             raise InvalidInput(f"layer is {name!r}, allowed: {', '.join(LAYER_NAMES)}")
         return self.layers[name]
 
+    @overload
+    def height_at(self, x: float, y: float) -> float: ...
+
+    @overload
+    def height_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Float32: ...
+
     def height_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Any:
         """Elevation of the cell under each point [m]; NaN where unknown or outside. Scalars give a float."""
         return self._look_up("elevation", x, y, np.float32(np.nan), float)
 
+    @overload
+    def hazard_at(self, x: float, y: float) -> Hazard: ...
+
+    @overload
+    def hazard_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Flags: ...
+
     def hazard_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Any:
         """Hazard flags of the cell under each point; UNSCANNED outside. Scalars give a Hazard, arrays uint16."""
         return self._look_up("hazard", x, y, np.uint16(Hazard.UNSCANNED), lambda flags: Hazard(int(flags)))
+
+    @overload
+    def is_traversable(self, x: float, y: float) -> bool: ...
+
+    @overload
+    def is_traversable(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Mask: ...
 
     def is_traversable(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Any:
         """Whether a sole may be centred on the cell under each point. Scalars give a bool; False outside."""

@@ -15,9 +15,9 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.exceptions import InvalidInput
+from guara_perception.terrain.drawing.style import HAZARD_COLOURS, rgb
 from guara_perception.view.browser import BrowserView, legend_html, status_text
 from guara_perception.view.moment import Moment
-from guara_perception.view.style import HAZARD_COLOURS, rgb
 from kinematics import RobotModel
 from tests.guara_perception.view.chromium import Chromium, find_chromium
 

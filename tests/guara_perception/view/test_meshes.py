@@ -9,7 +9,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.exceptions import InvalidInput
-from guara_perception.view import style
+from guara_perception.terrain.drawing import style
 from guara_perception.view.robot_mesh import robot_meshes
 from guara_perception.view.terrain_mesh import terrain_mesh
 from kinematics import load_robot

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from guara_perception.exceptions import MissingFile
+from guara_perception.terrain.drawing import style
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
-from guara_perception.view import style
 
 # Machado, Oliveira, Fernandes 2009, severity 1.0, for linear RGB.
 BLINDNESS = {

@@ -1,0 +1,148 @@
+"""`plot` and the short texts that a grid shows of itself in a console or a notebook."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.terrain.drawing.style import (
+    HEIGHT_COLOURS,
+    TRAVERSABILITY_COLOURS,
+    draw_hazards,
+    draw_layer,
+    new_figure,
+    styled,
+)
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, cells_by_flag
+from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.layers import LAYER_NAMES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# What a colour bar says, and the factor from the layer's unit to it.
+COLOUR_BARS = {
+    "elevation": ("height above the soles [mm]", 1e3),
+    "elevation_min": ("lowest sample [mm]", 1e3),
+    "elevation_max": ("highest sample [mm]", 1e3),
+    "variance": ("variance of the height [mm²]", 1e6),
+    "slope": ("slope [degrees]", 180 / np.pi),
+    "step_height": ("step height [mm]", 1e3),
+    "roughness": ("roughness [mm]", 1e3),
+    "clearance": ("distance to the nearest hazard [mm]", 1e3),
+    "traversability": ("traversability, 0 never ... 1 ideal", 1.0),
+    "age": ("pauses since last seen", 1.0),
+    "looks": ("scans that saw the cell", 1.0),
+}
+SHOWN_FLAGS = 4
+HTML_SIZE_INCH = (4.2, 3.0)
+
+
+def plot(
+    terrain: LayeredGrid,
+    layer: str = "elevation",
+    *,
+    hazards: bool = True,
+    footholds: Iterable[Any] = (),
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw one layer as people see it: x up, y to the left, metres; unknown cells in pale grey.
+
+    Args:
+        terrain: to draw.
+        layer: any layer; "hazard" is drawn in one colour per flag with a legend.
+        hazards: veil the cells that are not traversable, so that free ground stands out.
+        footholds: places to mark, each with x and y [m] (`Foothold`) or a pair (x, y).
+        axes: to draw on; None makes a figure with pyplot, so that a notebook or `plt.show()` shows it.
+
+    Returns:
+        The axes, to draw more on.
+
+    Raises:
+        InvalidInput: no such layer, or a foothold without a place.
+    """
+    if layer not in LAYER_NAMES:
+        raise InvalidInput(f"layer is {layer!r}, allowed: {', '.join(LAYER_NAMES)}")
+    marks = [_place_of(foothold) for foothold in footholds]
+    with styled():
+        if axes is None:
+            import matplotlib.pyplot as plt
+
+            axes = plt.subplots(layout="constrained")[1]
+        if layer == "hazard":
+            draw_hazards(axes, terrain.geometry, terrain.layers["hazard"])
+        else:
+            _draw_values(axes, terrain, layer, hazards)
+        if marks:
+            x, y = np.transpose(marks)
+            axes.scatter(y, x, s=50, facecolor="white", edgecolor="black", zorder=3)
+        title = f"{layer.replace('_', ' ')}, {terrain.extent}, step {terrain.step}"
+        legend = "" if layer == "hazard" else "\npale grey: unknown" + (", veiled: not traversable" if hazards else "")
+        axes.set_title(title + legend)
+    return axes
+
+
+def describe(terrain: LayeredGrid) -> str:
+    """What a grid holds, in three lines."""
+    hazard = terrain.layers["hazard"]
+    known = (hazard & UNKNOWN_MASK) == 0
+    (x0, y0), cell, (ny, nx) = terrain.origin, terrain.resolution, terrain.shape
+    lines = [
+        f"{type(terrain).__name__}: {terrain.extent} of step {terrain.step}, {nx} x {ny} cells of {1e3 * cell:g} mm, "
+        f"x {x0:.2f} ... {x0 + nx * cell:.2f} m, y {y0:.2f} ... {y0 + ny * cell:.2f} m in {terrain.frame}",
+        f"  known {known.mean():.1%}, traversable {(terrain.layers['traversability'] > 0).mean():.1%}",
+    ]
+    if known.any():
+        height = terrain.layers["elevation"][known]
+        lines[1] += f", heights {1e3 * height.min():.1f} ... {1e3 * height.max():.1f} mm"
+    counts = {name: count for name, count in cells_by_flag(hazard).items() if count}
+    most = sorted(counts, key=lambda name: -counts[name])[:SHOWN_FLAGS]
+    if most:
+        rest = f" and {len(counts) - len(most)} more kinds" if len(counts) > len(most) else ""
+        lines.append("  hazards: " + ", ".join(f"{name} {counts[name]}" for name in most) + rest)
+    return "\n".join(lines)
+
+
+def describe_as_html(terrain: LayeredGrid) -> str:
+    """The same with two small pictures, heights and hazards, for notebooks."""
+    figure, axes = new_figure(1, 2, (2 * HTML_SIZE_INCH[0], HTML_SIZE_INCH[1]))
+    plot(terrain, axes=axes[0, 0])
+    plot(terrain, "hazard", axes=axes[0, 1])
+    stream = io.BytesIO()
+    with styled():
+        figure.savefig(stream, format="png", dpi=90, facecolor="white")
+    picture = base64.b64encode(stream.getvalue()).decode("ascii")
+    text = html.escape(describe(terrain))
+    return f'<pre>{text}</pre><img alt="heights and hazards" src="data:image/png;base64,{picture}"/>'
+
+
+def _draw_values(axes: Axes, terrain: LayeredGrid, layer: str, hazards: bool) -> None:
+    label, factor = COLOUR_BARS[layer]
+    values = factor * terrain.layers[layer].astype(np.float64)
+    unknown = (terrain.layers["hazard"] & UNKNOWN_MASK) != 0
+    values[unknown] = np.nan
+    if layer == "traversability":
+        image = draw_layer(axes, terrain.geometry, values, cmap=TRAVERSABILITY_COLOURS, vmin=0, vmax=1)
+    else:
+        image = draw_layer(axes, terrain.geometry, values, cmap=HEIGHT_COLOURS)
+    axes.figure.colorbar(image, ax=axes, label=label, shrink=0.85)
+    refused = (terrain.layers["traversability"] == 0) & ~unknown
+    if hazards and refused.any():
+        veil = np.zeros((*terrain.shape, 4))
+        veil[..., :3] = 1.0
+        veil[refused, 3] = 0.55
+        draw_layer(axes, terrain.geometry, veil)
+
+
+def _place_of(foothold: Any) -> tuple[float, float]:
+    try:
+        x, y = (foothold.x, foothold.y) if hasattr(foothold, "x") else foothold
+        return float(x), float(y)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"a foothold is {foothold!r}, it must have x and y, or be a pair (x, y) [m]") from None

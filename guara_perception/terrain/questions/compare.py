@@ -1,0 +1,80 @@
+"""`compare`: what two grids of the same cells say differently."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guara_perception.arrays import Float
+from guara_perception.exceptions import InvalidInput
+from guara_perception.readonly import readonly
+from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.questions.points import known_cells
+
+
+@dataclass(frozen=True, eq=False)
+class GridComparison:
+    """How grid b differs from grid a; printing it shows the figures in words.
+
+    Attributes:
+        difference: height of b minus height of a, (ny, nx) float64 [m]; NaN where either is unknown.
+        known_in_both, known_only_in_a, known_only_in_b: numbers of cells.
+        free_in_both, free_only_in_a, free_only_in_b: numbers of traversable cells.
+        mean, rms, largest: of the difference over the cells known in both [m]; NaN when there are none.
+    """
+
+    difference: Float
+    known_in_both: int
+    known_only_in_a: int
+    known_only_in_b: int
+    free_in_both: int
+    free_only_in_a: int
+    free_only_in_b: int
+    mean: float
+    rms: float
+    largest: float
+
+    def __repr__(self) -> str:
+        """The figures in three lines."""
+        return (
+            f"GridComparison: heights b - a: mean {1e3 * self.mean:+.3f} mm, rms {1e3 * self.rms:.3f} mm, "
+            f"largest {1e3 * self.largest:.3f} mm\n"
+            f"  known in both {self.known_in_both}, "
+            f"only in a {self.known_only_in_a}, only in b {self.known_only_in_b}\n"
+            f"  free in both {self.free_in_both}, only in a {self.free_only_in_a}, only in b {self.free_only_in_b}"
+        )
+
+
+def compare(a: LayeredGrid, b: LayeredGrid) -> GridComparison:
+    """Compare two grids cell by cell.
+
+    Args:
+        a: the one that b is measured against.
+        b: of the same cells: equal origin, resolution and shape.
+
+    Raises:
+        InvalidInput: the grids have different cells.
+    """
+    same = a.shape == b.shape and np.isclose(a.resolution, b.resolution, rtol=1e-9, atol=0)
+    if not same or not np.allclose(a.origin, b.origin, rtol=0, atol=1e-6 * a.resolution):
+        raise InvalidInput(
+            f"a has {a.shape} cells of {a.resolution:g} m from {a.origin}, b has {b.shape} of {b.resolution:g} m from "
+            f"{b.origin}; both must have the same cells, as grids of one extent and resolution have"
+        )
+    known_a, known_b = known_cells(a), known_cells(b)
+    free_a, free_b = a.layers["traversability"] > 0, b.layers["traversability"] > 0
+    difference = b.layers["elevation"].astype(np.float64) - a.layers["elevation"]
+    both = difference[known_a & known_b]
+    return GridComparison(
+        difference=readonly(difference),
+        known_in_both=both.size,
+        known_only_in_a=int((known_a & ~known_b).sum()),
+        known_only_in_b=int((known_b & ~known_a).sum()),
+        free_in_both=int((free_a & free_b).sum()),
+        free_only_in_a=int((free_a & ~free_b).sum()),
+        free_only_in_b=int((free_b & ~free_a).sum()),
+        mean=float(both.mean()) if both.size else float("nan"),
+        rms=float(np.sqrt(np.mean(both**2))) if both.size else float("nan"),
+        largest=float(np.abs(both).max()) if both.size else float("nan"),
+    )

@@ -1,0 +1,109 @@
+"""What a grid shows of itself: text, HTML, plots; unknown cells are never drawn as heights."""
+
+from __future__ import annotations
+
+import base64
+import re
+
+import cv2
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+import guara_perception as gp
+from guara_perception.terrain.drawing.style import UNKNOWN_COLOUR, new_figure
+from guara_perception.terrain.layers.layers import LAYER_NAMES
+
+
+@pytest.fixture
+def terrain(make_scan) -> gp.TerrainGrid:
+    """A floor with a box of 60 mm and a strip that nobody saw."""
+    heights = np.zeros((108, 90))
+    heights[40:60, 30:50] = 0.06
+    flags = np.zeros((108, 90), np.uint16)
+    flags[:, 80:] = gp.Hazard.DROPOUT
+    return make_scan(heights, flags=flags, step=7)
+
+
+def test_repr_says_what_the_grid_holds_in_three_lines(terrain):
+    """Extent, cells, place, shares, heights and the commonest hazards; no arrays."""
+    lines = repr(terrain).splitlines()
+    assert len(lines) == 3
+    assert lines[0] == (
+        "TerrainGrid: footprint of step 7, 90 x 108 cells of 5 mm, "
+        "x 0.50 ... 0.95 m, y -0.27 ... 0.27 m in base_footprint"
+    )
+    assert lines[1].startswith("  known 88.9%, traversable ") and lines[1].endswith("heights 0.0 ... 60.0 mm")
+    assert lines[2].startswith("  hazards: EDGE ") and "DROPOUT 1080" in lines[2]
+
+
+def test_repr_of_a_grid_that_knows_nothing(make_scan):
+    """No heights are told where there are none."""
+    text = repr(make_scan(0.0, flags=int(gp.Hazard.UNSCANNED)))
+    assert "known 0.0%, traversable 0.0%" in text and "heights" not in text and "UNSCANNED 9720" in text
+
+
+def test_html_holds_the_text_and_a_picture(terrain):
+    """A notebook shows the three lines and one PNG that can be decoded and is not blank."""
+    page = terrain._repr_html_()
+    assert "TerrainGrid: footprint of step 7" in page
+    data = base64.b64decode(re.search(r"base64,([^\"]+)\"", page)[1])
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape[1] > 500 and picture.std() > 10
+
+
+@pytest.mark.parametrize("layer", LAYER_NAMES)
+def test_every_layer_can_be_plotted(terrain, layer):
+    """Each layer is drawn with x up and y to the left, and says which it is."""
+    figure, axes = new_figure()
+    drawn = terrain.plot(layer, axes=axes[0, 0])
+    assert drawn is axes[0, 0]
+    assert drawn.get_xlim() == pytest.approx((0.27, -0.27)) and drawn.get_ylim() == pytest.approx((0.50, 0.95))
+    assert drawn.get_title().splitlines()[0] == f"{layer.replace('_', ' ')}, footprint, step 7"
+    assert ("pale grey: unknown" in drawn.get_title()) == (layer != "hazard")
+    figure.canvas.draw()
+
+
+def test_unknown_cells_are_drawn_in_the_colour_of_the_unknown(terrain):
+    """The far strip, which nobody saw, has the pale grey of the axes' background and no height's colour."""
+    figure, axes = new_figure(size=(4, 4))
+    drawn = terrain.plot(axes=axes[0, 0], hazards=False)
+    figure.canvas.draw()
+    pixels = np.asarray(figure.canvas.buffer_rgba())
+    column, row = drawn.transData.transform((0.0, 0.93)).round().astype(int)
+    assert to_hex(pixels[pixels.shape[0] - row, column] / 255).upper() == UNKNOWN_COLOUR
+    column, row = drawn.transData.transform((0.0, 0.70)).round().astype(int)
+    assert to_hex(pixels[pixels.shape[0] - row, column] / 255).upper() != UNKNOWN_COLOUR
+
+
+def test_footholds_are_marked_where_they_are(terrain):
+    """Objects with x and y and pairs are both marked, y across and x up."""
+    figure, axes = new_figure()
+    drawn = terrain.plot(
+        axes=axes[0, 0], footholds=[(0.6, 0.1), gp.Foothold(0.7, -0.1, 0.0, np.array([0.0, 0.0, 1.0]), 0.9, 0.9, None)]
+    )
+    assert drawn.collections[-1].get_offsets().tolist() == [[0.1, 0.6], [-0.1, 0.7]]
+
+
+def test_without_axes_a_figure_of_pyplot_is_made(terrain):
+    """`plt.show()` finds it."""
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    axes = terrain.plot("slope")
+    assert axes.figure.number in plt.get_fignums()
+    plt.close(axes.figure)
+
+
+def test_wrong_layer_and_foothold_are_refused(terrain):
+    """The message lists the layers, or says what a foothold is."""
+    with pytest.raises(gp.InvalidInput, match="layer is 'height', allowed: elevation, variance"):
+        terrain.plot("height")
+    with pytest.raises(gp.InvalidInput, match=r"a foothold is 3, it must have x and y, or be a pair \(x, y\) \[m\]"):
+        terrain.plot(footholds=[3])
+
+
+def test_completion_offers_the_layers(terrain):
+    """`dir` names layers and questions."""
+    assert {"elevation", "hazard", "plot", "best_foothold"} <= set(dir(terrain))

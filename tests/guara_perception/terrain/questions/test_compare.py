@@ -1,0 +1,45 @@
+"""`compare` counts what two grids say differently."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+
+
+def test_a_grid_equals_itself(make_scan):
+    """No difference, nothing known or free in one alone."""
+    terrain = make_scan(0.01)
+    same = gp.compare(terrain, terrain)
+    assert (same.mean, same.rms, same.largest) == (0.0, 0.0, 0.0)
+    assert same.known_in_both == terrain.hazard.size
+    assert same.known_only_in_a == same.known_only_in_b == same.free_only_in_a == same.free_only_in_b == 0
+
+
+def test_differences_are_counted_by_side(make_scan):
+    """Heights over common cells, cells known or free on one side alone, and NaN where either is unknown."""
+    flags = np.zeros((108, 90), np.uint16)
+    flags[:, :5] = gp.Hazard.DROPOUT
+    a, b = make_scan(0.0), make_scan(0.002, flags=flags)
+    told = gp.compare(a, b)
+    assert told.mean == pytest.approx(0.002, abs=1e-8) and told.largest == pytest.approx(0.002, abs=1e-8)
+    assert told.known_only_in_a == 5 * 108 and told.known_only_in_b == 0
+    assert told.free_only_in_a > 0 and told.free_only_in_b == 0
+    assert np.isnan(told.difference[:, :5]).all() and np.isfinite(told.difference[:, 5:]).all()
+    assert "mean +2.000 mm" in repr(told) and f"only in a {5 * 108}, only in b 0" in repr(told)
+    with pytest.raises(ValueError):
+        told.difference[0, 0] = 0.0
+
+
+def test_nothing_in_common_has_no_mean(make_scan):
+    """NaN, not zero: an error that was not measured is none."""
+    told = gp.compare(make_scan(0.0), make_scan(0.0, flags=int(gp.Hazard.UNSCANNED)))
+    assert np.isnan(told.rms) and told.known_in_both == 0
+
+
+def test_other_cells_are_refused(make_scan):
+    """Both geometries are told."""
+    fine = make_scan(0.0)
+    with pytest.raises(gp.InvalidInput, match=r"a has \(108, 90\) cells .* both must have the same cells"):
+        gp.compare(fine, fine.coarser(2))
