@@ -36,6 +36,9 @@ LARGEST_LIMIT = {
 class TraversabilityLimits:
     """What the robot's feet can bear; every value is a hard limit, above it a cell is a hazard.
 
+    A limit that is added later has a default by which nothing is judged, since grids of older versions lack it; and it
+    sets the nearest existing flag of `Hazard`, which the metadata of its grids name under `limit_flags`.
+
     Attributes:
         slope: largest angle to the horizontal [rad].
         step: largest rise within the disc [m].

@@ -13,10 +13,16 @@ from transport.stance_pause import StancePause, decode_stance_pause, encode_stan
 
 
 class StancePublisher(Part):
-    """The gait controller's side: announces begin and end of each pause, without ever waiting for a receiver."""
+    """The gait controller's side: announces begin and end of each pause, without ever waiting for a receiver.
+
+    Args:
+        session: open session.
+        robot: instance name, the same as in each `StancePause`; whoever starts within a pause still gets its begin.
+    """
 
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT) -> None:
-        """Declare the key; who starts within a pause still gets its begin."""
+        """Declare the key."""
+        self._robot = robot
         self._publisher = Publisher(session, stance_key(robot), latched=True)
         self._outbox = Outbox()
         self._count = 0
@@ -27,7 +33,13 @@ class StancePublisher(Part):
 
         Raises:
             SessionClosed: The session is closed.
+            MessageError: The pause is of another robot than this publisher speaks for: nobody would hear it.
         """
+        if pause.robot != self._robot:
+            raise MessageError(
+                f"a pause of robot {pause.robot!r} on the key of {self._robot!r} reaches nobody; "
+                f"publish it by StancePublisher(session, robot={pause.robot!r})"
+            )
         self._count += 1
         self._outbox.post(f"{self._publisher.key} {self._count}", lambda: self._send(pause))
 

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/demo"), show_default=True)
 @click.option("--view", is_flag=True, help="show the recording in a browser afterwards (extra `view`)")
 @click.option("--cycles", type=click.FloatRange(1, 12), default=10, show_default=True, help="gait cycles of 140 mm")
+@click.option("--robot", default="guara", show_default=True, help="name or folder of the robot")
 @click.pass_context
-def command(context: click.Context, out: Path, view: bool, cycles: float) -> None:
+def command(context: click.Context, out: Path, view: bool, cycles: float, robot: str) -> None:
     """Walk a simulated robot over mixed terrain; scan, publish and choose footholds at every pause.
 
     The planner runs in a second process and gets its grids over Zenoh. Pictures and a recording of everything are left
@@ -40,7 +41,7 @@ def command(context: click.Context, out: Path, view: bool, cycles: float) -> Non
     pauses = round(cycles * PAUSES_PER_CYCLE) + 1
     seen: list[DemoPause] = []
     with progress("Walking", pauses) as advance:
-        for item in demo_walk(check, recording=recording, cycles=cycles):
+        for item in demo_walk(check, recording=recording, cycles=cycles, robot_name=robot):
             advance()
             click.echo(line(item))
             seen.append(item)

@@ -9,7 +9,7 @@ import click
 
 @click.command(name="listen")
 @click.option("--connect", "endpoint", help="where the node listens; default: tcp/127.0.0.1:7447")
-@click.option("--robot", default="guara", show_default=True, help="instance name of the robot")
+@click.option("--robot", "--name", "robot", default="guara", show_default=True, help="instance name of the robot")
 @click.option("--extent", type=click.Choice(["footprint", "map"]), default="footprint", show_default=True)
 @click.option("--security", type=click.Path(path_type=Path), help="folder of a role made by `guara security init`")
 @click.option("--count", type=click.IntRange(min=1), help="end after so many grids; default: until Ctrl-C")

@@ -51,7 +51,9 @@ class DemoPause:
     error: float
 
 
-def demo_walk(check: DemoCheck, *, recording: Path | None, cycles: float, seed: int = 0) -> Iterator[DemoPause]:
+def demo_walk(
+    check: DemoCheck, *, recording: Path | None, cycles: float, seed: int = 0, robot_name: str | Path = DEFAULT_ROBOT
+) -> Iterator[DemoPause]:
     """Walk; every grid, request and answer goes over Zenoh on this machine.
 
     Args:
@@ -59,6 +61,7 @@ def demo_walk(check: DemoCheck, *, recording: Path | None, cycles: float, seed: 
         recording: MCAP file to write, or None.
         cycles: of the gait, 140 mm each.
         seed: of specimen and noise.
+        robot_name: name or folder of the robot.
 
     Yields:
         One DemoPause per stance pause.
@@ -69,15 +72,16 @@ def demo_walk(check: DemoCheck, *, recording: Path | None, cycles: float, seed: 
     """
     endpoint = free_endpoint()
     with ExitStack() as stack:
-        robot = SimulatedRobot(DEFAULT_ROBOT, fps=FPS, seed=seed)
+        robot = SimulatedRobot(robot_name, fps=FPS, seed=seed)
+        instance = robot.robot.name
         stack.enter_context(robot.rangefinder)
         session = stack.enter_context(open_node(listen=endpoint))
         status = NodeStatus(robot.calibration)
-        server = PerceptionServer(session, collect_status=status.items)
+        server = PerceptionServer(session, robot=instance, collect_status=status.items)
         recorder = None
         if recording is not None:
             recorder = stack.enter_context(
-                ScanRecorder(recording, robot=DEFAULT_ROBOT, calibration=robot.calibration, jpeg_quality=JPEG_QUALITY)
+                ScanRecorder(recording, robot=instance, calibration=robot.calibration, jpeg_quality=JPEG_QUALITY)
             )
         node = stack.enter_context(
             PerceptionNode(
@@ -90,10 +94,10 @@ def demo_walk(check: DemoCheck, *, recording: Path | None, cycles: float, seed: 
                 status=status,
             )
         )
-        StanceReceiver(session, on_pause=node.on_pause, on_refused=node.on_refused)
-        gait = SimulatedGait(StancePublisher(stack.enter_context(open_client(endpoint))), DEFAULT_ROBOT)
-        client = stack.enter_context(TerrainClient(endpoint))
-        planner = stack.enter_context(PlannerProcess(endpoint, DEFAULT_ROBOT))
+        StanceReceiver(session, robot=instance, on_pause=node.on_pause, on_refused=node.on_refused)
+        gait = SimulatedGait(StancePublisher(stack.enter_context(open_client(endpoint)), robot=instance), instance)
+        client = stack.enter_context(TerrainClient(endpoint, robot=instance))
+        planner = stack.enter_context(PlannerProcess(endpoint, instance))
         choices: dict[int, Choice] = {}
         last = round(cycles * PAUSES_PER_CYCLE)
         for pause in robot.walk(lambda pause: choices[pause.step], cycles=cycles):

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import logging
 import threading
+import time
 
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
 from guara_perception.simulation.planner import plan_foothold
+from guara_perception.simulation.stand import OutOfReach
 from guara_perception.simulation.walk import Choice, WalkEnded, WalkPause
 from transport import Session
 from transport.stance_link import StancePublisher
 
+logger = logging.getLogger(__name__)
+
 SCAN_TIMEOUT_S = 60.0
+# How soon a stop is seen while a scan is waited for.
+STOP_POLL_S = 0.2
 # Time to look at a pause before the robot goes on: planners that are slow to subscribe still follow.
 REST_S = 1.0
 CYCLES = 11
@@ -29,7 +36,7 @@ def walk_until_stopped(
         instance: name of the robot in the keys.
         stop: ends the walk.
     """
-    gait = SimulatedGait(StancePublisher(session), instance)
+    gait = SimulatedGait(StancePublisher(session, robot=instance), instance)
 
     def choose(pause: WalkPause) -> Choice:
         latest = node.latest_map
@@ -46,8 +53,21 @@ def walk_until_stopped(
             robot.place(pause)
             gait.begin(pause)
             last = pause
-            node.wait_for_step(pause.step, SCAN_TIMEOUT_S)
+            if not _wait_for_scan(node, pause.step, stop):
+                node.status.problem("gait", f"step {pause.step}: no scan within {SCAN_TIMEOUT_S:g} s, the walk goes on")
             if stop.wait(REST_S):
                 return
-    except WalkEnded as error:
+    except (WalkEnded, OutOfReach) as error:
+        logger.error("the walk ended: %s", error)
         node.status.problem("gait", str(error))
+
+
+def _wait_for_scan(node: PerceptionNode, step: int, stop: threading.Event) -> bool:
+    """Wait for the scan of a pause, but not past a stop; False when it did not come in time."""
+    end = time.monotonic() + SCAN_TIMEOUT_S
+    while not node.wait_for_step(step, STOP_POLL_S):
+        if stop.is_set():
+            return True
+        if time.monotonic() > end:
+            return False
+    return True

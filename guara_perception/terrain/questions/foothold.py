@@ -16,7 +16,7 @@ from guara_perception.terrain.assessment.disc import disc_kernel
 from guara_perception.terrain.assessment.edges import EXTRA_RING_CELLS, half_cells
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, names
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
-from guara_perception.terrain.layers.limits_of import limits_of
+from guara_perception.terrain.layers.limits_of import limits_of, other_limits
 from guara_perception.terrain.layers.reason import Reason
 from guara_perception.terrain.questions.leg_reach import beyond_reach
 from guara_perception.terrain.questions.sole_cells import sole_flags, sole_window
@@ -146,6 +146,11 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
         if where.any():
             value = float(np.nanmax(_values(terrain, layer, rows, columns)[where]))
             yield Reason(test, value, limit, unit, detail)
+    for name, (flag, limit) in other_limits(terrain).items():
+        cells = int(((hazard & np.uint16(flag)) != 0).sum())
+        if cells:
+            detail = f"of the sole flagged {flag.name}, to which a limit of a newer version adds: {name} {limit:g}"
+            yield Reason(name, cells, 0.0, "cells", detail)
     disputed = int(((hazard & np.uint16(Hazard.CONFLICT)) != 0).sum())
     if disputed:
         yield Reason("conflict", disputed, 0.0, "cells", "looks disagree")

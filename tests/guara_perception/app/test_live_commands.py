@@ -70,3 +70,28 @@ def test_a_running_node_ends_cleanly(free_endpoint: str, number: signal.Signals,
     assert printed.splitlines()[-1] == "stopped, laser off"
     assert np.isfinite(terrain.elevation).any()
     assert gp.open_scan(recording, step=0).step == 0
+
+
+def test_the_simulated_gait_speaks_under_the_name_of_the_robot(free_endpoint: str) -> None:
+    """`run --simulated --name lobo` scans and publishes as lobo, and `listen --name lobo` sees it."""
+    arguments = ["run", "--simulated", "--name", "lobo", "--mode", "coarse", "--listen", free_endpoint]
+    node = subprocess.Popen(
+        [sys.executable, "-m", "guara_perception.app.main", *arguments], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        with gp.TerrainClient(free_endpoint, robot="lobo", timeout=PATIENCE) as client:
+            assert client.wait_for_step(0, timeout=PATIENCE).metadata["instance"] == "lobo"
+        listen = ["listen", "--connect", free_endpoint, "--name", "lobo", "--count", "1"]
+        heard = subprocess.run(
+            [sys.executable, "-m", "guara_perception.app.main", *listen],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+            check=False,
+        )
+        assert heard.returncode == 0 and heard.stdout.startswith("lobo footprint #")
+        node.send_signal(signal.SIGINT)
+        printed, _ = node.communicate(timeout=PATIENCE)
+    finally:
+        node.kill()
+    assert node.returncode == 0 and printed.splitlines()[-1] == "stopped, laser off"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
+from guara_perception.settings import TraversabilityLimits as gp_limits
 from guara_perception.terrain.layers.hazard import Hazard
+from guara_perception.terrain.layers.limits_of import known, limits_of
 from kinematics import KinematicsError, RobotModel, Stance
 
 PROPERTY = settings(max_examples=40, deadline=None, derandomize=True)
@@ -185,6 +188,42 @@ def test_asking_for_a_leg_needs_a_stance(standing: gp.TerrainGrid) -> None:
         world(0).check_foothold(0.7, 0.0, leg="lf")
     with pytest.raises(KinematicsError, match="lf"):
         standing.check_foothold(0.3, 0.18, leg="left")
+
+
+def test_a_limit_of_a_newer_version_is_left_out_and_its_flag_stays_a_hazard() -> None:
+    """A grid judged by one limit more: its limits are read, what the limit flagged is refused, and why is told."""
+    plain = grid(np.zeros((120, 120)))
+    hazard, traversability = plain.hazard.copy(), plain.traversability.copy()
+    hazard[40:60, 40:60] |= np.uint16(Hazard.STEP)
+    traversability[40:60, 40:60] = 0.0
+    metadata = {
+        **plain.metadata,
+        "limits": {**plain.metadata["limits"], "softness": 0.25},
+        "limit_flags": {"softness": "STEP"},
+    }
+    layers = {**plain.layers, "hazard": hazard, "traversability": traversability}
+    newer = dataclasses.replace(plain, layers=layers, metadata=metadata)
+    assert limits_of(newer) == limits_of(plain)
+    flagged = (ORIGIN[0] + 50.5 * 0.005, ORIGIN[1] + 50.5 * 0.005)
+    verdict = newer.check_foothold(*flagged)
+    assert not verdict.ok
+    assert "softness 0.25" in " ".join(str(reason) for reason in verdict.reasons)
+    assert not newer.is_traversable(*flagged) and newer.best_foothold(*flagged, radius=0.02) is None
+    away = (ORIGIN[0] + 0.45, ORIGIN[1] + 0.45)
+    assert newer.check_foothold(*away).ok and newer.check_foothold(*away) == plain.check_foothold(*away)
+    # The same without a word on which flag it sets: read all the same.
+    silent = {**metadata, "limit_flags": {}}
+    assert not dataclasses.replace(newer, metadata=silent).check_foothold(*flagged).ok
+
+
+def test_a_grid_of_an_older_version_lacks_the_limits_that_came_later() -> None:
+    """Limits with one more than the grid holds: the newer one keeps its default, by which nothing is judged."""
+    later = dataclasses.make_dataclass(
+        "Later", [(name, float) for name in gp_limits.__slots__] + [("softness", float, np.inf)], slots=True
+    )
+    plain = grid(np.zeros((120, 120)))
+    limits = later(**known(plain.metadata["limits"], later))
+    assert limits.softness == np.inf and limits.step == limits_of(plain).step
 
 
 def test_a_grid_without_limits_is_refused_in_words() -> None:
