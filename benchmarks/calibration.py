@@ -27,18 +27,18 @@ AREA_X, AREA_Y = (0.50, 0.95), (-0.27, 0.27)
 def height_errors(
     truth: gp.Calibration, ours: gp.Calibration, transform_base_to_footprint: Float, heights_mm: npt.NDArray[np.int64]
 ) -> dict[int, Float]:
-    """Errors of height [m] by stripe: true sheet seen by the true camera, sent through our calibration."""
+    """Errors of height [m] by stripe: true laser plane seen by the true camera, sent through our calibration."""
     true_pose = transform_base_to_footprint @ truth.transform_camera_to_base
     our_pose = transform_base_to_footprint @ ours.transform_camera_to_base
     y = np.linspace(*AREA_Y, 201)
     width, height = truth.camera.size
     errors: dict[int, Float] = {}
     for stripe in truth.stripes:
-        sheet = plane_in_frame(stripe.plane, true_pose)
+        plane = plane_in_frame(stripe.plane, true_pose)
         ours_in_camera = ours.stripe(stripe.index).plane
         found = []
         for level in heights_mm * 1e-3:
-            x = -(sheet[1] * y + sheet[2] * level + sheet[3]) / sheet[0]
+            x = -(plane[1] * y + plane[2] * level + plane[3]) / plane[0]
             place = np.column_stack((x, y, np.full(len(y), level)))
             pixels = truth.camera.project((place - true_pose[:3, 3]) @ true_pose[:3, :3])
             visible = (pixels[:, 0] >= 0) & (pixels[:, 0] <= width - 1) & (pixels[:, 1] >= 0)

@@ -61,7 +61,7 @@ def by_opencv_user(recording: Recording) -> Float:
 
 
 def scan_points(recording: Recording, extract: Extract, one_by_one: bool = False) -> tuple[Float, Float]:
-    """Points (n, 3) of all stripes and the camera's place, in base_footprint; every ray meets its sheet."""
+    """Points (n, 3) of all stripes and the camera's place, in base_footprint; every ray meets its laser plane."""
     camera = recording.calibration.camera
     pose = recording.robot.stance_pose(recording.stance).transform_base_to_footprint
     transform = pose @ recording.calibration.transform_camera_to_base

@@ -27,7 +27,7 @@ class Method:
 
 
 METHODS = {
-    "precise": Method(extract_precise, None, "matched filter, triangulation with the calibrated sheets"),
+    "precise": Method(extract_precise, None, "matched filter, triangulation with the calibrated laser planes"),
     "paper": Method(extract_paper, Literal(), "the paper's chain, eqs. 7 to 21, corrected"),
     "paper-literal-lens": Method(extract_paper, Literal(lens=True), "the same, eq. 8 in one step"),
     "paper-literal-ortho": Method(extract_paper, Literal(ortho=True), "the same, eqs. 20, 21 about the image centre"),

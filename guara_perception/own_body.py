@@ -15,18 +15,20 @@ if TYPE_CHECKING:
 class OwnBody:
     """The robot's shapes at one stance, asked in base_footprint."""
 
-    def __init__(self, state: RobotState, transform_base_to_footprint: Float, eyes: tuple[Float, ...]) -> None:
+    def __init__(
+        self, state: RobotState, transform_base_to_footprint: Float, sensor_origins: tuple[Float, ...]
+    ) -> None:
         """Place the shapes.
 
         Args:
             state: of the robot at the stance.
             transform_base_to_footprint: (4, 4).
-            eyes: positions (3,) of camera and laser in base_footprint.
+            sensor_origins: positions (3,) of camera and laser in base_footprint.
         """
         from kinematics.self_filter import SelfFilter
 
         self._filter = SelfFilter(state, transform_base_to_frame=transform_base_to_footprint)
-        self._eyes = eyes
+        self._sensor_origins = sensor_origins
 
     def contains(self, points: Float) -> Mask:
         """Which points (n, 3) lie on the robot; NaN points do not."""
@@ -35,6 +37,6 @@ class OwnBody:
     def hides(self, points: Float) -> Mask:
         """Which points (n, 3) the robot hides from its camera or its laser."""
         hidden = np.zeros(len(points), dtype=bool)
-        for eye in self._eyes:
-            hidden |= self._filter.blocks(eye, points)
+        for sensor_origin in self._sensor_origins:
+            hidden |= self._filter.blocks(sensor_origin, points)
         return hidden

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-# [rad] Commanded angles of one rangefinder repeat to 2e-5 rad; this much moves the sheet by 1 mrad, half a millimetre.
+# [rad] Commanded angles of one rangefinder repeat to 2e-5 rad; this much turns the light by 1 mrad, half a millimetre.
 MIRROR_TOLERANCE = 5e-4
 
 

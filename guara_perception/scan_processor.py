@@ -113,9 +113,9 @@ class ScanProcessor:
             (self._settings.footprint_x, self._settings.footprint_y),
         )
         self._finder = StripeFinder(method, calibration.camera.size, self._pattern.step)
-        self._body = OwnBody(self._pose.state, self._pose.transform_base_to_footprint, self._geometry.eyes)
-        gates = self._settings.minimum_height, self._settings.maximum_height
-        self._ranger = StripeRanger(calibration, self._geometry, self._locator, gates, self._body.contains)
+        self._body = OwnBody(self._pose.state, self._pose.transform_base_to_footprint, self._geometry.sensor_origins)
+        height_limits = self._settings.minimum_height, self._settings.maximum_height
+        self._ranger = StripeRanger(calibration, self._geometry, self._locator, height_limits, self._body.contains)
         self._order = list(self._geometry.stripes)
         self._profiles: dict[int, StripeProfile] = {}
         self._surface = SurfaceRaster(self._grid.refined(self._pooling), self._pattern, self._settings.join_height)
@@ -268,7 +268,7 @@ class ScanProcessor:
         usable = np.array([index in points for index in self._order])
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
         causes = unknown_causes(
-            elevation, self._plan, pair_usable, marks, self._geometry.eyes, self._grid, self._body.hides
+            elevation, self._plan, pair_usable, marks, self._geometry.sensor_origins, self._grid, self._body.hides
         )
         variance = raster.variance + np.where(np.isfinite(elevation), 0.0, np.nan)
         layers = assess_layers(

@@ -18,7 +18,7 @@ VERDICTS = ("good", "usable", "refused", "unknown")
 
 @dataclass(frozen=True, slots=True)
 class StripePlane:
-    """One laser sheet.
+    """One laser plane.
 
     Attributes:
         index: place in the standard pattern (0 ... 69 for the Guara).

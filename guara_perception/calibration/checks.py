@@ -154,7 +154,7 @@ def laser_checks(laser: LaserFit, near: float, far: float, filled: int, stripes:
             "degrees",
             0.05,
             0.2,
-            "How irregularly the sheet turns from stripe to stripe against an ideal mirror.",
+            "How irregularly the laser plane turns from stripe to stripe against an ideal mirror.",
             "check coupling, speed and dwell time of the mirror's motor",
         ),
         Check(

@@ -17,8 +17,8 @@ from guara_perception.exceptions import CalibrationRefused
 
 # Plates nearer than this to one height do not fix a plane.
 MIN_HEIGHT_DIFFERENCE_M = 0.010
-# A sheet that turns this much more or less than commanded between neighbouring stripes [rad]. A stepper's periodic
-# error makes 0.01 to 0.02 degrees, a full step of the Guara 0.7.
+# A laser plane that turns this much more or less than commanded between neighbouring stripes [rad]. A stepper's
+# periodic error makes 0.01 to 0.02 degrees, a full step of the Guara 0.7.
 MISSED_STEP = float(np.deg2rad(0.10))
 # Share of the stripes of a plate that must be found.
 MIN_LINES = 0.8
@@ -28,7 +28,7 @@ MAX_DEVIATION = 2.5
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A jump of the sheet's angle within one plate scan.
+    """A jump of the laser plane's angle within one plate scan.
 
     Attributes:
         plate: number of the plate.
@@ -58,9 +58,9 @@ def check_heights(plates: Sequence[Plate]) -> None:
 
 
 def find_steps(lines: Sequence[PlateLine], points: Sequence[Float], axis: Float) -> list[Step]:
-    """Jumps of the sheet against the commanded mirror angle.
+    """Jumps of the laser plane against the commanded mirror angle.
 
-    The sheet's angle about the mirror axis less twice the mirror's is a smooth function of the stripe, even when the
+    The plane's angle about the mirror axis less twice the mirror's is a smooth function of the stripe, even when the
     axis is known to centimetres only; a missed step is a jump in it.
 
     Args:
@@ -71,7 +71,7 @@ def find_steps(lines: Sequence[PlateLine], points: Sequence[Float], axis: Float)
     steps = []
     for plate in sorted({line.plate for line in lines}):
         of_plate = sorted((line.index, i) for i, line in enumerate(lines) if line.plate == plate)
-        angle = np.array([_sheet_angle(points[i], axis) - 2 * lines[i].mirror_angle for _, i in of_plate])
+        angle = np.array([_plane_angle(points[i], axis) - 2 * lines[i].mirror_angle for _, i in of_plate])
         growth = np.diff(angle)
         usual = np.array([np.median(growth[max(k - 4, 0) : k + 5]) for k in range(len(growth))])
         for k in np.flatnonzero(np.abs(growth - usual) > MISSED_STEP):
@@ -87,7 +87,7 @@ def refuse_steps(steps: Sequence[Step], plates: Sequence[Plate]) -> None:
     """
     if steps:
         named = [
-            f"plate {plates[step.plate].name}: after stripe index {step.after} the sheet is turned by "
+            f"plate {plates[step.plate].name}: after stripe index {step.after} the laser plane is turned by "
             f"{np.rad2deg(step.angle):+.2f} degrees"
             for step in steps[:3]
         ]
@@ -188,6 +188,6 @@ def _direction(lines: Sequence[PlateLine]) -> float:
     return float(np.sign(np.median(last.pixels[:, 1]) - np.median(first.pixels[:, 1])) or 1.0)
 
 
-def _sheet_angle(places: Float, axis: Float) -> float:
+def _plane_angle(places: Float, axis: Float) -> float:
     middle = places.mean(axis=0)
     return float(np.arctan2(middle[0] - axis[0], axis[2] - middle[2]))

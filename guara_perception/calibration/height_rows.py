@@ -1,4 +1,4 @@
-"""Where in the picture a laser sheet can be seen: the rows in which it would cross given heights."""
+"""Where in the picture a laser plane can be seen: the rows in which it would cross given heights."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def plane_in_frame(plane_in_camera: Float, transform_camera_to_frame: Float) -> 
 def row_bands(
     camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float, margin: int
 ) -> list[tuple[int, int]]:
-    """First and end row of the band in which each sheet crosses any of the heights, cut to the picture.
+    """First and end row of the band in which each laser plane crosses any of the heights, cut to the picture.
 
     Args:
         camera: intrinsic model.
@@ -59,7 +59,7 @@ def _band(lowest: float, highest: float, margin: int, height: int) -> tuple[int,
 
 
 def _lines(camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float) -> Float:
-    """Pixels (s, h, SAMPLES, 2) along the lines in which sheets cross heights; NaN where they are not seen."""
+    """Pixels (s, h, SAMPLES, 2) along the lines in which laser planes cross heights; NaN where they are not seen."""
     translation = transform_camera_to_footprint[:3, 3]
     planes = plane_in_frame(planes_in_camera, transform_camera_to_footprint)
     steepness = np.maximum(np.hypot(planes[:, 0], planes[:, 1]), 1e-12)[:, None]

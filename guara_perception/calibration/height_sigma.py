@@ -15,7 +15,7 @@ from guara_perception.readonly import readonly
 
 # The height field is a quadratic about this point of base_link: middle of the area, 40 mm over the floor.
 FIELD_TERMS = ("1", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
-# A ray that meets the sheet at a smaller sine has no height worth the name.
+# A ray that meets the laser plane at a smaller sine has no height worth the name.
 MIN_SINE = 1e-3
 
 

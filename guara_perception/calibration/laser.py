@@ -108,10 +108,10 @@ def fit_laser(
 
 def heights_through(pixels: Float, camera: CameraModel, transform_camera_to_footprint: Float, plane: Float) -> Float:
     """Heights (n,) above z = 0 at which the rays of pixels meet a plane (4,) of base_footprint."""
-    rotation, eye = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
+    rotation, camera_position = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
     rays = camera.rays(pixels) @ rotation.T
-    depth = -(plane[:3] @ eye + plane[3]) / (rays @ plane[:3])
-    return np.asarray(eye[2] + depth * rays[:, 2])
+    depth = -(plane[:3] @ camera_position + plane[3]) / (rays @ plane[:3])
+    return np.asarray(camera_position[2] + depth * rays[:, 2])
 
 
 def height_sigmas(

@@ -17,7 +17,7 @@ from guara_perception.readonly import readonly
 class MirrorModel:
     """A laser plane and a mirror that turns about an axis in its own face; all in one frame.
 
-    The sheet of mirror angle theta is the laser plane reflected in the mirror with the normal
+    The laser plane of mirror angle theta is the plane of the fixed laser reflected in the mirror with the normal
     m = Rot(axis, gain theta) m0: n = (I - 2 m m') n0, d = d0 + 2 (n0 . m)(m . q). It turns by twice the mirror.
 
     Attributes:
@@ -47,8 +47,8 @@ class MirrorModel:
         normal = m0 * c + np.cross(axis, m0) * s + axis * (axis @ m0) * (1 - c)
         n0, d0 = self.laser_plane[:3], self.laser_plane[3]
         along = normal @ n0
-        sheet = n0 - 2 * along[:, None] * normal
-        return np.column_stack((sheet, d0 + 2 * along * (normal @ self.point)))
+        reflected = n0 - 2 * along[:, None] * normal
+        return np.column_stack((reflected, d0 + 2 * along * (normal @ self.point)))
 
     def in_frame(self, transform: Float) -> MirrorModel:
         """The same model in another frame, by the (4, 4) transform into it."""
@@ -75,9 +75,9 @@ class MirrorModel:
 def nominal_mirror(point: Float) -> MirrorModel:
     """The mirror as drawn, in base_link or another level frame with x forward.
 
-    Axis through `point` parallel to y, sheet straight down at angle zero, forward for positive angles (contract,
-    section 1); the light comes in level, on to a mirror that leans by 45 degrees. Only the sheet is observed, so where
-    the light comes from is a convention.
+    Axis through `point` parallel to y, laser plane straight down at angle zero, forward for positive angles; the
+    light comes in level, on to a mirror that leans by 45 degrees. Only the laser plane is observed, so where the light
+    comes from is a convention.
     """
     half = np.sqrt(0.5)
     return MirrorModel(

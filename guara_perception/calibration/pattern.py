@@ -62,7 +62,7 @@ def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Cal
             if uncertainty is not None:
                 nearest = min(uncertainty.planes, key=lambda other: abs(other - index))
                 turn = plane_basis(plane, mirror)[0]
-                # The sheet turns by twice the mirror.
+                # The laser plane turns by twice the mirror.
                 planes[index] = uncertainty.planes[nearest] + (2 * sigma) ** 2 * np.outer(turn, turn)
     covariance = calibration.covariance
     if uncertainty is not None:

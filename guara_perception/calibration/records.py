@@ -64,18 +64,18 @@ def covariance_record(fit: CameraFit, laser: LaserFit) -> dict[str, Any]:
 
 def paper_record(surface: SurfaceMap, fit: CameraFit, lines: Sequence[PlateLine]) -> dict[str, Any]:
     """The `paper` object: homography, H, nadir and n, d, k per stripe, in rectified floor coordinates."""
-    eye = fit.transform_camera_to_footprint[:3, 3]
+    camera_position = fit.transform_camera_to_footprint[:3, 3]
     seen: dict[int, list[tuple[float, float]]] = {}
     for line in lines:
         floor = to_floor(fit.camera, fit.transform_camera_to_footprint, line.pixels)
         slope, offset = np.polyfit(floor[:, 1], floor[:, 0], 1)
-        seen.setdefault(line.index, []).append((line.height, float(offset + slope * eye[1])))
+        seen.setdefault(line.index, []).append((line.height, float(offset + slope * camera_position[1])))
     stripes = []
     for index, pairs in sorted(seen.items()):
         if len(pairs) < 2:
             continue
         heights, x = zip(*pairs, strict=True)
-        constants = stripe_constants(index, float(eye[2]), x, heights)
+        constants = stripe_constants(index, float(camera_position[2]), x, heights)
         stripes.append(
             {"index": index, "n": constants.n, "d": constants.d, "k": constants.k, "residual": constants.residual}
         )
@@ -83,8 +83,8 @@ def paper_record(surface: SurfaceMap, fit: CameraFit, lines: Sequence[PlateLine]
         "homography": surface.homography.tolist(),
         "condition": surface.condition,
         "residual": surface.rms,
-        "height": float(eye[2]),
-        "nadir": [float(eye[0]), float(eye[1])],
+        "height": float(camera_position[2]),
+        "nadir": [float(camera_position[0]), float(camera_position[1])],
         "stripes": stripes,
     }
 

@@ -13,7 +13,7 @@ from guara_perception.calibration.plates import PlateLine
 from guara_perception.calibration.sweep import STEP_ERROR_SIGMA, Sweep
 from guara_perception.readonly import readonly
 
-# A sheet may wobble out of the model by at least this much: bearings and mirrors are not perfect.
+# A laser plane may wobble out of the model by at least this much: bearings and mirrors are not perfect.
 WOBBLE_FLOOR = np.array([2e-5, 1e-5])  # tilt along the stripe [rad], shift [m]
 FREE_WOBBLE = np.array([0.01, 0.005])
 NOISE_ITERATIONS = 15
@@ -36,7 +36,7 @@ class StripeFit:
         covariance: (s, 3, 3) of (turn about the mirror axis [rad], tilt along the stripe [rad], shift [m]) for
             a new scan: the fit and the repeatability of the mirror together; for a camera that is exact.
         bases: (s, 3, 4) what one unit of each of the three changes in the plane.
-        jitter: standard deviation of the sheet's angle from scan to scan [rad].
+        jitter: standard deviation of the laser plane's angle from scan to scan [rad].
         place: scatter of one averaged place of a line [m].
         wobble: (2,) standard deviations of tilt and shift about the mirror model.
         line_residual: (lines,) mean distance of each line from its stripe's plane [m].
@@ -67,7 +67,7 @@ def fit_stripes(
 ) -> StripeFit:
     """Fit one plane per stripe.
 
-    Each plane has three freedoms about the model's sheet: turn about the mirror axis (free: the stepper's own error),
+    Each plane has three freedoms about the model's plane: turn about the mirror axis (free: the stepper's own error),
     tilt along the stripe and shift (held by the model as firmly as the stripes agree with it). Each line may also be
     turned by the mirror's jitter, which all its columns share: without it the many columns would claim too much.
 

@@ -35,7 +35,7 @@ class Sweep:
         indices: stripe indices, ascending.
         mirror_angles: (s,) commanded [rad].
         step_errors: (s,) true minus commanded mirror angle, in model units [rad].
-        residual: (n lines,) mean distance of each line from its sheet [m].
+        residual: (n lines,) mean distance of each line from its laser plane [m].
         lever: (n lines,) distance of each line from the axis [m].
     """
 

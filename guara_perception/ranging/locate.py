@@ -11,7 +11,7 @@ from guara_perception.arrays import Float, Index
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.ranging.column_rays import ColumnRays
 from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder
-from guara_perception.ranging.triangulate import sheet_depth
+from guara_perception.ranging.triangulate import plane_depth
 
 
 class Locator(Protocol):
@@ -25,7 +25,7 @@ class Locator(Protocol):
         """Points (3, ..., n) in base_footprint of stripes at these rows; NaN where there is none.
 
         Args:
-            plane_in_camera: (..., 4) calibrated sheets, one for each n rows.
+            plane_in_camera: (..., 4) calibrated laser planes, one for each n rows.
             position_px: (..., n) rows.
             columns: (..., n) of the rows; None = every column of the picture, in order.
         """
@@ -37,7 +37,7 @@ class Locator(Protocol):
 
 
 class Triangulator:
-    """Each ray meets the calibrated sheet: no step that is not exact."""
+    """Each ray meets the calibrated laser plane: no step that is not exact."""
 
     def __init__(self, camera: CameraModel, transform_camera_to_footprint: Float) -> None:
         """Prepare the rays.
@@ -59,14 +59,14 @@ class Triangulator:
     def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Index | None = None) -> Float:
         """Points (3, ..., n) in base_footprint."""
         rays = self._rays.at(position_px, columns)
-        return self._place(self._directions(rays), sheet_depth(rays, plane_in_camera)[0])
+        return self._place(self._directions(rays), plane_depth(rays, plane_in_camera)[0])
 
     def measure(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
     ) -> tuple[Float, Float]:
         """Points (3, ..., w) and standard deviations (..., w) of heights [m], by the meeting point's derivative."""
         rays = self._rays.at(position_px)
-        depth, along_normal = sheet_depth(rays, plane_in_camera)
+        depth, along_normal = plane_depth(rays, plane_in_camera)
         directions = self._directions(rays)
         # d(depth * ray)/dv with the ray moving by 1 / fy per row (the lens stretches that by a few per cent only).
         slope = plane_in_camera[..., 1, None] / along_normal

@@ -9,11 +9,11 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.height_rows import plane_in_frame, row_bands
-from guara_perception.ranging.triangulate import sheet_origin
+from guara_perception.ranging.triangulate import laser_origin
 from guara_perception.settings import Settings
 
-# Beyond the height gates, so that a stripe just outside is seen and told apart from no return at all.
-GATE_MARGIN_M = 0.025
+# Beyond the height limits, so that a stripe just outside is seen and told apart from no return at all.
+LIMIT_MARGIN_M = 0.025
 # Room for smoothing and for the centre window at the edge of the band.
 ROW_MARGIN_PX = 8
 
@@ -41,13 +41,13 @@ class ScanGeometry:
         transform_camera_to_footprint: (4, 4).
         stripes: by index, in the order of the pattern, those that are calibrated.
         planes_in_footprint: (s, 4) in the same order.
-        eyes: positions (3,) of the camera and of the laser (the spot on the mirror axis nearest to the camera).
+        sensor_origins: (3,) each of camera and laser (the spot on the mirror axis nearest to the camera).
     """
 
     transform_camera_to_footprint: Float
     stripes: dict[int, StripeGeometry]
     planes_in_footprint: Float
-    eyes: tuple[Float, Float]
+    sensor_origins: tuple[Float, Float]
 
     def pixels(self, calibration: Calibration, points_in_footprint: Float) -> Float:
         """Picture positions (n, 2) of points (n, 3) in base_footprint."""
@@ -66,8 +66,8 @@ def scan_geometry(
     pattern = set(settings.pattern(mode))
     planned = [stripe for stripe in calibration.stripes if stripe.index in pattern]
     planes = np.array([stripe.plane for stripe in planned]).reshape(-1, 4)
-    gates = np.array([settings.minimum_height - GATE_MARGIN_M, settings.maximum_height + GATE_MARGIN_M])
-    bands = row_bands(calibration.camera, transform, planes, gates, ROW_MARGIN_PX)
+    height_limits = np.array([settings.minimum_height - LIMIT_MARGIN_M, settings.maximum_height + LIMIT_MARGIN_M])
+    bands = row_bands(calibration.camera, transform, planes, height_limits, ROW_MARGIN_PX)
     stripes = {
         stripe.index: StripeGeometry(stripe.index, stripe.plane, band)
         for stripe, band in zip(planned, bands, strict=True)
@@ -75,5 +75,5 @@ def scan_geometry(
     camera = transform[:3, 3]
     every_plane = plane_in_frame(np.array([stripe.plane for stripe in calibration.stripes]), transform)
     return ScanGeometry(
-        transform, stripes, plane_in_frame(planes, transform), (camera, sheet_origin(every_plane, camera))
+        transform, stripes, plane_in_frame(planes, transform), (camera, laser_origin(every_plane, camera))
     )

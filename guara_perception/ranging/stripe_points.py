@@ -50,7 +50,7 @@ class StripePoints:
     """One stripe of an organised scan, one entry per image column; float32, because a scan keeps all its stripes.
 
     Attributes:
-        points: (w, 3) in base_footprint [m], NaN where there is no trusted return within the height gates.
+        points: (w, 3) in base_footprint [m], NaN where there is no trusted return within the height limits.
         variance: (w,) variance of the height from the stripe position [m^2], NaN likewise.
         strength: (w,) height of the return above background [grey levels]; of use only where there is a point.
         status: (w,) uint8 StripeStatus.
@@ -80,7 +80,7 @@ def stripe_points(
     profiles: Sequence[StripeProfile],
     locator: Locator,
     planes_in_camera: Float,
-    gates: tuple[float, float],
+    height_limits: tuple[float, float],
     on_robot: Callable[[Float], Mask] | None = None,
     added_variance: Callable[[Float], Float] | None = None,
 ) -> list[StripePoints]:
@@ -89,8 +89,8 @@ def stripe_points(
     Args:
         profiles: s stripes along the columns of the whole picture, one or more.
         locator: makes points of rows.
-        planes_in_camera: (s, 4) calibrated sheets.
-        gates: lowest and highest height that counts as terrain [m].
+        planes_in_camera: (s, 4) calibrated laser planes.
+        height_limits: lowest and highest height that counts as terrain [m].
         on_robot: tells which points (n, 3) in base_footprint lie on the robot itself; None = none does.
         added_variance: (s, w) of the heights of points (3, s, w), to be added to what the stripe position gives;
             None = none.
@@ -102,7 +102,7 @@ def stripe_points(
     height = points[2]
     mixed = run_ends(height, _rows(profiles, "peak"))
     with np.errstate(invalid="ignore"):
-        outside = (height < gates[0]) | (height > gates[1])
+        outside = (height < height_limits[0]) | (height > height_limits[1])
     unusable = mixed | outside
     variance = sigma * sigma
     if added_variance is not None:
@@ -111,7 +111,7 @@ def stripe_points(
     status = np.array([profile.status for profile in profiles])
     status[mixed], status[outside] = MIXED_EDGE, OUT_OF_BAND
     out_of_range = _by_stripe(points, np.flatnonzero(outside & ~mixed))
-    doubtful = _doubtful(profiles, locator, planes_in_camera, gates, on_robot, points, mixed)
+    doubtful = _doubtful(profiles, locator, planes_in_camera, height_limits, on_robot, points, mixed)
     kept = points.astype(np.float32)
     np.copyto(kept, np.nan, where=unusable)
     single = variance.astype(np.float32)
@@ -141,12 +141,12 @@ def _doubtful(
     profiles: Sequence[StripeProfile],
     locator: Locator,
     planes_in_camera: Float,
-    gates: tuple[float, float],
+    height_limits: tuple[float, float],
     on_robot: Callable[[Float], Mask] | None,
     points: Float,
     mixed: Mask,
 ) -> list[ColumnPoints]:
-    """Returns within the gates that may not be used: those the extraction doubted, and those at the ends of runs."""
+    """Returns within the height limits that may not be used: those the extraction doubted, and those at the ends of runs."""
     rows = _rows(profiles, "doubtful_px")
     places = np.flatnonzero(mixed | np.isfinite(rows))
     if not places.size:
@@ -160,7 +160,7 @@ def _doubtful(
             _drop(located, on_robot)
         found[:, doubted] = located[:, :, 0]
     with np.errstate(invalid="ignore"):
-        usable = (found[2] >= gates[0]) & (found[2] <= gates[1])
+        usable = (found[2] >= height_limits[0]) & (found[2] <= height_limits[1])
     return _by_stripe(points, places[usable], found[:, usable])
 
 

@@ -24,7 +24,7 @@ class StripeRanger:
         calibration: Calibration,
         geometry: ScanGeometry,
         locator: Locator,
-        gates: tuple[float, float],
+        height_limits: tuple[float, float],
         on_robot: Callable[[Float], Mask],
     ) -> None:
         """Keep what does not depend on the frames.
@@ -33,7 +33,7 @@ class StripeRanger:
             calibration: that locates the points.
             geometry: of the scan.
             locator: makes points of rows.
-            gates: lowest and highest height that counts as terrain [m].
+            height_limits: lowest and highest height that counts as terrain [m].
             on_robot: tells which points (n, 3) in base_footprint lie on the robot itself.
 
         Raises:
@@ -41,7 +41,7 @@ class StripeRanger:
         """
         self._geometry = geometry
         self._locator = locator
-        self._gates = gates
+        self._height_limits = height_limits
         self._on_robot = on_robot
         self._added_variance = calibration_variance(calibration, geometry)
 
@@ -53,7 +53,7 @@ class StripeRanger:
                 [profiles[index] for index in group],
                 self._locator,
                 np.array([self._geometry.stripes[index].plane_in_camera for index in group]),
-                self._gates,
+                self._height_limits,
                 self._on_robot,
                 self._added_variance(group),
             )

@@ -56,7 +56,7 @@ class SurfaceRaster:
             self._final.update(self._parts(sorted(key for key in touched if self._is_settled(key))))
 
     def raster(self) -> Raster:
-        """Heights of all that was added so far; a cell with a return above the height gates is not known.
+        """Heights of all that was added so far; a cell with a return above the height limits is not known.
 
         A return below them says only why a cell is unknown: from under a surface that was seen nothing can return, so
         there it is a stray reflection.
@@ -104,7 +104,7 @@ class SurfaceRaster:
         return parts
 
     def _mark_out_of_range(self, group: list[int]) -> None:
-        """Mark the cells of returns from beyond the height gates, and those between two such returns."""
+        """Mark the cells of returns from beyond the height limits, and those between two such returns."""
         beyond = [index for index in group if self._stripes[index].out_of_range.columns.size]
         if not beyond:
             return

@@ -1,4 +1,4 @@
-"""Triangulation: a stripe position is a ray, and its point is where that meets the laser sheet."""
+"""Triangulation: a stripe position is a ray, and its point is where that meets the laser plane."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import numpy as np
 
 from guara_perception.arrays import Float
 
-# A ray that meets the sheet at less than about 3 degrees says nothing useful about distance.
+# A ray that meets the laser plane at less than about 3 degrees says nothing useful about distance.
 MIN_SINE_TO_SHEET = 0.05
 
 
-def sheet_depth(rays: Float, plane_in_camera: Float) -> tuple[Float, Float]:
-    """Where rays meet a laser sheet.
+def plane_depth(rays: Float, plane_in_camera: Float) -> tuple[Float, Float]:
+    """Where rays meet a laser plane.
 
     Args:
         rays: (2, n) or (2, s, n) x and y in the camera frame at z = 1, NaN where there is none.
         plane_in_camera: (4,) n . X + d = 0, or (s, 4).
 
     Returns:
-        Depth (n,) or (s, n) along the camera's z [m], NaN where the ray meets the sheet at a grazing angle or behind
+        Depth (n,) or (s, n) along the camera's z [m], NaN where the ray meets the plane at a grazing angle or behind
         the camera; and the rays' products of the same shape with the normal, by which a change of ray changes the
         depth.
     """
@@ -36,8 +36,8 @@ def sheet_depth(rays: Float, plane_in_camera: Float) -> tuple[Float, Float]:
     return depth, along_normal
 
 
-def sheet_origin(planes: Float, near: Float) -> Float:
-    """The point of the mirror axis nearest to `near`: all sheets pass (almost) through that line.
+def laser_origin(planes: Float, near: Float) -> Float:
+    """The point of the mirror axis nearest to `near`: all laser planes pass (almost) through that line.
 
     Args:
         planes: (s, 4) planes of all stripes in one frame.

@@ -18,8 +18,8 @@ class Light:
         sun: share of the ambient light that comes from one direction (the rest from all over the sky).
         laser: level of the stripe's centre on a white surface that faces the laser 0.5 m away, in the red channel.
         leakage: share of the laser's light that the blue, green and red channel take up.
-        stripe_sigma: standard deviation of the sheet's Gaussian profile [m].
-        fan: half the opening of the sheet [rad].
+        stripe_sigma: standard deviation of the laser plane's Gaussian profile [m].
+        fan: half the opening of the laser plane [rad].
         speckle: standard deviation of the laser's light from pixel to pixel, as a share.
         bounce: strength of light that comes from a surface and falls on another, 1 = as physics has it, 0 = none.
         blur: standard deviation of the lens's blur [px].

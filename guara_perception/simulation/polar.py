@@ -1,6 +1,6 @@
-"""What an eye above a height field sees: along each bearing the first surface that meets a line of sight.
+"""What a viewpoint above a height field sees: along each bearing the first surface that meets a line of sight.
 
-Along one bearing a point at distance r and height z is seen under the tangent r / (eye height - z) from straight
+Along one bearing a point at distance r and height z is seen under the tangent r / (viewpoint height - z) from straight
 down. What lies behind a larger tangent is hidden, so the running maximum of the tangent says both what a line of sight
 meets (its inverse) and whether a given point is in sight.
 """
@@ -24,16 +24,16 @@ EDGE_M = 0.001
 
 @dataclass(frozen=True, slots=True)
 class PolarView:
-    """Running maximum of the tangent around an eye.
+    """Running maximum of the tangent around a viewpoint.
 
     Attributes:
-        eye: (3,) position in the world [m].
+        viewpoint: (3,) position in the world [m].
         bearings: first bearing and step [rad].
         radius_step: step of distance [m].
         horizon: (bearings, radii) float32, running maximum of the tangent.
     """
 
-    eye: Float
+    viewpoint: Float
     bearings: tuple[float, float]
     radius_step: float
     horizon: Float32
@@ -41,7 +41,7 @@ class PolarView:
     @staticmethod
     def around(
         relief: Relief,
-        eye: Float,
+        viewpoint: Float,
         bearing_range: tuple[float, float],
         bearing_count: int,
         radius: float,
@@ -51,7 +51,7 @@ class PolarView:
 
         Args:
             relief: the ground.
-            eye: (3,) position [m], above all ground within the radius.
+            viewpoint: (3,) position [m], above all ground within the radius.
             bearing_range: first and last bearing [rad].
             bearing_count: number of bearings.
             radius: how far to look [m].
@@ -61,12 +61,12 @@ class PolarView:
         step = (last - first) / (bearing_count - 1)
         bearing = first + step * np.arange(bearing_count)
         radii = (np.arange(int(np.ceil(radius / radius_step))) + 1) * radius_step
-        x = eye[0] + np.cos(bearing)[:, None] * radii
-        y = eye[1] + np.sin(bearing)[:, None] * radii
+        x = viewpoint[0] + np.cos(bearing)[:, None] * radii
+        y = viewpoint[1] + np.sin(bearing)[:, None] * radii
         height = relief.sample(relief.height, x.astype(np.float32), y.astype(np.float32))
-        drop = np.maximum(np.float32(eye[2]) - height, np.float32(1e-3))
+        drop = np.maximum(np.float32(viewpoint[2]) - height, np.float32(1e-3))
         tangent = radii.astype(np.float32) / drop
-        return PolarView(eye, (first, step), radius_step, np.maximum.accumulate(tangent, axis=1))
+        return PolarView(viewpoint, (first, step), radius_step, np.maximum.accumulate(tangent, axis=1))
 
     def meets(self, bearing: Float32, tangent: Float32, tangent_steps: int) -> Float32:
         """Distance (h, w) [m] at which lines of sight (h, w) meet the ground; beyond the last radius: level ground."""
@@ -87,9 +87,9 @@ class PolarView:
 
     def sees(self, points: Float32) -> Mask:
         """Which of the points (h, w, 3) are in sight."""
-        dx, dy = points[..., 0] - np.float32(self.eye[0]), points[..., 1] - np.float32(self.eye[1])
+        dx, dy = points[..., 0] - np.float32(self.viewpoint[0]), points[..., 1] - np.float32(self.viewpoint[1])
         radius = cv2.magnitude(dx, dy)
-        tangent = radius / np.maximum(np.float32(self.eye[2]) - points[..., 2], np.float32(1e-3))
+        tangent = radius / np.maximum(np.float32(self.viewpoint[2]) - points[..., 2], np.float32(1e-3))
         bearing = np.asarray(cv2.phase(dx, dy))
         bearing = np.where(bearing > np.float32(np.pi), bearing - np.float32(2 * np.pi), bearing)
         column = (radius - np.float32(IN_FRONT_M)) * np.float32(1 / self.radius_step) - np.float32(1)

@@ -1,4 +1,4 @@
-"""`SimulatedRangefinder`: frames of camera and laser sheet for any pose of the body over a world."""
+"""`SimulatedRangefinder`: frames of camera and laser plane for any pose of the body over a world."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ import numpy.typing as npt
 from guara_perception.arrays import Float, Float32, Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
-from guara_perception.ranging.triangulate import sheet_origin
+from guara_perception.ranging.triangulate import laser_origin
 from guara_perception.simulation.body import Body
 from guara_perception.simulation.bounce import Bounce
+from guara_perception.simulation.laser_planes import LaserPlanes
 from guara_perception.simulation.light import Light
 from guara_perception.simulation.relief import Relief
 from guara_perception.simulation.scene_view import SceneView, look
 from guara_perception.simulation.sensor import Sensor
-from guara_perception.simulation.sheet import SheetModel
 from guara_perception.simulation.world import World
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
 
-# Beyond this many sigmas the sheet's light is below a hundredth of a level.
+# Beyond this many sigmas the laser plane's light is below a hundredth of a level.
 REACH_SIGMAS = 4.5
-# A pixel that shows more than this across the sheet lies on an edge: what is beyond does not belong to it.
+# A pixel that shows more than this across the laser plane lies on an edge: what is beyond does not belong to it.
 MAX_FOOTPRINT_M = 0.002
-# Every so many pixels are enough to find the rows that a sheet passes, when those within this distance count.
+# Every so many pixels are enough to find the rows that a laser plane passes, when those within this distance count.
 THINNING_PX = 4
 NEAR_SHEET_M = 0.020
 # A camera this close to the ground, or below, has hit it.
@@ -65,13 +65,13 @@ class SimulatedRangefinder:
             raise CalibrationMismatch(f"the calibration belongs to robot {calibration.robot!r}, not to {robot.name!r}")
         self.world, self.calibration, self.robot = world, calibration, robot
         self.light = light or Light()
-        self.sheets = SheetModel.of(calibration)
+        self.laser_planes = LaserPlanes.of(calibration)
         self._relief = Relief.of(world)
         width, height = calibration.camera.size
         pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2)
         self._rays = calibration.camera.rays(pixels).reshape(height, width, 3).astype(np.float32)
         camera = calibration.transform_camera_to_base[:3, 3]
-        self._laser_in_base = sheet_origin(self.sheets.planes_in_base, camera)
+        self._laser_in_base = laser_origin(self.laser_planes.planes_in_base, camera)
         self._sensor = Sensor(self.light, (height, width), seed)
         self._view: SceneView | None = None
         self._thin_points: Float32 = np.zeros((0, 0, 3), np.float32)
@@ -157,14 +157,14 @@ class SimulatedRangefinder:
         self, view: SceneView, mirror_angle: float, mirror_travel: float
     ) -> tuple[Float32, tuple[int, int]]:
         """Levels (rows, w) of the laser's light and the rows (first, end) where there is any."""
-        plane = self.sheets.plane_at(mirror_angle)
+        plane = self.laser_planes.plane_at(mirror_angle)
         normal = self._transform_world_to_base[:3, :3].T @ plane[:3]
         # The plane in the world, with distances taken from the view's own origin for the sake of float32.
         offset = plane[3] + plane[:3] @ self._transform_world_to_base[:3, 3] + normal @ view.origin
         height, width = view.laser_gain.shape
         top, bottom = self._rows_near(normal, offset, height)
         distance = view.points[top:bottom].reshape(-1, 3) @ normal.astype(np.float32) + np.float32(offset)
-        # A sheet that turns by twice the travel sweeps a band; its width adds to the Gaussian's.
+        # A laser plane that turns by twice the travel sweeps a band; its width adds to the Gaussian's.
         swept = 2 * mirror_travel * 0.5
         sigma = np.hypot(self.light.stripe_sigma, swept / np.sqrt(12))
         reach = np.float32(REACH_SIGMAS * np.hypot(sigma, MAX_FOOTPRINT_M * self.light.blur))
@@ -193,7 +193,7 @@ class SimulatedRangefinder:
         return light, (first, end)
 
     def _rows_near(self, normal: Float, offset: float, height: int) -> tuple[int, int]:
-        """First and end row of all pixels that may lie in a sheet."""
+        """First and end row of all pixels that may lie in a laser plane."""
         thin = self._thin_points
         distance = thin.reshape(-1, 3) @ normal.astype(np.float32) + np.float32(offset)
         rows = np.flatnonzero((np.abs(distance) < NEAR_SHEET_M).reshape(thin.shape[:2]).any(axis=1))

@@ -14,7 +14,7 @@ from guara_perception.simulation.materials import MATERIALS
 from guara_perception.simulation.polar import PolarView
 from guara_perception.simulation.relief import Relief
 
-# How far the eyes look, and how finely: half a pixel's width on the ground at most.
+# How far camera and laser look, and how finely: half a pixel's width on the ground at most.
 RADIUS_M = 1.3
 RADIUS_STEP_M = 0.001
 TANGENT_STEPS = 2400
@@ -37,7 +37,7 @@ class SceneView:
         origin: (3,) in the world [m]: where the laser leaves the mirror.
         normals: (h, w, 3) float32.
         reflectance: (h, w) float32, share of red light scattered towards the camera.
-        laser_gain: (h, w) float32, level of the stripe's centre where the sheet meets the point, 0 in shadow.
+        laser_gain: (h, w) float32, level of the stripe's centre where the laser plane meets the point, 0 in shadow.
         ambient: (h, w, 3) float32, levels without laser at nominal exposure.
         is_body: (h, w) bool, own legs.
     """
@@ -69,15 +69,15 @@ def look(
         body: the robot's own shapes in the world, or None.
         light: light and sensor.
     """
-    eye, (laser, across) = transform_camera_to_world[:3, 3], beam
+    camera, (laser, across) = transform_camera_to_world[:3, 3], beam
     ways = rays @ transform_camera_to_world[:3, :3].T.astype(np.float32)
-    points = _ground_points(relief, eye, ways)
+    points = _ground_points(relief, camera, ways)
     slope = relief.sample(relief.slope, points[..., 0], points[..., 1])
     steepness = 1 / np.sqrt(1 + slope[..., 0] ** 2 + slope[..., 1] ** 2)
     normals = np.dstack((-slope[..., 0] * steepness, -slope[..., 1] * steepness, steepness))
     albedo, shine = _surface(relief, points, ways, normals)
     is_body = (
-        _add_body(body, eye, ways, points, normals, albedo, shine)
+        _add_body(body, camera, ways, points, normals, albedo, shine)
         if body is not None
         else np.zeros(points.shape[:2], dtype=bool)
     )
@@ -103,7 +103,7 @@ def look(
     )
 
 
-def _ground_points(relief: Relief, eye: Float, ways: Float32) -> Float32:
+def _ground_points(relief: Relief, camera: Float, ways: Float32) -> Float32:
     """Points (h, w, 3) where lines of sight meet the ground."""
     level = np.sqrt(ways[..., 0] ** 2 + ways[..., 1] ** 2) + np.float32(1e-9)
     down = np.maximum(-ways[..., 2], np.float32(1e-3))
@@ -116,10 +116,10 @@ def _ground_points(relief: Relief, eye: Float, ways: Float32) -> Float32:
     bearing += np.float32(heading)
     first, last = float(bearing.min()), float(bearing.max())
     count = int(2 * ways.shape[1] * max((last - first) / 2.2, 0.5))
-    view = PolarView.around(relief, eye, (first, last), count, RADIUS_M, RADIUS_STEP_M)
+    view = PolarView.around(relief, camera, (first, last), count, RADIUS_M, RADIUS_STEP_M)
     radius = view.meets(bearing, tangent, TANGENT_STEPS)
     points = ways * (radius / level)[..., None]
-    points += eye.astype(np.float32)
+    points += camera.astype(np.float32)
     return points
 
 
@@ -152,13 +152,13 @@ def _laser_gain(
         lobe = np.maximum((leaving * towards).sum(axis=1), 0) ** np.float32(MIRRORED_EXPONENT)
         scattered[shiny] += shine[shiny] * np.float32(MIRRORED_GAIN) * lobe * (cosine[shiny] > 0)
     beside = np.abs(points @ across.astype(np.float32)) <= np.float32(np.sin(light.fan)) * distance
-    # The fan spreads the sheet's light along one direction only: it falls with the distance, not with its square.
+    # The fan spreads the laser plane's light along one direction only: it falls with the distance, not with its square.
     return np.asarray(np.float32(light.laser * 0.5) * scattered * beside / distance, dtype=np.float32)
 
 
 def _add_body(
     body: Body,
-    eye: Float,
+    camera: Float,
     ways: Float32,
     points: Float32,
     normals: Float32,
@@ -168,11 +168,11 @@ def _add_body(
     """Put the robot's own shapes in front of the ground; returns where."""
     height, width = ways.shape[:2]
     is_body = np.zeros((height, width), dtype=bool)
-    share = ((points - eye.astype(np.float32)) * ways).sum(axis=2) / (ways**2).sum(axis=2)
+    share = ((points - camera.astype(np.float32)) * ways).sum(axis=2) / (ways**2).sum(axis=2)
     lowest, highest = ways.reshape(-1, 3).min(axis=0), ways.reshape(-1, 3).max(axis=0)
     for number, corners in enumerate(body.corners()):
-        # A cheap look first: the box lies beside the cone of all lines of sight, or above the eye.
-        towards = corners - eye
+        # A cheap look first: the box lies beside the cone of all lines of sight, or above the camera.
+        towards = corners - camera
         depth = -towards[:, 2]
         if depth.max() <= 0.01:
             continue
@@ -180,12 +180,12 @@ def _add_body(
         bounds = np.array([lowest[:2], highest[:2]]) / np.maximum(-highest[2], 0.05)
         if (scaled.max(axis=0) < bounds[0]).any() or (scaled.min(axis=0) > bounds[1]).any():
             continue
-        enter, axis = body.meets(number, eye, ways.reshape(-1, 3))
+        enter, axis = body.meets(number, camera, ways.reshape(-1, 3))
         nearer = np.flatnonzero(enter < share.ravel())
         if not nearer.size:
             continue
         chosen = ways.reshape(-1, 3)[nearer]
-        points.reshape(-1, 3)[nearer] = chosen * enter[nearer, None] + eye.astype(np.float32)
+        points.reshape(-1, 3)[nearer] = chosen * enter[nearer, None] + camera.astype(np.float32)
         normals.reshape(-1, 3)[nearer] = body.normal(number, axis[nearer], chosen)
         albedo.reshape(-1, 3)[nearer] = LEG_ALBEDO
         shine.ravel()[nearer] = 0

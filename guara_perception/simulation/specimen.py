@@ -93,10 +93,10 @@ def rotation(turn: npt.ArrayLike) -> Float:
 
 
 def _sheets(robot: RobotModel, angles: Float, errors: Float) -> Float:
-    """Planes (s, 4) in base_link of the sheet behind a mirror that stands at 45 degrees to a level laser."""
+    """Planes (s, 4) in base_link of the laser plane behind a mirror that stands at 45 degrees to a level laser."""
     position = robot.transform_laser_to_base[:3, 3] + POSITION_SIGMA_M * np.array([errors[0], 0, errors[1]])
     axis = rotation(ANGLE_SIGMA * 0.3 * np.array([errors[2], 0, errors[3]])) @ np.array([0.0, 1.0, 0.0])
-    # The incoming sheet holds the axis but for its own small tilt; at zero angle it leaves straight down.
+    # The incoming laser plane holds the axis but for its own small tilt; at zero angle it leaves straight down.
     beam = rotation(ANGLE_SIGMA * 0.3 * np.array([0, 0, errors[4]])) @ np.array([0.0, 0.0, 1.0])
     planes = []
     for angle in angles:

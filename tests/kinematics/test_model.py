@@ -70,13 +70,13 @@ def test_scan_posture_sees_the_area(robot: RobotModel) -> None:
 
 
 def test_scan_pattern_covers_the_area(robot: RobotModel) -> None:
-    """The first and the last nominal sheet fall on the floor just outside the scanned area."""
+    """The first and the last nominal laser plane fall on the floor just outside the scanned area."""
     state = robot.state(robot.posture(robot.config.scan_posture))
     mirror = state.position_in_base(robot.config.laser_frame)
     height = mirror[2] - state.soles_in_base()[:, 2].mean()
     near, far = robot.section("grid")["footprint"]["x"]  # type: ignore[index]
     scan = robot.section("scan")
-    # The sheet turns by twice the mirror; zero falls along -z, positive goes forward.
+    # The laser plane turns by twice the mirror; zero falls along -z, positive goes forward.
     first = mirror[0] + height * math.tan(2.0 * scan["mirror_angle_first"])  # type: ignore[operator]
     last = mirror[0] + height * math.tan(2.0 * scan["mirror_angle_last"])  # type: ignore[operator]
     assert near - 0.02 < first < near

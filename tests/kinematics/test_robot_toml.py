@@ -127,7 +127,7 @@ def test_sections_are_read_only_all_the_way_down(robot: RobotModel) -> None:
 
 
 def test_sections_for_readers_above_are_there(robot: RobotModel) -> None:
-    """Every robot states its grid, height gates, scan pattern, limits and validity."""
+    """Every robot states its grid, height limits, scan pattern, limits and validity."""
     for name in ("grid", "heights", "scan", "traversability", "validity"):
         assert len(robot.section(name)) > 0
     scan = robot.section("scan")

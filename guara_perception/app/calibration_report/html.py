@@ -89,14 +89,14 @@ def report_page(result: CalibrationResult) -> str:
         "<h2>Where the camera sits: the crosses on the floor</h2>",
         "<p>The crosses lie at places measured with a tape. Found and expected place should coincide.</p>",
         _image(camera_pictures.fiducials(result), "fiducials"),
-        "<h2>The laser sheets</h2>",
+        "<h2>The laser planes</h2>",
         "<p>A turning mirror throws the laser on to the floor as one line after the other. Scans of a flat plate at "
-        "known heights tell where each sheet of light lies in space.</p>",
-        _image(laser_pictures.side_view(result), "sheets from the side"),
+        "known heights tell where each laser plane lies in space.</p>",
+        _image(laser_pictures.side_view(result), "laser planes from the side"),
         _image(laser_pictures.stripes_over_plate(result), "stripes over plates"),
         "<h2>How well heights are measured</h2>",
         "<p>Left: the plates measured again; anything near zero is good, a slope or a step is not. Right, the honest "
-        "test: each plate measured with sheets found from the other plates only.</p>",
+        "test: each plate measured with laser planes found from the other plates only.</p>",
         _image(laser_pictures.plate_errors(result), "height errors on the plates"),
         "<p>What to expect of a scan (one standard deviation):</p>",
         _image(laser_pictures.height_sigma(result), "predicted sigma of heights"),
@@ -134,7 +134,7 @@ def _found(result: CalibrationResult) -> str:
     camera, fit = result.fit.camera, result.fit
     matrix = camera.matrix
     sigma = dict(zip(fit.free, fit.covariance.diagonal() ** 0.5, strict=False))
-    eye = result.calibration.transform_camera_to_base[:3, 3]
+    x, y, z = result.calibration.transform_camera_to_base[:3, 3]
     lens = ", ".join(f"{name} {value:+.5f}" for name, value in zip(fit.free[4:], fit.lens[4:], strict=True))
     rows = (
         ("picture", f"{camera.size[0]} x {camera.size[1]} px"),
@@ -145,7 +145,10 @@ def _found(result: CalibrationResult) -> str:
         ("principal point", f"{matrix[0, 2]:.2f} +- {sigma['cx']:.2f} px, {matrix[1, 2]:.2f} +- {sigma['cy']:.2f} px"),
         ("distortion", lens),
         ("mount", MOUNTS[result.floor.mount]),
-        ("optical centre in base_link", f"{eye[0]:.4f}, {eye[1]:.4f}, {eye[2]:.4f} m"),
+        (
+            "optical centre in base_link",
+            f"{x:.4f}, {y:.4f}, {z:.4f} m",
+        ),
         ("height above the floor (H)", f"{1e3 * fit.transform_camera_to_footprint[2, 3]:.2f} mm"),
         (
             "floor homography",

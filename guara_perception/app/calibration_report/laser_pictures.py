@@ -12,10 +12,10 @@ from guara_perception.calibration.result import CalibrationResult
 
 
 def side_view(result: CalibrationResult) -> bytes:
-    """Camera, mirror, sheets and plates from the side."""
+    """Camera, mirror, laser planes and plates from the side."""
     figure, (axes,) = new_figure(9.5, 4.8)
     stripes, mirror = result.laser.stripes, result.laser.sweep.mirror
-    eye = result.fit.transform_camera_to_footprint[:3, 3]
+    camera_position = result.fit.transform_camera_to_footprint[:3, 3]
     for plane in stripes.planes[:: max(len(stripes.planes) // 24, 1)]:
         heights = np.array([mirror.point[2], 0.0])
         axes.plot(-(plane[2] * heights + plane[3]) / plane[0], heights, color=RED, linewidth=0.5, alpha=0.7)
@@ -23,14 +23,14 @@ def side_view(result: CalibrationResult) -> bytes:
         axes.axhline(
             plate.height, color=SERIES[number % len(SERIES)], linewidth=2, label=f"plate at {1e3 * plate.height:.0f} mm"
         )
-    axes.plot(*eye[[0, 2]], "s", color=BLUE, markersize=9)
-    axes.annotate("camera", eye[[0, 2]], xytext=(9, -4), textcoords="offset points")
+    axes.plot(*camera_position[[0, 2]], "s", color=BLUE, markersize=9)
+    axes.annotate("camera", camera_position[[0, 2]], xytext=(9, -4), textcoords="offset points")
     axes.plot(*mirror.point[[0, 2]], "^", color=RED, markersize=9)
     axes.annotate("mirror", mirror.point[[0, 2]], xytext=(8, 8), textcoords="offset points")
     axes.axvspan(*AREA_X, ymax=0.02, color=GREY)
     axes.set_xlabel("x, ahead of the robot [m]")
     axes.set_ylabel("height [m]")
-    axes.set_title("from the side: each red line is one laser sheet; the grey bar is the scanned area")
+    axes.set_title("from the side: each red line is one laser plane; the grey bar is the scanned area")
     axes.set_aspect("equal")
     axes.legend(loc="upper right", fontsize=8)
     return to_png(figure)
@@ -98,15 +98,17 @@ def plate_errors(result: CalibrationResult) -> bytes:
 
 
 def mirror_steps(result: CalibrationResult) -> bytes:
-    """How the sheet of each stripe strays from the ideal mirror."""
+    """How the laser plane of each stripe strays from the ideal mirror."""
     figure, (axes,) = new_figure(9.5, 3.4)
     sweep = result.laser.sweep
     axes.plot(sweep.indices, np.rad2deg(2 * sweep.step_errors), ".-", color=BLUE, linewidth=0.8)
     axes.axhline(0, color=GREY, linewidth=0.8)
     axes.set_xlabel("stripe index (near to far)")
-    axes.set_ylabel("sheet off by [degrees]")
+    axes.set_ylabel("laser plane off by [degrees]")
     jitter = np.rad2deg(result.laser.stripes.jitter)
-    axes.set_title(f"sheets against an ideal turning mirror; from scan to scan they repeat within {jitter:.4f} degrees")
+    axes.set_title(
+        f"laser planes against an ideal turning mirror; from scan to scan they repeat within {jitter:.4f} degrees"
+    )
     return to_png(figure)
 
 

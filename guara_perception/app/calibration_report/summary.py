@@ -13,12 +13,12 @@ MARKS = {"good": "ok  ", "usable": "weak", "refused": "BAD "}
 def summary(result: CalibrationResult) -> str:
     """Verdict, lens, mount, every figure with its limits, and the reasons."""
     matrix, camera = result.fit.camera.matrix, result.fit.camera
-    eye = result.calibration.transform_camera_to_base[:3, 3]
+    x, y, z = result.calibration.transform_camera_to_base[:3, 3]
     lines = [
         f"verdict: {result.verdict}",
         f"camera: {camera.size[0]}x{camera.size[1]} px, focal lengths {matrix[0, 0]:.2f} {matrix[1, 1]:.2f} px, "
         f"principal point {matrix[0, 2]:.2f} {matrix[1, 2]:.2f} px",
-        f"mount: {MOUNTS[result.floor.mount]}, optical centre at {eye[0]:.4f} {eye[1]:.4f} {eye[2]:.4f} m in "
+        f"mount: {MOUNTS[result.floor.mount]}, optical centre at {x:.4f} {y:.4f} {z:.4f} m in "
         f"base_link, {1e3 * result.fit.transform_camera_to_footprint[2, 3]:.1f} mm above the floor",
         f"laser: {len(result.calibration.stripes)} stripes, axis at {_axis(result)} in base_footprint",
         "figures (limit of good, limit of refused):",

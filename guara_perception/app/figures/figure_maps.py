@@ -23,7 +23,7 @@ CAUSES = {
     Hazard.DROPOUT: ("#d55e00", "no return (dark or hole)"),
     Hazard.OCCLUDED: ("#56b4e9", "hidden behind something"),
     Hazard.UNSCANNED: ("#999999", "not looked at"),
-    Hazard.OUT_OF_RANGE: ("#000000", "below or above the gates"),
+    Hazard.OUT_OF_RANGE: ("#000000", "below or above the height limits"),
     Hazard.AMBIGUOUS: ("#cc79a7", "return not trusted"),
     Hazard.SELF: ("#0072b2", "own leg or body"),
 }

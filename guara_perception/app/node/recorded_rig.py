@@ -35,7 +35,7 @@ class RecordedView:
         self._angles = [stripe.mirror_angle for stripe, _, _ in frames]
         self._on = [on for _, on, _ in frames]
         self._off = offs[0]
-        # Further from every recorded angle than this the sheet falls between stripes that were recorded.
+        # Further from every recorded angle than this the laser plane falls between stripes that were recorded.
         self._reach = 0.6 * float(np.diff(self._angles).max()) if len(frames) > 1 else np.inf
 
     def render(self, view: ExposureView, settings: object) -> Image:

@@ -77,7 +77,7 @@ class PaperRangefinder:
         measured across the stripe itself: that keeps eqs. 17 and 18 exact.
 
         Args:
-            plane_in_camera: (..., 4) calibrated sheets.
+            plane_in_camera: (..., 4) calibrated laser planes.
         """
         # One by one: a product of matrices may round a plane differently when there are more of them.
         planes = [plane_in_frame(plane, self._transform) for plane in plane_in_camera.reshape(-1, 4)]
@@ -86,7 +86,7 @@ class PaperRangefinder:
         across = np.stack((nx, ny), axis=-1) / steepness[..., None]
         z = [self.camera_height - h for h in PLATE_HEIGHTS_M]
         nadir = across[..., 0] * self.nadir[0] + across[..., 1] * self.nadir[1]
-        # Where the sheet meets each plate, seen from the optical centre on the floor.
+        # Where the laser plane meets each plate, seen from the optical centre on the floor.
         v = [
             nadir + (-(nz * h + d) / steepness - nadir) * self.camera_height / (self.camera_height - h)
             for h in PLATE_HEIGHTS_M
@@ -97,7 +97,7 @@ class PaperRangefinder:
         """Points (3, ..., n) in base_footprint of stripes seen at these rows, NaN where there is none.
 
         Args:
-            plane_in_camera: (..., 4) calibrated sheets, one for each n rows.
+            plane_in_camera: (..., 4) calibrated laser planes, one for each n rows.
             position_px: (..., n) rows.
             columns: (..., n) of the rows; None = every column of the picture, in order.
         """

@@ -24,7 +24,7 @@ class LookPlan:
 
     Attributes:
         geometry: the grid.
-        planes_in_footprint: (s, 4) sheets in the order of the pattern, at least one.
+        planes_in_footprint: (s, 4) laser planes in the order of the pattern, at least one.
         project: gives picture positions (n, 2) of points (n, 3) in base_footprint, NaN where behind the camera.
         size: picture width and height [px].
     """
@@ -36,7 +36,7 @@ class LookPlan:
 
     def pairs(self, cells: Index) -> Index:
         """Place in the pattern of the first stripe of the pair that passes over each cell (n,), -1 where none does."""
-        # All cells of a grid and all sheets at once would take megabytes.
+        # All cells of a grid and all laser planes at once would take megabytes.
         blocks = np.split(cells, range(CELLS_TOGETHER, cells.size, CELLS_TOGETHER))
         return np.concatenate([self._pairs(block) for block in blocks])
 
@@ -44,7 +44,7 @@ class LookPlan:
         x, y = self._centres(cells)
         a, b, _, d = self.planes_in_footprint.T[:, :, None]
         side = a * x + (b * y + d) > 0
-        # The first pair whose sheets have a cell on different sides passes over it: sheets are counted up to there.
+        # The first pair whose planes have a cell on different sides passes over it: planes are counted up to there.
         still = np.logical_and.accumulate(side[1:] == side[0], axis=0)
         return np.where(still.all(axis=0), -1, still.sum(axis=0))
 
@@ -67,7 +67,7 @@ def unknown_causes(
     plan: LookPlan,
     pair_usable: Mask,
     marks: Flags,
-    eyes: tuple[Float, ...],
+    sensor_origins: tuple[Float, ...],
     geometry: GridGeometry,
     in_own_shadow: Callable[[Float], Mask] | None = None,
 ) -> Flags:
@@ -78,7 +78,7 @@ def unknown_causes(
         plan: what should have been looked at.
         pair_usable: (s - 1,) whether both stripes of a pair were fired with good frames and are neighbours.
         marks: (ny, nx) flags of returns that were seen here and may not be used.
-        eyes: positions (3,) of camera and laser in base_footprint.
+        sensor_origins: positions (3,) of camera and laser in base_footprint.
         geometry: the grid.
         in_own_shadow: tells which points (n, 3) the robot hides from its own camera or laser; None = none.
 
@@ -96,40 +96,42 @@ def unknown_causes(
         return flags
     targets = _lowest_ground(elevation, cells, geometry)
     cause = np.full(cells.size, Hazard.DROPOUT, dtype=np.uint16)
-    for eye in eyes:
-        cause[_behind_surface(elevation, targets, eye, geometry)] = Hazard.OCCLUDED
+    for sensor_origin in sensor_origins:
+        cause[_behind_surface(elevation, targets, sensor_origin, geometry)] = Hazard.OCCLUDED
     if in_own_shadow is not None:
         cause[in_own_shadow(targets)] = Hazard.SELF
     flags.ravel()[cells] = cause
     return flags
 
 
-def is_hidden(elevation: Float, cells: Mask, eye: Float, geometry: GridGeometry) -> Mask:
-    """Whether a measured surface stands between an eye and each of `cells`, taken at the lowest height around it.
+def is_hidden(elevation: Float, cells: Mask, sensor_origin: Float, geometry: GridGeometry) -> Mask:
+    """Whether a measured surface stands between a sensor and each of `cells`, taken at the lowest height around it.
 
     Args:
         elevation: (ny, nx) measured heights [m], NaN where unknown (an unknown cell hides nothing).
         cells: (ny, nx) the cells asked about.
-        eye: (3,) camera or laser in base_footprint.
+        sensor_origin: (3,) camera or laser in base_footprint.
         geometry: the grid.
     """
     result = np.zeros(geometry.shape, dtype=bool)
     asked = np.flatnonzero(cells)
     if asked.size:
-        result.ravel()[asked] = _behind_surface(elevation, _lowest_ground(elevation, asked, geometry), eye, geometry)
+        result.ravel()[asked] = _behind_surface(
+            elevation, _lowest_ground(elevation, asked, geometry), sensor_origin, geometry
+        )
     return result
 
 
-def _behind_surface(elevation: Float, targets: Float, eye: Float, geometry: GridGeometry) -> Mask:
-    """Whether a measured surface stands between an eye and each of the targets (n, 3)."""
+def _behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geometry: GridGeometry) -> Mask:
+    """Whether a measured surface stands between a sensor and each of the targets (n, 3)."""
     top = float(np.fmax.reduce(elevation, axis=None))
     x, y, z = targets.T
     if np.isnan(top):
         return np.zeros(len(targets), dtype=bool)
     # Above the highest surface nothing can hide: only the last stretch of each line needs a look.
-    climb = np.maximum(eye[2] - z, 1e-6)
+    climb = np.maximum(sensor_origin[2] - z, 1e-6)
     start = np.clip(1 - (top - z) / climb, 0.0, 1.0)
-    length = np.hypot(eye[0] - x, eye[1] - y) * (1 - start)
+    length = np.hypot(sensor_origin[0] - x, sensor_origin[1] - y) * (1 - start)
     steps = int(np.clip(np.ceil(2 * length.max() / geometry.resolution), 1, 400))
     share = start + (1 - start) * ((np.arange(steps) + 0.5) / steps)[:, None]
     # Cells counted with a border of one, where nothing is known: what lies beyond the grid is cut to it.
@@ -139,14 +141,16 @@ def _behind_surface(elevation: Float, targets: Float, eye: Float, geometry: Grid
         .clip(0, count + 1)
         .astype(np.intp)
         for place, end, origin, count in (
-            (y, eye[1], geometry.origin[1], geometry.shape[0]),
-            (x, eye[0], geometry.origin[0], geometry.shape[1]),
+            (y, sensor_origin[1], geometry.origin[1], geometry.shape[0]),
+            (x, sensor_origin[0], geometry.origin[0], geometry.shape[1]),
         )
     )
     row *= around.shape[1]
     row += column
     with np.errstate(invalid="ignore"):
-        return np.asarray((around.ravel().take(row) > eye[2] + share * (z - eye[2]) + HIDING_MARGIN_M).any(axis=0))
+        return np.asarray(
+            (around.ravel().take(row) > sensor_origin[2] + share * (z - sensor_origin[2]) + HIDING_MARGIN_M).any(axis=0)
+        )
 
 
 def _lowest_ground(elevation: Float, cells: Index, geometry: GridGeometry) -> Float:

@@ -21,7 +21,7 @@ def lost_cells(
 
     Args:
         elevation, hazard, in_view: (ny, nx) of the scan; in view of the camera at z = 0.
-        planes_in_footprint: (s, 4) sheets in the order of the pattern.
+        planes_in_footprint: (s, 4) laser planes in the order of the pattern.
         is_lost: (s,) whether a stripe was fired and has no usable frame.
         geometry: the grid.
 
@@ -45,7 +45,7 @@ def lost_cells(
     last = len(planes_in_footprint) - 1
     for place in np.flatnonzero(is_lost).tolist():
         before, after = max(place - 1, 0), min(place + 1, last)
-        # Between the two sheets at the lowest or the highest height, or beyond them on opposite sides.
+        # Between the two laser planes at the lowest or the highest height, or beyond them on opposite sides.
         lost |= (low[:, before] != low[:, after]) | (high[:, before] != high[:, after])
         lost |= low[:, before] != high[:, before]
     not_looked_at = (hazard & np.uint16(Hazard.UNSCANNED | Hazard.OCCLUDED)) != 0

@@ -54,7 +54,7 @@ def test_sigmas_of_the_camera_are_right(result: CalibrationResult, calibration: 
 def test_heights_of_the_worst_stripe(
     result: CalibrationResult, calibration: gp.Calibration, heights: np.ndarray, limit: float
 ) -> None:
-    """True sheets seen by the true camera give true heights through our calibration, beyond the plates too."""
+    """True laser planes seen by the true camera give true heights through our calibration, beyond the plates too."""
     errors = height_errors(calibration, result.calibration, result.transform_base_to_footprint, heights)
     assert len(errors) == 35
     assert worst_rms(errors)[0] < limit
@@ -69,9 +69,9 @@ def test_predicted_height_sigma_is_right(result: CalibrationResult, calibration:
     y = np.linspace(-0.25, 0.25, 9)
     errors, variances = [], []
     for stripe, true in zip(result.calibration.stripes, calibration.stripes, strict=True):
-        sheet = plane_in_frame(true.plane, true_pose)
+        plane = plane_in_frame(true.plane, true_pose)
         for level in (0.0, 0.04, 0.08, 0.11):
-            place = np.column_stack((-(sheet[1] * y + sheet[2] * level + sheet[3]) / sheet[0], y, np.full(9, level)))
+            place = np.column_stack((-(plane[1] * y + plane[2] * level + plane[3]) / plane[0], y, np.full(9, level)))
             pixels = calibration.camera.project((place - true_pose[:3, 3]) @ true_pose[:3, :3])
             rays = result.calibration.camera.rays(pixels)
             points = rays * (-stripe.plane[3] / (rays @ stripe.plane[:3]))[:, None]

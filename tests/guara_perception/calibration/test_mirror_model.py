@@ -25,7 +25,7 @@ def rotation(vector: np.ndarray) -> np.ndarray:
 
 
 def test_nominal_sheet_falls_straight_down_and_turns_forward() -> None:
-    """At angle zero the sheet is the plane x = 0.6; at theta it meets the floor 0.47 tan(2 theta) further ahead."""
+    """At angle zero the laser plane is x = 0.6; at theta it meets the floor 0.47 tan(2 theta) further ahead."""
     planes = nominal_mirror(POINT).planes([0.0, 0.1, -0.05])
     for plane, angle in zip(planes, (0.0, 0.1, -0.05), strict=True):
         x_on_floor = -plane[3] / plane[0]
@@ -35,7 +35,7 @@ def test_nominal_sheet_falls_straight_down_and_turns_forward() -> None:
 @bounded
 @given(parameters, angles)
 def test_sheet_is_the_mirror_image_of_the_laser_plane(p: np.ndarray, angle: float) -> None:
-    """Points of the laser plane, reflected in the mirror by hand, lie on the sheet."""
+    """Points of the laser plane, reflected in the mirror by hand, lie on the laser plane."""
     model = perturbed_mirror(nominal_mirror(POINT), p)
     plane = model.planes([angle])[0]
     np.testing.assert_allclose(np.linalg.norm(plane[:3]), 1, atol=1e-12)
@@ -51,14 +51,14 @@ def test_sheet_is_the_mirror_image_of_the_laser_plane(p: np.ndarray, angle: floa
 @bounded
 @given(parameters, angles)
 def test_the_sheet_turns_by_twice_the_mirror(p: np.ndarray, angle: float) -> None:
-    """With the mirror's face parallel to its axis, sheets are one plane turned about the axis by twice the angle."""
+    """With the mirror's face parallel to its axis, all are one plane turned about the axis by twice the angle."""
     p = p.copy()
     p[list(PARAMETERS).index("mirror_tilt")] = 0
     model = perturbed_mirror(nominal_mirror(POINT), p)
     first, turned = model.planes([0.0, angle])
     expected = rotation(2 * model.gain * angle * model.axis) @ first[:3]
     np.testing.assert_allclose(turned[:3], expected, atol=1e-12)
-    # Each sheet passes the axis at the same distance.
+    # Each laser plane passes the axis at the same distance.
     np.testing.assert_allclose(turned[:3] @ model.point + turned[3], first[:3] @ model.point + first[3], atol=1e-12)
 
 

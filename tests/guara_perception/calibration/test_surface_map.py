@@ -49,7 +49,7 @@ def test_marks_that_fix_no_map(pixels: np.ndarray, points: np.ndarray, reason: s
 
 
 def seen_at(height: float, camera_height: float, eye: float, foot: float, slope: float) -> float:
-    """Rectified x of a sheet x = foot + slope h at a height: its ray from the eye carried on to the floor."""
+    """Rectified x of a laser plane x = foot + slope h at a height: its ray from the eye carried on to the floor."""
     return eye + (foot + slope * height - eye) * camera_height / (camera_height - height)
 
 

@@ -1,4 +1,4 @@
-"""The band of a stripe holds every row in which its sheet can be seen between the heights asked for, and no more."""
+"""The band of a stripe holds every row in which its plane can be seen between the heights asked for, and no more."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def transform(calibration: gp.Calibration, robot: RobotModel, paper_scan: gp.Sca
 
 @pytest.mark.parametrize("place", [0, 9, 20, 34])
 def test_a_band_holds_all_rows_of_its_sheet(calibration: gp.Calibration, transform: np.ndarray, place: int) -> None:
-    """Against points set densely on the lines in which the sheet crosses each height."""
+    """Against points set densely on the lines in which the laser plane crosses each height."""
     plane = calibration.stripes[place].plane
     (first, end), *_ = row_bands(calibration.camera, transform, plane[None], HEIGHTS, MARGIN)
     a, b, c, d = plane_in_frame(plane, transform)
@@ -39,7 +39,7 @@ def test_a_band_holds_all_rows_of_its_sheet(calibration: gp.Calibration, transfo
 
 
 def test_a_band_does_not_depend_on_the_other_sheets(calibration: gp.Calibration, transform: np.ndarray) -> None:
-    """Asked for together or one by one; every sheet of the pattern has a band."""
+    """Asked for together or one by one; every laser plane of the pattern has a band."""
     planes = np.array([stripe.plane for stripe in calibration.stripes])
     together = row_bands(calibration.camera, transform, planes, HEIGHTS, MARGIN)
     assert together == [row_bands(calibration.camera, transform, p[None], HEIGHTS, MARGIN)[0] for p in planes]

@@ -11,7 +11,7 @@ from guara_perception.calibration.camera import CameraModel
 from guara_perception.ranging.locate import Triangulator, locator
 from guara_perception.ranging.paper.camera import rotation_of_pitch
 from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder, radial_coefficient
-from guara_perception.ranging.triangulate import sheet_origin
+from guara_perception.ranging.triangulate import laser_origin
 
 SIZE = (640, 512)
 MATRIX = np.array([[590.0, 0, 322.0], [0, 588.0, 250.0], [0, 0, 1]])
@@ -31,7 +31,7 @@ def pose(pitch: float = 31.0) -> np.ndarray:
     return transform
 
 
-def sheet(lean: float, turn: float, transform: np.ndarray) -> np.ndarray:
+def laser_plane(lean: float, turn: float, transform: np.ndarray) -> np.ndarray:
     """Plane in the camera frame through the mirror, leaning forward by `lean`, turned about the vertical by `turn`."""
     across = np.array([np.cos(turn), np.sin(turn), 0.0])
     normal = np.cos(lean) * across + np.array([0, 0, np.sin(lean)])
@@ -40,7 +40,7 @@ def sheet(lean: float, turn: float, transform: np.ndarray) -> np.ndarray:
 
 
 def seen(plane: np.ndarray, transform: np.ndarray, h: np.ndarray, lens: CameraModel) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a sheet at heights h across the area, and where the camera sees them."""
+    """Points of a laser plane at heights h across the area, and where the camera sees them."""
     normal = transform[:3, :3] @ plane[:3]
     offset = plane[3] - normal @ transform[:3, 3]
     y = np.linspace(-0.2, 0.2, h.size)
@@ -63,9 +63,9 @@ def locate_at(way: object, plane: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 @given(lean=st.floats(-0.15, 0.5), turn=st.floats(-0.03, 0.03), pitch=st.floats(25, 38))
 @settings(max_examples=25, deadline=None, derandomize=True)
 def test_triangulation_gives_the_point_back(lean: float, turn: float, pitch: float) -> None:
-    """A point of the sheet, projected with distortion, is found again to a hundredth of a millimetre."""
+    """A point of the laser plane, projected with distortion, is found again to a hundredth of a millimetre."""
     transform, lens = pose(pitch), camera()
-    plane = sheet(lean, turn, transform)
+    plane = laser_plane(lean, turn, transform)
     points, pixels = seen(plane, transform, np.linspace(-0.02, 0.1, 7), lens)
     inside = (pixels > 2).all(axis=1) & (pixels[:, 0] < SIZE[0] - 3) & (pixels[:, 1] < SIZE[1] - 3)
     found = locate_at(Triangulator(lens, transform), plane, pixels[inside])
@@ -77,7 +77,7 @@ def test_triangulation_gives_the_point_back(lean: float, turn: float, pitch: flo
 def test_the_papers_chain_is_exact_where_its_lens_is(lean: float, turn: float, pitch: float) -> None:
     """With one radial coefficient, eqs. 7 to 21 about the nadir equal triangulation, also for a turned stripe."""
     transform, lens = pose(pitch), camera()
-    plane = sheet(lean, turn, transform)
+    plane = laser_plane(lean, turn, transform)
     rows = np.linspace(60, 450, SIZE[0])
     paper = PaperRangefinder(lens, transform, AREA, Literal())
     exact = Triangulator(lens, transform).points(plane, rows).T
@@ -94,7 +94,7 @@ def test_one_radial_coefficient_is_found() -> None:
 def test_literal_lens_and_literal_ortho_miss_by_millimetres() -> None:
     """One step of eq. 8 costs height at the picture's edge; the image centre moves an object by h tan(alpha)."""
     transform, lens = pose(), camera(-0.2)
-    plane = sheet(-0.15, 0.0, transform)
+    plane = laser_plane(-0.15, 0.0, transform)
     points, pixels = seen(plane, transform, np.full(5, 0.05), lens)
     right = locate_at(PaperRangefinder(lens, transform, AREA, Literal()), plane, pixels)
     lens_only = locate_at(PaperRangefinder(lens, transform, AREA, Literal(lens=True)), plane, pixels)
@@ -109,7 +109,7 @@ def test_literal_lens_and_literal_ortho_miss_by_millimetres() -> None:
 def test_sigma_of_the_height_is_its_finite_difference(literal: Literal | None) -> None:
     """Moving the stripe by a tenth of a pixel changes the height by a tenth of the stated sigma for one pixel."""
     transform, lens = pose(), camera()
-    plane = sheet(0.3, 0.01, transform)
+    plane = laser_plane(0.3, 0.01, transform)
     way = locator(literal, lens, transform, AREA)
     rows = np.full(SIZE[0], 300.0)
     points, sigma = way.measure(plane, rows, np.ones(SIZE[0]))
@@ -119,11 +119,11 @@ def test_sigma_of_the_height_is_its_finite_difference(literal: Literal | None) -
 
 
 def test_no_position_no_point_and_no_grazing_ray() -> None:
-    """NaN rows give NaN points; a sheet through the camera's own rays gives none."""
+    """NaN rows give NaN points; a laser plane through the camera's own rays gives none."""
     transform, lens = pose(), camera()
     rows = np.full(SIZE[0], np.nan)
     rows[7] = 200.0
-    points = Triangulator(lens, transform).points(sheet(0.2, 0, transform), rows).T
+    points = Triangulator(lens, transform).points(laser_plane(0.2, 0, transform), rows).T
     assert np.isfinite(points[7]).all() and np.isnan(np.delete(points, 7, axis=0)).all()
     ray = lens.rays([[7.0, 200.0]])[0]
     along = np.cross(ray, [1.0, 0, 0])
@@ -140,21 +140,21 @@ def test_sheet_behind_the_camera_gives_no_point() -> None:
 
 
 def test_sheet_origin_is_on_the_mirror_axis() -> None:
-    """All sheets pass through the mirror: the spot of its axis nearest to the camera is found."""
+    """All laser planes pass through the mirror: the spot of its axis nearest to the camera is found."""
     transform = pose()
     planes = []
     for lean in np.linspace(-0.1, 0.4, 9):
         normal = np.array([np.cos(lean), 0, np.sin(lean)])
         planes.append(np.append(normal, -normal @ MIRROR))
-    np.testing.assert_allclose(sheet_origin(np.array(planes), transform[:3, 3]), [0.6, 0.01, 0.47], atol=1e-9)
+    np.testing.assert_allclose(laser_origin(np.array(planes), transform[:3, 3]), [0.6, 0.01, 0.47], atol=1e-9)
 
 
 @pytest.mark.parametrize("literal", [None, Literal()])
 def test_stripes_together_are_the_stripes_alone(literal: Literal | None) -> None:
-    """Several sheets in one go, all columns or some: of each the very bits that it has alone."""
+    """Several laser planes in one go, all columns or some: of each the very bits that it has alone."""
     transform, lens = pose(), camera()
     way = locator(literal, lens, transform, AREA)
-    planes = np.array([sheet(lean, turn, transform) for lean, turn in ((-0.1, 0.0), (0.2, 0.01), (0.4, -0.02))])
+    planes = np.array([laser_plane(lean, turn, transform) for lean, turn in ((-0.1, 0.0), (0.2, 0.01), (0.4, -0.02))])
     rows = np.random.default_rng(4).uniform(100, 400, (3, SIZE[0]))
     rows[1, 30:60] = np.nan
     points, sigma = way.measure(planes, rows, np.full(rows.shape, 0.1))

@@ -1,4 +1,4 @@
-"""Points of profiles: set apart by the gates, dropped on the robot, doubtful ones kept for their cause."""
+"""Points of profiles: set apart by the height limits, dropped on the robot, doubtful ones kept for their cause."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def points_of(found: StripeProfile, **extra: object) -> StripePoints:
 
 
 def test_points_outside_the_gates_are_set_apart() -> None:
-    """Below and above the gates: no terrain, but a return that was seen."""
+    """Below and above the height limits: no terrain, but a return that was seen."""
     rows = np.repeat([0.0, -200.0, 0.0, 300.0, 0.0], 20)
     found = points_of(profile(rows))
     low, high = slice(24, 36), slice(64, 76)
@@ -72,14 +72,14 @@ def test_points_on_the_robot_are_dropped_however_they_lie_in_memory() -> None:
             return np.asfortranarray(points), sigmas
 
     profiles = [profile(np.zeros(60)), profile(np.zeros(60))]
-    sheets, gates = np.zeros((2, 4)), (-0.08, 0.13)
-    for found in stripe_points(profiles, Scattered(), sheets, gates, lambda p: (p[:, 1] > 0.02) & (p[:, 1] < 0.03)):  # type: ignore[arg-type]
+    planes, limits = np.zeros((2, 4)), (-0.08, 0.13)
+    for found in stripe_points(profiles, Scattered(), planes, limits, lambda p: (p[:, 1] > 0.02) & (p[:, 1] < 0.03)):  # type: ignore[arg-type]
         assert np.isnan(found.points[21:30, 2]).all()
         assert np.isfinite(found.points[:18, 2]).all() and np.isfinite(found.points[34:, 2]).all()
 
 
 def test_doubtful_returns_keep_their_place() -> None:
-    """A return that may not be used says where it was, unless that is outside the gates."""
+    """A return that may not be used says where it was, unless that is outside the height limits."""
     doubtful = np.full(60, np.nan, np.float32)
     doubtful[10], doubtful[11] = 5.0, 900.0
     rows = np.where(np.isfinite(doubtful), np.nan, 0.0)
@@ -89,7 +89,7 @@ def test_doubtful_returns_keep_their_place() -> None:
 
 
 def test_profiles_together_are_the_profiles_alone() -> None:
-    """Gaps, returns beyond the gates, doubtful ones and a leg, in one go: each stripe as if it were alone."""
+    """Gaps, returns beyond the height limits, doubtful ones and a leg, in one go: each stripe as if it were alone."""
     random = np.random.default_rng(8)
     profiles = []
     for _ in range(5):

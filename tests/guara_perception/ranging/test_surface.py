@@ -198,7 +198,7 @@ def test_return_below_the_gates_only_names_the_cause() -> None:
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_a_high_return_is_not_forgotten_for_a_low_one_of_its_cell(order: tuple[int, int]) -> None:
-    """Of two returns in one cell the one above the gates counts, in whatever order they come."""
+    """Of two returns in one cell the one above the height limits counts, in whatever order they come."""
     both = np.array([[0.052, 0.0105, 0.2], [0.052, 0.0115, -0.3]])[list(order)]
     stripes = {k: stripe(0.004 + 0.008 * k) for k in range(12)}
     stripes[6] = stripe(0.004 + 0.048, out_of_range=ColumnPoints(np.array([10, 11]), both))
@@ -206,7 +206,7 @@ def test_a_high_return_is_not_forgotten_for_a_low_one_of_its_cell(order: tuple[i
 
 
 def test_a_drop_seen_by_two_stripes_is_marked_in_between() -> None:
-    """Between two returns from below the gates the ground is no better: the cells between are marked too."""
+    """Between two returns from below the height limits the ground is no better: the cells between are marked too."""
     every = np.arange(COLUMNS)
     ends = [
         ColumnPoints(every, np.column_stack((np.full(COLUMNS, x), stripe(0).points[:, 1], np.full(COLUMNS, -0.2))))

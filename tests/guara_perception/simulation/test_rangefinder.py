@@ -12,9 +12,9 @@ import guara_perception as gp
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.simulation.features import Box, Patch, Pit
+from guara_perception.simulation.laser_planes import LaserPlanes
 from guara_perception.simulation.light import Light
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
-from guara_perception.simulation.sheet import SheetModel
 from guara_perception.simulation.specimen import rotation, specimen
 from guara_perception.simulation.world import World
 from kinematics import RobotModel, Stance, load_robot
@@ -78,15 +78,15 @@ def test_points_on_boxes_lie_on_boxes(robot: RobotModel, calibration: Calibratio
 
 
 def test_sheets_turn_with_the_mirror(robot: RobotModel) -> None:
-    """At a calibrated angle the sheet is that stripe's; between two, halfway; all hold the mirror's axis."""
+    """At a calibrated angle the laser plane is that stripe's; between two, halfway; all hold the mirror's axis."""
     nominal = specimen(robot, seed=None, mirror_step=0.0)
-    model = SheetModel.of(nominal)
+    model = LaserPlanes.of(nominal)
     assert len(model.angles) == 70
     for k in (0, 35, 69):
         np.testing.assert_allclose(model.plane_at(model.angles[k]), model.planes_in_base[k], atol=1e-12)
     for angle in (-0.15, 0.0, 0.1234, 0.35):
         plane = model.plane_at(angle)
-        # The sheet turns by twice the mirror: from straight down towards +x.
+        # The laser plane turns by twice the mirror: from straight down towards +x.
         np.testing.assert_allclose(plane[:3], [np.cos(2 * angle), 0, np.sin(2 * angle)], atol=1e-9)
         assert plane[:3] @ robot.transform_laser_to_base[:3, 3] + plane[3] == pytest.approx(0, abs=1e-9)
 
@@ -145,7 +145,7 @@ def test_dark_patches_and_shadows_give_no_height(robot: RobotModel, calibration:
 
 
 def test_the_stripe_is_where_the_plane_meets_the_floor(robot: RobotModel, calibration: Calibration) -> None:
-    """The brightest row of a column is that of the calibrated sheet, to a fraction of a pixel, and red."""
+    """The brightest row of a column is that of the calibrated laser plane, to a fraction of a pixel, and red."""
     rangefinder = SimulatedRangefinder(World(), calibration, robot, light=QUIET)
     transform = standing(pitch=0.03)
     rangefinder.place(transform)

@@ -106,7 +106,7 @@ def test_every_unknown_cell_gets_a_cause_and_no_known_one() -> None:
 
 
 def test_plan_finds_the_pair_that_passes_over_each_cell() -> None:
-    """Sheets falling straight down every 10 mm: the pair changes every two cells, none beyond the last."""
+    """Laser planes falling straight down every 10 mm: the pair changes every two cells, none beyond the last."""
     x = 0.52 + 0.01 * np.arange(10)
     planes = np.column_stack((np.ones(10), np.zeros((10, 2)), -x))
     plan = LookPlan(GRID, planes, lambda points: points[:, :2], (640, 512))

@@ -9,7 +9,7 @@ import numpy as np
 from guara_perception.terrain.assessment.lost_cells import lost_cells
 from guara_perception.terrain.layers.hazard import Hazard
 
-# Sheets that meet the floor at x = 0.5, 0.6, ... and lean forward: 0.1 m up they are 0.05 m further back.
+# Laser planes that meet the floor at x = 0.5, 0.6, ... and lean forward: 0.1 m up they are 0.05 m further back.
 PLANES = np.array([[1.0, 0.0, 0.5, -x] for x in (0.5, 0.6, 0.7, 0.8, 0.9)])
 
 

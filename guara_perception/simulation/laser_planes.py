@@ -1,4 +1,4 @@
-"""The laser sheet of a specimen at any mirror angle, between and beyond the angles of its calibrated stripes."""
+"""The laser plane of a specimen at any mirror angle, between and beyond the angles of its calibrated stripes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from guara_perception.calibration.calibration import Calibration
 
 
 @dataclass(frozen=True, slots=True)
-class SheetModel:
+class LaserPlanes:
     """Planes over the mirror angle: a smooth curve through the planes of all stripes.
 
     Attributes:
@@ -23,8 +23,8 @@ class SheetModel:
     planes_in_base: Float
 
     @staticmethod
-    def of(calibration: Calibration) -> SheetModel:
-        """The sheets of a calibrated specimen."""
+    def of(calibration: Calibration) -> LaserPlanes:
+        """The laser planes of a calibrated specimen."""
         stripes = sorted(calibration.stripes, key=lambda stripe: stripe.mirror_angle)
         rotation, translation = (
             calibration.transform_camera_to_base[:3, :3],
@@ -34,7 +34,7 @@ class SheetModel:
         normals = planes[:, :3] @ rotation.T
         planes = np.column_stack((normals, planes[:, 3] - normals @ translation))
         planes *= np.where(planes[:, :1] < 0, -1.0, 1.0)
-        return SheetModel(np.array([stripe.mirror_angle for stripe in stripes]), planes)
+        return LaserPlanes(np.array([stripe.mirror_angle for stripe in stripes]), planes)
 
     def plane_at(self, mirror_angle: float) -> Float:
         """(4,) plane in base_link at a mirror angle [rad].
