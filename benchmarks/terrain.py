@@ -17,7 +17,7 @@ from benchmarks.truth import truth_calibration
 from benchmarks.walk import Ground, Pause, scan, seen_height, walk
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.map.fuse_heights import Drift, forget_heights, fuse_heights
+from guara_perception.terrain.map.fuse_heights import OdometryDrift, forget_heights, fuse_heights
 from guara_perception.terrain.map.look import look_at
 from guara_perception.terrain.map.odom_cells import OdomCells
 from kinematics import LegOdometry, RobotModel, load_robot
@@ -53,7 +53,7 @@ def times(robot: RobotModel) -> None:
     terrain = scan(robot, Ground.random(0), pause, 0)
     cells = OdomCells(RESOLUTION, 1.3)
     cells.centre_on(0.0, 0.0)
-    drift = Drift(0.0, 0.0, 0.0)
+    drift = OdometryDrift(0.0, 0.0, 0.0)
     transform = np.eye(4)
     turned = np.eye(4)
     turned[:2, :2] = [[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]]
@@ -252,15 +252,15 @@ def watch_occluded(
     step: int,
     terrain: gp.TerrainGrid,
     fused: gp.TerrainGrid,
-    place: Float,
+    pose: Float,
 ) -> None:
     """Follow the cells that each scan found OCCLUDED: which share of its area is still so in the map later."""
     iy, ix = np.nonzero((terrain.hazard & np.uint16(Hazard.OCCLUDED)) != 0)
     x, y = terrain.geometry.centres()
-    points = np.column_stack((x[ix], y[iy])) @ place[:2, :2].T + place[:2, 3]
+    points = np.column_stack((x[ix], y[iy])) @ pose[:2, :2].T + pose[:2, 3]
     watched[step] = (points, [])
     for points, shares in watched.values():
-        local = (points - place[:2, 3]) @ place[:2, :2]
+        local = (points - pose[:2, 3]) @ pose[:2, :2]
         hidden = (np.asarray(fused.hazard_at(local[:, 0], local[:, 1])) & np.uint16(Hazard.OCCLUDED)) != 0
         shares.append(float(hidden.sum()) / terrain.geometry.size)
 

@@ -31,18 +31,18 @@ class ColumnRays:
             rows: (..., n) sub-pixel rows.
             columns: (..., n) whole columns; None = every column of the picture, in order.
         """
-        place = np.asarray(rows, dtype=np.float64)
+        rows = np.asarray(rows, dtype=np.float64)
         if self._coefficients is None:
-            return self._exact(place, np.arange(place.shape[-1]) if columns is None else columns)
-        place = place / self._middle - 1
+            return self._exact(rows, np.arange(rows.shape[-1]) if columns is None else columns)
+        scaled = rows / self._middle - 1
         coefficients = self._coefficients if columns is None else self._coefficients.take(columns, axis=2)
-        for _ in range(2 + place.ndim - coefficients.ndim):
+        for _ in range(2 + scaled.ndim - coefficients.ndim):
             coefficients = coefficients[:, :, None]
         # Several stripes at once: twice as fast as one by one.
-        rays = coefficients[0] * place
+        rays = coefficients[0] * scaled
         for coefficient in coefficients[1:-1]:
             rays += coefficient
-            rays *= place
+            rays *= scaled
         rays += coefficients[-1]
         return np.asarray(rays)
 
@@ -72,8 +72,8 @@ def _fitted(camera: CameraModel, count: int) -> Float | None:
     return np.ascontiguousarray(per_column.swapaxes(0, 1))
 
 
-def _rays(camera: CameraModel, places: Float) -> Float:
-    """Exact rays (2, n, n) at rows and columns in places (n,) of -1 ... 1 over the picture."""
-    (columns, rows) = ((places + 1) / 2 * (size - 1) for size in camera.size)
+def _rays(camera: CameraModel, scaled: Float) -> Float:
+    """Exact rays (2, n, n) at rows and columns (n,) of -1 ... 1 over the picture."""
+    (columns, rows) = ((scaled + 1) / 2 * (size - 1) for size in camera.size)
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-    return camera.rays(pixels)[:, :2].T.reshape(2, places.size, places.size)
+    return camera.rays(pixels)[:, :2].T.reshape(2, scaled.size, scaled.size)

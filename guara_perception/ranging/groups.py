@@ -12,5 +12,5 @@ TOGETHER = 8
 
 
 def in_groups(items: list[Item], size: int = TOGETHER) -> Iterator[list[Item]]:
-    """The items in their order, so many at a time; the last group may have fewer."""
+    """The items in their order, TOGETHER at a time; the last group may have fewer."""
     return (items[begin : begin + size] for begin in range(0, len(items), size))

@@ -1,4 +1,4 @@
-"""Two ways from a stripe profile to points in base_footprint: triangulation, and the paper's equations."""
+"""From a stripe profile to points in base_footprint: triangulation, and the paper's equations."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Locator(Protocol):
 
 
 class Triangulator:
-    """Each ray meets the calibrated laser plane: no step that is not exact."""
+    """Each ray meets the calibrated laser plane: nothing is approximated."""
 
     def __init__(self, camera: CameraModel, transform_camera_to_footprint: Float) -> None:
         """Prepare the rays.
@@ -59,7 +59,7 @@ class Triangulator:
     def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Index | None = None) -> Float:
         """Points (3, ..., n) in base_footprint."""
         rays = self._rays.at(position_px, columns)
-        return self._place(self._directions(rays), plane_depth(rays, plane_in_camera)[0])
+        return self._at_depth(self._directions(rays), plane_depth(rays, plane_in_camera)[0])
 
     def measure(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
@@ -75,10 +75,10 @@ class Triangulator:
         slope *= depth
         slope *= self._row_step
         slope *= np.asarray(sigma_px, dtype=np.float64)
-        return self._place(directions, depth), np.abs(slope)
+        return self._at_depth(directions, depth), np.abs(slope)
 
     def _directions(self, rays: Float) -> Float:
-        """Rays (3, ..., n) turned into base_footprint.
+        """Rays (3, ..., n) rotated into base_footprint.
 
         Term by term: a matrix product may round a point differently when there are more of them.
         """
@@ -89,7 +89,7 @@ class Triangulator:
         directions += along_z
         return np.asarray(directions)
 
-    def _place(self, directions: Float, depth: Float) -> Float:
+    def _at_depth(self, directions: Float, depth: Float) -> Float:
         """Points (3, ..., n) in base_footprint at depths along directions, whose memory they take over."""
         directions *= depth
         directions += self._translation.reshape(3, *(1 for _ in depth.shape))

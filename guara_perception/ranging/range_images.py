@@ -25,7 +25,7 @@ class RangeImages:
     Pixel (r, c) is x = x_min + (r + 0.5) * depth / 512, y = y_min + (c + 0.5) * width / 640 in base_footprint.
 
     Attributes:
-        ortho_image_mm: orthorectified: every height at its true place.
+        ortho_image_mm: orthorectified: every height at its true position.
         range_image_mm: perspective: every height where the camera's ray through it meets the floor.
     """
 

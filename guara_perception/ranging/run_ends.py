@@ -8,7 +8,7 @@ from guara_perception.arrays import Float, Index, Mask
 
 # A larger difference of height between neighbouring columns is a jump from one surface to another.
 JUMP_M = 0.004
-# So many columns beside a jump or a gap hold light of both sides, or light that the lens and the column mean spilt.
+# Columns beside a jump or a gap: they hold light of both sides, or light that the lens and the column mean spilt.
 END_COLUMNS = 2
 # A run as short as this and weaker throughout than this share of the stripe is what an edge left of a cut stripe.
 SHORT_RUN_COLUMNS = 12
@@ -18,7 +18,7 @@ FADED_OF_LEVEL = 0.6
 LEVEL_COLUMNS = 12
 # Speckle makes a single column bright in the middle of a shadow.
 SOUND_COLUMNS = 2
-# A fade is looked for in so many first columns of a run, in more only where it has not ended there.
+# First columns of a run in which a fade is looked for; in more only where it has not ended there.
 FADE_WINDOW = 24
 
 
@@ -75,21 +75,21 @@ def _faded(strength: Float, is_return: Mask, breaks: Mask) -> Mask:
         for begin, end in zip(first[is_short].tolist(), last[is_short].tolist(), strict=True):
             faded[begin : end + 1] = True
     left, right = ~is_short & begins, ~is_short & ends
-    # The right ends are the left ends of the row turned round, which is put behind the row: both in one go.
+    # The right ends are the left ends of the reversed row, which is put behind the row: both in one go.
     both = np.concatenate((strength, strength[::-1, ::-1]))
-    turned = both.size - 1
-    starts = np.concatenate((first[left], turned - last[right]))
-    for begin, length in _fade_lengths(both, starts, np.concatenate((last[left], turned - first[right]))):
+    reversed_last = both.size - 1
+    starts = np.concatenate((first[left], reversed_last - last[right]))
+    for begin, length in _fade_lengths(both, starts, np.concatenate((last[left], reversed_last - first[right]))):
         if begin >= strength.size:
-            faded[turned + 1 - begin - length : turned + 1 - begin] = True
+            faded[reversed_last + 1 - begin - length : reversed_last + 1 - begin] = True
         else:
             faded[begin : begin + length] = True
     return faded.reshape(strength.shape)
 
 
-def _medians(strength: Float, is_return: Mask, places: Index) -> Float:
-    """Median strength (n,) of the returns of the stripes in which these places lie."""
-    stripes, which = np.unique(places // strength.shape[1], return_inverse=True)
+def _medians(strength: Float, is_return: Mask, indices: Index) -> Float:
+    """Median strength (n,) of the returns of the stripes in which these indices lie."""
+    stripes, which = np.unique(indices // strength.shape[1], return_inverse=True)
     return np.array([np.median(strength[stripe][is_return[stripe]]) for stripe in stripes.tolist()])[which]
 
 
@@ -98,11 +98,11 @@ def _fade_lengths(strength: Float, first: Index, last: Index, window: int = FADE
 
     Args:
         strength: (s, w).
-        first, last: (n,) places of the ends of runs, counted through all rows.
-        window: so many first columns are looked at, more only where they do not tell.
+        first, last: (n,) indices of the ends of runs, counted through all rows.
+        window: first columns that are looked at; more only where these do not decide.
 
     Returns:
-        Pairs of first place and number; runs that do not fade may be left out.
+        Pairs of first index and number; runs that do not fade may be left out.
     """
     if not first.size:
         return []
@@ -113,10 +113,10 @@ def _fade_lengths(strength: Float, first: Index, last: Index, window: int = FADE
     size = last - first + 1
     looked_at = min(window, int(size.max()))
     end = last[:, None]
-    place = np.minimum(first[:, None] + np.arange(looked_at + SOUND_COLUMNS - 1), end)
-    after = np.minimum(place + LEVEL_COLUMNS, end)
-    level = (total.take(after + behind) - total.take(place + behind)) / np.maximum(after - place, 1)
-    holds = strength.take(place) >= FADED_OF_LEVEL * level
+    index = np.minimum(first[:, None] + np.arange(looked_at + SOUND_COLUMNS - 1), end)
+    after = np.minimum(index + LEVEL_COLUMNS, end)
+    level = (total.take(after + behind) - total.take(index + behind)) / np.maximum(after - index, 1)
+    holds = strength.take(index) >= FADED_OF_LEVEL * level
     sound = holds[:, :looked_at]
     for ahead in range(1, SOUND_COLUMNS):
         sound = sound & holds[:, ahead : ahead + looked_at]

@@ -10,14 +10,14 @@ import numpy as np
 from guara_perception.arrays import Mask
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import confirmed_points, joined_surface, linked_columns
-from guara_perception.terrain.assessment.raster import PartSamples
+from guara_perception.terrain.assessment.raster import SurfaceSamples
 
 Key = tuple[int, int]
 
 
 def scan_surface(
     stripes: Mapping[int, StripePoints], pattern: range, join_height: float, resolution: float
-) -> Iterator[tuple[Key, PartSamples]]:
+) -> Iterator[tuple[Key, SurfaceSamples]]:
     """Surface of every stripe and of every pair of neighbouring stripes.
 
     Args:
@@ -42,7 +42,7 @@ def surface_of(
     join_height: float,
     resolution: float,
     y_range: tuple[float, float] = (-np.inf, np.inf),
-) -> PartSamples:
+) -> SurfaceSamples:
     """Surface of stripes, their points that the neighbours on both sides confirm, and of pairs, the lines between.
 
     Args:
@@ -58,8 +58,8 @@ def surface_of(
     width = len(stripes[indices[0]].variance)
     # Coordinates apart, each in one piece of memory: several times faster than points in rows.
     points = np.empty((3, len(indices), width), dtype=np.float32)
-    for place, index in enumerate(indices):
-        points[:, place] = stripes[index].points.T
+    for row, index in enumerate(indices):
+        points[:, row] = stripes[index].points.T
     variance = np.array([stripes[index].variance for index in indices])
     before, after = _links(stripes, indices, pattern, join_height)
     low, high = points[1] < y_range[0], points[1] > y_range[1]
@@ -71,7 +71,7 @@ def surface_of(
         wanted = ~((low[:-1] & low[1:]) | (high[:-1] & high[1:]))
         around = before[:-1], after[:-1] & _named(pairs), after[1:]
         found += joined_surface(points, variance, around, resolution, wanted, pairs)
-    return PartSamples(
+    return SurfaceSamples(
         np.concatenate([each.points for each in found], axis=1, dtype=np.float64),
         np.concatenate([each.variance for each in found], dtype=np.float64),
         [run for each in found for run in each.runs],
@@ -86,8 +86,8 @@ def _links(
     Nowhere when the other was lost, everywhere beyond the pattern's ends: there nothing was ever going to look, so
     that nothing came back says nothing of the surface.
     """
-    step = pattern.step
-    around = sorted({near for index in indices for near in (index - step, index, index + step) if near in stripes})
+    stride = pattern.step
+    around = sorted({near for index in indices for near in (index - stride, index, index + stride) if near in stripes})
     heights = np.array([stripes[index].points[:, 2] for index in around])
     strengths = np.array([stripes[index].strength for index in around])
     linked = np.empty((len(around) + 1, heights.shape[1]), dtype=bool)
@@ -95,7 +95,7 @@ def _links(
     rows = [around.index(index) for index in indices]
     before, after = linked[rows], linked[[row + 1 for row in rows]]
     for row, index in enumerate(indices):
-        for link, other in ((before, index - step), (after, index + step)):
+        for link, other in ((before, index - stride), (after, index + stride)):
             if other not in stripes:
                 link[row] = index not in pattern or other not in pattern
     return before, after

@@ -22,7 +22,7 @@ def _stored(values: npt.ArrayLike, kind: npt.DTypeLike) -> Array:
     """A read-only array of this type; no copy when the values are one already."""
     array = np.asarray(values, dtype=kind)
     if array is not values and array.base is None:
-        # Nobody else has this one.
+        # No other reference to this one exists.
         array.setflags(write=False)
     return readonly(array)
 
@@ -91,7 +91,7 @@ def stripe_points(
         locator: makes points of rows.
         planes_in_camera: (s, 4) calibrated laser planes.
         height_limits: lowest and highest height that counts as terrain [m].
-        on_robot: tells which points (n, 3) in base_footprint lie on the robot itself; None = none does.
+        on_robot: says which points (n, 3) in base_footprint lie on the robot itself; None = none does.
         added_variance: (s, w) of the heights of points (3, s, w), to be added to what the stripe position gives;
             None = none.
     """
@@ -116,7 +116,7 @@ def stripe_points(
     np.copyto(kept, np.nan, where=unusable)
     single = variance.astype(np.float32)
     for array in (kept, single, status):
-        # Nobody else has these: what is cut out of them need not be copied.
+        # No other references to these exist: what is cut out of them need not be copied.
         array.setflags(write=False)
     return [
         StripePoints(kept[:, k].T, single[k], profile.peak, status[k], out_of_range[k], doubtful[k])
@@ -146,33 +146,33 @@ def _doubtful(
     points: Float,
     mixed: Mask,
 ) -> list[ColumnPoints]:
-    """Returns within the height limits that may not be used: those the extraction doubted, and those at the ends of runs."""
+    """Returns within the height limits that may not be used: doubted by the extraction, or at the ends of runs."""
     rows = _rows(profiles, "doubtful_px")
-    places = np.flatnonzero(mixed | np.isfinite(rows))
-    if not places.size:
+    indices = np.flatnonzero(mixed | np.isfinite(rows))
+    if not indices.size:
         return [NO_POINTS] * len(profiles)
-    found = points.reshape(3, -1).take(places, axis=1)
-    doubted = np.flatnonzero(~mixed.take(places))
+    found = points.reshape(3, -1).take(indices, axis=1)
+    doubted = np.flatnonzero(~mixed.take(indices))
     if doubted.size:
-        stripes, columns = np.divmod(places[doubted, None], rows.shape[1])
+        stripes, columns = np.divmod(indices[doubted, None], rows.shape[1])
         located = locator.points(planes_in_camera[stripes[:, 0]], rows[stripes, columns], columns)
         if on_robot is not None:
             _drop(located, on_robot)
         found[:, doubted] = located[:, :, 0]
     with np.errstate(invalid="ignore"):
         usable = (found[2] >= height_limits[0]) & (found[2] <= height_limits[1])
-    return _by_stripe(points, places[usable], found[:, usable])
+    return _by_stripe(points, indices[usable], found[:, usable])
 
 
-def _by_stripe(points: Float, places: Index, found: Float | None = None) -> list[ColumnPoints]:
-    """Points (3, s, w) at ascending places, counted through all stripes, or what was found there (3, n), by stripe."""
+def _by_stripe(points: Float, indices: Index, found: Float | None = None) -> list[ColumnPoints]:
+    """Points (3, s, w) at ascending indices, counted through all stripes, or what was found there (3, n), by stripe."""
     _, count, width = points.shape
-    if not places.size:
+    if not indices.size:
         return [NO_POINTS] * count
     if found is None:
-        found = points.reshape(3, -1).take(places, axis=1)
-    bounds = np.searchsorted(places, width * np.arange(count + 1)).tolist()
+        found = points.reshape(3, -1).take(indices, axis=1)
+    bounds = np.searchsorted(indices, width * np.arange(count + 1)).tolist()
     return [
-        ColumnPoints(places[first:end] - k * width, found[:, first:end].T) if end > first else NO_POINTS
+        ColumnPoints(indices[first:end] - k * width, found[:, first:end].T) if end > first else NO_POINTS
         for k, (first, end) in enumerate(itertools.pairwise(bounds))
     ]

@@ -34,7 +34,7 @@ class StripeRanger:
             geometry: of the scan.
             locator: makes points of rows.
             height_limits: lowest and highest height that counts as terrain [m].
-            on_robot: tells which points (n, 3) in base_footprint lie on the robot itself.
+            on_robot: says which points (n, 3) in base_footprint lie on the robot itself.
 
         Raises:
             FileFormatError: the covariance of the calibration is not as documented.

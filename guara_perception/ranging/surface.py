@@ -14,7 +14,7 @@ import numpy as np
 
 from guara_perception.arrays import Array, Float, Mask
 from guara_perception.ranging.stripe_points import ColumnPoints
-from guara_perception.terrain.assessment.raster import PartSamples
+from guara_perception.terrain.assessment.raster import SurfaceSamples
 
 # Samples along a joining line are at most a third of a cell apart, so no crossed cell is missed.
 SAMPLES_PER_CELL = 3
@@ -46,7 +46,7 @@ def linked_columns(heights: tuple[Array, Array], strengths: tuple[Array, Array],
         return np.asarray(np.abs(heights[1] - heights[0]) < allowed)
 
 
-def confirmed_points(points: Array, variance: Array, confirmed: Mask, parts: Sequence[int]) -> PartSamples:
+def confirmed_points(points: Array, variance: Array, confirmed: Mask, parts: Sequence[int]) -> SurfaceSamples:
     """Points of stripes that lie within a surface.
 
     Args:
@@ -56,9 +56,9 @@ def confirmed_points(points: Array, variance: Array, confirmed: Mask, parts: Seq
         parts: s numbers of parts, one for each stripe.
     """
     inside = confirmed & np.isfinite(points[2])
-    places = np.flatnonzero(inside)
+    indices = np.flatnonzero(inside)
     runs = [(part, length) for part, length in zip(parts, inside.sum(axis=1).tolist(), strict=True) if length]
-    return PartSamples(points.reshape(3, -1).take(places, axis=1), variance.take(places), runs)
+    return SurfaceSamples(points.reshape(3, -1).take(indices, axis=1), variance.take(indices), runs)
 
 
 def joined_surface(
@@ -68,7 +68,7 @@ def joined_surface(
     resolution: float,
     wanted: Mask,
     parts: Sequence[int],
-) -> list[PartSamples]:
+) -> list[SurfaceSamples]:
     """Sample the lines between each stripe and the next in the columns in which the two are linked.
 
     Where the surface does not go on beyond one of the two, the line is cut short by OPEN_END_M at that end: what is
@@ -87,39 +87,39 @@ def joined_surface(
         Samples of all pairs whose lines have one and the same number of samples, for each such number.
     """
     before, between, after = links
-    step = points[:, 1:] - points[:, :-1]
+    difference = points[:, 1:] - points[:, :-1]
     # How many samples there are does not depend on which are wanted.
-    numbers = sample_count(step, between, resolution)
+    numbers = sample_count(difference, between, resolution)
     lines = between & wanted
     lengths = lines.sum(axis=1).tolist()
     runs = [(n, (part, length)) for n, part, length in zip(numbers, parts, lengths, strict=True) if length]
     joined = []
     for number in sorted({n for n, _ in runs}):
         alike = [n == number for n in numbers]
-        places = np.flatnonzero(lines if all(alike) else lines & np.array(alike)[:, None])
-        samples, spread = _line_samples(
-            points.reshape(3, -1).take(places, axis=1).astype(np.float64),
-            step.reshape(3, -1).take(places, axis=1).astype(np.float64),
-            (variance.take(places).astype(np.float64), variance.take(places + lines.shape[1]).astype(np.float64)),
-            (~before.take(places), ~after.take(places)),
+        indices = np.flatnonzero(lines if all(alike) else lines & np.array(alike)[:, None])
+        samples, sample_variance = _line_samples(
+            points.reshape(3, -1).take(indices, axis=1).astype(np.float64),
+            difference.reshape(3, -1).take(indices, axis=1).astype(np.float64),
+            (variance.take(indices).astype(np.float64), variance.take(indices + lines.shape[1]).astype(np.float64)),
+            (~before.take(indices), ~after.take(indices)),
             number,
         )
-        joined.append(PartSamples(samples, spread, [run for n, run in runs if n == number] * number))
+        joined.append(SurfaceSamples(samples, sample_variance, [run for n, run in runs if n == number] * number))
     return joined
 
 
 def _line_samples(
-    first: Float, step: Float, variances: tuple[Float, Float], ends: tuple[Mask, Mask], n: int
+    first: Float, difference: Float, variances: tuple[Float, Float], ends: tuple[Mask, Mask], n: int
 ) -> tuple[Float, Float]:
     """Samples (3, n * c) of c lines (3, c) cut short at their open ends, all first ones before all second ones."""
     share, of_first, of_last = _shares(n)
-    samples = share * step[:, None]
+    samples = share * difference[:, None]
     samples += first[:, None]
     variance = of_first * variances[0]
     variance += of_last * variances[1]
     opens, closes = ends
     at_ends = np.flatnonzero(opens | closes)
-    cut = np.minimum(OPEN_END_M / np.maximum(np.hypot(*step[:2].take(at_ends, axis=1)), 1e-9), 0.5)
+    cut = np.minimum(OPEN_END_M / np.maximum(np.hypot(*difference[:2].take(at_ends, axis=1)), 1e-9), 0.5)
     # Most often the cut is shorter than the way to the nearest sample.
     if cut.max(initial=0.0) > min(share[0], 1 - share[-1]):
         start, end = np.where(opens[at_ends], cut, 0.0), 1 - np.where(closes[at_ends], cut, 0.0)
@@ -132,7 +132,7 @@ def _line_samples(
 def _shares(n: int) -> tuple[Float, Float, Float]:
     """Where on its line each of n samples lies (n, 1), and what it has of the variances of the line's two ends.
 
-    The places never depend on other stripes: what is cut is left out, what is left does not move.
+    These positions never depend on other stripes: what is cut is left out, what is left does not move.
     """
     share = ((np.arange(n) + 0.5) / n)[:, None]
     return share, (1 - share) ** 2, share**2
@@ -146,14 +146,14 @@ def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> 
     if not in_first.size:
         return np.empty((0, 3))
     first = ends[0].points[in_first]
-    step = ends[1].points[in_second] - first
-    (n,) = sample_count(step.T[:, None], np.ones((1, len(step)), dtype=bool), resolution)
+    difference = ends[1].points[in_second] - first
+    (n,) = sample_count(difference.T[:, None], np.ones((1, len(difference)), dtype=bool), resolution)
     share = (np.arange(n) + 0.5)[:, None, None] / n
-    return np.asarray((first + share * step).reshape(-1, 3))
+    return np.asarray((first + share * difference).reshape(-1, 3))
 
 
-def sample_count(step: Array, is_line: Mask, resolution: float) -> list[int]:
+def sample_count(difference: Array, is_line: Mask, resolution: float) -> list[int]:
     """Samples per line that leave no crossed cell out, for each of s sets of lines (3, s, w) that `is_line` names."""
-    squares = np.where(is_line, step[0] ** 2 + step[1] ** 2, 0)
+    squares = np.where(is_line, difference[0] ** 2 + difference[1] ** 2, 0)
     longest = np.sqrt(squares.max(axis=1)).tolist()
     return [min(max(math.ceil(SAMPLES_PER_CELL * length / resolution), 2), 64) for length in longest]

@@ -61,8 +61,8 @@ class SurfaceRaster:
         A return below them says only why a cell is unknown: from under a surface that was seen nothing can return, so
         there it is a stray reflection.
         """
-        step = self._pattern.step
-        keys = [key for k in self._stripes for key in ((k, k), (k, k + step)) if self._is_there(key)]
+        stride = self._pattern.step
+        keys = [key for k in self._stripes for key in ((k, k), (k, k + stride)) if self._is_there(key)]
         parts = self._final | self._parts([key for key in keys if key not in self._final])
         merged = merge((parts[key] for key in sorted(parts)), self._geometry)
         return without_cells(merged, self._too_high)
@@ -79,10 +79,10 @@ class SurfaceRaster:
 
     def _touched(self, index: int) -> list[Key]:
         """Stripes and pairs whose surface depends on a stripe."""
-        s = self._pattern.step
+        stride = self._pattern.step
         return [
-            *((k, k) for k in (index - s, index, index + s)),
-            *((k, k + s) for k in (index - 2 * s, index - s, index, index + s)),
+            *((k, k) for k in (index - stride, index, index + stride)),
+            *((k, k + stride) for k in (index - 2 * stride, index - stride, index, index + stride)),
         ]
 
     def _is_there(self, key: Key) -> bool:
@@ -108,10 +108,10 @@ class SurfaceRaster:
         beyond = [index for index in group if self._stripes[index].out_of_range.columns.size]
         if not beyond:
             return
-        spacing, cell = self._pattern.step, self._geometry.resolution
-        firsts = {first for index in beyond for first in (index - spacing, index)}
+        stride, cell = self._pattern.step, self._geometry.resolution
+        firsts = {first for index in beyond for first in (index - stride, index)}
         # Between two stripes that both saw something too low or too high the ground is no better.
-        ends = [(first, first + spacing) for first in firsts if self._is_there((first, first + spacing))]
+        ends = [(first, first + stride) for first in firsts if self._is_there((first, first + stride))]
         lines = [line_samples((self._stripes[i].out_of_range, self._stripes[j].out_of_range), cell) for i, j in ends]
         points = np.concatenate([*(self._stripes[index].out_of_range.points for index in beyond), *lines])
         cells, inside = cells_of(points, self._geometry)

@@ -66,7 +66,7 @@ def specimen(
     angles = np.linspace(*settings.mirror_angles, settings.stripes)
     if mirror_step > 0:
         angles = np.round(angles / mirror_step) * mirror_step
-    planes = _sheets(robot, angles, errors[11:])
+    planes = _laser_planes(robot, angles, errors[11:])
     stripes = tuple(
         StripePlane(index=i, mirror_angle=float(angle), plane=_into_camera(plane, transform_camera_to_base))
         for i, (angle, plane) in enumerate(zip(angles, planes, strict=True))
@@ -92,7 +92,7 @@ def rotation(turn: npt.ArrayLike) -> Float:
     return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k)
 
 
-def _sheets(robot: RobotModel, angles: Float, errors: Float) -> Float:
+def _laser_planes(robot: RobotModel, angles: Float, errors: Float) -> Float:
     """Planes (s, 4) in base_link of the laser plane behind a mirror that stands at 45 degrees to a level laser."""
     position = robot.transform_laser_to_base[:3, 3] + POSITION_SIGMA_M * np.array([errors[0], 0, errors[1]])
     axis = rotation(ANGLE_SIGMA * 0.3 * np.array([errors[2], 0, errors[3]])) @ np.array([0.0, 1.0, 0.0])

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 # No `slots=True`: dataclasses would then put its own pickling in place of the one inherited.
 @dataclass(frozen=True, eq=False, repr=False)
 class TerrainGrid(LayeredGrid):
-    """Terrain under and before the robot at one stance pause (contract, section 2).
+    """Terrain under and before the robot at one stance pause (docs/terrain.md).
 
-    A `LayeredGrid` (its attributes and look-ups are told there) that answers questions: each is a module of its own,
+    A `LayeredGrid` (see there for attributes and look-ups) that answers questions: each is a module of its own,
     written on the layers, and reached from here.
     """
 
@@ -67,7 +67,7 @@ class TerrainGrid(LayeredGrid):
         """Whether a sole, aligned with x, may be set down centred on each point, and if not, why.
 
         Args:
-            x, y: places in base_footprint [m].
+            x, y: positions in base_footprint [m].
             leg: also ask whether this leg reaches the place with the body where it stood at the scan.
             robot: model for `leg`; None = the one of the grid's robot name.
 
@@ -101,7 +101,7 @@ class TerrainGrid(LayeredGrid):
             radius: of the search [m].
             leg, robot: as in `check_foothold`.
             previous: the last choice, in base_footprint of this grid: kept while it is allowed, within the radius,
-                and no other place is worth a third more.
+                and no other place scores a third more.
 
         Raises:
             InvalidInput: a value that is not finite, a radius above 1 m; as `check_foothold`.
@@ -121,7 +121,7 @@ class TerrainGrid(LayeredGrid):
             clearance: [m].
 
         Raises:
-            InvalidInput: points that are none, or reach further than 20 m; a clearance outside 0 ... 1 m.
+            InvalidInput: points of another shape, not finite or over more than 20 m; a clearance outside 0 ... 1 m.
         """
         return check_path(self, points, clearance)
 

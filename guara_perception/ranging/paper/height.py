@@ -1,7 +1,7 @@
 """Heights of the paper, eqs. 14 to 19: from where a stripe is seen to how high it lies.
 
 In rectified floor coordinates (after eqs. 9 and 10) these equations are exact: there f and the pitch drop out, v is
-the place on the floor measured across the stripe and z = H - h, with H the height of the optical centre.
+the position on the floor measured across the stripe and z = H - h, with H the height of the optical centre.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ def stripe_constants(v1: Number, z1: float, v2: Number, z2: float) -> StripeCons
         InvalidInput: equal depths, or a stripe that does not move between them: eq. 17 is singular.
     """
     if z1 == z2 or np.any(v1 == v2):
-        raise InvalidInput(f"eq. 17 needs two depths and two places, given z = {z1}, {z2} and v = {v1}, {v2}")
+        raise InvalidInput(f"eq. 17 needs two depths and two positions, given z = {z1}, {z2} and v = {v1}, {v2}")
     return StripeConstants(n=z1 * z2 * (v1 - v2), d=z2 - z1, k=v2 * z2 - v1 * z1)
 
 
 def depth_from_constants(v: Float, constants: StripeConstants) -> Float:
-    """Depth z of points of a stripe seen at v, eq. 18; NaN at its singular place and behind it."""
+    """Depth z of points of a stripe seen at v, eq. 18; NaN at its pole and behind it."""
     below = v * constants.d - constants.k
     with np.errstate(divide="ignore", invalid="ignore"):
         z = constants.n / below

@@ -38,7 +38,7 @@ def surface_coefficients(pixels: Float, points: Float) -> Float:
 
     Args:
         pixels: (4, 2) distortion-free image coordinates.
-        points: (4, 2) their places on the floor [m].
+        points: (4, 2) their positions on the floor [m].
 
     Raises:
         InvalidInput: not four marks, or three of them on one line.

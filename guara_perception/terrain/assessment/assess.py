@@ -70,8 +70,8 @@ def assess_layers(
 
 def _extent(known: Mask, axis: int) -> slice:
     """From the first to the last row (axis 0) or column (axis 1) with a known cell; one, unknown, where none is."""
-    places = np.flatnonzero(known.any(axis=1 - axis))
-    return slice(int(places[0]), int(places[-1]) + 1) if places.size else slice(0, 1)
+    occupied = np.flatnonzero(known.any(axis=1 - axis))
+    return slice(int(occupied[0]), int(occupied[-1]) + 1) if occupied.size else slice(0, 1)
 
 
 def _judge_in_bands(
@@ -109,19 +109,19 @@ def _judge(
 ) -> dict[str, Array]:
     """All layers but the clearance for a band of rows; within a halo of its first and last row they are not valid."""
     known = (flags & UNKNOWN_MASK) == 0
-    # What follows is told of the known cells alone, often a quarter of a map.
-    place = np.flatnonzero(known)
-    rise, fall = steps(low, high, known, kernel)
+    # What follows is computed for the known cells alone, often a quarter of a map.
+    index = np.flatnonzero(known)
+    rise, fall = rises(low, high, known, kernel)
     fit = fit_disc(elevation, variance, kernel, resolution)
-    spread = variance.take(place)
-    sigma = np.sqrt(spread)
+    known_variance = variance.take(index)
+    sigma = np.sqrt(known_variance)
     k = limits.confidence
     step_sigma = k * np.sqrt(2.0) * sigma
     slope = fit.slope + k * fit.slope_sigma
     roughness = fit.roughness + k * fit.roughness_sigma
     highest_rise, deepest_fall = rise + step_sigma, fall + step_sigma
 
-    found = flags.take(place)
+    found = flags.take(index)
     with np.errstate(invalid="ignore"):
         tests = {
             Hazard.STEEP: slope > limits.slope,
@@ -139,29 +139,29 @@ def _judge(
             * _score(roughness, limits.roughness)
         )
     result = flags.copy()
-    result.reshape(-1)[place] = found
-    found |= edge_cells(result, kernel, resolution, limits).take(place) * np.uint16(Hazard.EDGE)
-    result.reshape(-1)[place] = found
+    result.reshape(-1)[index] = found
+    found |= edge_cells(result, kernel, resolution, limits).take(index) * np.uint16(Hazard.EDGE)
+    result.reshape(-1)[index] = found
 
     def layer(name: str, values: Float) -> Float32:
         whole = np.full(elevation.shape, UNKNOWN.get(name, np.nan), dtype=np.float32)
-        whole.reshape(-1)[place] = values
+        whole.reshape(-1)[index] = values
         return whole
 
-    told = {
-        "elevation": elevation.take(place),
-        "variance": spread,
-        "elevation_min": low.take(place),
-        "elevation_max": high.take(place),
+    values_of = {
+        "elevation": elevation.take(index),
+        "variance": known_variance,
+        "elevation_min": low.take(index),
+        "elevation_max": high.take(index),
         "slope": fit.slope,
         "step_height": np.maximum(rise, fall),
         "roughness": fit.roughness,
         "traversability": np.where(found == 0, np.maximum(score, LEAST_SAFE_SCORE), 0.0),
     }
-    return {**{name: layer(name, values) for name, values in told.items()}, "hazard": result}
+    return {**{name: layer(name, values) for name, values in values_of.items()}, "hazard": result}
 
 
-def steps(low: Float, high: Float, known: Mask, kernel: Kernel) -> tuple[Float, Float]:
+def rises(low: Float, high: Float, known: Mask, kernel: Kernel) -> tuple[Float, Float]:
     """Largest rise and largest fall from each known cell (n,) to any known cell of its window [m].
 
     Lowest and highest samples are used, so a step inside one cell counts too.
@@ -169,8 +169,8 @@ def steps(low: Float, high: Float, known: Mask, kernel: Kernel) -> tuple[Float, 
     far = 1e3
     highest = cv2.dilate(np.where(known, high, -far), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=(-far,))
     lowest = cv2.erode(np.where(known, low, far), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=(far,))
-    place = np.flatnonzero(known)
-    return highest.take(place) - low.take(place), high.take(place) - lowest.take(place)
+    index = np.flatnonzero(known)
+    return highest.take(index) - low.take(index), high.take(index) - lowest.take(index)
 
 
 def _score(value: Float, limit: float) -> Float:

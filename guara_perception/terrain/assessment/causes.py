@@ -20,7 +20,7 @@ CELLS_TOGETHER = 1024
 
 @dataclass(frozen=True, slots=True)
 class LookPlan:
-    """The looks that a scan should have at the cells of a grid if the ground is flat; told of the cells asked for.
+    """The looks that a scan should have at the cells of a grid if the ground is flat; for the cells asked for.
 
     Attributes:
         geometry: the grid.
@@ -80,7 +80,7 @@ def unknown_causes(
         marks: (ny, nx) flags of returns that were seen here and may not be used.
         sensor_origins: positions (3,) of camera and laser in base_footprint.
         geometry: the grid.
-        in_own_shadow: tells which points (n, 3) the robot hides from its own camera or laser; None = none.
+        in_own_shadow: says which points (n, 3) the robot hides from its own camera or laser; None = none.
 
     Returns:
         (ny, nx) uint16, one or more unknown flags where the elevation is NaN, 0 elsewhere.
@@ -132,15 +132,15 @@ def _behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geom
     climb = np.maximum(sensor_origin[2] - z, 1e-6)
     start = np.clip(1 - (top - z) / climb, 0.0, 1.0)
     length = np.hypot(sensor_origin[0] - x, sensor_origin[1] - y) * (1 - start)
-    steps = int(np.clip(np.ceil(2 * length.max() / geometry.resolution), 1, 400))
-    share = start + (1 - start) * ((np.arange(steps) + 0.5) / steps)[:, None]
+    samples = int(np.clip(np.ceil(2 * length.max() / geometry.resolution), 1, 400))
+    share = start + (1 - start) * ((np.arange(samples) + 0.5) / samples)[:, None]
     # Cells counted with a border of one, where nothing is known: what lies beyond the grid is cut to it.
     around = np.pad(elevation, 1, constant_values=np.nan)
     row, column = (
-        ((end + share * (place - end) - origin) * (1 / geometry.resolution) + (1 + ROUNDING))
+        ((end + share * (position - end) - origin) * (1 / geometry.resolution) + (1 + ROUNDING))
         .clip(0, count + 1)
         .astype(np.intp)
-        for place, end, origin, count in (
+        for position, end, origin, count in (
             (y, sensor_origin[1], geometry.origin[1], geometry.shape[0]),
             (x, sensor_origin[0], geometry.origin[0], geometry.shape[1]),
         )

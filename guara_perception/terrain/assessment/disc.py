@@ -70,7 +70,7 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
         resolution: cell edge [m].
     """
     known = np.isfinite(elevation)
-    place = np.flatnonzero(known)
+    index = np.flatnonzero(known)
     # Whole numbers, which float32 adds up without loss, and in half the time.
     mask = known.astype(np.float32)
     height = np.where(known, elevation, 0.0)
@@ -80,7 +80,7 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     x, y = disc * offset[None, :], disc * offset[:, None]
 
     def sums(layer: Array, weights: Float) -> Float:
-        return disc_sums(layer, weights).take(place).astype(np.float64, copy=False)
+        return disc_sums(layer, weights).take(index).astype(np.float64, copy=False)
 
     n = sums(mask, disc)
     sx, sy = sums(mask, x), sums(mask, y)
@@ -106,14 +106,14 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     present = known.astype(np.uint8)
     for side in (offset[None, :] < 0, offset[None, :] > 0, offset[:, None] < 0, offset[:, None] > 0):
         beside = cv2.dilate(present, kernel * side.astype(np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=(0,))
-        enough &= beside.take(place) > 0
+        enough &= beside.take(index) > 0
 
-    untold = np.where(enough, 0.0, np.nan)
+    nan_where_unknown = np.where(enough, 0.0, np.nan)
     return DiscFit(
-        slope=np.arctan(steepness) + untold,
-        roughness=roughness + untold,
-        slope_sigma=slope_sigma + untold,
-        roughness_sigma=roughness_sigma + untold,
+        slope=np.arctan(steepness) + nan_where_unknown,
+        roughness=roughness + nan_where_unknown,
+        slope_sigma=slope_sigma + nan_where_unknown,
+        roughness_sigma=roughness_sigma + nan_where_unknown,
     )
 
 

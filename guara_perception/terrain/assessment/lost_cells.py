@@ -43,8 +43,8 @@ def lost_cells(
     low, high = side(float(heights.min())), side(float(heights.max()))
     lost = np.zeros(geometry.size, dtype=bool)
     last = len(planes_in_footprint) - 1
-    for place in np.flatnonzero(is_lost).tolist():
-        before, after = max(place - 1, 0), min(place + 1, last)
+    for stripe in np.flatnonzero(is_lost).tolist():
+        before, after = max(stripe - 1, 0), min(stripe + 1, last)
         # Between the two laser planes at the lowest or the highest height, or beyond them on opposite sides.
         lost |= (low[:, before] != low[:, after]) | (high[:, before] != high[:, after])
         lost |= low[:, before] != high[:, before]

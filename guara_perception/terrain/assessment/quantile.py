@@ -18,10 +18,10 @@ def quantile(values: Float, share: float) -> Float:
         (...) of values' type.
     """
     ordered = np.sort(values, axis=-1)
-    place = share * (ordered.shape[-1] - 1)
-    below = int(np.floor(place))
+    rank = share * (ordered.shape[-1] - 1)
+    below = int(np.floor(rank))
     above = min(below + 1, ordered.shape[-1] - 1)
-    weight = place - below
+    weight = rank - below
     low, high = ordered[..., below], ordered[..., above]
     # From the nearer side, so that the ends are met exactly.
     return np.asarray(low + (high - low) * weight if weight < 0.5 else high - (high - low) * (1 - weight))

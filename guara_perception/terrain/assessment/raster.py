@@ -42,7 +42,7 @@ NO_SAMPLES = CellSamples(np.empty(0, np.int32), np.empty(0), *(np.empty(0, np.fl
 
 
 @dataclass(frozen=True, slots=True)
-class PartSamples:
+class SurfaceSamples:
     """Samples of several parts (stripes and pairs), in runs that each belong to one part.
 
     Attributes:
@@ -76,37 +76,37 @@ def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSam
         geometry: the grid.
     """
     runs = [(0, len(points))] if len(points) else []
-    return rasterise_parts(PartSamples(np.asarray(points.T, np.float64), variance, runs), 1, geometry)[0]
+    return rasterise_parts(SurfaceSamples(np.asarray(points.T, np.float64), variance, runs), 1, geometry)[0]
 
 
-def rasterise_parts(samples: PartSamples, count: int, geometry: GridGeometry) -> list[CellSamples]:
+def rasterise_parts(samples: SurfaceSamples, count: int, geometry: GridGeometry) -> list[CellSamples]:
     """The same for `count` parts at once, each by itself; parts near each other, or the work arrays grow large."""
     if not samples.runs:
         return [NO_SAMPLES] * count
-    (ix, iy), height, spread = _cells(samples.points, geometry), samples.points[2], samples.variance
+    (ix, iy), height, variance = _cells(samples.points, geometry), samples.points[2], samples.variance
     ny = geometry.shape[0]
-    # Each part has a place for every cell in the columns that they touch together, one part behind the other.
+    # Each part has a slot for every cell in the columns that they touch together, one part behind the other.
     lowest = int(ix.min())
     span = (int(ix.max()) + 1 - lowest) * (ny + 2)
     ix -= lowest
     ix *= ny + 2
     ix += iy
-    place = np.repeat([part * span for part, _ in samples.runs], [length for _, length in samples.runs])
-    place += ix
+    slot = np.repeat([part * span for part, _ in samples.runs], [length for _, length in samples.runs])
+    slot += ix
     size = count * span
     high, low = np.full(size, -np.inf), np.full(size, np.inf)
     with np.errstate(invalid="ignore"):
-        np.maximum.at(high, place, height)
-        np.minimum.at(low, place, height)
+        np.maximum.at(high, slot, height)
+        np.minimum.at(low, slot, height)
     used = np.flatnonzero(high >= low)
     cell = (used % span + lowest * (ny + 2)).astype(np.int32)
     lows, highs = low.take(used), high.take(used)
     if not (lows > highs - TOP_LAYER_M).all():
-        is_top = np.flatnonzero(height > high.take(place) - TOP_LAYER_M)
-        place, height, spread = place.take(is_top), height.take(is_top), spread.take(is_top)
-    total = _sum(place, height, size).take(used)
-    numbers = np.bincount(place, minlength=size).take(used)
-    singles = [layer.astype(np.float32) for layer in (numbers, _sum(place, spread, size).take(used), lows, highs)]
+        is_top = np.flatnonzero(height > high.take(slot) - TOP_LAYER_M)
+        slot, height, variance = slot.take(is_top), height.take(is_top), variance.take(is_top)
+    total = _sum(slot, height, size).take(used)
+    numbers = np.bincount(slot, minlength=size).take(used)
+    singles = [layer.astype(np.float32) for layer in (numbers, _sum(slot, variance, size).take(used), lows, highs)]
     bounds = used.searchsorted(span * np.arange(1, count + 1)).tolist()
     return [
         CellSamples(cell[first:last], total[first:last], *(layer[first:last] for layer in singles))
@@ -119,12 +119,12 @@ def _cells(points: Float, geometry: GridGeometry) -> npt.NDArray[np.int32]:
 
     A point beyond the grid has column or row 0 or one more than there are; so has one that is not known.
     """
-    offset, last = _frame(geometry)
-    place = points[:2] * (1 / geometry.resolution)
-    place += offset
+    offset, last = _offset_and_last(geometry)
+    position = points[:2] * (1 / geometry.resolution)
+    position += offset
     with np.errstate(invalid="ignore"):
         # What is NaN becomes the lowest number, as what is below the grid; the rest is cut off where it is positive.
-        cell = place.astype(np.int32)
+        cell = position.astype(np.int32)
     cell.clip(np.int32(0), last, out=cell)
     unknown = np.isnan(points[2])
     if unknown.any():
@@ -133,8 +133,8 @@ def _cells(points: Float, geometry: GridGeometry) -> npt.NDArray[np.int32]:
 
 
 @functools.lru_cache(maxsize=8)
-def _frame(geometry: GridGeometry) -> tuple[Float, npt.NDArray[np.int32]]:
-    """Place (2, 1) of base_footprint's origin in columns and rows counted from 1, and their numbers beyond the end."""
+def _offset_and_last(geometry: GridGeometry) -> tuple[Float, npt.NDArray[np.int32]]:
+    """Position (2, 1) of base_footprint's origin in columns and rows counted from 1, and the numbers beyond the end."""
     offset = [[1 + ROUNDING - origin / geometry.resolution] for origin in geometry.origin]
     ny, nx = geometry.shape
     return np.array(offset), np.array([[nx + 1], [ny + 1]], dtype=np.int32)
@@ -163,7 +163,7 @@ def merge(parts: Iterable[CellSamples], geometry: GridGeometry) -> Raster:
         np.concatenate([getattr(part, name) for part in parts])
         for name in ("total", "count", "variance_total", "low", "high")
     )
-    # As numpy counts places: with any other type `at` is many times slower.
+    # As numpy counts indices: with any other type `at` is many times slower.
     cell = np.concatenate([part.cell for part in parts], dtype=np.intp)
     columns, rows = geometry.shape[1] + 2, geometry.shape[0] + 2
     size = columns * rows

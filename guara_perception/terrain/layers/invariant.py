@@ -37,7 +37,7 @@ def check_invariant(layers: Mapping[str, Array]) -> None:
     _refuse((hazard == 0) != (traversability > 0), "a cell is traversable with a hazard, or not without one")
     occupancy = occupancy_values(traversability, hazard)
     _refuse((hazard == 0) != (occupancy < 100), "occupancy and hazard disagree")
-    # A safe cell has a window of known cells around it; the nearest ring of it can be told without any limits.
+    # A safe cell has a window of known cells around it; the nearest ring of it can be judged without any limits.
     beside = cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE) > 0
     _refuse((hazard == 0) & beside, "a cell beside an unknown one is traversable")
     variance = layers["variance"]

@@ -14,7 +14,7 @@ GATE_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Drift:
+class OdometryDrift:
     """How far leg odometry may have drifted since the start.
 
     Attributes:
@@ -33,14 +33,14 @@ class Heights:
     """New heights of some cells, arrays (n,) of one length.
 
     Attributes:
-        place: where the cells live in memory, each once.
+        slot: of each cell in the memory, none twice.
         height: [m] in odom.
         variance: [m^2].
         below, above: distance of the lowest and highest sample from the height, 0 or more [m].
         steepness: tan^2 of the slope.
     """
 
-    place: Index
+    slot: Index
     height: Float
     variance: Float
     below: Float
@@ -48,24 +48,31 @@ class Heights:
     steepness: Float
 
 
-def drift_variance(cells: OdomCells, place: Index, drift: Drift, distance: Float) -> Float:
+def drift_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, distance: Float) -> Float:
     """Variance that cells have gained since they were last seen: drift in z, and sideways drift on a slope [m^2].
 
     Args:
         cells: the memory.
-        place: (n,) cells.
+        slot: (n,) of the cells.
         drift: of the odometry now.
         distance: (n,) of the cells from the robot [m], the lever of a wrong heading.
     """
     memory = cells.memory
-    rise = np.maximum(drift.rise - memory["rise"][place], 0.0)
-    shift = np.maximum(drift.shift - memory["shift"][place], 0.0)
-    turn = np.maximum(drift.turn - memory["turn"][place], 0.0)
-    return np.asarray(rise + memory["steepness"][place] * (shift + turn * distance**2))
+    rise = np.maximum(drift.rise - memory["rise"][slot], 0.0)
+    shift = np.maximum(drift.shift - memory["shift"][slot], 0.0)
+    turn = np.maximum(drift.turn - memory["turn"][slot], 0.0)
+    return np.asarray(rise + memory["steepness"][slot] * (shift + turn * distance**2))
 
 
 def fuse_heights(
-    cells: OdomCells, new: Heights, drift: Drift, distance: Float, pause: int, stamp: int, *, is_look: bool = True
+    cells: OdomCells,
+    new: Heights,
+    drift: OdometryDrift,
+    distance: Float,
+    pause: int,
+    stamp: int,
+    *,
+    is_look: bool = True,
 ) -> Mask:
     """Bring new heights into memory.
 
@@ -85,16 +92,16 @@ def fuse_heights(
     Returns:
         (n,) whether each height was accepted.
     """
-    memory, place = cells.memory, new.place
-    grown = drift_variance(cells, place, drift, distance)
-    height, variance = memory["height"][place], memory["variance"][place] + grown
-    below, above = memory["below"][place], memory["above"][place]
-    other, other_variance = memory["other"][place], memory["other_variance"][place] + grown
-    was_known, disputed = np.isfinite(height), memory["conflict"][place]
+    memory, slot = cells.memory, new.slot
+    grown = drift_variance(cells, slot, drift, distance)
+    height, variance = memory["height"][slot], memory["variance"][slot] + grown
+    below, above = memory["below"][slot], memory["above"][slot]
+    other, other_variance = memory["other"][slot], memory["other_variance"][slot] + grown
+    was_known, disputed = np.isfinite(height), memory["conflict"][slot]
 
-    def agrees(value: Float, spread: Float) -> Mask:
+    def agrees(value: Float, its_variance: Float) -> Mask:
         with np.errstate(invalid="ignore"):
-            return np.asarray(np.abs(new.height - value) <= GATE_SIGMAS * np.sqrt(spread + new.variance))
+            return np.asarray(np.abs(new.height - value) <= GATE_SIGMAS * np.sqrt(its_variance + new.variance))
 
     confirmed = was_known & ~disputed & agrees(height, variance)
     settled = was_known & disputed & agrees(other, other_variance)
@@ -106,34 +113,28 @@ def fuse_heights(
     corrected = prior + gain * (new.height - prior)
     joined = confirmed | settled
 
-    memory["height"][place] = np.where(joined, corrected, np.where(was_known, height, new.height))
-    memory["variance"][place] = np.where(
+    memory["height"][slot] = np.where(joined, corrected, np.where(was_known, height, new.height))
+    memory["variance"][slot] = np.where(
         joined, (1 - gain) * prior_variance, np.where(was_known, variance, new.variance)
     )
     # While looks disagree the lowest and the highest sample of both stand.
     below_both = np.maximum(below, height - (new.height - new.below))
     above_both = np.maximum(above, new.height + new.above - height)
-    memory["below"][place] = np.where(
-        confirmed, np.maximum(below, new.below), np.where(rejected, below_both, new.below)
-    )
-    memory["above"][place] = np.where(
-        confirmed, np.maximum(above, new.above), np.where(rejected, above_both, new.above)
-    )
-    memory["steepness"][place] = np.where(
-        rejected, np.maximum(memory["steepness"][place], new.steepness), new.steepness
-    )
-    memory["conflict"][place] = rejected
-    memory["other"][place] = np.where(rejected, new.height, np.nan)
-    memory["other_variance"][place] = np.where(rejected, new.variance, 0.0)
-    memory["cause"][place] = 0
-    mark_seen(cells, place, drift, pause, stamp)
+    memory["below"][slot] = np.where(confirmed, np.maximum(below, new.below), np.where(rejected, below_both, new.below))
+    memory["above"][slot] = np.where(confirmed, np.maximum(above, new.above), np.where(rejected, above_both, new.above))
+    memory["steepness"][slot] = np.where(rejected, np.maximum(memory["steepness"][slot], new.steepness), new.steepness)
+    memory["conflict"][slot] = rejected
+    memory["other"][slot] = np.where(rejected, new.height, np.nan)
+    memory["other_variance"][slot] = np.where(rejected, new.variance, 0.0)
+    memory["cause"][slot] = 0
+    mark_seen(cells, slot, drift, pause, stamp)
     if is_look:
-        looks = memory["looks"][place]
-        memory["looks"][place] = np.where(was_known, np.minimum(looks, 254) + 1, 1)
+        looks = memory["looks"][slot]
+        memory["looks"][slot] = np.where(was_known, np.minimum(looks, 254) + 1, 1)
     return np.asarray(~rejected)
 
 
-def mark_seen(cells: OdomCells, place: Index, drift: Drift, pause: int, stamp: int) -> None:
+def mark_seen(cells: OdomCells, slot: Index, drift: OdometryDrift, pause: int, stamp: int) -> None:
     """Remember when, and at what drift, cells were last seen."""
     for name, value in (
         ("pause", pause),
@@ -142,14 +143,14 @@ def mark_seen(cells: OdomCells, place: Index, drift: Drift, pause: int, stamp: i
         ("shift", drift.shift),
         ("turn", drift.turn),
     ):
-        cells.memory[name][place] = value
+        cells.memory[name][slot] = value
 
 
-def forget_heights(cells: OdomCells, place: Index, cause: Flags) -> None:
+def forget_heights(cells: OdomCells, slot: Index, cause: Flags) -> None:
     """Looked at without a return: whatever was known of these cells is known no longer."""
     memory = cells.memory
     for name in ("height", "other"):
-        memory[name][place] = np.nan
+        memory[name][slot] = np.nan
     for name in ("variance", "below", "above", "steepness", "other_variance", "looks", "conflict"):
-        memory[name][place] = 0
-    memory["cause"][place] = cause
+        memory[name][slot] = 0
+    memory["cause"][slot] = cause

@@ -1,4 +1,4 @@
-"""Holds the height of the walk to the map: supporting soles tell how far leg odometry has risen or sunk since.
+"""Holds the height of the walk to the map: supporting soles show how far leg odometry has risen or sunk since.
 
 Leg odometry's z is a random walk. A sole that stands on ground which the map knows measures its error against that
 ground; a scalar Kalman filter takes off what the soles agree on. Nothing is shifted silently: the correction of each
@@ -51,11 +51,11 @@ class HeightAnchor:
         correction = 0.0
         rejected = []
         for leg, sole in soles.items():
-            spread = variance + sole.variance
-            if (sole.residual + correction) ** 2 > GATE_SIGMAS**2 * spread:
+            innovation_variance = variance + sole.variance
+            if (sole.residual + correction) ** 2 > GATE_SIGMAS**2 * innovation_variance:
                 rejected.append(leg)
                 continue
-            gain = variance / spread if spread > 0 else 0.0
+            gain = variance / innovation_variance if innovation_variance > 0 else 0.0
             correction -= gain * (sole.residual + correction)
             variance *= 1 - gain
         # Of the growth, the share that the soles did not take off again stays with the cells.

@@ -62,17 +62,17 @@ def declared_heights(
     outline = ground.outline @ transform[:2, :2].T + transform[:2, 3]
     (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)
     cy, cx = cells.cells_between((x0, y0), (x1, y1))
-    place = cells.places(cy, cx)
+    slot = cells.slots(cy, cx)
     x, y = (np.asarray((c + 0.5) * cells.resolution, np.float64) for c in (cx, cy))
-    covered = (place >= 0) & inside_polygon(outline, x, y)
+    covered = (slot >= 0) & inside_polygon(outline, x, y)
     for sx, sy in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         covered &= inside_polygon(outline, x + sx * half, y + sy * half)
     memory = cells.memory
-    covered &= np.isnan(memory["height"][place]) & ((memory["cause"][place] & LOOKED_AT) == 0)
+    covered &= np.isnan(memory["height"][slot]) & ((memory["cause"][slot] & LOOKED_AT) == 0)
     local = (np.column_stack((x, y))[covered] - transform[:2, 3]) @ transform[:2, :2]
     nothing = np.zeros(len(local))
     heights = Heights(
-        place=place[covered],
+        slot=slot[covered],
         height=local @ transform[2, :2] + transform[2, 2] * ground.height + transform[2, 3],
         variance=np.full(len(local), ground.sigma**2),
         below=nothing,

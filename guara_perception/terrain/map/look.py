@@ -24,13 +24,13 @@ SEEN_LAYERS = ("elevation", "variance", "elevation_min", "elevation_max", "slope
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """One scan, told by cells of the rolling map.
+    """One scan, by cells of the rolling map.
 
     Attributes:
         heights: cells that were seen.
-        empty: places of cells that were looked at without a usable return.
+        empty: slots of cells that were looked at without a usable return.
         empty_cause: their flags.
-        unseen: places of cells in the area that were not looked at.
+        unseen: slots of cells in the area that were not looked at.
         unseen_cause: their flags.
         distance: of the seen cells from the robot [m].
     """
@@ -44,7 +44,7 @@ class Look:
 
 
 def look_at(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom: Float) -> Look:
-    """Look every cell of the map that the scanned area covers up in the scan's grid.
+    """What the scan's grid says of every cell of the map that the scanned area covers.
 
     Values come from the nearest cell of the scan. A map cell that touches a scan cell without return counts as one
     itself: part of it was looked at and nothing was seen.
@@ -61,19 +61,19 @@ def look_at(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     corners_in_odom = corners @ transform[:2, :2].T + transform[:2, 3]
     (low_x, low_y), (high_x, high_y) = corners_in_odom.min(axis=0), corners_in_odom.max(axis=0)
     cy, cx = cells.cells_between((low_x, low_y), (high_x, high_y))
-    place = cells.places(cy, cx)
+    slot = cells.slots(cy, cx)
     # From below the robot to the centre of each cell, along the axes of odom and of the footprint.
-    way_x, way_y = (cx + 0.5) * resolution - transform[0, 3], (cy + 0.5) * resolution - transform[1, 3]
+    offset_x, offset_y = (cx + 0.5) * resolution - transform[0, 3], (cy + 0.5) * resolution - transform[1, 3]
     (xx, xy), (yx, yy) = np.linalg.inv(transform[:2, :2])
-    x, y = xx * way_x + xy * way_y, yx * way_x + yy * way_y
+    x, y = xx * offset_x + xy * offset_y, yx * offset_x + yy * offset_y
     if np.any(transform[:2, 2]):
         # Where the two verticals differ a cell's height moves it sideways.
         height = np.nan_to_num(np.asarray(terrain.height_at(x, y), dtype=np.float64))
-        way_x, way_y = way_x - height * transform[0, 2], way_y - height * transform[1, 2]
-        x, y = xx * way_x + xy * way_y, yx * way_x + yy * way_y
+        offset_x, offset_y = offset_x - height * transform[0, 2], offset_y - height * transform[1, 2]
+        x, y = xx * offset_x + xy * offset_y, yx * offset_x + yy * offset_y
     iy, ix = grid.indices(x, y)
-    used = np.flatnonzero(grid.contains(iy, ix) & (place >= 0))
-    x, y, iy, ix, place = x[used], y[used], iy[used], ix[used], place[used]
+    used = np.flatnonzero(grid.contains(iy, ix) & (slot >= 0))
+    x, y, iy, ix, slot = x[used], y[used], iy[used], ix[used], slot[used]
 
     hazard = scan_flags(terrain)
     own = hazard[iy, ix] & UNKNOWN_MASK
@@ -98,7 +98,7 @@ def look_at(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     )
     in_odom = transform[2, 0] * at_x + transform[2, 1] * at_y + transform[2, 2] * height + transform[2, 3]
     heights = Heights(
-        place=place[is_seen],
+        slot=slot[is_seen],
         height=in_odom,
         variance=variance,
         below=np.maximum(height - layers["elevation_min"], 0.0),
@@ -107,9 +107,9 @@ def look_at(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     )
     return Look(
         heights=heights,
-        empty=place[is_empty],
+        empty=slot[is_empty],
         empty_cause=returned_nothing[is_empty],
-        unseen=place[unseen],
+        unseen=slot[unseen],
         unseen_cause=own[unseen],
         distance=np.sqrt(at_x * at_x + at_y * at_y),
     )
@@ -145,7 +145,7 @@ def scan_flags(terrain: TerrainGrid) -> Flags:
 
 
 def tilt_variance(terrain: TerrainGrid, x: Float, y: Float) -> Float:
-    """Variance of heights in base_footprint at points from the tilt of the stance pose [m^2]; 0 where not told.
+    """Variance of heights in base_footprint at points from the tilt of the stance pose [m^2]; 0 without one.
 
     A rotation (rx, ry) about the footprint's axes lifts the point (x, y) by rx y - ry x.
     """

@@ -66,7 +66,7 @@ class OdomCells:
         cx, cy = np.meshgrid(np.arange(x0, x1 + 1), np.arange(y0, y1 + 1))
         return cy.ravel(), cx.ravel()
 
-    def places(self, cy: Index, cx: Index) -> Index:
+    def slots(self, cy: Index, cx: Index) -> Index:
         """Where cells live in the arrays of memory, -1 for cells outside the window."""
         if self._first is None:
             return np.full(np.broadcast_shapes(np.shape(cy), np.shape(cx)), -1, dtype=np.int64)

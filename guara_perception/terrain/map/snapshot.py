@@ -13,7 +13,7 @@ from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.map.fuse_heights import Drift, drift_variance
+from guara_perception.terrain.map.fuse_heights import OdometryDrift, drift_variance
 from guara_perception.terrain.map.look import tilt_variance
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.touched import Squares
@@ -22,8 +22,8 @@ NEVER_SEEN_AGE = 255
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
-    """The pause at which the map is looked at.
+class MapPause:
+    """The pause at which the map is asked for.
 
     Attributes:
         pause: its number.
@@ -34,12 +34,12 @@ class Moment:
 
     pause: int
     stamp: int
-    drift: Drift
+    drift: OdometryDrift
     transform_footprint_to_odom: Float
 
 
 def snapshot_layers(
-    cells: OdomCells, geometry: GridGeometry, terrain: TerrainGrid, now: Moment, settings: Settings
+    cells: OdomCells, geometry: GridGeometry, terrain: TerrainGrid, now: MapPause, settings: Settings
 ) -> dict[str, Array]:
     """All layers of the `map` extent.
 
@@ -55,9 +55,9 @@ def snapshot_layers(
     x, y = np.tile(x, y.size), np.repeat(y, x.size)
     if np.any(transform[:2, 2]):
         # Where the two verticals differ a cell's height moves it sideways.
-        place = cells.places(*cells.indices(in_odom_x, in_odom_y))
-        rise = memory["height"][place] - (row[0] * x + row[1] * y + row[3])
-        height = np.nan_to_num(np.where(place >= 0, rise, 0.0) / row[2])
+        slot = cells.slots(*cells.indices(in_odom_x, in_odom_y))
+        rise = memory["height"][slot] - (row[0] * x + row[1] * y + row[3])
+        height = np.nan_to_num(np.where(slot >= 0, rise, 0.0) / row[2])
         in_odom_x += height * transform[0, 2]
         in_odom_y += height * transform[1, 2]
     half = 0.5 * geometry.resolution * (abs(transform[0, 0]) + abs(transform[1, 0]))
@@ -70,9 +70,9 @@ def snapshot_layers(
     heights = cells.patch("height", squares.first, squares.shape, np.nan)
     low = heights - cells.patch("below", squares.first, squares.shape, 0.0)
     high = heights + cells.patch("above", squares.first, squares.shape, 0.0)
-    place = cells.places(*cells.indices(in_odom_x.take(known), in_odom_y.take(known)))
-    pauses = np.clip(now.pause - memory["pause"].take(place), 0, NEVER_SEEN_AGE - 1)
-    variance = memory["variance"].take(place) + drift_variance(cells, place, now.drift, np.sqrt(x * x + y * y))
+    slot = cells.slots(*cells.indices(in_odom_x.take(known), in_odom_y.take(known)))
+    pauses = np.clip(now.pause - memory["pause"].take(slot), 0, NEVER_SEEN_AGE - 1)
+    variance = memory["variance"].take(slot) + drift_variance(cells, slot, now.drift, np.sqrt(x * x + y * y))
     # What was seen at this very pause shares its tilt; older heights do not.
     variance += np.where(pauses > 0, tilt_variance(terrain, x, y), 0.0)
 
@@ -82,7 +82,7 @@ def snapshot_layers(
         return layer.reshape(geometry.shape)
 
     layers = assess_layers(
-        shaped((memory["height"].take(place) - drop) / row[2], np.nan),
+        shaped((memory["height"].take(slot) - drop) / row[2], np.nan),
         shaped(variance, np.nan),
         shaped((squares.joined(low, np.fmin, known) - drop) / row[2], np.nan),
         shaped((squares.joined(high, np.fmax, known) - drop) / row[2], np.nan),
@@ -91,11 +91,11 @@ def snapshot_layers(
         settings.limits,
     )
     layers["age"] = shaped(pauses.astype(np.uint8), NEVER_SEEN_AGE)
-    layers["looks"] = shaped(memory["looks"].take(place), 0)
+    layers["looks"] = shaped(memory["looks"].take(slot), 0)
     return layers
 
 
-def _flags(cells: OdomCells, squares: Squares, now: Moment, settings: Settings) -> Flags:
+def _flags(cells: OdomCells, squares: Squares, now: MapPause, settings: Settings) -> Flags:
     """Why each cell of the memory is unknown, and whether it is in conflict or stale; UNSCANNED outside."""
 
     def patch(name: str, outside: Any) -> Array:

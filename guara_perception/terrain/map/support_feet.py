@@ -10,7 +10,7 @@ import numpy as np
 from guara_perception.arrays import Float, Index, Mask
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.map.fuse_heights import Drift, Heights, fuse_heights
+from guara_perception.terrain.map.fuse_heights import Heights, OdometryDrift, fuse_heights
 from guara_perception.terrain.map.height_anchor import SoleError
 from guara_perception.terrain.map.look import LOOKED_AT
 from guara_perception.terrain.map.odom_cells import OdomCells
@@ -35,13 +35,13 @@ class FootMeasurement:
         leg: its name.
         centre: (3,) sole centre in odom [m].
         variance: of its height [m^2].
-        place, distance: cells of the map that lie wholly under it, and their distance from the robot [m].
+        slot, distance: cells of the map that lie wholly under it, and their distance from the robot [m].
     """
 
     leg: str
     centre: Float
     variance: float
-    place: Index
+    slot: Index
     distance: Float
 
     def raised(self, rise: float) -> FootMeasurement:
@@ -82,39 +82,39 @@ def support_feet(
         along = np.abs(offset @ transform[:2, :2])
         cell = 0.5 * resolution * (abs(transform[0, 0]) + abs(transform[1, 0]))
         under = (along <= half - cell + 1e-9).all(axis=-1)
-        place = cells.places(cy[under], cx[under])
-        inside = place >= 0
+        slot = cells.slots(cy[under], cx[under])
+        inside = slot >= 0
         distance = np.full(int(inside.sum()), float(np.hypot(sole[0], sole[1])))
-        feet.append(FootMeasurement(leg, centre, variance, place[inside], distance))
+        feet.append(FootMeasurement(leg, centre, variance, slot[inside], distance))
     return feet
 
 
 def sole_error(cells: OdomCells, foot: FootMeasurement) -> SoleError | None:
     """Height of a sole over the ground that scans saw under it; None where the map knows too little of that ground."""
     memory = cells.memory
-    place = foot.place[_scanned(cells, foot)]
-    if not foot.place.size or place.size < COMPARED_SHARE * foot.place.size:
+    slot = foot.slot[_scanned(cells, foot)]
+    if not foot.slot.size or slot.size < COMPARED_SHARE * foot.slot.size:
         return None
-    bearing = float(np.quantile(memory["height"][place], BEARING_QUANTILE))
-    return SoleError(float(foot.centre[2]) - bearing, foot.variance + float(memory["variance"][place].mean()))
+    bearing = float(np.quantile(memory["height"][slot], BEARING_QUANTILE))
+    return SoleError(float(foot.centre[2]) - bearing, foot.variance + float(memory["variance"][slot].mean()))
 
 
-def fill_under_foot(cells: OdomCells, foot: FootMeasurement, drift: Drift, pause: int, stamp: int) -> None:
+def fill_under_foot(cells: OdomCells, foot: FootMeasurement, drift: OdometryDrift, pause: int, stamp: int) -> None:
     """Give cells under a sole that no scan saw, and that were not found empty, the sole's height.
 
-    Ground that scans saw keeps its own: one sole tells nothing of the relief under it, and what all soles say of the
+    Ground that scans saw keeps its own: one sole says nothing of the relief under it, and what all soles say of the
     height of the walk is taken into account by the height anchor.
     """
     memory = cells.memory
-    is_free = ~_scanned(cells, foot) & ((memory["cause"][foot.place] & LOOKED_AT) == 0)
+    is_free = ~_scanned(cells, foot) & ((memory["cause"][foot.slot] & LOOKED_AT) == 0)
     if not is_free.any():
         return
-    place = foot.place[is_free]
-    nothing = np.zeros(place.size)
+    slot = foot.slot[is_free]
+    nothing = np.zeros(slot.size)
     heights = Heights(
-        place=place,
-        height=np.full(place.size, foot.centre[2]),
-        variance=np.full(place.size, foot.variance + UNSEEN_RELIEF_M**2),
+        slot=slot,
+        height=np.full(slot.size, foot.centre[2]),
+        variance=np.full(slot.size, foot.variance + UNSEEN_RELIEF_M**2),
         below=nothing,
         above=nothing,
         steepness=nothing,
@@ -124,5 +124,5 @@ def fill_under_foot(cells: OdomCells, foot: FootMeasurement, drift: Drift, pause
 
 def _scanned(cells: OdomCells, foot: FootMeasurement) -> Mask:
     memory = cells.memory
-    known = np.isfinite(memory["height"][foot.place]) & ~memory["conflict"][foot.place]
-    return np.asarray(known & (memory["looks"][foot.place] > 0))
+    known = np.isfinite(memory["height"][foot.slot]) & ~memory["conflict"][foot.slot]
+    return np.asarray(known & (memory["looks"][foot.slot] > 0))

@@ -14,31 +14,31 @@ from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.map.fuse_heights import Drift, forget_heights, fuse_heights
+from guara_perception.terrain.map.fuse_heights import OdometryDrift, forget_heights, fuse_heights
 from guara_perception.terrain.map.height_anchor import HeightAnchor
 from guara_perception.terrain.map.known_ground import KnownGround, declared_heights
 from guara_perception.terrain.map.look import LOOKED_AT, look_at
 from guara_perception.terrain.map.map_report import map_report
 from guara_perception.terrain.map.odom_cells import OdomCells
-from guara_perception.terrain.map.snapshot import Moment, snapshot_layers
+from guara_perception.terrain.map.snapshot import MapPause, snapshot_layers
 from guara_perception.terrain.map.support_feet import fill_under_foot, sole_error, support_feet
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
 
-# The window is moved when the robot has gone so far: seldom, and still little memory.
+# The window is moved when the robot has gone this far: seldom, and still little memory.
 MARGIN_M = 0.2
 # Without gravity a scan is levelled by its support plane, which tilts by 0.11 rad with two feet on a box of 40 mm.
 LARGEST_TILT = 0.2
-# Two ways to one vertical differ by rounding. At a metre's height such a tilt would be a nanometre: it is none.
+# Two computations of one vertical differ by rounding: a tilt that moves nothing by more than a nanometre is zero.
 LEAST_TURN = 1e-9
 
 
 class TerrainMap:
     """The rolling map of one walk.
 
-    Each pause's scan is fused into cells that stand still in `odom`; a snapshot of the contract's `map` extent comes
+    Each pause's scan is fused into cells that stand still in `odom`; a snapshot of the `map` extent comes
     back. Same input, same bytes. Memory does not grow: what lies further from the robot than the area of the map
     reaches (plus a margin) is forgotten.
 
@@ -67,10 +67,10 @@ class TerrainMap:
         self._grid = GridGeometry.over(x, y, self._settings.resolution if resolution is None else float(resolution))
         reach = float(np.hypot(max(map(abs, x)), max(map(abs, y)))) + MARGIN_M
         self._cells = OdomCells(self._grid.resolution, reach)
-        self._middle: Float | None = None
+        self._centre: Float | None = None
         self._pause = 0
         self._step: int | None = None
-        self._drift = Drift(0.0, 0.0, 0.0)
+        self._drift = OdometryDrift(0.0, 0.0, 0.0)
         self._anchor = HeightAnchor()
         self._ground: list[dict[str, Any]] = []
         self._scans = 0
@@ -104,43 +104,45 @@ class TerrainMap:
             for has `looks` 0.
 
         Raises:
-            InvalidInput: a grid of another extent or cell size, or of an earlier pause; a transform that is none or
-                tilts by more than 0.2 rad; a covariance that is none.
+            InvalidInput: a grid of another extent or cell size, or of an earlier pause; a transform that is not
+                rigid or tilts by more than 0.2 rad; a covariance that is not (6, 6) with a positive diagonal.
         """
-        transform, spread = self._checked(terrain, transform_footprint_to_odom, covariance)
+        transform, pose_covariance = self._checked(terrain, transform_footprint_to_odom, covariance)
         self._pause += 1 if self._step is None else terrain.step - self._step
         self._step = terrain.step
         position = transform[:2, 3]
-        if self._middle is None or np.abs(position - self._middle).max() > MARGIN_M:
+        if self._centre is None or np.abs(position - self._centre).max() > MARGIN_M:
             self._cells.centre_on(float(position[0]), float(position[1]))
-            self._middle = position.copy()
+            self._centre = position.copy()
         transform[2, 3] += self._anchor.offset
         feet = support_feet(self._cells, self._robot, terrain, transform, self._settings.limits)
         errors = {foot.leg: sole_error(self._cells, foot) for foot in feet}
-        anchor = self._anchor.after(float(spread[2, 2]), {leg: e for leg, e in errors.items() if e is not None})
+        anchor = self._anchor.after(
+            float(pose_covariance[2, 2]), {leg: e for leg, e in errors.items() if e is not None}
+        )
         correction, self._anchor = anchor.offset - self._anchor.offset, anchor
         transform[2, 3] += correction
         last = self._drift
-        self._drift = Drift(
+        self._drift = OdometryDrift(
             rise=self._anchor.rise,
-            shift=max(last.shift, float(spread[0, 0]), float(spread[1, 1])),
-            turn=max(last.turn, float(spread[5, 5])),
+            shift=max(last.shift, float(pose_covariance[0, 0]), float(pose_covariance[1, 1])),
+            turn=max(last.turn, float(pose_covariance[5, 5])),
         )
-        moment = Moment(self._pause, terrain.stamp, self._drift, transform)
-        rejected = self._look(terrain, moment)
+        now = MapPause(self._pause, terrain.stamp, self._drift, transform)
+        rejected = self._look(terrain, now)
         for foot in feet:
             fill_under_foot(self._cells, foot.raised(correction), self._drift, self._pause, terrain.stamp)
         for ground in known_ground:
-            self._declare(ground, moment)
+            self._declare(ground, now)
         self._scans += 1
-        layers = snapshot_layers(self._cells, self._grid, terrain, moment, self._settings)
+        layers = snapshot_layers(self._cells, self._grid, terrain, now, self._settings)
         report = map_report(
             terrain=terrain,
             robot=self._robot.name,
             settings=self._settings,
             layers=layers,
             transform_footprint_to_odom=transform,
-            covariance=spread,
+            covariance=pose_covariance,
             scans=self._scans,
             rejected=rejected,
             anchor=self._anchor,
@@ -156,20 +158,20 @@ class TerrainMap:
             metadata={**report, **(metadata or {})},
         )
 
-    def _look(self, terrain: TerrainGrid, now: Moment) -> int:
+    def _look(self, terrain: TerrainGrid, now: MapPause) -> int:
         """Fuse the scan; return the number of heights that disagreed with what was known."""
         look = look_at(self._cells, terrain, now.transform_footprint_to_odom)
         accepted = fuse_heights(self._cells, look.heights, now.drift, look.distance, now.pause, now.stamp)
         forget_heights(self._cells, look.empty, look.empty_cause)
         memory = self._cells.memory
-        # A cause tells more than "never looked at", and a look without return more than no look.
+        # A cause says more than "never looked at", and a look without return more than no look.
         cause = memory["cause"][look.unseen]
         is_unknown = np.isnan(memory["height"][look.unseen])
         better = is_unknown & ((cause & LOOKED_AT) == 0) & (look.unseen_cause != np.uint16(Hazard.UNSCANNED))
         memory["cause"][look.unseen[better]] = look.unseen_cause[better] & UNKNOWN_MASK
         return int((~accepted).sum())
 
-    def _declare(self, ground: KnownGround, now: Moment) -> None:
+    def _declare(self, ground: KnownGround, now: MapPause) -> None:
         heights, distance = declared_heights(self._cells, ground, now.transform_footprint_to_odom)
         fuse_heights(self._cells, heights, now.drift, distance, now.pause, now.stamp, is_look=False)
         self._ground.append(
@@ -178,7 +180,7 @@ class TerrainMap:
                 "outline": ground.outline.tolist(),
                 "height": ground.height,
                 "sigma": ground.sigma,
-                "cells": int(heights.place.size),
+                "cells": int(heights.slot.size),
             }
         )
 
@@ -206,7 +208,7 @@ class TerrainMap:
                 f"{LARGEST_TILT} rad: both frames must be level"
             )
         rotation[np.abs(rotation) < LEAST_TURN] = 0.0
-        spread = np.array(covariance, dtype=np.float64)
-        if spread.shape != (6, 6) or not np.isfinite(spread).all() or (np.diag(spread) < 0).any():
-            raise InvalidInput(f"covariance has shape {spread.shape}, it must be (6, 6) with a positive diagonal")
-        return matrix, spread
+        checked = np.array(covariance, dtype=np.float64)
+        if checked.shape != (6, 6) or not np.isfinite(checked).all() or (np.diag(checked) < 0).any():
+            raise InvalidInput(f"covariance has shape {checked.shape}, it must be (6, 6) with a positive diagonal")
+        return matrix, checked

@@ -1,4 +1,4 @@
-"""The cells of a grid that turned squares touch, and what these say together."""
+"""The cells of a grid that rotated squares touch, and what these say together."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SHRUNK_M = 1e-7
 
 
 class HasIndices(Protocol):
-    """Anything that tells cell indices from coordinates."""
+    """Anything that gives cell indices of coordinates."""
 
     def indices(self, x: Float, y: Float) -> tuple[Index, Index]:
         """Cell indices (iy, ix)."""
@@ -22,23 +22,23 @@ class HasIndices(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Squares:
-    """Squares laid over a grid: which of its cells each of them touches, in the part of the grid that any touches.
+    """Squares laid over a grid: which of its cells each of them touches, in the block of the grid that any touches.
 
     Attributes:
-        first: (iy, ix) of the lowest cell of that part.
+        first: (iy, ix) of the lowest cell of that block.
         shape: its rows and columns.
         most: rows and columns that one square touches at most.
-        place: (n,) what each square touches, in tables of the joined values.
+        entry: (n,) what each square touches, in tables of the joined values.
     """
 
     first: tuple[int, int]
     shape: tuple[int, int]
     most: tuple[int, int]
-    place: Index
+    entry: Index
 
     @classmethod
     def of(cls, grid: HasIndices, x: Float, y: Float, half: float) -> Squares:
-        """Upright squares of half edge `half` about points (n,), n >= 1; for turned ones give the upright ones around.
+        """Upright squares of half edge `half` about points (n,), n >= 1; for rotated ones give the upright ones around.
 
         They touch all rows and columns from the lowest corner's to the highest one's.
         """
@@ -56,7 +56,7 @@ class Squares:
         """Values of an array of this shape, joined over all cells that each square touches.
 
         Args:
-            layer: (rows, columns) of the part of the grid.
+            layer: (rows, columns) of the block of the grid.
             join: of two values, in any order.
             which: squares asked for; None for all.
         """
@@ -70,4 +70,4 @@ class Squares:
         for right in range(1, columns):
             table[:, right] = table[:, right - 1]
             join(table[:, right, :, :-right], table[:, 0, :, right:], out=table[:, right, :, :-right])
-        return table.take(self.place if which is None else self.place[which])
+        return table.take(self.entry if which is None else self.entry[which])

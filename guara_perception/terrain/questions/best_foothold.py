@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from kinematics import RobotModel
 
 
-# At the rim of the search a place is worth half: near the wish the body moves as the gait planned it.
+# At the rim of the search a place scores half: near the wish the body moves as the gait planned it.
 VALUE_AT_RIM = 0.5
-# Beside an edge a place is worth half of one in the open.
+# Beside an edge a place scores half of one in the open.
 VALUE_AT_EDGE = 0.5
-# A new place must be worth a third more than the previous choice, or the choice flips between two sides of an edge.
+# A new place must score a third more than the previous choice, or the choice flips between two sides of an edge.
 HYSTERESIS = 1 / 3
 
 

@@ -12,18 +12,18 @@ from guara_perception.terrain.questions.foothold import FootholdVerdict, check_f
 def explain(terrain: LayeredGrid, x: float, y: float) -> str:
     """See `TerrainGrid.explain`."""
     flags = terrain.hazard_at(float(x), float(y))
-    place = f"x={float(x):.3f} y={float(y):.3f}"
+    point = f"x={float(x):.3f} y={float(y):.3f}"
     iy, ix = terrain.geometry.indices(float(x), float(y))
     if not terrain.geometry.contains(iy, ix):
         (x0, y0), (ny, nx) = terrain.origin, terrain.shape
         end_x, end_y = x0 + nx * terrain.resolution, y0 + ny * terrain.resolution
-        return f"{place} is off the grid (x {x0:.3f} ... {end_x:.3f}, y {y0:.3f} ... {end_y:.3f} m): not traversable"
+        return f"{point} is off the grid (x {x0:.3f} ... {end_x:.3f}, y {y0:.3f} ... {end_y:.3f} m): not traversable"
     causes = "; ".join(MEANING[flag] for flag in Hazard if flag and flag in flags)
     if int(flags) & int(UNKNOWN_MASK):
-        return f"{place} is unknown: {causes}; not traversable"
+        return f"{point} is unknown: {causes}; not traversable"
     layer = {name: float(values[iy, ix]) for name, values in terrain.layers.items()}
     words = [
-        f"{place} is {layer['elevation'] * 1e3:.1f} mm high (sigma {np.sqrt(layer['variance']) * 1e3:.1f} mm)",
+        f"{point} is {layer['elevation'] * 1e3:.1f} mm high (sigma {np.sqrt(layer['variance']) * 1e3:.1f} mm)",
         _slope_words(layer["slope"], layer["roughness"]),
         f"step {layer['step_height'] * 1e3:.1f} mm",
         f"clearance {layer['clearance'] * 1e3:.0f} mm",

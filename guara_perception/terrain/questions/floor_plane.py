@@ -16,7 +16,7 @@ TRIALS = 100
 FLOOR_SHARE = 0.35
 # That quantile of |noise| in standard deviations, if all cells lie on the floor; with boxes it is larger, and refined.
 QUANTILE_TO_SIGMA = 1 / 0.4538
-# Cells that a trial is judged by, evenly spread.
+# Cells that a trial is judged by, evenly distributed.
 JUDGES = 500
 # Within three of their robust standard deviations, and at least this much, heights belong to the floor.
 LEAST_TOLERANCE_M = 0.002
@@ -65,10 +65,10 @@ def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
     trials = np.vstack((level, trials))
     misses = quantile(np.abs(z[judges] - trials @ terms[:, judges]), FLOOR_SHARE)
     plane = trials[int(misses.argmin())]
-    spread = QUANTILE_TO_SIGMA * float(misses.min())
+    sigma = QUANTILE_TO_SIGMA * float(misses.min())
     residual = z - plane @ terms
     for _ in range(REFINEMENTS):
-        near = np.flatnonzero(np.abs(residual) <= max(3 * spread, LEAST_TOLERANCE_M))
+        near = np.flatnonzero(np.abs(residual) <= max(3 * sigma, LEAST_TOLERANCE_M))
         refined = solve_plane(terms.take(near, axis=1), z.take(near))
         if refined is None:
             break
@@ -76,8 +76,8 @@ def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
         plane = refined
         residual = z - plane @ terms
         on_floor = residual.take(near)
-        spread = float(np.sqrt(on_floor @ on_floor / near.size))
+        sigma = float(np.sqrt(on_floor @ on_floor / near.size))
         if has_settled:
             break
     a, b = float(plane[0]), float(plane[1])
-    return FloorPlane(a, b, float(plane[2] - a * middle_x - b * middle_y), spread)
+    return FloorPlane(a, b, float(plane[2] - a * middle_x - b * middle_y), sigma)

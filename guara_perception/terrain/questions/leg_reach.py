@@ -45,7 +45,7 @@ def _pose_of(terrain: LayeredGrid, robot: RobotModel | None) -> StancePose:
     missing = [name for name in ("robot", "stance", "transform_base_to_footprint") if metadata.get(name) is None]
     if missing:
         raise InvalidInput(
-            f"the grid's metadata holds no {', '.join(missing)}: whether a leg reaches a place cannot be told, "
+            f"the grid's metadata holds no {', '.join(missing)}: whether a leg reaches a place cannot be computed, "
             "ask with leg=None"
         )
     if robot is None:

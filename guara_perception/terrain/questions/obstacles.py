@@ -72,7 +72,7 @@ def obstacles(terrain: LayeredGrid) -> list[Obstacle]:
 
 @dataclass(frozen=True, slots=True)
 class _Cells:
-    """Some cells of a grid, arrays (n,): their places, centres, heights, variances, heights over the floor, flags."""
+    """Some cells of a grid, arrays (n,): their indices, centres, heights, variances, heights over the floor, flags."""
 
     iy: Index
     ix: Index
@@ -84,16 +84,16 @@ class _Cells:
     hazard: Flags
 
     def some(self, which: Mask | Index) -> _Cells:
-        """Those of a mask, or of places in the arrays."""
-        places = np.flatnonzero(which) if which.dtype == np.bool_ else which
-        return _Cells(*(getattr(self, entry.name).take(places) for entry in fields(self)))
+        """Those of a mask, or of indices into the arrays."""
+        indices = np.flatnonzero(which) if which.dtype == np.bool_ else which
+        return _Cells(*(getattr(self, entry.name).take(indices) for entry in fields(self)))
 
 
 def _known_cells(terrain: LayeredGrid) -> tuple[_Cells, FloorPlane | None]:
     """The known cells and the floor among them; None, with nothing over it, where there is none."""
     known = np.flatnonzero(np.isfinite(terrain.elevation))
     iy, ix = np.divmod(known, terrain.shape[1])
-    x, y = (centres.take(place) for centres, place in zip(terrain.geometry.centres(), (ix, iy), strict=True))
+    x, y = (centres.take(index) for centres, index in zip(terrain.geometry.centres(), (ix, iy), strict=True))
     elevation, variance = (layer.take(known).astype(np.float64) for layer in (terrain.elevation, terrain.variance))
     floor = fit_floor(x, y, elevation)
     rise = elevation - (0.0 if floor is None else floor.height_at(x, y))
@@ -124,13 +124,13 @@ def _obstacle(cells: _Cells, terrain: LayeredGrid, floor: FloorPlane) -> Obstacl
     residual = top.elevation - (a * top.x + b * top.y + c)
     # The mean of the top: noise of neighbouring cells is shared, as if there were only one look per nine cells.
     looks = max(residual.size / 9, 1.0)
-    spread = (float(top.variance.mean()) + float(residual @ residual) / residual.size) / looks + floor.sigma**2 / 9
+    variance = (float(top.variance.mean()) + float(residual @ residual) / residual.size) / looks + floor.sigma**2 / 9
     return Obstacle(
         outline=_outline(cells, terrain),
         height=z - float(floor.height_at(x, y)),
         top_plane=plane,
         position=np.array([x, y, z]),
-        sigma=float(np.sqrt(spread)),
+        sigma=float(np.sqrt(variance)),
         hazard=int(np.bitwise_or.reduce(cells.hazard)),
         area=float(cells.ix.size) * terrain.resolution**2,
     )

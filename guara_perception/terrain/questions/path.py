@@ -78,7 +78,7 @@ def check_polygon(terrain: LayeredGrid, corners: npt.ArrayLike) -> PathVerdict:
 
 @dataclass(frozen=True, slots=True)
 class _Corridor:
-    """Cells within the clearance of each sample, (samples, cells of the window); `used` tells which of them count."""
+    """Cells within the clearance of each sample, (samples, cells of the window); `used` says which of them count."""
 
     iy: Index
     ix: Index
@@ -95,7 +95,7 @@ def _corridor(terrain: LayeredGrid, samples: Float, clearance: float) -> _Corrid
     geometry = terrain.geometry
     resolution = geometry.resolution
     iy, ix = geometry.indices(samples[:, 0], samples[:, 1])
-    # The geometry clips far indices; positions tell the distance, so that nothing far off counts as near.
+    # The geometry clips far indices; positions give the distance, so that nothing far off counts as near.
     reach = int(np.ceil(clearance / resolution)) + 1
     dy, dx = (a.ravel() for a in np.mgrid[-reach : reach + 1, -reach : reach + 1])
     jy, jx = iy[:, None] + dy, ix[:, None] + dx
@@ -149,8 +149,8 @@ def _unreliable(terrain: LayeredGrid, iy: Index, ix: Index) -> list[Reason]:
     return [Reason("hazard", bad, 0.0, "cells", ", ".join(names(int(np.bitwise_or.reduce(flags)))))] if bad else []
 
 
-def _at(test: str, value: float, limit: float, place: Float, words: str) -> Reason:
-    return Reason(test, float(value), limit, "m", f"{words}, at x={place[0]:.3f} y={place[1]:.3f} z={place[2]:.3f} m")
+def _at(test: str, value: float, limit: float, point: Float, words: str) -> Reason:
+    return Reason(test, float(value), limit, "m", f"{words}, at x={point[0]:.3f} y={point[1]:.3f} z={point[2]:.3f} m")
 
 
 def _verdict(reasons: list[Reason], clearance: float) -> PathVerdict:

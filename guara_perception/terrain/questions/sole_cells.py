@@ -1,4 +1,4 @@
-"""Flags of the cells that a sole would cover, for many places at once."""
+"""Flags of the cells that a sole would cover, for many positions at once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 
-# Places looked at together: keeps the memory small for whole grids of places.
+# Positions looked at together: keeps the memory small for whole grids of positions.
 CHUNK = 4096
 # A sole that only shares an edge with a cell does not cover it.
 TOLERANCE_CELLS = 1e-6
@@ -59,7 +59,7 @@ def _covered(centre: Float, origin: float, length: float, resolution: float) -> 
     """Cell indices (n, w) along one axis; where a sole covers fewer than w the last one is repeated."""
     at = (centre - origin) / resolution
     half = length / 2 / resolution
-    # Far off the grid is off the grid: no overflow for absurd places.
+    # Far off the grid is off the grid: no overflow for absurd positions.
     first = np.clip(np.floor(at - half + TOLERANCE_CELLS), -(2**31), 2**31).astype(np.int64)
     last = np.clip(np.ceil(at + half - TOLERANCE_CELLS) - 1, -(2**31), 2**31).astype(np.int64)
     last = np.maximum(last, first)

@@ -36,7 +36,7 @@ def assess_terrain(
     Raises:
         InvalidInput: wrong shapes, resolution not positive, infinite heights, NaN or negative variance.
     """
-    heights, spread = check_heights(elevation, variance)
+    heights, variances = check_heights(elevation, variance)
     if np.ndim(resolution) != 0 or len(tuple(origin)) != 2:
         raise InvalidInput(f"resolution is {resolution}, origin is {origin}: one number and a pair (x, y) are needed")
     x, y = origin
@@ -45,7 +45,7 @@ def assess_terrain(
     hazard = np.where(known, 0, np.uint16(Hazard.UNSCANNED)).astype(np.uint16)
     if limits is None:
         limits = default_limits()
-    layers = assess_layers(heights, spread, heights, heights, hazard, geometry.resolution, limits)
+    layers = assess_layers(heights, variances, heights, heights, hazard, geometry.resolution, limits)
     layers["age"] = np.where(known, 0, 255).astype(np.uint8)
     layers["looks"] = known.astype(np.uint8)
     return TerrainGrid(layers=layers, geometry=geometry, metadata={"limits": limits_to_dict(limits)})
@@ -77,12 +77,12 @@ def check_heights(elevation: npt.ArrayLike, variance: npt.ArrayLike | None) -> t
             f"elevation reaches {np.abs(heights[known]).max():.4g} m, at most {HIGHEST_M:.0f} m is allowed: "
             "heights are in metres, take off a level first"
         )
-    spread = np.where(known, 0.0, np.nan) if variance is None else _numbers(variance, "variance")
-    if spread.shape != heights.shape:
-        raise InvalidInput(f"variance has shape {spread.shape}, elevation has {heights.shape}: they must be alike")
-    if (~np.isfinite(spread[known])).any() or (spread[known] < 0).any():
+    variances = np.where(known, 0.0, np.nan) if variance is None else _numbers(variance, "variance")
+    if variances.shape != heights.shape:
+        raise InvalidInput(f"variance has shape {variances.shape}, elevation has {heights.shape}: they must be alike")
+    if (~np.isfinite(variances[known])).any() or (variances[known] < 0).any():
         raise InvalidInput("variance is NaN, infinite or negative at a known height, it must be 0 or more [m^2]")
-    return heights, np.where(known, spread, np.nan)
+    return heights, np.where(known, variances, np.nan)
 
 
 def _numbers(values: npt.ArrayLike, name: str) -> Float:

@@ -102,7 +102,7 @@ class ScanPolicy:
             stripe_time: for one stripe [s].
 
         Raises:
-            InvalidInput: a grid that is no scan, or pairs of another shape; a time that is none.
+            InvalidInput: a grid that is no scan, or pairs of another shape; a time that is not finite and positive.
         """
         if coarse.extent != "footprint" or pairs.shape != coarse.shape:
             raise InvalidInput(

@@ -24,7 +24,7 @@ def rotation(vector: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
-def test_nominal_sheet_falls_straight_down_and_turns_forward() -> None:
+def test_nominal_laser_plane_falls_straight_down_and_turns_forward() -> None:
     """At angle zero the laser plane is x = 0.6; at theta it meets the floor 0.47 tan(2 theta) further ahead."""
     planes = nominal_mirror(POINT).planes([0.0, 0.1, -0.05])
     for plane, angle in zip(planes, (0.0, 0.1, -0.05), strict=True):
@@ -34,7 +34,7 @@ def test_nominal_sheet_falls_straight_down_and_turns_forward() -> None:
 
 @bounded
 @given(parameters, angles)
-def test_sheet_is_the_mirror_image_of_the_laser_plane(p: np.ndarray, angle: float) -> None:
+def test_laser_plane_is_the_mirror_image_of_the_laser_plane(p: np.ndarray, angle: float) -> None:
     """Points of the laser plane, reflected in the mirror by hand, lie on the laser plane."""
     model = perturbed_mirror(nominal_mirror(POINT), p)
     plane = model.planes([angle])[0]
@@ -50,7 +50,7 @@ def test_sheet_is_the_mirror_image_of_the_laser_plane(p: np.ndarray, angle: floa
 
 @bounded
 @given(parameters, angles)
-def test_the_sheet_turns_by_twice_the_mirror(p: np.ndarray, angle: float) -> None:
+def test_the_laser_plane_turns_by_twice_the_mirror(p: np.ndarray, angle: float) -> None:
     """With the mirror's face parallel to its axis, all are one plane turned about the axis by twice the angle."""
     p = p.copy()
     p[list(PARAMETERS).index("mirror_tilt")] = 0

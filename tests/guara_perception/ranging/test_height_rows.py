@@ -21,7 +21,9 @@ def transform(calibration: gp.Calibration, robot: RobotModel, paper_scan: gp.Sca
 
 
 @pytest.mark.parametrize("place", [0, 9, 20, 34])
-def test_a_band_holds_all_rows_of_its_sheet(calibration: gp.Calibration, transform: np.ndarray, place: int) -> None:
+def test_a_band_holds_all_rows_of_its_laser_plane(
+    calibration: gp.Calibration, transform: np.ndarray, place: int
+) -> None:
     """Against points set densely on the lines in which the laser plane crosses each height."""
     plane = calibration.stripes[place].plane
     (first, end), *_ = row_bands(calibration.camera, transform, plane[None], HEIGHTS, MARGIN)
@@ -38,7 +40,7 @@ def test_a_band_holds_all_rows_of_its_sheet(calibration: gp.Calibration, transfo
     assert end == min(np.ceil(highest) + MARGIN + 1, calibration.camera.size[1]) or abs(highest - round(highest)) < 0.1
 
 
-def test_a_band_does_not_depend_on_the_other_sheets(calibration: gp.Calibration, transform: np.ndarray) -> None:
+def test_a_band_does_not_depend_on_the_other_laser_planes(calibration: gp.Calibration, transform: np.ndarray) -> None:
     """Asked for together or one by one; every laser plane of the pattern has a band."""
     planes = np.array([stripe.plane for stripe in calibration.stripes])
     together = row_bands(calibration.camera, transform, planes, HEIGHTS, MARGIN)
@@ -46,7 +48,7 @@ def test_a_band_does_not_depend_on_the_other_sheets(calibration: gp.Calibration,
     assert all(end - first > 2 * MARGIN for first, end in together)
 
 
-def test_a_sheet_out_of_view_has_no_band(calibration: gp.Calibration, transform: np.ndarray) -> None:
+def test_a_laser_plane_out_of_view_has_no_band(calibration: gp.Calibration, transform: np.ndarray) -> None:
     """Far ahead of the picture, and behind the camera."""
     to_camera = np.linalg.inv(transform)
     upright = np.array([[1.0, 0.0, 0.0, -far] for far in (5.0, -5.0)])

@@ -132,14 +132,14 @@ def test_no_position_no_point_and_no_grazing_ray() -> None:
     assert np.isnan(grazing).all() and np.isnan(sigma).all()
 
 
-def test_sheet_behind_the_camera_gives_no_point() -> None:
+def test_laser_plane_behind_the_camera_gives_no_point() -> None:
     """A negative depth is no point."""
     lens = camera()
     points = Triangulator(lens, np.eye(4)).points(np.array([0.0, 0, 1.0, 1.0]), np.full(SIZE[0], 200.0))
     assert np.isnan(points).all()
 
 
-def test_sheet_origin_is_on_the_mirror_axis() -> None:
+def test_laser_plane_origin_is_on_the_mirror_axis() -> None:
     """All laser planes pass through the mirror: the spot of its axis nearest to the camera is found."""
     transform = pose()
     planes = []

@@ -146,9 +146,9 @@ def test_eq_18_has_no_depth_at_its_singular_place() -> None:
 
 
 @pytest.mark.parametrize("arguments", [(1.0, 2.0, 3.0, 2.0), (1.0, 2.0, 1.0, 4.0)])
-def test_eq_17_refuses_equal_heights_and_places(arguments: tuple[float, float, float, float]) -> None:
+def test_eq_17_refuses_equal_heights_and_positions(arguments: tuple[float, float, float, float]) -> None:
     """Singular: one height twice, or a stripe that does not move."""
-    with pytest.raises(gp.InvalidInput, match="two depths and two places"):
+    with pytest.raises(gp.InvalidInput, match="two depths and two positions"):
         height.stripe_constants(*arguments)
 
 

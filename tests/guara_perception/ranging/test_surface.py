@@ -11,7 +11,7 @@ from guara_perception.ranging.scan_surface import scan_surface
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 from guara_perception.ranging.surface import OPEN_END_M, joined_surface, line_samples, linked_columns
 from guara_perception.ranging.surface_raster import SurfaceRaster
-from guara_perception.terrain.assessment.raster import PartSamples
+from guara_perception.terrain.assessment.raster import SurfaceSamples
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 
@@ -67,7 +67,7 @@ def joined(
     return samples.points.T[kept], samples.variance[kept]
 
 
-def known_points(samples: PartSamples) -> set[tuple[float, ...]]:
+def known_points(samples: SurfaceSamples) -> set[tuple[float, ...]]:
     """Those samples that were not cut."""
     return {tuple(point) for point in samples.points.T if np.isfinite(point[2])}
 

@@ -77,7 +77,7 @@ def test_points_on_boxes_lie_on_boxes(robot: RobotModel, calibration: Calibratio
     assert points[off, 2].max() < 0.0601
 
 
-def test_sheets_turn_with_the_mirror(robot: RobotModel) -> None:
+def test_laser_planes_turn_with_the_mirror(robot: RobotModel) -> None:
     """At a calibrated angle the laser plane is that stripe's; between two, halfway; all hold the mirror's axis."""
     nominal = specimen(robot, seed=None, mirror_step=0.0)
     model = LaserPlanes.of(nominal)

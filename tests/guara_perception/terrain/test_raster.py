@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from guara_perception.terrain.assessment.raster import (
     TOP_LAYER_M,
-    PartSamples,
+    SurfaceSamples,
     cells_of,
     merge,
     pool,
@@ -67,7 +67,7 @@ def test_parts_together_are_the_parts_alone(seed: int) -> None:
     runs = [(part, run) for part, each in enumerate(points) for run in np.array_split(each, random.integers(1, 4))]
     runs = sorted((run for run in runs if len(run[1])), key=lambda run: (len(run[1]) % 3, run[0]))
     every = np.concatenate([run for _, run in runs])
-    samples = PartSamples(every.T.copy(), np.full(len(every), 1e-6), [(part, len(run)) for part, run in runs])
+    samples = SurfaceSamples(every.T.copy(), np.full(len(every), 1e-6), [(part, len(run)) for part, run in runs])
     order = [[run for number, run in runs if number == part] for part in range(len(points))]
     for together, each in zip(rasterise_parts(samples, len(points), GRID), order, strict=True):
         alone = rasterise(np.concatenate([np.empty((0, 3)), *each]), np.full(sum(map(len, each)), 1e-6), GRID)
@@ -78,7 +78,7 @@ def test_parts_together_are_the_parts_alone(seed: int) -> None:
 
 def test_no_part_at_all() -> None:
     """Parts without a run have no cells."""
-    nothing = PartSamples(np.empty((3, 0)), np.empty(0), [])
+    nothing = SurfaceSamples(np.empty((3, 0)), np.empty(0), [])
     assert rasterise_parts(nothing, 0, GRID) == []
     assert [part.cell.size for part in rasterise_parts(nothing, 2, GRID)] == [0, 0]
 

@@ -11,9 +11,9 @@ import pytest
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
-from guara_perception.terrain.map.fuse_heights import Drift
+from guara_perception.terrain.map.fuse_heights import OdometryDrift
 from guara_perception.terrain.map.odom_cells import OdomCells
-from guara_perception.terrain.map.snapshot import Moment, snapshot_layers
+from guara_perception.terrain.map.snapshot import MapPause, snapshot_layers
 from guara_perception.terrain.map.touched import SHRUNK_M
 from kinematics import RobotModel
 
@@ -49,7 +49,7 @@ def test_each_cell_tells_of_all_that_it_touches(robot: RobotModel, make_scan: An
     transform = np.eye(4)
     transform[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
     transform[:3, 3] = 1.003, -0.497, 0.01
-    now = Moment(NOW, 0, Drift(0.0, 0.0, 0.0), transform)
+    now = MapPause(NOW, 0, OdometryDrift(0.0, 0.0, 0.0), transform)
     layers = snapshot_layers(cells, GRID, make_scan(), now, settings)
 
     x, y = (a.ravel() for a in np.meshgrid(*GRID.centres()))
@@ -61,16 +61,16 @@ def test_each_cell_tells_of_all_that_it_touches(robot: RobotModel, make_scan: An
     low, high = np.full(x.size, np.inf), np.full(x.size, -np.inf)
     # A square of less than two cells touches no cell but those under its corners, middles of edges and centre.
     for dx, dy in itertools.product((-reached, 0.0, reached), repeat=2):
-        place = cells.places(*cells.indices(in_odom[:, 0] + dx, in_odom[:, 1] + dy))
-        height = memory["height"][place]
-        is_old = (NOW - memory["pause"][place] > settings.validity_pauses) & np.isfinite(height)
-        of_cell = memory["cause"][place] | np.where(memory["conflict"][place], Hazard.CONFLICT, 0)
+        slot = cells.slots(*cells.indices(in_odom[:, 0] + dx, in_odom[:, 1] + dy))
+        height = memory["height"][slot]
+        is_old = (NOW - memory["pause"][slot] > settings.validity_pauses) & np.isfinite(height)
+        of_cell = memory["cause"][slot] | np.where(memory["conflict"][slot], Hazard.CONFLICT, 0)
         of_cell = of_cell | np.where(is_old, Hazard.STALE, 0)
-        flags |= np.where(place < 0, Hazard.UNSCANNED, of_cell).astype(np.uint16)
-        low = np.fmin(low, height - memory["below"][place])
-        high = np.fmax(high, height + memory["above"][place])
+        flags |= np.where(slot < 0, Hazard.UNSCANNED, of_cell).astype(np.uint16)
+        low = np.fmin(low, height - memory["below"][slot])
+        high = np.fmax(high, height + memory["above"][slot])
     known = (flags & 0xFF) == 0
-    centre = cells.places(*cells.indices(in_odom[:, 0], in_odom[:, 1]))
+    centre = cells.slots(*cells.indices(in_odom[:, 0], in_odom[:, 1]))
 
     told = layers["hazard"].ravel() & np.uint16(0xFF | Hazard.CONFLICT | Hazard.STALE)
     np.testing.assert_array_equal(told, flags)

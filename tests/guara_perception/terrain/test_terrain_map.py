@@ -16,7 +16,7 @@ from kinematics import RobotModel
 
 MakeScan = Any
 ZERO = np.zeros((6, 6))
-# A place in the middle of a scan taken at the origin, in odom.
+# A point in the middle of a scan taken at the origin, in odom.
 PLACE = (0.7025, 0.0025)
 
 
@@ -227,7 +227,7 @@ def test_validity_outlasts_what_a_hind_foot_needs(robot: RobotModel) -> None:
 def test_a_look_from_anywhere_comes_back_in_place(
     robot: RobotModel, make_scan: MakeScan, scan_grid: Any, yaw: float, x: float, y: float, z: float
 ) -> None:
-    """Turned and shifted by anything, a map of one scan shows each height within a cell and a half of its place."""
+    """Turned and shifted by anything, a map of one scan shows each height within a cell and a half of where it lies."""
     gx, gy = np.meshgrid(*scan_grid.centres())
     fused = gp.TerrainMap(robot).update(make_scan(0.1 * gx - 0.2 * gy), at(x, y, yaw, z), ZERO)
     inner = fused.elevation[30:110, 235:295].astype(np.float64)
