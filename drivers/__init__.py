@@ -4,6 +4,8 @@ Usable alone. Real devices, an emulated board at the USB level (`drivers.emulato
 same interface. pyusb and OpenCV are imported when a device is opened.
 """
 
+from __future__ import annotations
+
 from drivers.acquisition import StripeStream, acquire, prepare
 from drivers.board import LaserBoard
 from drivers.board_config import BoardConfig

@@ -5,6 +5,8 @@ caller who knows nothing of this package still catches it. Every message says wh
 what is allowed, and what to do.
 """
 
+from __future__ import annotations
+
 
 class DriverError(Exception):
     """Root of every error raised by the package `drivers`."""

@@ -1,5 +1,7 @@
 """The udev rule that lets an ordinary user open the board, and the words that tell how to install it."""
 
+from __future__ import annotations
+
 from drivers.protocol import PRODUCT_ID, VENDOR_ID
 
 UDEV_RULE_FILE = "/etc/udev/rules.d/70-guara-laser-board.rules"

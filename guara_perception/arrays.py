@@ -1,5 +1,7 @@
 """Names for the types of arrays, for all of this package; shapes and units stand where they are used."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Errors of guara_perception: one root, each subclass also the builtin that fits."""
 
+from __future__ import annotations
+
 
 class PerceptionError(Exception):
     """Root of every error that guara_perception raises on purpose."""

@@ -4,6 +4,8 @@
 `StancePose` for a `Stance`. Pinocchio is imported when the first robot is loaded, not with this package.
 """
 
+from __future__ import annotations
+
 from kinematics.clearance import FootholdClearance, foothold_clearance
 from kinematics.exceptions import (
     ArgumentError,

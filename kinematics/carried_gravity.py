@@ -6,6 +6,8 @@ ground that looks flat (the plane's normal agrees with the carried vertical with
 level; elsewhere it counts only as far as the terrain's slope is likely to let it.
 """
 
+from __future__ import annotations
+
 import numpy as np
 
 from kinematics.stance_pose import GravityEstimate, StanceNoise

@@ -1,5 +1,7 @@
 """How far sole and leg stay clear of the ground when a leg is set on a foothold."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product

@@ -1,5 +1,7 @@
 """Errors and warnings of this package: one root, each also the builtin that fits."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 
 

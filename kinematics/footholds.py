@@ -16,6 +16,8 @@ counted twice nor summed from step to step as if steps were independent, which w
 uncertain.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,7 +70,7 @@ class Footholds:
 
     def after_pause(
         self, stayed: tuple[str, ...], legs: tuple[str, ...], readings: Array, covariances: Array
-    ) -> tuple[Fit, "Footholds"]:
+    ) -> tuple[Fit, Footholds]:
         """Fit the footprint of a new pause, and take its readings in.
 
         Args:
@@ -121,7 +123,7 @@ class Footholds:
         legs: tuple[str, ...],
         readings: Array,
         covariances: Array,
-    ) -> "Footholds":
+    ) -> Footholds:
         """The footholds of `legs`: those that stayed as they are, the others set down from the fitted footprint."""
         rotation = np.eye(4)
         rotation[:3, :3] = fit.transform_footprint_to_odom[:3, :3]

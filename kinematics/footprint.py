@@ -14,6 +14,8 @@ A small change du of the vertical turns the footprint about its own fixed axes b
 y) as rows; the last row is there because the heading is kept on the body's x axis while the body tips.
 """
 
+from __future__ import annotations
+
 import numpy as np
 
 from kinematics.tree import Array

@@ -4,6 +4,8 @@ Axes follow REP-103 (x forward, y left, z up) but for the optical frame, which i
 image down, z optical axis). Frames of one robot (soles, hips, camera, laser) are named in its robot.toml.
 """
 
+from __future__ import annotations
+
 BASE_FOOTPRINT = "base_footprint"
 """Straight below the body's origin, z = 0 at the mean of the supporting soles; computed, not in the URDF."""
 

@@ -1,5 +1,7 @@
 """Checks joint positions that come from outside and puts them into the robot's order."""
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Mapping
 

@@ -14,6 +14,8 @@ leg's plane:
 psi(v) is the angle about y that turns "straight down" onto v. Everything is vectorised over soles.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """The settings of odometry, pause detector and self-filter, read from robot.toml when the robot is loaded."""
 
+from __future__ import annotations
+
 from collections.abc import Collection
 from dataclasses import dataclass
 
@@ -21,7 +23,7 @@ class OdometryLimits:
     swing_least: float
 
     @classmethod
-    def from_table(cls, table: Table) -> "OdometryLimits":
+    def from_table(cls, table: Table) -> OdometryLimits:
         """Read the table; every value must be positive."""
         return cls(**{field: table.number(field, above=0.0) for field in cls.__dataclass_fields__})
 
@@ -45,7 +47,7 @@ class PauseLimits:
     camera_rotation_limit: float
 
     @classmethod
-    def from_table(cls, table: Table) -> "PauseLimits":
+    def from_table(cls, table: Table) -> PauseLimits:
         """Read the table; every value must be positive."""
         return cls(
             joint_speed_limit=table.number("joint_speed_limit", above=0.0),
@@ -69,7 +71,7 @@ class SelfFilterSettings:
     ignore: tuple[str, ...]
 
     @classmethod
-    def from_table(cls, table: Table, links: Collection[str]) -> "SelfFilterSettings":
+    def from_table(cls, table: Table, links: Collection[str]) -> SelfFilterSettings:
         """Read the table; the margin must not be negative and the ignored links must be among `links`."""
         settings = cls(table.number("margin", least=0.0), table.texts("ignore"))
         for link in settings.ignore:

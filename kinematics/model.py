@@ -1,5 +1,7 @@
 """A robot: its folder loaded, checked, and answering from joint positions where every part of it is."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -1,5 +1,7 @@
 """Checks that need the whole robot folder: chains, soles, mirror images and the heights of postures."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping
 
 import numpy as np

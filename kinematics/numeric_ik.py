@@ -5,6 +5,8 @@ more, since three joints can just place it. One sole at a time, started from the
 not milliseconds.
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Leg odometry: where the body's footprint is in `odom`, from pause to pause, by the feet that stayed."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

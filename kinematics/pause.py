@@ -1,5 +1,7 @@
 """Tells when the robot stands still enough to scan, and whether it stood still while it did."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

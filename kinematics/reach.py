@@ -1,5 +1,7 @@
 """Which places a leg's sole can be set on, and the joint positions that set it there."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import lru_cache
 

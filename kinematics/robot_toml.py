@@ -1,5 +1,7 @@
 """Reads robot.toml: what a robot's URDF cannot say."""
 
+from __future__ import annotations
+
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass

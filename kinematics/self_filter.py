@@ -4,6 +4,8 @@ The robot is the collision shapes of its URDF, each grown by a margin, where for
 on them is not terrain; what lies in their shadow was not seen because of the robot, not because of the ground.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

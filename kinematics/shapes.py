@@ -4,6 +4,8 @@ Each shape is grown by a margin when it is made. A coarse test against its bound
 exact one.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,6 +5,8 @@ noise of the leg's joints, and the same noise displaces the sole. Their covarian
 leg of fewer than four joints cannot hold a flat one level) says nothing by its pitch.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np

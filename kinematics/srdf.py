@@ -1,5 +1,7 @@
 """Reads the named postures of an SRDF file, refusing names that the URDF does not have."""
 
+from __future__ import annotations
+
 import math
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """How far the centre of mass is from tipping over the feet that carry it."""
 
+from __future__ import annotations
+
 import numpy as np
 import numpy.typing as npt
 

@@ -1,5 +1,7 @@
 """A stance: joint positions, the feet that carry the body and, where known, the direction of gravity."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -41,7 +43,7 @@ class Stance:
         return type(self), (dict(self.joint_positions), self.support_feet, self.gravity_in_base)
 
     @classmethod
-    def from_dict(cls, mapping: Mapping[str, object], field: str = "stance") -> "Stance":
+    def from_dict(cls, mapping: Mapping[str, object], field: str = "stance") -> Stance:
         """A stance from the JSON form of scan.json and session.json.
 
         Args:

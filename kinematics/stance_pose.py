@@ -4,6 +4,8 @@ A point measured in `base_link` does not depend on this pose: the pose only says
 scans.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -51,7 +53,7 @@ class StanceNoise:
     unloaded_sigmas: float
 
     @classmethod
-    def from_table(cls, table: Table) -> "StanceNoise":
+    def from_table(cls, table: Table) -> StanceNoise:
         """Read the table; every value must be positive."""
         return cls(**{field: table.number(field, above=0.0) for field in cls.__dataclass_fields__})
 

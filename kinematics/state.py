@@ -1,5 +1,7 @@
 """A snapshot of the robot: joint positions with forward kinematics already done."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 

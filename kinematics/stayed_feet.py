@@ -6,6 +6,8 @@ can keep a single distance by chance (a foot that passes another), so the line b
 further than the body can turn either.
 """
 
+from __future__ import annotations
+
 from itertools import combinations
 
 import numpy as np

@@ -1,5 +1,7 @@
 """The support plane: the plane through the soles that carry the body, in `base_link`."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """One table of a TOML file, its values checked as they are read; messages name the file and the key."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -75,7 +77,7 @@ class Table:
             raise self.refuse(key, "a list of two numbers" + (f" above {above:g}" if above > -math.inf else ""))
         return (float(value[0]), float(value[1]))
 
-    def table(self, key: str) -> "Table":
+    def table(self, key: str) -> Table:
         """The table of that name below this one."""
         name = f"{self.name}.{key}" if self.name else key
         if key not in self.values:

@@ -1,5 +1,7 @@
 """Rigid transforms as (4, 4) matrices: inverse, application to points, checks of those from outside."""
 
+from __future__ import annotations
+
 import numpy as np
 import numpy.typing as npt
 

@@ -4,6 +4,8 @@ Pinocchio orders joints by its own rule, and answers an unknown frame name with 
 stay behind this module. The body is a free-flyer held at the identity, so Pinocchio's world is `base_link`.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any

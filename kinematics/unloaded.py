@@ -11,6 +11,8 @@ order:
 3. the body is commanded level: of the two triangles the one to which the body is less tilted.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,6 +5,8 @@ and prismatic joints. A misspelt element or attribute is an error, because every
 takes the default.
 """
 
+from __future__ import annotations
+
 import math
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass

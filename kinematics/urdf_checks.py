@@ -4,6 +4,8 @@ Each of these faults was found to pass at least one of check_urdf, Pinocchio, Mu
 word.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 
 import numpy as np

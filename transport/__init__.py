@@ -1,5 +1,7 @@
 """Terrain grids, scan requests and stance pauses over Zenoh and in recordings; usable alone."""
 
+from __future__ import annotations
+
 from transport.client import PerceptionClient
 from transport.codec import decode, encode
 from transport.configuration import DEFAULT_ENDPOINT
@@ -25,7 +27,6 @@ from transport.grids import grid_map_message, occupancy_message
 from transport.keys import DEFAULT_ROBOT
 from transport.liveliness import AliveToken, AliveWatcher
 from transport.outbox import Outbox
-from transport.parts import GroundPatch, ObstacleMessage, StanceMessage, TransformMessage
 from transport.publisher import Publisher
 from transport.query import QueryServer, query_terrain
 from transport.receiver import NewestReceiver, Received
@@ -41,6 +42,7 @@ from transport.stance_link import StancePublisher, StanceReceiver
 from transport.stance_pause import PausePhase, StancePause, decode_stance_pause, encode_stance_pause
 from transport.status_message import Status, StatusItem, decode_status, encode_status
 from transport.status_reporter import StatusReporter
+from transport.submessages import GroundPatch, ObstacleMessage, StanceMessage, TransformMessage
 from transport.terrain_codec import decode_terrain, encode_terrain
 from transport.terrain_message import LAYERS, Health, TerrainMessage
 

@@ -1,11 +1,13 @@
 """Who may do what: the access rules of the node's router, one set per role."""
 
-from typing import Any, Final
+from __future__ import annotations
+
+from typing import Any
 
 from transport.keys import perception_prefix, query_key, scan_key, stance_key
 
-ROLES: Final = ("node", "gait", "planner", "viewer")
-"""Roles that get a certificate; the node is the router that enforces the rules."""
+# Roles that get a certificate; the node is the router that enforces the rules.
+ROLES = ("node", "gait", "planner", "viewer")
 
 
 def access_control(robot: str) -> dict[str, Any]:

@@ -1,21 +1,22 @@
 """Sends one query and hands over its replies one by one, with a deadline and an ear for the other side's death."""
 
+from __future__ import annotations
+
 import queue
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Final
 
 from transport import zenoh_api
 from transport.session import Session
 
-GRACE: Final = 0.5
-"""[s] Beyond the caller's timeout, so that the answerer's own word about its deadline can still arrive."""
+# [s] Beyond the caller's timeout, so that the answerer's own word about its deadline can still arrive.
+GRACE = 0.5
 
-_POLL: Final = 0.05
-"""[s] How often a waiting caller looks whether the other side still lives."""
+# [s] How often a waiting caller looks whether the other side still lives.
+POLL = 0.05
 
-_ZENOH_TIMEOUT: Final = b"Timeout"
+ZENOH_TIMEOUT = b"Timeout"
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,11 +24,11 @@ class Answer:
     """One thing that happened to a query.
 
     Attributes:
-        payload: Payload of a reply, or None.
-        error: Payload of an error reply, or None.
-        timed_out: The deadline passed.
-        vanished: The other side died while the query was open.
-        ended: No more replies will come.
+        payload: payload of a reply, or None.
+        error: payload of an error reply, or None.
+        timed_out: the deadline passed.
+        vanished: the other side died while the query was open.
+        ended: no more replies will come.
     """
 
     payload: bytes | None = None
@@ -48,20 +49,20 @@ def ask(
     """Send a query and yield what comes back; the last answer is `ended`, `timed_out` or `vanished`.
 
     Args:
-        session: Open session.
-        key: Of the queryable.
-        payload: Of the query.
+        session: open session.
+        key: of the queryable.
+        payload: of the query.
         timeout: [s] after which the caller no longer waits. Ctrl-C works.
-        is_alive: Tells whether the other side still lives; asked while waiting.
+        is_alive: tells whether the other side still lives; asked while waiting.
 
     Raises:
-        SessionClosed: The session is closed.
+        SessionClosed: the session is closed.
         TransportError: Zenoh refused the query.
     """
     answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
 
     def on_reply(reply: bytes | None, error: bytes | None) -> None:
-        if error == _ZENOH_TIMEOUT:
+        if error == ZENOH_TIMEOUT:
             answers.put(Answer(timed_out=True))
         else:
             answers.put(Answer(payload=reply, error=error))
@@ -79,7 +80,7 @@ def ask(
             yield Answer(timed_out=True)
             return
         try:
-            answer = answers.get(timeout=min(_POLL, remaining))
+            answer = answers.get(timeout=min(POLL, remaining))
         except queue.Empty:
             if is_alive is not None and not is_alive():
                 yield Answer(vanished=True)

@@ -1,16 +1,18 @@
 """A certificate authority of one's own, and certificates that it signs, as PEM texts."""
 
+from __future__ import annotations
+
 import datetime
 import ipaddress
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
-AUTHORITY_DAYS: Final = 3650
-"""[days] A CA is replaced with the robot's security folder, not during its life."""
+# [days] A CA is replaced with the robot's security folder, not during its life.
+AUTHORITY_DAYS = 3650
 
-CERTIFICATE_DAYS: Final = 825
-"""[days] The longest life that common TLS libraries accept for a certificate of a server."""
+# [days] The longest life that common TLS libraries accept for a certificate of a server.
+CERTIFICATE_DAYS = 825
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +94,8 @@ def make_certificate(
 
     Args:
         authority: CA.
-        common_name: Role; the access rules go by it.
-        hosts: Names and addresses under which the owner can be reached.
+        common_name: role; the access rules go by it.
+        hosts: names and addresses under which the owner can be reached.
         days: [days] life from now; negative for one that has expired.
     """
     from cryptography import x509

@@ -1,9 +1,11 @@
 """A planner's or viewer's side of the transport, whole: the newest grid, scan requests, queries, sign of life."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import Final, Self
+from typing import Self
 
 from transport.exceptions import (
     MessageError,
@@ -23,11 +25,11 @@ from transport.status_message import STATUS_NAME, Status, decode_status
 from transport.terrain_codec import decode_terrain
 from transport.terrain_message import EXTENTS, TerrainMessage
 
-SETTLE: Final = 2.0
-"""[s] After subscribing, the last grid and the node's sign of life are there within this time: measured below
-0.1 s on a free machine, the rest is for a busy one. Only who asks in vain waits so long."""
+# [s] After subscribing, the last grid and the node's sign of life are there within this time: measured below 0.1 s on
+# a free machine, the rest is for a busy one. Only who asks in vain waits so long.
+SETTLE = 2.0
 
-_NS: Final = 1e-9
+NS = 1e-9
 
 
 class PerceptionClient:
@@ -37,15 +39,15 @@ class PerceptionClient:
     between the end of its scan and its arrival by the two machines' clocks (never less than nothing).
 
     Attributes:
-        robot: Instance name.
+        robot: instance name.
     """
 
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT) -> None:
         """Watch the node and its status.
 
         Args:
-            session: Open session; closing the client closes it.
-            robot: Instance name.
+            session: open session; closing the client closes it.
+            robot: instance name.
         """
         self.robot = robot
         self._session = session
@@ -69,11 +71,11 @@ class PerceptionClient:
         """The receiver of one extent, with its counts received, superseded, missed and rejected.
 
         Raises:
-            MessageError: Unknown extent.
-            SessionClosed: The client is closed.
+            MessageError: unknown extent.
+            SessionClosed: the client is closed.
         """
         if extent not in EXTENTS:
-            raise MessageError(f"extent is {extent!r}; allowed are {', '.join(map(repr, EXTENTS))}")
+            raise MessageError(f"extent is {extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
         if extent not in self._receivers:
             key = terrain_key(self.robot, extent)
             self._receivers[extent] = NewestReceiver(self._session, key, decode_terrain)
@@ -97,14 +99,14 @@ class PerceptionClient:
         """The newest status of the node, or None when none came yet.
 
         Raises:
-            MessageError: The newest status is damaged.
+            MessageError: the newest status is damaged.
         """
         received = self._status.latest()
         return None if received is None else received.message
 
     def age(self, received: Received[TerrainMessage]) -> float:
         """[s] since the end of the scan of a received grid."""
-        return received.age + max(0.0, (received.arrival_stamp - received.message.scan_end) * _NS)
+        return received.age + max(0.0, (received.arrival_stamp - received.message.scan_end) * NS)
 
     def latest(self, *, extent: str = "footprint", max_age: float | None = None) -> TerrainMessage:
         """The newest grid, if it may still be used.
@@ -114,9 +116,9 @@ class PerceptionClient:
             max_age: [s] since the end of the scan; None takes the grid's own validity, in time and in pauses.
 
         Raises:
-            StaleTerrain: The newest grid is too old, or there is none yet.
-            ScannerUnavailable: There is no grid and no node.
-            MessageError: The newest sample is no valid grid.
+            StaleTerrain: the newest grid is too old, or there is none yet.
+            ScannerUnavailable: there is no grid and no node.
+            MessageError: the newest sample is no valid grid.
         """
         receiver = self.receiver(extent)
         received = receiver.latest()
@@ -131,13 +133,13 @@ class PerceptionClient:
         if age > limit:
             gone = "" if self.is_alive else "; its node is gone"
             raise StaleTerrain(
-                f"newest {extent} grid (step {terrain.step}) is {age:.2f} s old; allowed is {limit:g} s{gone}. "
+                f"newest {extent} grid (step {terrain.step}) is {age:.2f} s old; allowed: {limit:g} s{gone}. "
                 f"Wait for the next, ask for a scan, or give a larger max_age"
             )
         pauses = self._pauses_since(terrain)
         if max_age is None and pauses > terrain.valid_pauses:
             raise StaleTerrain(
-                f"newest {extent} grid (step {terrain.step}) is {pauses} pauses old; allowed are "
+                f"newest {extent} grid (step {terrain.step}) is {pauses} pauses old; allowed: "
                 f"{terrain.valid_pauses}. Wait for the next, ask for a scan, or give max_age"
             )
         return terrain
@@ -166,9 +168,9 @@ class PerceptionClient:
         """Wait for a newest grid that `predicate` accepts.
 
         Raises:
-            ReceiveTimeout: None came within `timeout` [s] although the node lives.
-            ScannerGone: None came, and the node went away.
-            ScannerUnavailable: None came, and no node was ever seen.
+            ReceiveTimeout: none came within `timeout` [s] although the node lives.
+            ScannerGone: none came, and the node went away.
+            ScannerUnavailable: none came, and no node was ever seen.
         """
         try:
             return self.receiver(extent).wait_for(predicate, timeout).message
@@ -198,7 +200,7 @@ class PerceptionClient:
         """Ask for a scan and return its grid; arguments and errors as of `scan_client.request_scan`.
 
         Raises:
-            ReceiveTimeout: The scan was done, but its grid did not arrive in time.
+            ReceiveTimeout: the scan was done, but its grid did not arrive in time.
         """
         start = time.monotonic()
         receiver = self.receiver()

@@ -1,27 +1,29 @@
 """Zenoh configurations of node and clients: where to listen or connect, how faults are noticed."""
 
+from __future__ import annotations
+
 import ipaddress
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 
 from transport.exceptions import ConfigurationError
 
-DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
-"""Where the node listens and clients connect unless told otherwise: this machine only."""
+# Where the node listens and clients connect unless told otherwise: this machine only.
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
-LEASE_MS: Final = 2000
-"""[ms] A side that says nothing for so long is taken as gone; a hung node is seen in under 2.5 s."""
+# [ms] A side that says nothing for so long is taken as gone; a hung node is seen in under 2.5 s.
+LEASE_MS = 2000
 
-PROTOCOLS: Final = ("tcp", "tls", "udp", "quic", "ws", "unixsock-stream")
+PROTOCOLS = ("tcp", "tls", "udp", "quic", "ws", "unixsock-stream")
 
-_RETRY: Final = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
+RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
 
 
 def check_endpoint(endpoint: str) -> str:
-    """Return `endpoint` if it reads as one of Zenoh, `protocol/address`.
+    """`endpoint` if it reads as one of Zenoh, `protocol/address`.
 
     Raises:
-        ConfigurationError: Unknown protocol, no address, or no port where one is needed.
+        ConfigurationError: unknown protocol, no address, or no port where one is needed.
     """
     protocol, _, address = endpoint.partition("/")
     has_port = protocol == "unixsock-stream" or address.split("?")[0].rpartition(":")[2].isdigit()
@@ -51,7 +53,7 @@ def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:
     """Refuse to be reachable from other machines without security, unless that was asked for.
 
     Raises:
-        ConfigurationError: An endpoint is reachable from outside and nothing protects it.
+        ConfigurationError: an endpoint is reachable from outside and nothing protects it.
     """
     for endpoint in endpoints:
         if not (is_local(endpoint) or allow_insecure):
@@ -81,6 +83,6 @@ def client_configuration(endpoint: str, *, shared_memory: bool = True) -> dict[s
     """Configuration of a client of one router; it reconnects by itself when the router comes back."""
     return {
         "mode": "client",
-        "connect": {"endpoints": [check_endpoint(endpoint)], "timeout_ms": 0, "retry": dict(_RETRY)},
+        "connect": {"endpoints": [check_endpoint(endpoint)], "timeout_ms": 0, "retry": dict(RETRY)},
         **_base(shared_memory=shared_memory),
     }

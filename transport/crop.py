@@ -1,5 +1,7 @@
 """Cuts a region out of a TerrainMessage, on whole cells."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import replace
 
@@ -14,11 +16,11 @@ def crop_terrain(terrain: TerrainMessage, region: tuple[float, float, float, flo
     kept whole.
 
     Args:
-        terrain: Whole grid.
+        terrain: whole grid.
         region: [m] (x_min, x_max, y_min, y_max) in the frame of the grid.
 
     Raises:
-        MessageError: The region lies off the grid.
+        MessageError: the region lies off the grid.
     """
     ny, nx = terrain.shape
     x_min, x_max, y_min, y_max = region

@@ -1,5 +1,7 @@
 """Errors of the transport, all derived from TransportError."""
 
+from __future__ import annotations
+
 
 class TransportError(Exception):
     """Root of all errors of this package."""

@@ -4,13 +4,15 @@ An open session with a subscriber keeps the interpreter waiting for ever, and `a
 to help. One thread for the whole process waits for the end of the main thread, without ever waking before.
 """
 
+from __future__ import annotations
+
 import logging
 import threading
 from typing import Protocol
 
-_LOG = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 _lock = threading.Lock()
-_open: "set[Closable]" = set()
+_open: set[Closable] = set()
 _watcher: threading.Thread | None = None
 
 
@@ -49,4 +51,4 @@ def _run() -> None:
         try:
             resource.close()
         except Exception:
-            _LOG.exception("closing %r at the end of the program failed", resource)
+            logger.exception("closing %r at the end of the program failed", resource)

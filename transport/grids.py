@@ -1,26 +1,28 @@
 """Grids as the message types that ROS 2 knows: nav_msgs/OccupancyGrid and grid_map_msgs/GridMap."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from transport.arrays import Array, Percent
 from transport.codec import make_header, make_time
 from transport.exceptions import MessageError
-from transport.parts import finite
+from transport.submessages import finite
 from transport.typestore import GRID_MAP, OCCUPANCY, message_class
 
-BASIC_LAYERS: Final = ("elevation",)
-"""A GridMap cell is valid where all of these are known."""
+# A GridMap cell is valid where all of these are known.
+BASIC_LAYERS = ("elevation",)
 
 
 def _geometry(resolution: float, origin: Sequence[float]) -> tuple[float, float, float]:
     edge = finite(resolution, "resolution")
     if edge <= 0.0:
-        raise MessageError(f"resolution is {edge} m; allowed is more than 0")
+        raise MessageError(f"resolution is {edge} m; allowed: more than 0")
     if len(origin) != 2:
-        raise MessageError(f"origin has {len(origin)} numbers; allowed are 2, x and y")
+        raise MessageError(f"origin has {len(origin)} numbers; allowed: 2, x and y")
     return edge, finite(origin[0], "origin x"), finite(origin[1], "origin y")
 
 
@@ -31,26 +33,24 @@ def _make_pose(x: float, y: float) -> Any:
     )
 
 
-def occupancy_message(
-    values: npt.NDArray[np.int8], resolution: float, origin: Sequence[float], frame_id: str, stamp: int
-) -> Any:
+def occupancy_message(values: Percent, resolution: float, origin: Sequence[float], frame_id: str, stamp: int) -> Any:
     """A nav_msgs/OccupancyGrid message object.
 
     Args:
         values: (ny, nx) int8, x fastest; 0 free ... 100 occupied, -1 unknown.
         resolution: [m] edge of a cell.
         origin: [m] (x, y) of the corner of cell (0, 0), at minimum x and y.
-        frame_id: Frame of the grid.
+        frame_id: frame of the grid.
         stamp: [ns] since the epoch.
 
     Raises:
-        MessageError: Another dtype or shape, a value out of range, or geometry that is not finite.
+        MessageError: another dtype or shape, a value out of range, or geometry that is not finite.
     """
     edge, x, y = _geometry(resolution, origin)
     if values.dtype != np.int8 or values.ndim != 2 or values.size == 0:
-        raise MessageError(f"occupancy is {values.dtype} of shape {values.shape}; allowed is int8 (ny, nx)")
+        raise MessageError(f"occupancy is {values.dtype} of shape {values.shape}; allowed: int8 (ny, nx)")
     if values.min() < -1 or values.max() > 100:
-        raise MessageError(f"occupancy runs from {values.min()} to {values.max()}; allowed are -1 to 100")
+        raise MessageError(f"occupancy runs from {values.min()} to {values.max()}; allowed: -1 to 100")
     info = message_class("nav_msgs/msg/MapMetaData")(
         map_load_time=make_time(stamp),
         resolution=edge,
@@ -62,7 +62,7 @@ def occupancy_message(
 
 
 def grid_map_message(
-    layers: Mapping[str, npt.NDArray[Any]],
+    layers: Mapping[str, Array],
     resolution: float,
     origin: Sequence[float],
     frame_id: str,
@@ -79,19 +79,19 @@ def grid_map_message(
         layers: (ny, nx) arrays by name, all of one shape; converted to float32, the only type of a GridMap.
         resolution: [m] edge of a cell.
         origin: [m] (x, y) of the corner of cell (0, 0), at minimum x and y.
-        frame_id: Frame of the grid.
+        frame_id: frame of the grid.
         stamp: [ns] since the epoch.
-        basic_layers: Names of the layers that must be known for a cell to count as known.
+        basic_layers: names of the layers that must be known for a cell to count as known.
 
     Raises:
-        MessageError: No layer, shapes that differ, an unknown basic layer, or geometry that is not finite.
+        MessageError: no layer, shapes that differ, an unknown basic layer, or geometry that is not finite.
     """
     edge, x, y = _geometry(resolution, origin)
     shapes = {np.shape(array) for array in layers.values()}
     shape = shapes.pop() if len(shapes) == 1 else ()
     if len(shape) != 2 or 0 in shape:
         given = ", ".join(f"{name} {np.shape(array)}" for name, array in layers.items()) or "none"
-        raise MessageError(f"layers given: {given}; allowed is one shape (ny, nx) for all")
+        raise MessageError(f"layers given: {given}; allowed: one shape (ny, nx) for all")
     unknown = [name for name in basic_layers if name not in layers]
     if unknown:
         raise MessageError(f"basic layers {unknown} are not among the layers {', '.join(layers)}")

@@ -1,33 +1,34 @@
 """Names of the keys under which messages travel, and of the topics in a recording."""
 
+from __future__ import annotations
+
 import re
-from typing import Final
 
 from transport.exceptions import KeyNameError
 
-DEFAULT_ROBOT: Final = "guara"
-"""Instance name of the robot when none is given."""
+# Instance name of the robot when none is given.
+DEFAULT_ROBOT = "guara"
 
-PERCEPTION_VERSION: Final = "v1"
-"""Major version of everything below `<robot>/perception`; other majors live under other keys."""
+# Major version of everything below `<robot>/perception`; other majors live under other keys.
+PERCEPTION_VERSION = "v1"
 
-NODE_ROLE: Final = "node"
-"""Name of the perception node's liveliness token."""
+# Name of the perception node's liveliness token.
+NODE_ROLE = "node"
 
-_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_\-]*")
+NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_\-]*")
 
 
 def check_name(name: str, what: str = "robot") -> str:
-    """Return `name` if it can be one chunk of a key.
+    """`name` if it can be one chunk of a key.
 
     Args:
-        name: Instance name of a robot, or name of a role.
-        what: Word for the error message.
+        name: instance name of a robot, or name of a role.
+        what: word for the error message.
 
     Raises:
-        KeyNameError: The name is empty or holds other characters than letters, digits, `_` and `-`.
+        KeyNameError: the name is empty or holds other characters than letters, digits, `_` and `-`.
     """
-    if not isinstance(name, str) or _NAME.fullmatch(name) is None:
+    if not isinstance(name, str) or NAME.fullmatch(name) is None:
         raise KeyNameError(
             f"{what} name {name!r} cannot be part of a key; use letters, digits, '_' and '-', "
             f"starting with a letter, a digit or '_'"
@@ -44,11 +45,11 @@ def terrain_key(robot: str = DEFAULT_ROBOT, extent: str = "footprint") -> str:
     """Key of the Terrain messages of one extent: "footprint" (one scan) or "map" (fused).
 
     Raises:
-        KeyNameError: Unknown extent.
+        KeyNameError: unknown extent.
     """
     names = {"footprint": "terrain", "map": "map"}
     if extent not in names:
-        raise KeyNameError(f"extent {extent!r} is unknown; allowed are {', '.join(map(repr, names))}")
+        raise KeyNameError(f"extent {extent!r} is unknown; allowed: {', '.join(map(repr, names))}")
     return f"{perception_prefix(robot)}/{names[extent]}"
 
 

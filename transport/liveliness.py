@@ -1,15 +1,17 @@
 """Who is alive: the token that a node shows, and the watcher that sees it come and go."""
 
+from __future__ import annotations
+
 import threading
 from collections.abc import Callable
 from typing import Any
 
 from transport import zenoh_api
-from transport.part import Part
+from transport.resource import Resource
 from transport.session import Session
 
 
-class AliveToken(Part):
+class AliveToken(Resource):
     """Shows that this session lives; others see it vanish when it closes, dies or hangs."""
 
     def __init__(self, session: Session, key: str) -> None:
@@ -23,7 +25,7 @@ class AliveToken(Part):
             self._raw.undeclare()
 
 
-class AliveWatcher(Part):
+class AliveWatcher(Resource):
     """Knows whether the token on one key is there."""
 
     def __init__(self, session: Session, key: str, on_change: Callable[[bool], None] | None = None) -> None:

@@ -1,19 +1,20 @@
 """A thread that publishes for others: one slot per key, so that no receiver can ever delay who produces."""
 
+from __future__ import annotations
+
 import logging
 import threading
 import time
 from collections.abc import Callable
-from typing import Final
 
 from transport.exceptions import ReceiveTimeout, SessionClosed
 
-_LOG = logging.getLogger(__name__)
-MAXIMUM_PENDING: Final = 64
-"""Questions that may wait for an answer; more are dropped, so that a flood of them fills no memory."""
+logger = logging.getLogger(__name__)
+# Questions that may wait for an answer; more are dropped, so that a flood of them fills no memory.
+MAXIMUM_PENDING = 64
 
-_CLOSE_TIMEOUT: Final = 2.0
-"""[s] How long closing waits for a message that is being sent."""
+# [s] How long closing waits for a message that is being sent.
+CLOSE_TIMEOUT = 2.0
 
 
 class Outbox:
@@ -71,11 +72,11 @@ class Outbox:
         """Hand over an action; returns at once.
 
         Args:
-            key: Slot; a waiting action of the same key is dropped.
-            action: Encodes and sends.
+            key: slot; a waiting action of the same key is dropped.
+            action: encodes and sends.
 
         Raises:
-            SessionClosed: The outbox is closed.
+            SessionClosed: the outbox is closed.
         """
         with self._changed:
             if self._closed:
@@ -89,7 +90,7 @@ class Outbox:
         """Wait until all that was posted has been sent.
 
         Raises:
-            ReceiveTimeout: It took longer than `timeout` [s].
+            ReceiveTimeout: it took longer than `timeout` [s].
         """
         with self._changed:
             if not self._changed.wait_for(lambda: not self._pending and not self._busy, timeout):
@@ -101,7 +102,7 @@ class Outbox:
             self._closed = True
             self._changed.notify_all()
         if self._thread is not threading.current_thread():
-            self._thread.join(_CLOSE_TIMEOUT)
+            self._thread.join(CLOSE_TIMEOUT)
 
     def _run(self) -> None:
         while True:
@@ -119,7 +120,7 @@ class Outbox:
             except Exception as error:
                 self._failed += 1
                 self._last_error = f"{key}: {error}"
-                _LOG.error("sending on %s failed: %s", key, error)
+                logger.error("sending on %s failed: %s", key, error)
             with self._changed:
                 self._longest = max(self._longest, time.monotonic() - start)
                 self._busy = False

@@ -1,24 +1,26 @@
 """Publishers of one key: latched, where late joiners get the last message, or plain."""
 
+from __future__ import annotations
+
 from transport import zenoh_api
-from transport.part import Part
+from transport.resource import Resource
 from transport.session import Session
 
 
-class Publisher(Part):
+class Publisher(Resource):
     """Puts payloads on one key; a latched one keeps the last for those who join later."""
 
     def __init__(self, session: Session, key: str, *, latched: bool = True) -> None:
         """Declare the key.
 
         Args:
-            session: Open session.
-            key: Where to publish.
-            latched: Late joiners get the last payload, and receivers notice losses.
+            session: open session.
+            key: where to publish.
+            latched: late joiners get the last payload, and receivers notice losses.
 
         Raises:
-            SessionClosed: The session is closed.
-            TransportError: The key is not valid.
+            SessionClosed: the session is closed.
+            TransportError: the key is not valid.
         """
         declare = zenoh_api.declare_latched_publisher if latched else zenoh_api.declare_plain_publisher
         self.key = key
@@ -35,7 +37,7 @@ class Publisher(Part):
         """Send one payload. Returns without error when nobody listens or the link is down.
 
         Raises:
-            SessionClosed: The session is closed.
+            SessionClosed: the session is closed.
         """
         self._session.attempt(lambda: self._raw.put(payload, attachment=attachment), f"cannot send on {self.key!r}")
         self._count += 1

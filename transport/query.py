@@ -1,5 +1,7 @@
 """Asks for the newest grid or a region of it, and answers such questions."""
 
+from __future__ import annotations
+
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -10,7 +12,7 @@ from transport.crop import crop_terrain
 from transport.exceptions import MessageError, ReceiveTimeout, ScannerUnavailable, StaleTerrain, TransportError
 from transport.keys import DEFAULT_ROBOT, query_key
 from transport.outbox import MAXIMUM_PENDING, Outbox
-from transport.part import Part
+from transport.resource import Resource
 from transport.scan_messages import (
     QueryRequest,
     Refusal,
@@ -26,7 +28,7 @@ from transport.terrain_message import TerrainMessage
 Provider = Callable[[str], TerrainMessage | None]
 
 
-class QueryServer(Part):
+class QueryServer(Resource):
     """Answers queries for the newest grid of one robot."""
 
     def __init__(self, session: Session, provider: Provider, *, robot: str = DEFAULT_ROBOT) -> None:
@@ -87,17 +89,17 @@ def query_terrain(
     """Ask for the newest grid, or the cells that a region touches.
 
     Args:
-        session: Open session.
-        robot: Instance name.
+        session: open session.
+        robot: instance name.
         extent: "footprint" or "map".
         region: [m] (x_min, x_max, y_min, y_max) in the frame of the grid; None for all of it.
         timeout: [s]
 
     Raises:
-        MessageError: The extent or the region is not allowed, or lies off the grid.
-        StaleTerrain: The node has no grid yet.
-        ScannerUnavailable: Nobody answers, or this side may not ask.
-        ReceiveTimeout: No answer in time.
+        MessageError: the extent or the region is not allowed, or lies off the grid.
+        StaleTerrain: the node has no grid yet.
+        ScannerUnavailable: nobody answers, or this side may not ask.
+        ReceiveTimeout: no answer in time.
     """
     request = QueryRequest(extent=extent, region=region)
     for answer in ask(session, query_key(robot), encode_query_request(request), timeout):

@@ -1,20 +1,22 @@
 """A receiver that keeps the newest message of one key, and counts what it did not keep."""
 
+from __future__ import annotations
+
 import logging
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from transport import zenoh_api
 from transport.exceptions import MessageError, ReceiveTimeout, SessionClosed
-from transport.part import Part
+from transport.resource import Resource
 from transport.session import Session
 
-_LOG = logging.getLogger(__name__)
-_CLOSE_TIMEOUT: Final = 2.0
-"""[s] How long closing waits for a callback of the user to return."""
+logger = logging.getLogger(__name__)
+# [s] How long closing waits for a callback of the user to return.
+CLOSE_TIMEOUT = 2.0
 
 T = TypeVar("T")
 
@@ -24,8 +26,8 @@ class Received(Generic[T]):
     """A message with the moment of its arrival.
 
     Attributes:
-        message: Decoded message.
-        number: Counts the samples of this receiver, from 1.
+        message: decoded message.
+        number: counts the samples of this receiver, from 1.
         arrival: [s] on `time.monotonic()`.
         arrival_stamp: [ns] since the epoch, by this machine's clock.
     """
@@ -66,7 +68,7 @@ class _Slot(Generic[T]):
             return self._result
 
 
-class NewestReceiver(Part, Generic[T]):
+class NewestReceiver(Resource, Generic[T]):
     """Receives one key and keeps the newest message only.
 
     Zenoh's thread copies each payload into one slot; decoding happens in the thread that asks. A slow reader
@@ -77,14 +79,14 @@ class NewestReceiver(Part, Generic[T]):
         """Subscribe.
 
         Args:
-            session: Open session.
-            key: Key to receive.
-            decode: Makes a message of a payload; raises MessageError when it is not one.
-            latched: Ask for the last message that was published before, and notice losses.
+            session: open session.
+            key: key to receive.
+            decode: makes a message of a payload; raises MessageError when it is not one.
+            latched: ask for the last message that was published before, and notice losses.
 
         Raises:
-            SessionClosed: The session is closed.
-            TransportError: The key is not valid.
+            SessionClosed: the session is closed.
+            TransportError: the key is not valid.
         """
         self.key = key
         self._decode = decode
@@ -149,7 +151,7 @@ class NewestReceiver(Part, Generic[T]):
         """The newest message, or None when none came yet.
 
         Raises:
-            MessageError: The newest sample is not a valid message; an older one is not returned in its place.
+            MessageError: the newest sample is not a valid message; an older one is not returned in its place.
         """
         with self._changed:
             slot = self._slot
@@ -165,13 +167,13 @@ class NewestReceiver(Part, Generic[T]):
         """Wait for a newest message that `predicate` accepts; samples that are no message are passed over.
 
         Args:
-            predicate: Called in this thread with each newest message and its arrival.
+            predicate: called in this thread with each newest message and its arrival.
             timeout: [s]; None waits without end. Ctrl-C works.
-            after: Number of a sample; only later ones count.
+            after: number of a sample; only later ones count.
 
         Raises:
-            ReceiveTimeout: None came in time.
-            SessionClosed: The receiver was closed meanwhile.
+            ReceiveTimeout: none came in time.
+            SessionClosed: the receiver was closed meanwhile.
         """
         deadline = None if timeout is None else time.monotonic() + timeout
         while True:
@@ -185,7 +187,7 @@ class NewestReceiver(Part, Generic[T]):
             try:
                 received = self._open(slot)
             except MessageError as error:
-                _LOG.warning("message on %s refused: %s", self.key, error)
+                logger.warning("message on %s refused: %s", self.key, error)
                 continue
             if predicate(received):
                 return received
@@ -211,11 +213,11 @@ class NewestReceiver(Part, Generic[T]):
         it is called again with the next message.
 
         Args:
-            callback: Called with each newest message.
-            on_refused: Called, on the same thread, when the newest sample is no valid message.
+            callback: called with each newest message.
+            on_refused: called, on the same thread, when the newest sample is no valid message.
 
         Raises:
-            SessionClosed: The receiver is closed.
+            SessionClosed: the receiver is closed.
         """
         if self._is_closed:
             raise SessionClosed(f"the receiver of {self.key!r} is closed")
@@ -241,7 +243,7 @@ class NewestReceiver(Part, Generic[T]):
             try:
                 self._hand_over(slot, callback, on_refused)
             except Exception:
-                _LOG.exception("the callback for %s failed", self.key)
+                logger.exception("the callback for %s failed", self.key)
 
     def _hand_over(
         self,
@@ -252,7 +254,7 @@ class NewestReceiver(Part, Generic[T]):
         try:
             received = self._open(slot)
         except MessageError as error:
-            _LOG.warning("message on %s refused: %s", self.key, error)
+            logger.warning("message on %s refused: %s", self.key, error)
             if on_refused is not None:
                 on_refused(error)
             return
@@ -266,4 +268,4 @@ class NewestReceiver(Part, Generic[T]):
                 part.undeclare()
         for thread in self._threads:
             if thread is not threading.current_thread():
-                thread.join(_CLOSE_TIMEOUT)
+                thread.join(CLOSE_TIMEOUT)

@@ -1,30 +1,32 @@
 """Mirrors occupancy and grid map in the form that rmw_zenoh uses, so that ROS 2 nodes see them as topics."""
 
+from __future__ import annotations
+
 import struct
 import threading
 import time
-from typing import Any, Final
+from typing import Any
 
 from transport.exceptions import ConfigurationError
 from transport.keys import DEFAULT_ROBOT, check_name
 from transport.liveliness import AliveToken
-from transport.part import Part
 from transport.publisher import Publisher
+from transport.resource import Resource
 from transport.session import Session
 from transport.typestore import GRID_MAP, OCCUPANCY, dds_type_name, type_hash
 from transport.xxh3 import xxh3_128
 
-NODE_NAME: Final = "guara_perception"
-"""Name of the node as ROS 2 tools show it."""
+# Name of the node as ROS 2 tools show it.
+NODE_NAME = "guara_perception"
 
-QOS: Final = ":1:,1:,:,:,,"
-"""Reliable, transient local, keep last 1, everything else at its default."""
+# Reliable, transient local, keep last 1, everything else at its default.
+QOS = ":1:,1:,:,:,,"
 
-MAXIMUM_DOMAIN: Final = 232
-"""Highest ROS domain id."""
+# Highest ROS domain id.
+MAXIMUM_DOMAIN = 232
 
-_NODE_ID: Final = 0
-_FIRST_ENTITY_ID: Final = 10
+NODE_ID = 0
+FIRST_ENTITY_ID = 10
 
 
 def data_key(domain: int, topic: str, type_name: str) -> str:
@@ -34,14 +36,14 @@ def data_key(domain: int, topic: str, type_name: str) -> str:
 
 def node_token_key(domain: int, zenoh_id: str) -> str:
     """Key of the liveliness token by which ROS 2 tools know this node."""
-    return f"@ros2_lv/{domain}/{zenoh_id}/{_NODE_ID}/{_NODE_ID}/NN/%/%/{NODE_NAME}"
+    return f"@ros2_lv/{domain}/{zenoh_id}/{NODE_ID}/{NODE_ID}/NN/%/%/{NODE_NAME}"
 
 
 def publisher_token_key(domain: int, zenoh_id: str, entity_id: int, topic: str, type_name: str) -> str:
     """Key of the liveliness token by which ROS 2 tools know one publisher; `topic` without slash in front."""
     mangled = "%" + topic.replace("/", "%")
     return (
-        f"@ros2_lv/{domain}/{zenoh_id}/{_NODE_ID}/{entity_id}/MP/%/%/{NODE_NAME}/{mangled}/"
+        f"@ros2_lv/{domain}/{zenoh_id}/{NODE_ID}/{entity_id}/MP/%/%/{NODE_NAME}/{mangled}/"
         f"{dds_type_name(type_name)}/{type_hash(type_name)}/{QOS}"
     )
 
@@ -78,7 +80,7 @@ class _Topic:
         self._publisher.close()
 
 
-class Ros2Mirror(Part):
+class Ros2Mirror(Resource):
     """Topics `/<robot>/occupancy` and `/<robot>/grid_map` for ROS 2 nodes that use rmw_zenoh.
 
     The frame is the one of the messages (`base_footprint`); no TF is published.
@@ -88,11 +90,11 @@ class Ros2Mirror(Part):
         """Declare both topics.
 
         Raises:
-            ConfigurationError: A domain that ROS 2 does not have.
-            KeyNameError: A name of a robot that no ROS 2 topic can have.
+            ConfigurationError: a domain that ROS 2 does not have.
+            KeyNameError: a name of a robot that no ROS 2 topic can have.
         """
         if not 0 <= domain <= MAXIMUM_DOMAIN:
-            raise ConfigurationError(f"ROS domain is {domain}; allowed are 0 to {MAXIMUM_DOMAIN}")
+            raise ConfigurationError(f"ROS domain is {domain}; allowed: 0 to {MAXIMUM_DOMAIN}")
         check_name(robot)
         if "-" in robot or robot[0].isdigit():
             raise ConfigurationError(
@@ -101,7 +103,7 @@ class Ros2Mirror(Part):
         self._node = AliveToken(session, node_token_key(domain, session.zenoh_id))
         topics: list[Any] = [("occupancy", OCCUPANCY), ("grid_map", GRID_MAP)]
         self._topics = {
-            name: _Topic(session, domain, _FIRST_ENTITY_ID + i, f"{robot}/{name}", type_name)
+            name: _Topic(session, domain, FIRST_ENTITY_ID + i, f"{robot}/{name}", type_name)
             for i, (name, type_name) in enumerate(topics)
         }
         super().__init__(session)

@@ -1,16 +1,18 @@
 """Rotation matrices to unit quaternions (x, y, z, w) as ROS 2 orders them, and back."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from transport.arrays import Float
 from transport.exceptions import MessageError
 
 Quaternion = tuple[float, float, float, float]
 
 
-def quaternion_from_matrix(rotation: npt.NDArray[np.float64]) -> Quaternion:
+def quaternion_from_matrix(rotation: Float) -> Quaternion:
     """Unit quaternion (x, y, z, w), w >= 0, of a (3, 3) rotation matrix.
 
     The component of largest magnitude is computed first, so that no division is by a small number
@@ -39,11 +41,11 @@ def quaternion_from_matrix(rotation: npt.NDArray[np.float64]) -> Quaternion:
     return x, y, z, w
 
 
-def matrix_from_quaternion(quaternion: Quaternion, what: str = "rotation") -> npt.NDArray[np.float64]:
+def matrix_from_quaternion(quaternion: Quaternion, what: str = "rotation") -> Float:
     """The (3, 3) rotation matrix of a unit quaternion (x, y, z, w).
 
     Raises:
-        MessageError: The quaternion is not finite or its length is not 1 within 1e-6.
+        MessageError: the quaternion is not finite or its length is not 1 within 1e-6.
     """
     length = math.hypot(*quaternion)
     if not math.isfinite(length) or abs(length - 1.0) > 1e-6:

@@ -1,9 +1,11 @@
 """The planner's side of a scan request: send it, follow it, and name what went wrong."""
 
+from __future__ import annotations
+
 import time
 import uuid
 from collections.abc import Callable
-from typing import Final, NoReturn
+from typing import NoReturn
 
 from transport.asking import ask
 from transport.exceptions import (
@@ -26,8 +28,8 @@ from transport.scan_messages import (
 )
 from transport.session import Session
 
-GONE_WITHIN: Final = 0.5
-"""[s] A process that died is known to be gone within this time."""
+# [s] A process that died is known to be gone within this time.
+GONE_WITHIN = 0.5
 
 
 def new_request_id() -> str:
@@ -48,24 +50,24 @@ def request_scan(
     """Ask for a scan and wait for its end.
 
     Args:
-        session: Open session.
-        robot: Instance name.
+        session: open session.
+        robot: instance name.
         mode: "coarse" or "standard".
         timeout: [s] until the scan must be done. Ctrl-C works.
-        request_id: The same id again returns the same scan, not a second one; None makes a new id.
-        on_progress: Called in this thread with each reply that says how far the scan is.
-        is_alive: Tells whether the node still lives, to notice a hung one before the timeout.
+        request_id: the same id again returns the same scan, not a second one; None makes a new id.
+        on_progress: called in this thread with each reply that says how far the scan is.
+        is_alive: tells whether the node still lives, to notice a hung one before the timeout.
 
     Returns:
         The DONE reply: its step and the sequence of the terrain message, which was published before.
 
     Raises:
-        MessageError: The mode or the timeout is not allowed.
-        ScannerUnavailable: Nobody answers, or this side may not ask.
-        ScanBusy: The scanner works on another request.
-        ScanFailed: The scanner refused, or could not finish; `code` says why.
-        ScanTimeout: Not done in time.
-        ScannerGone: The scanner died while it worked.
+        MessageError: the mode or the timeout is not allowed.
+        ScannerUnavailable: nobody answers, or this side may not ask.
+        ScanBusy: the scanner works on another request.
+        ScanFailed: the scanner refused, or could not finish; `code` says why.
+        ScanTimeout: not done in time.
+        ScannerGone: the scanner died while it worked.
     """
     request = ScanRequest(id=request_id or new_request_id(), mode=mode, timeout=timeout)
     deadline = time.monotonic() + timeout

@@ -1,16 +1,18 @@
 """Requests to the scanner and its answers: messages in Python, and their CDR payloads."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from enum import IntEnum
 
 from transport.codec import decode, encode, make_time, read_time
 from transport.exceptions import MessageError
-from transport.parts import finite
+from transport.submessages import finite
 from transport.terrain_message import EXTENTS, MODES
 from transport.typestore import QUERY_REQUEST, REFUSAL, SCAN_REPLY, SCAN_REQUEST, message_class
 
+# [characters] Longest id of a request.
 MAXIMUM_ID = 200
-"""[characters] Longest id of a request."""
 
 
 class ScanState(IntEnum):
@@ -27,7 +29,7 @@ class ScanRequest:
     """A planner asks for a scan.
 
     Attributes:
-        id: Unique per request; the same id again returns the same scan.
+        id: unique per request; the same id again returns the same scan.
         mode: "coarse" or "standard".
         timeout: [s] from the arrival of the request until the scanner drops the work.
     """
@@ -40,14 +42,14 @@ class ScanRequest:
         """Check.
 
         Raises:
-            MessageError: A field is not what the message allows.
+            MessageError: a field is not what the message allows.
         """
         if not 0 < len(self.id) <= MAXIMUM_ID:
-            raise MessageError(f"id of the request has {len(self.id)} characters; allowed are 1 to {MAXIMUM_ID}")
+            raise MessageError(f"id of the request has {len(self.id)} characters; allowed: 1 to {MAXIMUM_ID}")
         if self.mode not in MODES:
-            raise MessageError(f"mode is {self.mode!r}; allowed are {', '.join(map(repr, MODES))}")
+            raise MessageError(f"mode is {self.mode!r}; allowed: {', '.join(map(repr, MODES))}")
         if finite(self.timeout, "timeout") <= 0.0:
-            raise MessageError(f"timeout is {self.timeout} s; allowed is more than 0")
+            raise MessageError(f"timeout is {self.timeout} s; allowed: more than 0")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,10 +57,10 @@ class ScanReply:
     """What the scanner answers to a ScanRequest.
 
     Attributes:
-        id: Of the request.
+        id: of the request.
         state: ACCEPTED, PROGRESS, or one of the terminal DONE and FAILED.
-        stripes_done: Stripes taken so far.
-        stripes_total: Stripes of the pattern.
+        stripes_done: stripes taken so far.
+        stripes_total: stripes of the pattern.
         step: DONE: number of the pause.
         sequence: DONE: sequence of the terrain message, published before.
         stamp: [ns] DONE: stamp of the terrain message.
@@ -82,9 +84,9 @@ class Refusal:
     """Why a request was not taken up.
 
     Attributes:
-        id: Of the request, empty when it could not be read.
+        id: of the request, empty when it could not be read.
         code: "busy", "denied", "bad_request", "not_stationary", "expired" or "no_terrain".
-        message: The cause in words.
+        message: the cause in words.
     """
 
     id: str
@@ -108,14 +110,14 @@ class QueryRequest:
         """Check.
 
         Raises:
-            MessageError: A field is not what the message allows.
+            MessageError: a field is not what the message allows.
         """
         if self.extent not in EXTENTS:
-            raise MessageError(f"extent is {self.extent!r}; allowed are {', '.join(map(repr, EXTENTS))}")
+            raise MessageError(f"extent is {self.extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
         if self.region is None:
             return
         if len(self.region) != 4:
-            raise MessageError(f"region has {len(self.region)} numbers; allowed are x_min, x_max, y_min, y_max")
+            raise MessageError(f"region has {len(self.region)} numbers; allowed: x_min, x_max, y_min, y_max")
         x_min, x_max, y_min, y_max = (finite(limit, "limit of the region") for limit in self.region)
         if x_min >= x_max or y_min >= y_max:
             raise MessageError(f"region {self.region} is empty; x_min < x_max and y_min < y_max are needed")
@@ -156,7 +158,7 @@ def decode_scan_reply(payload: bytes) -> ScanReply:
     try:
         state = ScanState(message.state)
     except ValueError as error:
-        raise MessageError(f"state of a scan reply is {message.state}; allowed are 1 to 4") from error
+        raise MessageError(f"state of a scan reply is {message.state}; allowed: 1 to 4") from error
     return ScanReply(
         id=message.id,
         state=state,

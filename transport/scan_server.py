@@ -1,18 +1,20 @@
 """The scanner's side of a scan request: at most one scan per request, and exactly one last word."""
 
+from __future__ import annotations
+
 import logging
 import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any
 
 from transport import zenoh_api
 from transport.exceptions import MessageError, ScanFailed
 from transport.keys import DEFAULT_ROBOT, scan_key
 from transport.outbox import MAXIMUM_PENDING, Outbox
-from transport.part import Part
+from transport.resource import Resource
 from transport.scan_messages import (
     Refusal,
     ScanReply,
@@ -25,11 +27,11 @@ from transport.scan_messages import (
 from transport.session import Session
 from transport.terrain_message import TerrainMessage
 
-_LOG = logging.getLogger(__name__)
-_REMEMBERED: Final = 32
-"""Finished requests whose result a repeated request gets."""
-_CLOSE_TIMEOUT: Final = 2.0
-"""[s] How long closing waits for the handler to give up."""
+logger = logging.getLogger(__name__)
+# Finished requests whose result a repeated request gets.
+REMEMBERED = 32
+# [s] How long closing waits for the handler to give up.
+CLOSE_TIMEOUT = 2.0
 
 
 class ScanJob:
@@ -66,11 +68,11 @@ Handler = Callable[[ScanJob], TerrainMessage]
 Admission = Callable[[ScanRequest], None]
 
 
-class ScanServer(Part):
+class ScanServer(Resource):
     """Answers scan requests of one robot.
 
     One request at a time is worked on. A repeated id joins the running scan or gets the result of the finished
-    one. When the deadline passes, the asker is told at once and `ScanJob.cancelled` is set.
+    one. When the deadline passes, the asker gets a refusal at once and `ScanJob.cancelled` is set.
     """
 
     def __init__(
@@ -84,11 +86,11 @@ class ScanServer(Part):
         """Declare the queryable.
 
         Args:
-            session: Open session.
-            handler: Runs on a thread of its own; looks at `job.cancelled`, reports progress, and returns the
+            session: open session.
+            handler: runs on a thread of its own; looks at `job.cancelled`, reports progress, and returns the
                 grid when it is sent. Raises ScanFailed (with a code) when it cannot.
-            robot: Instance name.
-            admission: Called before a request is accepted; raises ScanFailed with the code of the refusal, such
+            robot: instance name.
+            admission: called before a request is accepted; raises ScanFailed with the code of the refusal, such
                 as "not_stationary".
         """
         self._handler = handler
@@ -186,7 +188,7 @@ class ScanServer(Part):
         except ScanFailed as error:
             last = replace(work.progress, state=ScanState.FAILED, code=error.code, message=str(error))
         except Exception as error:
-            _LOG.exception("scan request %s failed", job.request.id)
+            logger.exception("scan request %s failed", job.request.id)
             last = replace(work.progress, state=ScanState.FAILED, code="internal", message=str(error))
         finally:
             timer.cancel()
@@ -206,7 +208,7 @@ class ScanServer(Part):
                 return
             work.last = last
             self._finished[last.id] = last
-            while len(self._finished) > _REMEMBERED:
+            while len(self._finished) > REMEMBERED:
                 self._finished.popitem(last=False)
             queries, work.queries = work.queries, []
             self._outbox.post(f"last {last.id}", lambda: self._send(queries, last))
@@ -230,4 +232,4 @@ class ScanServer(Part):
         if not self._session.raw_is_closed:
             self._raw.undeclare()
         if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join(_CLOSE_TIMEOUT)
+            self._thread.join(CLOSE_TIMEOUT)

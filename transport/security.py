@@ -1,5 +1,7 @@
 """The security folder: a CA, and per role a folder with certificate, key and Zenoh configuration."""
 
+from __future__ import annotations
+
 import json
 import os
 import shutil
@@ -7,7 +9,7 @@ import socket
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from transport import zenoh_api
 from transport.access_rules import ROLES, access_control
@@ -16,14 +18,14 @@ from transport.configuration import LEASE_MS, check_endpoint, client_configurati
 from transport.exceptions import ConfigurationError, SecurityError
 from transport.keys import DEFAULT_ROBOT, check_name
 
-CONFIGURATION: Final = "zenoh.json5"
-"""Name of the Zenoh configuration in a role's folder."""
+# Name of the Zenoh configuration in a role's folder.
+CONFIGURATION = "zenoh.json5"
 
-DEFAULT_LISTEN: Final = "tls/0.0.0.0:7447"
-"""Where a secured node listens: on all of its networks, because nobody gets in without a certificate."""
+# Where a secured node listens: on all of its networks, because nobody gets in without a certificate.
+DEFAULT_LISTEN = "tls/0.0.0.0:7447"
 
-_TLS: Final = "transport/link/tls"
-_FILES: Final = (
+TLS = "transport/link/tls"
+FILES = (
     "root_ca_certificate",
     "listen_private_key",
     "listen_certificate",
@@ -69,16 +71,16 @@ def init_security(
     not at all.
 
     Args:
-        folder: New folder.
-        robot: Instance name; the access rules hold for its keys.
-        hosts: Names and addresses by which clients reach the node, beside localhost and this machine's name.
-        listen: Where the node will listen.
+        folder: new folder.
+        robot: instance name; the access rules hold for its keys.
+        hosts: names and addresses by which clients reach the node, beside localhost and this machine's name.
+        listen: where the node will listen.
 
     Returns:
         The folder.
 
     Raises:
-        SecurityError: The folder exists and is not empty, or cannot be written.
+        SecurityError: the folder exists and is not empty, or cannot be written.
         ConfigurationError: `listen` is no TLS endpoint.
     """
     check_name(robot)
@@ -101,14 +103,14 @@ def init_security(
         _write(staging / "ca" / "ca.pem", authority.certificate)
         _write(staging / "ca" / "ca.key", authority.key, private=True)
         for role in ROLES:
-            place = staging / role
-            place.mkdir()
+            own = staging / role
+            own.mkdir()
             credentials = make_certificate(authority, role, own_hosts if role == "node" else [role])
             configuration = _role_configuration(role, robot, listen, connect)
-            _write(place / "ca.pem", authority.certificate)
-            _write(place / f"{role}.pem", credentials.certificate)
-            _write(place / f"{role}.key", credentials.key, private=True)
-            _write(place / CONFIGURATION, (json.dumps(configuration, indent=2) + "\n").encode())
+            _write(own / "ca.pem", authority.certificate)
+            _write(own / f"{role}.pem", credentials.certificate)
+            _write(own / f"{role}.key", credentials.key, private=True)
+            _write(own / CONFIGURATION, (json.dumps(configuration, indent=2) + "\n").encode())
         if target.exists():
             target.rmdir()
         staging.rename(target)
@@ -122,12 +124,12 @@ def role_folder(folder: str | Path, role: str) -> Path:
     """The folder of one role, given itself or the folder that `init_security` made.
 
     Raises:
-        SecurityError: There is no Zenoh configuration in either.
+        SecurityError: there is no Zenoh configuration in either.
     """
     path = Path(folder)
-    for place in (path, path / role):
-        if (place / CONFIGURATION).is_file():
-            return place
+    for candidate in (path, path / role):
+        if (candidate / CONFIGURATION).is_file():
+            return candidate
     raise SecurityError(
         f"{path} holds no {CONFIGURATION}, nor does {path / role}; give the folder of a role, "
         f"made by `guara security init`"
@@ -144,14 +146,14 @@ def load_configuration(
     """The Zenoh configuration of a role's folder, with the paths of its files made absolute.
 
     Args:
-        folder: Folder of a role.
-        listen: Endpoints instead of the configured ones.
-        connect: Endpoint instead of the configured one; a node then is a client of that router.
-        shared_memory: Let Zenoh pass large payloads through /dev/shm between processes of one machine.
+        folder: folder of a role.
+        listen: endpoints instead of the configured ones.
+        connect: endpoint instead of the configured one; a node then is a client of that router.
+        shared_memory: let Zenoh pass large payloads through /dev/shm between processes of one machine.
 
     Raises:
-        SecurityError: The configuration cannot be read, or a file that it names is missing.
-        ConfigurationError: An endpoint without encryption.
+        SecurityError: the configuration cannot be read, or a file that it names is missing.
+        ConfigurationError: an endpoint without encryption.
     """
     for endpoint in (*listen, *(() if connect is None else (connect,))):
         if not check_endpoint(endpoint).startswith(("tls/", "quic/")):
@@ -161,10 +163,10 @@ def load_configuration(
     try:
         text = (folder / CONFIGURATION).read_text(encoding="utf-8")
         values: dict[str, Any] = {}
-        for name in _FILES:
-            value = zenoh_api.configuration_value(text, f"{_TLS}/{name}")
+        for name in FILES:
+            value = zenoh_api.configuration_value(text, f"{TLS}/{name}")
             if value is not None:
-                values[f"{_TLS}/{name}"] = str(_existing(folder, value))
+                values[f"{TLS}/{name}"] = str(_existing(folder, value))
     except (OSError, ValueError, zenoh_api.zenoh_error()) as error:
         raise SecurityError(f"cannot use {folder / CONFIGURATION}: {error}") from error
     values["transport/shared_memory/enabled"] = shared_memory
@@ -186,7 +188,7 @@ def configured_robot(folder: Path) -> str:
     """The instance name for which the access rules of a node's folder were made.
 
     Raises:
-        SecurityError: The configuration cannot be read, or holds no rules.
+        SecurityError: the configuration cannot be read, or holds no rules.
     """
     try:
         text = (folder / CONFIGURATION).read_text(encoding="utf-8")
@@ -200,7 +202,7 @@ def configured_endpoints(folder: Path, kind: str) -> tuple[str, ...]:
     """The endpoints of a role's folder; kind is "listen" or "connect".
 
     Raises:
-        SecurityError: The configuration cannot be read.
+        SecurityError: the configuration cannot be read.
     """
     try:
         text = (folder / CONFIGURATION).read_text(encoding="utf-8")

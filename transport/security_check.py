@@ -1,5 +1,7 @@
 """Tries out what each role of a security folder may do, against a node of its own on this machine."""
 
+from __future__ import annotations
+
 import socket
 import threading
 import time
@@ -7,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from transport import zenoh_api
 from transport.access_rules import ROLES
@@ -18,7 +20,8 @@ from transport.publisher import Publisher
 from transport.security import configured_robot, role_folder
 from transport.session import Session, connect_with, open_client, open_node
 
-ACTIONS: Final = (
+# What is tried, in the order of the matrix.
+ACTIONS = (
     "connect",
     "read grids",
     "read the last grid",
@@ -26,23 +29,22 @@ ACTIONS: Final = (
     "publish stance pauses",
     "forge grids",
 )
-"""What is tried, in the order of the matrix."""
 
-STRANGER: Final = "nobody"
-"""The row of a client without certificate."""
+# The row of a client without certificate.
+STRANGER = "nobody"
 
-EXPECTED: Final = {
+# What each role is meant to be allowed.
+EXPECTED = {
     "planner": ("connect", "read grids", "read the last grid", "request a scan"),
     "viewer": ("connect", "read grids", "read the last grid"),
     "gait": ("connect", "publish stance pauses"),
     STRANGER: (),
 }
-"""What each role is meant to be allowed."""
 
-_WAIT: Final = 2.0
-"""[s] For what should arrive."""
-_QUIET: Final = 0.5
-"""[s] For what should not arrive; far above the milliseconds that it would take."""
+# [s] For what should arrive.
+WAIT = 2.0
+# [s] For what should not arrive; far above the milliseconds that it would take.
+QUIET = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +52,10 @@ class Permission:
     """One cell of the matrix.
 
     Attributes:
-        role: Role, or "nobody".
-        action: What was tried.
-        allowed: Whether it worked.
-        expected: Whether it was meant to.
+        role: role, or "nobody".
+        action: what was tried.
+        allowed: whether it worked.
+        expected: whether it was meant to.
     """
 
     role: str
@@ -107,15 +109,15 @@ def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Per
     check; a running node is not touched.
 
     Args:
-        folder: Made by `init_security`, with the folders of all roles.
-        robot: Instance name; None takes the one for which the folder was made.
+        folder: made by `init_security`, with the folders of all roles.
+        robot: instance name; None takes the one for which the folder was made.
 
     Returns:
         One entry per role and action.
 
     Raises:
-        SecurityError: A role's folder is missing.
-        ConnectionFailed: The node does not start with its certificate.
+        SecurityError: a role's folder is missing.
+        ConnectionFailed: the node does not start with its certificate.
     """
     for role in ROLES:
         role_folder(Path(folder) / role, role)
@@ -143,7 +145,7 @@ def _open_role(folder: Path, role: str, endpoint: str) -> Iterator[Session | Non
             configuration["transport"]["link"]["tls"] = tls
             session = connect_with(configuration, (endpoint,), 0.0)
         else:
-            session = open_client(endpoint, security=folder / role, shared_memory=False, timeout=_WAIT)
+            session = open_client(endpoint, security=folder / role, shared_memory=False, timeout=WAIT)
     except ConnectionFailed:
         yield None
         return
@@ -157,7 +159,7 @@ def _try_role(folder: Path, role: str, endpoint: str, node: _Probe, witness: _Ea
             return set()
         allowed = {"connect"}
         key = terrain_key(node.robot)
-        patience = _WAIT if role in ("planner", "viewer") else _QUIET
+        patience = WAIT if role in ("planner", "viewer") else QUIET
         live, last = _Ear(session, key), _Ear(session, key, latched=True)
         if last.hears("last", patience):
             allowed.add("read the last grid")
@@ -172,9 +174,9 @@ def _try_role(folder: Path, role: str, endpoint: str, node: _Probe, witness: _Ea
         stance, forged = f"stance of {role}", f"forged by {role}"
         session.raw.put(stance_key(node.robot), stance.encode())
         session.raw.put(key, forged.encode())
-        if node.stance.hears(stance, _WAIT if role == "gait" else _QUIET):
+        if node.stance.hears(stance, WAIT if role == "gait" else QUIET):
             allowed.add("publish stance pauses")
-        if witness.hears(forged, _QUIET):
+        if witness.hears(forged, QUIET):
             allowed.add("forge grids")
         return allowed
 
@@ -182,10 +184,8 @@ def _try_role(folder: Path, role: str, endpoint: str, node: _Probe, witness: _Ea
 def _is_answered(session: Session, robot: str) -> bool:
     finished = threading.Event()
     replies: list[bytes | None] = []
-    zenoh_api.get_replies(
-        session.raw, scan_key(robot), b"", _WAIT, lambda reply, _: replies.append(reply), finished.set
-    )
-    finished.wait(_WAIT + _QUIET)
+    zenoh_api.get_replies(session.raw, scan_key(robot), b"", WAIT, lambda reply, _: replies.append(reply), finished.set)
+    finished.wait(WAIT + QUIET)
     return b"done" in replies
 
 

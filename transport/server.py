@@ -1,22 +1,24 @@
 """The perception node's side of the transport, whole: grids, scan requests, queries, status, sign of life."""
 
+from __future__ import annotations
+
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from transport.arrays import Percent
 from transport.codec import encode
 from transport.exceptions import MessageError
 from transport.grids import grid_map_message, occupancy_message
 from transport.keys import DEFAULT_ROBOT, alive_key, grid_map_key, occupancy_key, terrain_key
 from transport.liveliness import AliveToken
 from transport.outbox import Outbox
-from transport.part import Part
 from transport.publisher import Publisher
 from transport.query import QueryServer
+from transport.resource import Resource
 from transport.ros2 import Ros2Mirror
 from transport.scan_server import Admission, Handler, ScanJob, ScanServer
 from transport.session import Session
@@ -25,18 +27,18 @@ from transport.status_reporter import StatusReporter
 from transport.terrain_codec import encode_terrain
 from transport.terrain_message import EXTENTS, LAYERS, Health, TerrainMessage
 
-GRID_MAP_LAYERS: Final = tuple(name for name, kind in LAYERS.items() if kind.dtype == np.float32)
-"""Layers of the GridMap: those of float32, the only type that it can hold."""
+# Layers of the GridMap: those of float32, the only type that it can hold.
+GRID_MAP_LAYERS = tuple(name for name, kind in LAYERS.items() if kind.dtype == np.float32)
 
-_SEND_TIMEOUT: Final = 2.0
-"""[s] How long the last word of a scan request waits for its terrain message to be sent."""
+# [s] How long the last word of a scan request waits for its terrain message to be sent.
+SEND_TIMEOUT = 2.0
 
 
-class PerceptionServer(Part):
+class PerceptionServer(Resource):
     """Publishes for one robot; nothing here ever makes the scan thread wait.
 
     Attributes:
-        robot: Instance name.
+        robot: instance name.
     """
 
     def __init__(
@@ -50,10 +52,10 @@ class PerceptionServer(Part):
         """Declare all keys, show the token, start the status.
 
         Args:
-            session: Open session of the node.
-            robot: Instance name.
-            collect_status: Further status items; runs once a second on the reporter's thread.
-            ros2_domain: Mirror occupancy and grid map for ROS 2 in this domain; None does not.
+            session: open session of the node.
+            robot: instance name.
+            collect_status: further status items; runs once a second on the reporter's thread.
+            ros2_domain: mirror occupancy and grid map for ROS 2 in this domain; None does not.
         """
         self.robot = robot
         self._session = session
@@ -78,27 +80,27 @@ class PerceptionServer(Part):
         """The sequence number that the next message of one extent must carry; each call gives a new one.
 
         Raises:
-            MessageError: Unknown extent.
+            MessageError: unknown extent.
         """
         if extent not in self._sequences:
-            raise MessageError(f"extent is {extent!r}; allowed are {', '.join(map(repr, EXTENTS))}")
+            raise MessageError(f"extent is {extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
         with self._lock:
             self._sequences[extent] += 1
             return self._sequences[extent]
 
-    def publish(self, terrain: TerrainMessage, *, occupancy: npt.NDArray[np.int8] | None = None) -> None:
+    def publish(self, terrain: TerrainMessage, *, occupancy: Percent | None = None) -> None:
         """Hand over one grid; returns at once, encoding and sending happen on the outbox thread.
 
         The Terrain message goes first, then what is derived from it.
 
         Args:
-            terrain: Grid of either extent.
+            terrain: grid of either extent.
             occupancy: (ny, nx) int8 of the same grid; with it, and for extent "footprint", the OccupancyGrid
                 and the GridMap are published too.
 
         Raises:
-            MessageError: The occupancy has another shape, or the grid another robot's name.
-            SessionClosed: The session is closed.
+            MessageError: the occupancy has another shape, or the grid another robot's name.
+            SessionClosed: the session is closed.
         """
         if terrain.robot != self.robot:
             raise MessageError(f"grid of robot {terrain.robot!r} given to the node of {self.robot!r}")
@@ -114,7 +116,7 @@ class PerceptionServer(Part):
             self._post_derived(terrain, occupancy)
         self._status.changed()
 
-    def _post_derived(self, terrain: TerrainMessage, occupancy: npt.NDArray[np.int8]) -> None:
+    def _post_derived(self, terrain: TerrainMessage, occupancy: Percent) -> None:
         geometry = (terrain.resolution, terrain.origin, terrain.frame_id, terrain.stamp)
 
         def send_occupancy() -> None:
@@ -133,7 +135,7 @@ class PerceptionServer(Part):
         self._outbox.post(self._occupancy.key, send_occupancy)
         self._outbox.post(self._grid_map.key, send_grid_map)
 
-    def flush(self, timeout: float = _SEND_TIMEOUT) -> None:
+    def flush(self, timeout: float = SEND_TIMEOUT) -> None:
         """Wait until all grids are sent; ReceiveTimeout when that takes longer than `timeout` [s]."""
         self._outbox.flush(timeout)
 
@@ -141,7 +143,7 @@ class PerceptionServer(Part):
         """Answer scan requests; see `ScanServer`. The grid that the handler published is sent before "done".
 
         Raises:
-            SessionClosed: The session is closed.
+            SessionClosed: the session is closed.
         """
 
         def run(job: ScanJob) -> TerrainMessage:
@@ -197,8 +199,8 @@ class PerceptionServer(Part):
     def _release(self) -> None:
         # What waits is sent first.
         self._outbox.close()
-        parts: list[Any] = [self._status, self._token, self._scans, self._queries, self._mirror]
-        parts += [*self._terrain.values(), self._occupancy, self._grid_map]
-        for part in parts:
-            if part is not None:
-                part.close()
+        resources: list[Any] = [self._status, self._token, self._scans, self._queries, self._mirror]
+        resources += [*self._terrain.values(), self._occupancy, self._grid_map]
+        for resource in resources:
+            if resource is not None:
+                resource.close()

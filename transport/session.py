@@ -1,12 +1,14 @@
 """One open Zenoh session: how it is opened, what it holds, and that it always closes."""
 
+from __future__ import annotations
+
 import logging
 import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Self
 
 from transport import exit_watcher, zenoh_api
 from transport.configuration import (
@@ -20,16 +22,16 @@ from transport.exit_watcher import Closable
 from transport.security import configured_endpoints, load_configuration, role_folder
 from transport.typestore import warm_up
 
-_LOG = logging.getLogger(__name__)
-_PAUSE: Final = 0.1
-"""[s] Between two attempts to connect; short, so that Ctrl-C is answered at once."""
+logger = logging.getLogger(__name__)
+# [s] Between two attempts to connect; short, so that Ctrl-C is answered at once.
+PAUSE = 0.1
 
-_CHECK_LISTEN: Final = (
+CHECK_LISTEN = (
     "Check: is another node or a Zenoh router running on this port (then stop it, or connect to it instead)? "
     "is the address one of this machine? with security: are certificate and key in the folder readable and "
     "in date?"
 )
-_CHECK_CONNECT: Final = (
+CHECK_CONNECT = (
     "Zenoh says the same whatever the cause. Check: is the node running and does it listen there? does the "
     "protocol agree (tcp without security, tls with it)? with security: is the certificate in date and of "
     "the same CA as the node's, does the node's certificate name this host? with a password: is it right? "
@@ -51,7 +53,7 @@ class Session:
         warm_up()
         self._raw: Any = zenoh_api.open_raw(configuration)
         self._lock = threading.RLock()
-        self._parts: list[Closable] = []
+        self._resources: list[Closable] = []
         self._closed = False
         self.endpoints = endpoints
         exit_watcher.watch(self)
@@ -71,7 +73,7 @@ class Session:
         """The Zenoh session.
 
         Raises:
-            SessionClosed: It is closed.
+            SessionClosed: it is closed.
         """
         if self._closed:
             raise SessionClosed("the Zenoh session is closed; open a new one")
@@ -84,7 +86,7 @@ class Session:
 
     @property
     def raw_is_closed(self) -> bool:
-        """Whether Zenoh itself has closed; parts then need not be undeclared."""
+        """Whether Zenoh itself has closed; resources then need not be undeclared."""
         return bool(self._raw.is_closed())
 
     @property
@@ -96,28 +98,28 @@ class Session:
         """Addresses of the other ends of all links that are up now; empty when nobody is connected."""
         return () if self._closed else tuple(str(link.dst) for link in self._raw.info.links())
 
-    def own(self, part: Closable) -> None:
-        """Close `part` together with this session, before it.
+    def own(self, resource: Closable) -> None:
+        """Close `resource` together with this session, before it.
 
         Raises:
-            SessionClosed: The session is closed already.
+            SessionClosed: the session is closed already.
         """
         with self._lock:
             if self._closed:
                 raise SessionClosed("the Zenoh session is closed; open a new one")
-            self._parts.append(part)
+            self._resources.append(resource)
 
-    def disown(self, part: Closable) -> None:
-        """Forget a part that was closed by itself."""
+    def disown(self, resource: Closable) -> None:
+        """Forget a resource that was closed by itself."""
         with self._lock:
-            if part in self._parts:
-                self._parts.remove(part)
+            if resource in self._resources:
+                self._resources.remove(resource)
 
     def attempt(self, action: Callable[[], Any], what: str) -> Any:
         """Run a call into Zenoh and turn its error into one of this package.
 
         Raises:
-            SessionClosed: The session is closed.
+            SessionClosed: the session is closed.
             TransportError: Zenoh refused; the text says what was tried.
         """
         try:
@@ -133,12 +135,12 @@ class Session:
             if self._closed:
                 return
             self._closed = True
-            parts, self._parts = self._parts[::-1], []
-        for part in parts:
+            resources, self._resources = self._resources[::-1], []
+        for resource in resources:
             try:
-                part.close()
+                resource.close()
             except Exception:
-                _LOG.exception("closing %r failed", part)
+                logger.exception("closing %r failed", resource)
         try:
             self._raw.close()
         finally:
@@ -157,18 +159,18 @@ def open_node(
     """Open the session of a node that publishes.
 
     Args:
-        listen: Endpoints that clients connect to; the node is the Zenoh router. None takes this machine only,
+        listen: endpoints that clients connect to; the node is the Zenoh router. None takes this machine only,
             or what the security folder says.
-        connect: Endpoint of an external router; then the node listens nowhere.
-        security: Folder made by `guara security init`, or its folder `node`.
-        allow_insecure: Listen beyond this machine without security.
-        shared_memory: Let Zenoh pass large payloads through /dev/shm between processes of one machine.
+        connect: endpoint of an external router; then the node listens nowhere.
+        security: folder made by `guara security init`, or its folder `node`.
+        allow_insecure: listen beyond this machine without security.
+        shared_memory: let Zenoh pass large payloads through /dev/shm between processes of one machine.
         timeout: [s] to wait for an external router.
 
     Raises:
-        ConfigurationError: An endpoint is not valid, or open to other machines without security.
-        SecurityError: The security folder is incomplete.
-        ConnectionFailed: The port is taken, or the external router does not answer.
+        ConfigurationError: an endpoint is not valid, or open to other machines without security.
+        SecurityError: the security folder is incomplete.
+        ConnectionFailed: the port is taken, or the external router does not answer.
     """
     if connect is not None:
         return _open_client(connect, security, "node", shared_memory=shared_memory, timeout=timeout)
@@ -192,16 +194,16 @@ def open_client(
     """Open the session of a client: a planner, a viewer, the gait controller.
 
     Args:
-        endpoint: Where the node or the router listens. None takes the default on this machine, or what the
+        endpoint: where the node or the router listens. None takes the default on this machine, or what the
             security folder says.
-        security: Folder of a role, such as `DIR/planner`, made by `guara security init`.
-        shared_memory: Let Zenoh pass large payloads through /dev/shm between processes of one machine.
+        security: folder of a role, such as `DIR/planner`, made by `guara security init`.
+        shared_memory: let Zenoh pass large payloads through /dev/shm between processes of one machine.
         timeout: [s] to wait for the router; it is tried again until then. Ctrl-C works.
 
     Raises:
-        ConfigurationError: The endpoint is not valid, or not encrypted although a security folder is given.
-        SecurityError: The security folder is incomplete.
-        ConnectionFailed: No connection within `timeout`; the text lists what to check.
+        ConfigurationError: the endpoint is not valid, or not encrypted although a security folder is given.
+        SecurityError: the security folder is incomplete.
+        ConnectionFailed: no connection within `timeout`; the text lists what to check.
     """
     return _open_client(endpoint, security, "planner", shared_memory=shared_memory, timeout=timeout)
 
@@ -226,7 +228,7 @@ def listen_with(configuration: Configuration, endpoints: tuple[str, ...]) -> Ses
         return Session(configuration, endpoints)
     except zenoh_api.zenoh_error() as error:
         raise ConnectionFailed(
-            f"cannot listen on {', '.join(endpoints)}: {zenoh_api.error_text(error)}. {_CHECK_LISTEN}"
+            f"cannot listen on {', '.join(endpoints)}: {zenoh_api.error_text(error)}. {CHECK_LISTEN}"
         ) from error
 
 
@@ -237,9 +239,9 @@ def connect_with(configuration: Configuration, endpoints: tuple[str, ...], timeo
         try:
             return Session(configuration, endpoints)
         except zenoh_api.zenoh_error() as error:
-            if time.monotonic() + _PAUSE >= deadline:
+            if time.monotonic() + PAUSE >= deadline:
                 raise ConnectionFailed(
                     f"cannot connect to {', '.join(endpoints)} within {timeout:g} s: "
-                    f"{zenoh_api.error_text(error)} {_CHECK_CONNECT}"
+                    f"{zenoh_api.error_text(error)} {CHECK_CONNECT}"
                 ) from error
-        time.sleep(_PAUSE)
+        time.sleep(PAUSE)

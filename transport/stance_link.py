@@ -1,18 +1,20 @@
 """Stance pauses between the gait controller, which announces them, and whoever follows them."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 
 from transport.exceptions import MessageError
 from transport.keys import DEFAULT_ROBOT, stance_key
 from transport.outbox import Outbox
-from transport.part import Part
 from transport.publisher import Publisher
 from transport.receiver import NewestReceiver
+from transport.resource import Resource
 from transport.session import Session
 from transport.stance_pause import StancePause, decode_stance_pause, encode_stance_pause
 
 
-class StancePublisher(Part):
+class StancePublisher(Resource):
     """The gait controller's side: announces begin and end of each pause, without ever waiting for a receiver.
 
     Args:
@@ -32,8 +34,8 @@ class StancePublisher(Part):
         """Announce one end of a pause; returns at once. Begin and end are both sent, in order.
 
         Raises:
-            SessionClosed: The session is closed.
-            MessageError: The pause is of another robot than this publisher speaks for: nobody would hear it.
+            SessionClosed: the session is closed.
+            MessageError: the pause is of another robot than this publisher speaks for: nobody would hear it.
         """
         if pause.robot != self._robot:
             raise MessageError(
@@ -72,10 +74,10 @@ class StanceReceiver(NewestReceiver[StancePause]):
         """Subscribe.
 
         Args:
-            session: Open session.
-            robot: Instance name.
-            on_pause: Called with each newest announcement, on a thread of its own.
-            on_refused: Called on that thread when an announcement is unreadable or holds a joint that is not finite:
+            session: open session.
+            robot: instance name.
+            on_pause: called with each newest announcement, on a thread of its own.
+            on_refused: called on that thread when an announcement is unreadable or holds a joint that is not finite:
                 what the robot does now is then not known.
         """
         super().__init__(session, stance_key(robot), decode_stance_pause)

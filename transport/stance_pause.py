@@ -1,5 +1,7 @@
 """The stance pause that the gait controller announces: message in Python, and its CDR payload."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -7,8 +9,8 @@ from typing import Any
 from transport.codec import decode, encode, make_header, read_time
 from transport.exceptions import MessageError, TransportError
 from transport.keys import check_name
-from transport.part_codec import make_ground, make_stance, read_ground, read_stance
-from transport.parts import GroundPatch, StanceMessage, finite
+from transport.submessage_codec import make_ground, make_stance, read_ground, read_stance
+from transport.submessages import GroundPatch, StanceMessage, finite
 from transport.typestore import STANCE_PAUSE, message_class
 
 
@@ -24,14 +26,14 @@ class StancePause:
     """A stance pause begins or ends.
 
     Attributes:
-        robot: Instance name.
-        step: Number of the pause.
+        robot: instance name.
+        step: number of the pause.
         phase: BEGIN or END.
         stamp: [ns] since the epoch; time of the joint state.
-        stance: Joints, support feet, gravity.
+        stance: joints, support feet, gravity.
         time_available: [s] from the stamp to the planned end of the pause; 0 when not known.
-        known_ground: What the gait declares safe, in `frame_id`.
-        frame_id: Frame of `known_ground`.
+        known_ground: what the gait declares safe, in `frame_id`.
+        frame_id: frame of `known_ground`.
     """
 
     robot: str
@@ -47,17 +49,17 @@ class StancePause:
         """Check.
 
         Raises:
-            MessageError: A field is not what the message allows.
-            KeyNameError: The robot's name cannot be part of a key.
+            MessageError: a field is not what the message allows.
+            KeyNameError: the robot's name cannot be part of a key.
         """
         check_name(self.robot)
         try:
             object.__setattr__(self, "phase", PausePhase(self.phase))
         except ValueError as error:
-            raise MessageError(f"phase is {self.phase!r}; allowed are 1 (BEGIN) and 2 (END)") from error
+            raise MessageError(f"phase is {self.phase!r}; allowed: 1 (BEGIN) and 2 (END)") from error
         available = finite(self.time_available, "time_available")
         if available < 0.0:
-            raise MessageError(f"time_available is {available} s; allowed is 0 or more")
+            raise MessageError(f"time_available is {available} s; allowed: 0 or more")
         object.__setattr__(self, "time_available", available)
         object.__setattr__(self, "known_ground", tuple(self.known_ground))
 
@@ -79,7 +81,7 @@ def encode_stance_pause(pause: StancePause) -> bytearray:
     """The CDR payload of one stance pause.
 
     Raises:
-        MessageError: A field does not fit its ROS 2 type.
+        MessageError: a field does not fit its ROS 2 type.
     """
     return encode(make_stance_pause(pause))
 
@@ -88,7 +90,7 @@ def decode_stance_pause(payload: bytes | bytearray | memoryview) -> StancePause:
     """Read and check the CDR payload of a guara_msgs/StancePause.
 
     Raises:
-        MessageError: The payload is damaged, or a field is not what the message allows.
+        MessageError: the payload is damaged, or a field is not what the message allows.
     """
     message = decode(payload, STANCE_PAUSE)
     try:

@@ -1,17 +1,19 @@
 """Status of the node: message in Python, and its CDR payload as diagnostic_msgs/DiagnosticArray."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any
 
 from transport.codec import decode, encode, make_header, read_time
 from transport.exceptions import MessageError
 from transport.terrain_message import Health
 from transport.typestore import STATUS, message_class
 
-STATUS_NAME: Final = "transport"
-"""Name of the item that the transport itself adds; its values hold the number of the stance pause as `step`."""
+# Name of the item that the transport itself adds; its values hold the number of the stance pause as `step`.
+STATUS_NAME = "transport"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,11 +21,11 @@ class StatusItem:
     """Status of one part of the node.
 
     Attributes:
-        name: Part, for example "scanner".
+        name: part, for example "scanner".
         level: OK, WARN, ERROR or STALE.
-        message: One line for a person.
-        hardware_id: Device or robot, empty when none.
-        values: Figures as text by name, with the unit in the name.
+        message: one line for a person.
+        hardware_id: device or robot, empty when none.
+        values: figures as text by name, with the unit in the name.
     """
 
     name: str
@@ -40,11 +42,11 @@ class StatusItem:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Status:
-    """Status of the node: one item per part.
+    """Status of the node: one item per item.
 
     Attributes:
         stamp: [ns] since the epoch.
-        items: Parts of the node.
+        items: parts of the node.
     """
 
     stamp: int
@@ -64,12 +66,12 @@ def encode_status(status: Status) -> bytearray:
     """CDR payload of a status, a diagnostic_msgs/DiagnosticArray.
 
     Raises:
-        MessageError: A field does not fit its ROS 2 type.
+        MessageError: a field does not fit its ROS 2 type.
     """
     pair = message_class("diagnostic_msgs/msg/KeyValue")
-    part: Any = message_class("diagnostic_msgs/msg/DiagnosticStatus")
-    parts = [
-        part(
+    item_class: Any = message_class("diagnostic_msgs/msg/DiagnosticStatus")
+    items = [
+        item_class(
             level=int(item.level),
             name=item.name,
             message=item.message,
@@ -78,26 +80,26 @@ def encode_status(status: Status) -> bytearray:
         )
         for item in status.items
     ]
-    return encode(message_class(STATUS)(make_header(status.stamp, ""), parts))
+    return encode(message_class(STATUS)(make_header(status.stamp, ""), items))
 
 
 def decode_status(payload: bytes | bytearray | memoryview) -> Status:
     """Status from its CDR payload.
 
     Raises:
-        MessageError: The payload is damaged or a level is unknown.
+        MessageError: the payload is damaged or a level is unknown.
     """
     message = decode(payload, STATUS)
     try:
         items = tuple(
             StatusItem(
-                name=part.name,
-                level=Health(part.level),
-                message=part.message,
-                hardware_id=part.hardware_id,
-                values={pair.key: pair.value for pair in part.values},
+                name=item.name,
+                level=Health(item.level),
+                message=item.message,
+                hardware_id=item.hardware_id,
+                values={pair.key: pair.value for pair in item.values},
             )
-            for part in message.status
+            for item in message.status
         )
     except ValueError as error:
         raise MessageError(f"status refused: {error}; allowed levels are 0 to 3") from error

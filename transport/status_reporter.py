@@ -1,25 +1,26 @@
 """Publishes the status of a node once a second and whenever it changes."""
 
+from __future__ import annotations
+
 import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Final
 
 from transport.exceptions import TransportError
 from transport.keys import DEFAULT_ROBOT, status_key
-from transport.part import Part
 from transport.publisher import Publisher
+from transport.resource import Resource
 from transport.session import Session
 from transport.status_message import Status, StatusItem, encode_status
 
-_LOG = logging.getLogger(__name__)
-PERIOD: Final = 1.0
-"""[s] Between two messages without change."""
-_CLOSE_TIMEOUT: Final = 2.0
+logger = logging.getLogger(__name__)
+# [s] Between two messages without change.
+PERIOD = 1.0
+CLOSE_TIMEOUT = 2.0
 
 
-class StatusReporter(Part):
+class StatusReporter(Resource):
     """Sends what `collect` returns, on a thread of its own."""
 
     def __init__(
@@ -55,12 +56,12 @@ class StatusReporter(Part):
             self._publisher.put(encode_status(status))
         except TransportError as error:
             if not self._is_closed:
-                _LOG.error("status was not sent: %s", error)
+                logger.error("status was not sent: %s", error)
         except Exception:
-            _LOG.exception("collecting the status failed")
+            logger.exception("collecting the status failed")
 
     def _release(self) -> None:
         self._wake.set()
         if self._thread is not threading.current_thread():
-            self._thread.join(_CLOSE_TIMEOUT)
+            self._thread.join(CLOSE_TIMEOUT)
         self._publisher.close()

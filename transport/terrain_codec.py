@@ -1,13 +1,15 @@
 """TerrainMessage to the CDR payload of a guara_msgs/Terrain, and back with every check."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from transport.arrays import Array
 from transport.codec import decode, encode, make_header, make_time, read_time
 from transport.exceptions import MessageError, TransportError, VersionError
-from transport.part_codec import (
+from transport.submessage_codec import (
     make_obstacle,
     make_stance,
     make_transform,
@@ -18,16 +20,16 @@ from transport.part_codec import (
 from transport.terrain_message import LAYERS, MAXIMUM_CELLS, VERSION_MAJOR, Health, TerrainMessage
 from transport.typestore import TERRAIN, message_class
 
-_FIELDS = ("float32_values", "uint16_values", "uint8_values")
-_EMPTY = tuple(np.zeros(0, dtype) for dtype in (np.float32, np.uint16, np.uint8))
-_TYPES = {np.dtype(np.float32): 1, np.dtype(np.uint16): 2, np.dtype(np.uint8): 3}
+FIELDS = ("float32_values", "uint16_values", "uint8_values")
+EMPTY = tuple(np.zeros(0, dtype) for dtype in (np.float32, np.uint16, np.uint8))
+TYPES = {np.dtype(np.float32): 1, np.dtype(np.uint16): 2, np.dtype(np.uint8): 3}
 
 
 def encode_terrain(terrain: TerrainMessage) -> bytearray:
     """The CDR payload of one TerrainMessage.
 
     Raises:
-        MessageError: A field does not fit its ROS 2 type, for example a stamp past 2038.
+        MessageError: a field does not fit its ROS 2 type, for example a stamp past 2038.
     """
     return encode(make_terrain(terrain))
 
@@ -38,8 +40,8 @@ def decode_terrain(payload: bytes | bytearray | memoryview) -> TerrainMessage:
     Layers that this version does not know are ignored. The arrays are read-only views of the payload.
 
     Raises:
-        VersionError: Another major version.
-        MessageError: The payload is damaged, or a length, name or number is not what the message allows.
+        VersionError: another major version.
+        MessageError: the payload is damaged, or a length, name or number is not what the message allows.
     """
     message = decode(payload, TERRAIN)
     try:
@@ -50,9 +52,9 @@ def decode_terrain(payload: bytes | bytearray | memoryview) -> TerrainMessage:
         raise MessageError(f"terrain message refused: {error}") from error
 
 
-def _make_layer(name: str, array: npt.NDArray[Any]) -> Any:
-    number = _TYPES[array.dtype]
-    values = list(_EMPTY)
+def _make_layer(name: str, array: Array) -> Any:
+    number = TYPES[array.dtype]
+    values = list(EMPTY)
     values[number - 1] = array.ravel()
     return message_class("guara_msgs/msg/TerrainLayer")(name, LAYERS[name].unit, number, *values)
 
@@ -96,34 +98,34 @@ def make_terrain(terrain: TerrainMessage) -> Any:
     )
 
 
-def _read_layers(message: Any) -> dict[str, npt.NDArray[Any]]:
+def _read_layers(message: Any) -> dict[str, Array]:
     shape = (int(message.ny), int(message.nx))
     if 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
-        raise MessageError(f"grid of {shape[0]} x {shape[1]} cells; allowed are 1 to {MAXIMUM_CELLS} cells")
-    layers: dict[str, npt.NDArray[Any]] = {}
+        raise MessageError(f"grid of {shape[0]} x {shape[1]} cells; allowed: 1 to {MAXIMUM_CELLS} cells")
+    layers: dict[str, Array] = {}
     for layer in message.layers:
         if layer.name not in LAYERS:
             continue
         if layer.name in layers:
             raise MessageError(f"layer {layer.name!r} comes twice")
         kind = LAYERS[layer.name]
-        number = _TYPES[kind.dtype]
+        number = TYPES[kind.dtype]
         if layer.type != number or layer.unit != kind.unit:
             raise MessageError(
                 f"layer {layer.name!r} has type {layer.type} and unit {layer.unit!r}; "
-                f"allowed are type {number} ({kind.dtype}) and unit {kind.unit!r}"
+                f"allowed: type {number} ({kind.dtype}) and unit {kind.unit!r}"
             )
-        lengths = [len(getattr(layer, name)) for name in _FIELDS]
+        lengths = [len(getattr(layer, name)) for name in FIELDS]
         if lengths[number - 1] != shape[0] * shape[1] or sum(lengths) != lengths[number - 1]:
             raise MessageError(
-                f"layer {layer.name!r} has {lengths} values in its three arrays; allowed are "
-                f"{shape[0] * shape[1]} = ny * nx in {_FIELDS[number - 1]} and none in the others"
+                f"layer {layer.name!r} has {lengths} values in its three arrays; allowed: "
+                f"{shape[0] * shape[1]} = ny * nx in {FIELDS[number - 1]} and none in the others"
             )
-        layers[layer.name] = getattr(layer, _FIELDS[number - 1]).reshape(shape)
+        layers[layer.name] = getattr(layer, FIELDS[number - 1]).reshape(shape)
     return layers
 
 
-def _pairs(names: list[str], values: npt.NDArray[Any], what: str) -> dict[str, Any]:
+def _pairs(names: list[str], values: Array, what: str) -> dict[str, Any]:
     if len(names) != len(values) or len(set(names)) != len(names):
         raise MessageError(f"{what} has {len(set(names))} different names and {len(values)} values")
     return dict(zip(names, values.tolist(), strict=True))

@@ -1,27 +1,29 @@
 """The Terrain message in Python: all layers of one scan with geometry, posture and validity."""
 
+from __future__ import annotations
+
 import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from transport.arrays import Array
 from transport.exceptions import MessageError
 from transport.keys import check_name
-from transport.parts import ObstacleMessage, StanceMessage, TransformMessage, finite, texts
+from transport.submessages import ObstacleMessage, StanceMessage, TransformMessage, finite, texts
 
-VERSION_MAJOR: Final = 1
-VERSION_MINOR: Final = 0
-EXTENTS: Final = ("footprint", "map")
-MODES: Final = ("coarse", "standard")
-ATTITUDE_SOURCES: Final = ("imu", "odometry", "support_plane", "level")
-MAXIMUM_CELLS: Final = 4_000_000
-"""Largest grid; the map of the contract has 44,800 cells."""
+VERSION_MAJOR = 1
+VERSION_MINOR = 0
+EXTENTS = ("footprint", "map")
+MODES = ("coarse", "standard")
+ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
+# Largest grid; the map of the contract has 44,800 cells.
+MAXIMUM_CELLS = 4_000_000
 
 
 class LayerKind(NamedTuple):
@@ -31,24 +33,24 @@ class LayerKind(NamedTuple):
     unit: str
 
 
-_FLOAT = np.dtype(np.float32)
-LAYERS: Final[Mapping[str, LayerKind]] = MappingProxyType(
+FLOAT = np.dtype(np.float32)
+# Every layer of a Terrain message of this major version; all must be there, others are ignored.
+LAYERS: Mapping[str, LayerKind] = MappingProxyType(
     {
-        "elevation": LayerKind(_FLOAT, "m"),
-        "variance": LayerKind(_FLOAT, "m^2"),
-        "elevation_min": LayerKind(_FLOAT, "m"),
-        "elevation_max": LayerKind(_FLOAT, "m"),
-        "slope": LayerKind(_FLOAT, "rad"),
-        "step_height": LayerKind(_FLOAT, "m"),
-        "roughness": LayerKind(_FLOAT, "m"),
-        "clearance": LayerKind(_FLOAT, "m"),
-        "traversability": LayerKind(_FLOAT, "1"),
+        "elevation": LayerKind(FLOAT, "m"),
+        "variance": LayerKind(FLOAT, "m^2"),
+        "elevation_min": LayerKind(FLOAT, "m"),
+        "elevation_max": LayerKind(FLOAT, "m"),
+        "slope": LayerKind(FLOAT, "rad"),
+        "step_height": LayerKind(FLOAT, "m"),
+        "roughness": LayerKind(FLOAT, "m"),
+        "clearance": LayerKind(FLOAT, "m"),
+        "traversability": LayerKind(FLOAT, "1"),
         "hazard": LayerKind(np.dtype(np.uint16), "flags"),
         "age": LayerKind(np.dtype(np.uint8), "pauses"),
         "looks": LayerKind(np.dtype(np.uint8), "scans"),
     }
 )
-"""Every layer of a Terrain message of this major version; all must be there, others are ignored."""
 
 
 class Health(IntEnum):
@@ -60,13 +62,13 @@ class Health(IntEnum):
     STALE = 3
 
 
-def _check_layer(name: str, array: npt.NDArray[Any], shape: tuple[int, int]) -> npt.NDArray[Any]:
+def _check_layer(name: str, array: Array, shape: tuple[int, int]) -> Array:
     kind = LAYERS[name]
     if not isinstance(array, np.ndarray) or array.dtype != kind.dtype:
         given = array.dtype if isinstance(array, np.ndarray) else type(array).__name__
-        raise MessageError(f"layer {name!r} is {given}; allowed is {kind.dtype}")
+        raise MessageError(f"layer {name!r} is {given}; allowed: {kind.dtype}")
     if array.shape != shape:
-        raise MessageError(f"layer {name!r} has shape {array.shape}; allowed is (ny, nx) = {shape}")
+        raise MessageError(f"layer {name!r} has shape {array.shape}; allowed: (ny, nx) = {shape}")
     contiguous = array.flags.c_contiguous and array.flags.aligned and not array.flags.writeable
     checked = array if contiguous else np.array(array, order="C")
     checked.setflags(write=False)
@@ -81,32 +83,32 @@ class TerrainMessage:
     `origin + (ix + 0.5, iy + 0.5) * resolution` in `frame_id`.
 
     Attributes:
-        robot: Instance name.
+        robot: instance name.
         extent: "footprint" or "map".
-        sequence: Counts the messages of this extent since the node started, from 1.
-        step: Number of the stance pause.
+        sequence: counts the messages of this extent since the node started, from 1.
+        step: number of the stance pause.
         stamp: [ns] since the epoch; the time for which the grid holds.
         scan_start: [ns] first frame.
         scan_end: [ns] last frame.
         valid_for: [s] after `scan_end`; may be infinite.
-        valid_pauses: Pauses after `step` for which the grid may be used.
+        valid_pauses: pauses after `step` for which the grid may be used.
         mode: "coarse" or "standard".
-        method: Stripe extraction that was used.
-        calibration_hash: Of the calibration that was used.
+        method: stripe extraction that was used.
+        calibration_hash: of the calibration that was used.
         resolution: [m] edge of a cell.
         origin: [m] (x, y) of the corner of cell (0, 0).
-        layers: Read-only arrays of shape (ny, nx) with the dtype of `LAYERS`; NaN where unknown.
-        stance: Posture during the scan.
+        layers: read-only arrays of shape (ny, nx) with the dtype of `LAYERS`; NaN where unknown.
+        stance: posture during the scan.
         attitude_source: "imu", "odometry", "support_plane" or "level".
-        transforms: Transforms at the time of the scan.
-        obstacles: What stands out of the terrain.
-        point_counts: Points in, used, rejected by cause.
+        transforms: transforms at the time of the scan.
+        obstacles: what stands out of the terrain.
+        point_counts: points in, used, rejected by cause.
         stage_ms: [ms] processing time by stage.
-        coverage: Share of cells that are known, 0 ... 1.
-        health: Health of this scan.
-        health_reasons: Why it is not OK.
+        coverage: share of cells that are known, 0 ... 1.
+        health: health of this scan.
+        health_reasons: why it is not OK.
         metadata: JSON text of an object.
-        frame_id: Frame of the grid.
+        frame_id: frame of the grid.
         version: (major, minor) of the message.
     """
 
@@ -124,7 +126,7 @@ class TerrainMessage:
     calibration_hash: str
     resolution: float
     origin: tuple[float, float]
-    layers: Mapping[str, npt.NDArray[Any]]
+    layers: Mapping[str, Array]
     stance: StanceMessage
     attitude_source: str
     transforms: tuple[TransformMessage, ...] = ()
@@ -142,30 +144,30 @@ class TerrainMessage:
         """Check every field, and copy what could still be changed from outside.
 
         Raises:
-            MessageError: A field is not what the message allows; the text names it.
+            MessageError: a field is not what the message allows; the text names it.
         """
         check_name(self.robot)
         for name, allowed in (("extent", EXTENTS), ("mode", MODES), ("attitude_source", ATTITUDE_SOURCES)):
             if getattr(self, name) not in allowed:
-                raise MessageError(f"{name} is {getattr(self, name)!r}; allowed are {', '.join(map(repr, allowed))}")
+                raise MessageError(f"{name} is {getattr(self, name)!r}; allowed: {', '.join(map(repr, allowed))}")
         for name, bits in (("sequence", 64), ("valid_pauses", 32)):
             if not 0 <= getattr(self, name) < 2**bits:
-                raise MessageError(f"{name} is {getattr(self, name)}; allowed are 0 to 2^{bits} - 1")
+                raise MessageError(f"{name} is {getattr(self, name)}; allowed: 0 to 2^{bits} - 1")
         if self.scan_end < self.scan_start:
             raise MessageError(f"scan_end {self.scan_end} ns lies before scan_start {self.scan_start} ns")
         if math.isnan(self.valid_for) or self.valid_for < 0.0:
-            raise MessageError(f"valid_for is {self.valid_for} s; allowed is 0 or more")
+            raise MessageError(f"valid_for is {self.valid_for} s; allowed: 0 or more")
         self._check_grid()
         if not 0.0 <= self.coverage <= 1.0:
-            raise MessageError(f"coverage is {self.coverage}; allowed are 0 to 1")
+            raise MessageError(f"coverage is {self.coverage}; allowed: 0 to 1")
         self._freeze_details()
 
     def _check_grid(self) -> None:
         resolution = finite(self.resolution, "resolution")
         if not 1e-4 <= resolution <= 10.0:
-            raise MessageError(f"resolution is {resolution} m; allowed are 0.0001 to 10 m")
+            raise MessageError(f"resolution is {resolution} m; allowed: 0.0001 to 10 m")
         if len(self.origin) != 2:
-            raise MessageError(f"origin has {len(self.origin)} numbers; allowed are 2, x and y")
+            raise MessageError(f"origin has {len(self.origin)} numbers; allowed: 2, x and y")
         origin = (finite(self.origin[0], "origin x"), finite(self.origin[1], "origin y"))
         missing = [name for name in LAYERS if name not in self.layers]
         if missing:
@@ -173,7 +175,7 @@ class TerrainMessage:
         shape = np.shape(self.layers["elevation"])
         if len(shape) != 2 or 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
             raise MessageError(
-                f"layer 'elevation' has shape {shape}; allowed is (ny, nx) with 1 to {MAXIMUM_CELLS} cells"
+                f"layer 'elevation' has shape {shape}; allowed: (ny, nx) with 1 to {MAXIMUM_CELLS} cells"
             )
         layers = {name: _check_layer(name, self.layers[name], (shape[0], shape[1])) for name in LAYERS}
         object.__setattr__(self, "resolution", resolution)
@@ -193,7 +195,7 @@ class TerrainMessage:
         try:
             object.__setattr__(self, "health", Health(self.health))
         except ValueError as error:
-            raise MessageError(f"health is {self.health}; allowed are 0 to 3") from error
+            raise MessageError(f"health is {self.health}; allowed: 0 to 3") from error
         try:
             is_object = isinstance(json.loads(self.metadata), dict)
         except (TypeError, ValueError, RecursionError) as error:
@@ -211,7 +213,7 @@ class TerrainMessage:
         """The transform between two frames at the time of the scan.
 
         Raises:
-            MessageError: The message does not hold it.
+            MessageError: the message does not hold it.
         """
         for transform in self.transforms:
             if (transform.source_frame, transform.destination_frame) == (source_frame, destination_frame):

@@ -1,40 +1,42 @@
 """The message types this package speaks: those of ROS 2, those of guara_msgs and those of grid_map_msgs."""
 
+from __future__ import annotations
+
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from transport.exceptions import MessageError
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
-TERRAIN: Final = "guara_msgs/msg/Terrain"
-STANCE_PAUSE: Final = "guara_msgs/msg/StancePause"
-SCAN_REQUEST: Final = "guara_msgs/msg/ScanRequest"
-SCAN_REPLY: Final = "guara_msgs/msg/ScanReply"
-REFUSAL: Final = "guara_msgs/msg/Refusal"
-QUERY_REQUEST: Final = "guara_msgs/msg/QueryRequest"
-OCCUPANCY: Final = "nav_msgs/msg/OccupancyGrid"
-GRID_MAP: Final = "grid_map_msgs/msg/GridMap"
-STATUS: Final = "diagnostic_msgs/msg/DiagnosticArray"
-IMAGE: Final = "sensor_msgs/msg/Image"
-COMPRESSED_IMAGE: Final = "sensor_msgs/msg/CompressedImage"
+TERRAIN = "guara_msgs/msg/Terrain"
+STANCE_PAUSE = "guara_msgs/msg/StancePause"
+SCAN_REQUEST = "guara_msgs/msg/ScanRequest"
+SCAN_REPLY = "guara_msgs/msg/ScanReply"
+REFUSAL = "guara_msgs/msg/Refusal"
+QUERY_REQUEST = "guara_msgs/msg/QueryRequest"
+OCCUPANCY = "nav_msgs/msg/OccupancyGrid"
+GRID_MAP = "grid_map_msgs/msg/GridMap"
+STATUS = "diagnostic_msgs/msg/DiagnosticArray"
+IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 
 
 def message_files() -> dict[str, str]:
     """Texts of the `.msg` files of this package, by type name such as `guara_msgs/msg/Terrain`."""
     folder = files("transport") / "msg"
     found: dict[str, str] = {}
-    for package, place in (("guara_msgs", folder), ("grid_map_msgs", folder / "grid_map_msgs")):
-        for entry in place.iterdir():
+    for package, path in (("guara_msgs", folder), ("grid_map_msgs", folder / "grid_map_msgs")):
+        for entry in path.iterdir():
             if entry.name.endswith(".msg"):
                 found[f"{package}/msg/{entry.name.removesuffix('.msg')}"] = entry.read_text(encoding="utf-8")
     return dict(sorted(found.items()))
 
 
 @cache
-def typestore() -> "Typestore":
+def typestore() -> Typestore:
     """The rosbags type store with all types of this package; read once, when first used."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -57,7 +59,7 @@ def message_class(type_name: str) -> Any:
     """The generated class of one ROS 2 type; its fields are those of the definition, in that order.
 
     Raises:
-        MessageError: The type is not known.
+        MessageError: the type is not known.
     """
     known = typestore().types
     if type_name not in known:

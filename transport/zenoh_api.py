@@ -1,17 +1,18 @@
 """The only file that names parts of Zenoh which its makers mark unstable; imports Zenoh when first used."""
 
+from __future__ import annotations
+
 import json
 from collections.abc import Callable, Mapping
-from typing import Any, Final
+from typing import Any
 
-HEARTBEAT: Final = 0.5
-"""[s] A publisher repeats its last sequence number this often, so that a lost last sample is noticed.
+# [s] A publisher repeats its last sequence number this often, so that a lost last sample is noticed. Always, not only
+# after a change: on a congested link the heartbeat after the last sample is lost as well, and with it, in two of
+# three runs over 20 Mbit/s, the last sample for ever.
+HEARTBEAT = 0.5
 
-Always, not only after a change: on a congested link the heartbeat after the last sample is lost as well, and with
-it, in two of three runs over 20 Mbit/s, the last sample for ever.
-"""
-
-UNSTABLE: Final = (
+# Names below `zenoh` that this file relies on and that a new release may change.
+UNSTABLE = (
     "CongestionControl.BLOCK_FIRST",
     "handlers.Callback",
     "ext.declare_advanced_publisher",
@@ -24,7 +25,6 @@ UNSTABLE: Final = (
     "ext.AdvancedSubscriber.sample_miss_listener",
     "SessionInfo.links",
 )
-"""Names below `zenoh` that this file relies on and that a new release may change."""
 
 
 def _zenoh() -> Any:
@@ -40,10 +40,10 @@ def missing_names() -> tuple[str, ...]:
 
     missing = []
     for name in UNSTABLE:
-        place: Any = zenoh
-        for part in name.split("."):
-            place = getattr(place, part, None)
-        if place is None:
+        found: Any = zenoh
+        for attribute in name.split("."):
+            found = getattr(found, attribute, None)
+        if found is None:
             missing.append(name)
     return tuple(missing)
 
@@ -55,7 +55,7 @@ def zenoh_error() -> type[Exception]:
 
 
 def error_text(error: Exception) -> str:
-    """Zenoh's own words, without the places in its source code that it appends."""
+    """Zenoh's own words, without the source lines that it appends."""
     return str(error).split(" at /", 1)[0].strip()
 
 
@@ -118,10 +118,10 @@ def declare_latched_subscriber(
     """A subscriber that asks publishers for their last sample and recovers a lost one.
 
     Args:
-        session: Raw Zenoh session.
-        key: Key expression.
-        on_sample: Called on Zenoh's thread with each sample.
-        on_miss: Called on Zenoh's thread with the number of samples that were lost for good.
+        session: raw Zenoh session.
+        key: key expression.
+        on_sample: called on Zenoh's thread with each sample.
+        on_miss: called on Zenoh's thread with the number of samples that were lost for good.
 
     Returns:
         The subscriber and its miss listener; both must be kept.
@@ -162,12 +162,12 @@ def get_replies(
     """Send a query whose replies may be several on one key.
 
     Args:
-        session: Raw Zenoh session.
-        key: Key expression.
-        payload: Of the query.
+        session: raw Zenoh session.
+        key: key expression.
+        payload: of the query.
         timeout: [s] after which Zenoh ends the stream with an error reply.
-        on_reply: Called on Zenoh's thread with (payload, None) or (None, error payload).
-        on_finished: Called on Zenoh's thread after the last reply, also when there was none.
+        on_reply: called on Zenoh's thread with (payload, None) or (None, error payload).
+        on_finished: called on Zenoh's thread after the last reply, also when there was none.
     """
     zenoh = _zenoh()
 

@@ -4,6 +4,8 @@
 reaches a process started by `python -m drivers.emulator`.
 """
 
+from __future__ import annotations
+
 from drivers.emulator.backend import EmulatedBackend, emulated_backend
 from drivers.emulator.board import EmulatedBoard
 from drivers.emulator.camera import CameraFault, EmulatedCamera

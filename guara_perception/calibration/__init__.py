@@ -1,5 +1,7 @@
 """Calibration: the model, its file, and how it is made from pictures."""
 
+from __future__ import annotations
+
 from guara_perception.calibration.calibration import Calibration, StripePlane
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.calibration.file import load_calibration, save_calibration

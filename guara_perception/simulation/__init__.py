@@ -1,5 +1,7 @@
 """A simulated robot on simulated terrain: world, rangefinder, walk; the test bench of everything above it."""
 
+from __future__ import annotations
+
 from guara_perception.simulation.light import Light
 from guara_perception.simulation.random_world import random_world
 from guara_perception.simulation.rangefinder import SimulatedRangefinder

@@ -1,5 +1,7 @@
 """Stripes: from a pair of frames to the position of the laser line in every column."""
 
+from __future__ import annotations
+
 from guara_perception.stripes.extract import METHODS, extract_stripe
 from guara_perception.stripes.profile import StripeProfile, StripeStatus
 

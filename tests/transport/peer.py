@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import numpy as np
 
 import transport
-from transport.recording import Frame, RecordingWriter, ScanRecord
+from transport.recording import FrameRecord, RecordingWriter, ScanRecord
 
 STAMP = 1_700_000_000_000_000_000
 
@@ -222,9 +222,9 @@ def run_record(path: str) -> None:
     for step in range(100_000):
         scan = ScanRecord(robot="guara", mode="coarse", stamp=STAMP + step * 10**9, step=step, stance=make_stance())
         writer.begin_scan(scan)
-        off = writer.add_frame(Frame(pixels=pixels), laser_on=False)
+        off = writer.add_frame(FrameRecord(pixels=pixels), laser_on=False)
         for index in range(4):
-            writer.add_stripe(2 * index, 0.01 * index, Frame(pixels=pixels + index), off)
+            writer.add_stripe(2 * index, 0.01 * index, FrameRecord(pixels=pixels + index), off)
         writer.end_scan(stance_end=make_stance())
         writer.add_terrain(make_terrain(step + 1, shape=(4, 5)))
         say("acknowledged", step)

@@ -89,8 +89,8 @@ def test_grid_map_layers_become_float32() -> None:
     ("values", "words"),
     [
         (np.zeros((2, 2)), "occupancy is float64"),
-        (np.zeros(4, np.int8), r"shape \(4,\); allowed is int8 \(ny, nx\)"),
-        (np.full((2, 2), 101, np.int8), "from 101 to 101; allowed are -1 to 100"),
+        (np.zeros(4, np.int8), r"shape \(4,\); allowed: int8 \(ny, nx\)"),
+        (np.full((2, 2), 101, np.int8), "from 101 to 101; allowed: -1 to 100"),
         (np.full((2, 2), -2, np.int8), "from -2 to -2"),
     ],
 )
@@ -116,7 +116,7 @@ def test_wrong_geometry_is_refused() -> None:
 def test_wrong_layers_are_refused() -> None:
     """A GridMap needs layers of one shape and basic layers among them."""
     a, b = np.zeros((2, 3), np.float32), np.zeros((3, 2), np.float32)
-    with pytest.raises(MessageError, match=r"a \(2, 3\), b \(3, 2\); allowed is one shape"):
+    with pytest.raises(MessageError, match=r"a \(2, 3\), b \(3, 2\); allowed: one shape"):
         grid_map_message({"a": a, "b": b}, 0.1, (0, 0), "f", 0)
     with pytest.raises(MessageError, match="layers given: none"):
         grid_map_message({}, 0.1, (0, 0), "f", 0)

@@ -128,11 +128,11 @@ def test_age_decides_what_may_be_used(endpoint: str, peer) -> None:
             assert client.wait_for_step(10, timeout=30.0).sequence == 1
             assert client.latest().step == 10
             assert client.latest(max_age=30.0).step == 10
-            with pytest.raises(transport.StaleTerrain, match=r"step 10\) is \d+\.\d+ s old; allowed is 1 s"):
+            with pytest.raises(transport.StaleTerrain, match=r"step 10\) is \d+\.\d+ s old; allowed: 1 s"):
                 client.latest(max_age=1.0)
             server.publish(peer.make_terrain(2, step=11, stamp=old, valid_for=1.0))
             client.wait_for_step(11, timeout=30.0)
-            with pytest.raises(transport.StaleTerrain, match="allowed is 1 s"):
+            with pytest.raises(transport.StaleTerrain, match="allowed: 1 s"):
                 client.latest()
 
 
@@ -157,7 +157,7 @@ def test_a_grid_outlives_only_its_pauses(endpoint: str, peer, eventually) -> Non
                 try:
                     client.latest()
                 except transport.StaleTerrain as error:
-                    return "is 3 pauses old; allowed are 2" in str(error)
+                    return "is 3 pauses old; allowed: 2" in str(error)
                 return False
 
             assert eventually(is_stale)

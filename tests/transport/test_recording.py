@@ -8,7 +8,7 @@ import pytest
 import transport
 from transport import MessageError, RecordingError
 from transport.recording import (
-    Frame,
+    FrameRecord,
     FrameReference,
     RecordingWriter,
     ScanRecord,
@@ -40,9 +40,9 @@ def _write(path: Path, peer, scans: int = 2, **options: object) -> list[np.ndarr
     with RecordingWriter(path, calibration=CALIBRATION, **options) as writer:
         for step in range(scans):
             writer.begin_scan(_scan(peer, step))
-            off = writer.add_frame(Frame(pixels=pictures[0]), laser_on=False)
+            off = writer.add_frame(FrameRecord(pixels=pictures[0]), laser_on=False)
             for i in range(5):
-                on = None if i == 3 else Frame(pixels=pictures[i + 1])
+                on = None if i == 3 else FrameRecord(pixels=pictures[i + 1])
                 writer.add_stripe(2 * i, 0.1 * i, on, None if i == 4 else off)
             writer.end_scan(stance_end=peer.make_stance())
             writer.add_terrain(peer.make_terrain(step + 1))
@@ -79,7 +79,7 @@ def test_every_kind_of_pixels_round_trips(tmp_path: Path, peer, dtype: type, sha
     pixels = np.random.default_rng(1).integers(0, 256, (*shape[:1], 14, *shape[2:])).astype(dtype)[:, ::2]
     with RecordingWriter(tmp_path / "a.mcap") as writer:
         writer.begin_scan(_scan(peer))
-        writer.add_stripe(0, 0.0, Frame(pixels=pixels, stamp=9))
+        writer.add_stripe(0, 0.0, FrameRecord(pixels=pixels, stamp=9))
         writer.end_scan()
     with open_recording(tmp_path / "a.mcap") as recording:
         frame = recording.frame(recording.scans[0].stripes[0].on)
@@ -91,8 +91,8 @@ def test_picture_files_are_kept_byte_by_byte(tmp_path: Path, peer) -> None:
     """A compressed frame is stored as it is; raw and compressed frames may share a scan."""
     with RecordingWriter(tmp_path / "a.mcap") as writer:
         writer.begin_scan(_scan(peer))
-        writer.add_stripe(0, 0.0, Frame(data=b"\xff\xd8 picture", format="jpeg"))
-        writer.add_stripe(1, 0.1, Frame(pixels=np.zeros((2, 2), np.uint8)), Frame(data=b"x", format="png"))
+        writer.add_stripe(0, 0.0, FrameRecord(data=b"\xff\xd8 picture", format="jpeg"))
+        writer.add_stripe(1, 0.1, FrameRecord(pixels=np.zeros((2, 2), np.uint8)), FrameRecord(data=b"x", format="png"))
         writer.end_scan()
     with open_recording(tmp_path / "a.mcap") as recording:
         first, second = recording.scans[0].stripes
@@ -258,7 +258,7 @@ def test_misuse_is_refused_in_words(tmp_path: Path, peer) -> None:
     [
         ({}, "either pixels or the bytes"),
         ({"pixels": np.zeros((2, 2), np.uint8), "data": b"x"}, "either pixels or the bytes"),
-        ({"data": b"x", "format": "gif"}, "format of a frame is 'gif'; allowed are 'jpeg', 'png'"),
+        ({"data": b"x", "format": "gif"}, "format of a frame is 'gif'; allowed: 'jpeg', 'png'"),
         ({"pixels": np.zeros((2, 2))}, "float64 of shape"),
         ({"pixels": np.zeros((2, 2, 4), np.uint8)}, r"shape \(2, 2, 4\)"),
         ({"pixels": np.zeros((2, 2, 1), np.uint8)}, r"shape \(2, 2, 1\)"),
@@ -268,4 +268,4 @@ def test_misuse_is_refused_in_words(tmp_path: Path, peer) -> None:
 def test_a_wrong_frame_is_refused(fields: dict, words: str) -> None:
     """Only pictures that can be read back are taken."""
     with pytest.raises(MessageError, match=words):
-        Frame(**fields)
+        FrameRecord(**fields)

@@ -90,7 +90,7 @@ def test_a_late_subscriber_gets_the_topic_as_from_a_ros_node(endpoint: str, peer
 @pytest.mark.parametrize(
     ("domain", "robot", "words"),
     [
-        (-1, "guara", "ROS domain is -1; allowed are 0 to 232"),
+        (-1, "guara", "ROS domain is -1; allowed: 0 to 232"),
         (233, "guara", "ROS domain is 233"),
         (0, "a-b", "cannot be part of a ROS 2 topic"),
         (0, "1a", "cannot be part of a ROS 2 topic"),

@@ -159,10 +159,10 @@ def test_a_request_that_is_none_is_refused(shared_node) -> None:
     ("fields", "words"),
     [
         ({"mode": "fast"}, "mode is 'fast'"),
-        ({"timeout": 0.0}, "timeout is 0.0 s; allowed is more than 0"),
+        ({"timeout": 0.0}, "timeout is 0.0 s; allowed: more than 0"),
         ({"timeout": float("nan")}, "timeout is nan"),
         ({"id": ""}, "0 characters"),
-        ({"id": "x" * 201}, "201 characters; allowed are 1 to 200"),
+        ({"id": "x" * 201}, "201 characters; allowed: 1 to 200"),
     ],
 )
 def test_a_wrong_request_is_refused_before_it_is_sent(fields: dict, words: str) -> None:

@@ -17,8 +17,8 @@ from transport.typestore import message_class
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"extent": "all"}, "extent is 'all'; allowed are 'footprint', 'map'"),
-        ({"mode": "fast"}, "mode is 'fast'; allowed are 'coarse', 'standard'"),
+        ({"extent": "all"}, "extent is 'all'; allowed: 'footprint', 'map'"),
+        ({"mode": "fast"}, "mode is 'fast'; allowed: 'coarse', 'standard'"),
         ({"attitude_source": "guess"}, "attitude_source is 'guess'"),
         ({"robot": "a/b"}, "cannot be part of a key"),
         ({"sequence": 2**64}, "sequence is 18446744073709551616"),
@@ -26,7 +26,7 @@ from transport.typestore import message_class
         ({"scan_end": 0}, "lies before scan_start"),
         ({"valid_for": math.nan}, "valid_for is nan"),
         ({"valid_for": -1.0}, "valid_for is -1.0"),
-        ({"resolution": 0.0}, "resolution is 0.0 m; allowed are 0.0001 to 10 m"),
+        ({"resolution": 0.0}, "resolution is 0.0 m; allowed: 0.0001 to 10 m"),
         ({"resolution": math.inf}, "resolution is inf; a finite number"),
         ({"origin": (0.0,)}, "origin has 1 numbers"),
         ({"origin": (0.0, math.nan)}, "origin y is nan"),
@@ -40,7 +40,7 @@ from transport.typestore import message_class
     ],
 )
 def test_a_wrong_field_is_refused_by_name(peer, changes: dict, words: str) -> None:
-    """Every field that is not allowed is named, with what was given and what is allowed."""
+    """Every field that is not allowed: named, with what was given and what is allowed."""
     with pytest.raises(transport.TransportError, match=words):
         peer.make_terrain(shape=(2, 3), **changes)
 
@@ -142,8 +142,8 @@ def _damage(message, what: str) -> None:
     [
         ("short", "layer 'elevation' has .* values"),
         ("twice", "comes twice"),
-        ("type", "type 2 and unit 'm'; allowed are type 1"),
-        ("unit", "unit 'mm'; allowed are"),
+        ("type", "type 2 and unit 'm'; allowed: type 1"),
+        ("unit", "unit 'mm'; allowed:"),
         ("other array", "none in the others"),
         ("huge", "grid of 60000 x 60000 cells"),
         ("empty", "grid of 2 x 0 cells"),
@@ -153,7 +153,7 @@ def _damage(message, what: str) -> None:
         ("joint count", "1 joint names but 2 positions"),
         ("nan", "position of joint .* is nan"),
         ("quaternion", "unit quaternion"),
-        ("covariance", "35 numbers; allowed are 0 or 36"),
+        ("covariance", "35 numbers; allowed: 0 or 36"),
         ("time", "is not valid"),
         ("health", "77"),
     ],
@@ -177,7 +177,7 @@ def test_transforms_are_found_by_their_frames(peer) -> None:
 @pytest.mark.parametrize(
     ("matrix", "words"),
     [
-        (np.eye(3), r"shape \(3, 3\); allowed is \(4, 4\)"),
+        (np.eye(3), r"shape \(3, 3\); allowed: \(4, 4\)"),
         (np.diag([1.0, 1.0, -1.0, 1.0]), "does not hold a rotation"),
         (np.diag([2.0, 1.0, 1.0, 1.0]), "does not hold a rotation"),
         (np.diag([1.0, 1.0, 1.0, 2.0]), "last row"),

@@ -1,5 +1,7 @@
 """Reads a recording: its scans, their frames, the grids and the calibration."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -7,23 +9,23 @@ from typing import IO, Any, Self
 
 from transport.codec import decode, read_time
 from transport.exceptions import RecordingError
-from transport.part_codec import read_stance
-from transport.recording.records import Frame, FrameReference, ScanRecord, StripeRecord, read_frame
-from transport.recording.topics import CALIBRATION_NAME, TYPES, part_of
+from transport.recording.records import FrameRecord, FrameReference, ScanRecord, StripeRecord, read_frame
+from transport.recording.topics import CALIBRATION_NAME, TYPES, short_name
 from transport.stance_pause import StancePause, decode_stance_pause
+from transport.submessage_codec import read_stance
 from transport.terrain_codec import decode_terrain
 from transport.terrain_message import EXTENTS, TerrainMessage
 
-_SCAN_PARTS = ("scan/start", "scan/stripe", "scan/end")
+SCAN_PARTS = ("scan/start", "scan/stripe", "scan/end")
 
 
 class Recording:
     """An open MCAP recording; use it in a `with` block. Frames are read one by one, when asked for.
 
     Attributes:
-        path: File.
-        scans: Scans in the order in which they were recorded; the last of a recovered file may not be whole.
-        calibration: Text of the attached `calibration.json`, None when there is none.
+        path: file.
+        scans: scans in the order in which they were recorded; the last of a recovered file may not be whole.
+        calibration: text of the attached `calibration.json`, None when there is none.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -62,23 +64,23 @@ class Recording:
         """Close."""
         self.close()
 
-    def frame(self, reference: FrameReference) -> Frame:
+    def frame(self, reference: FrameReference) -> FrameRecord:
         """Read one frame.
 
         Raises:
-            RecordingError: It is not in the file.
-            MessageError: It is damaged.
+            RecordingError: it is not in the file.
+            MessageError: it is damaged.
         """
-        part, stamp = part_of(reference.topic), reference.stamp
-        if "camera" in part and part in TYPES:
+        short, stamp = short_name(reference.topic), reference.stamp
+        if "camera" in short and short in TYPES:
             for _, payload in self._iterate([reference.topic], stamp):
-                return read_frame(decode(payload, TYPES[part]), stamp)
+                return read_frame(decode(payload, TYPES[short]), stamp)
         raise RecordingError(f"{self.path} holds no frame of {reference.topic} at {stamp} ns")
 
     def terrains(self, extent: str = "footprint") -> Iterator[TerrainMessage]:
         """The grids of one extent, in order; MessageError for a damaged one."""
         if extent not in EXTENTS:
-            raise RecordingError(f"extent is {extent!r}; allowed are {', '.join(map(repr, EXTENTS))}")
+            raise RecordingError(f"extent is {extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
         for payload in self._payloads("terrain" if extent == "footprint" else "map"):
             yield decode_terrain(payload)
 
@@ -87,28 +89,28 @@ class Recording:
         for payload in self._payloads("stance"):
             yield decode_stance_pause(payload)
 
-    def messages(self, part: str) -> Iterator[Any]:
-        """Message objects of one topic, by the part of its name after the robot's, in order.
+    def messages(self, short: str) -> Iterator[Any]:
+        """Message objects of one topic, by its short name (without the robot), in order.
 
         Raises:
-            RecordingError: Unknown topic.
-            MessageError: A message is damaged.
+            RecordingError: unknown topic.
+            MessageError: a message is damaged.
         """
-        if part not in TYPES:
-            raise RecordingError(f"topic {part!r} is unknown; topics are {', '.join(TYPES)}")
-        for payload in self._payloads(part):
-            yield decode(payload, TYPES[part])
+        if short not in TYPES:
+            raise RecordingError(f"topic {short!r} is unknown; topics are {', '.join(TYPES)}")
+        for payload in self._payloads(short):
+            yield decode(payload, TYPES[short])
 
     def close(self) -> None:
         """Close the file; safe to call twice."""
         self._file.close()
 
-    def _topics(self, *parts: str) -> list[str]:
+    def _topics(self, *short_names: str) -> list[str]:
         channels = self._summary.channels.values() if self._summary else ()
-        return [channel.topic for channel in channels if part_of(channel.topic) in parts]
+        return [channel.topic for channel in channels if short_name(channel.topic) in short_names]
 
-    def _payloads(self, part: str) -> Iterator[bytes]:
-        for _, payload in self._iterate(self._topics(part)):
+    def _payloads(self, short: str) -> Iterator[bytes]:
+        for _, payload in self._iterate(self._topics(short)):
             yield payload
 
     def _iterate(self, topics: list[str], stamp: int | None = None) -> Iterator[tuple[str, bytes]]:
@@ -138,14 +140,14 @@ class Recording:
     def _read_scans(self) -> Iterator[ScanRecord]:
         start: Any = None
         stripes: list[StripeRecord] = []
-        for topic, payload in self._iterate(self._topics(*_SCAN_PARTS)):
-            part = part_of(topic)
-            body = decode(payload, TYPES[part])
-            if part == "scan/start":
+        for topic, payload in self._iterate(self._topics(*SCAN_PARTS)):
+            short = short_name(topic)
+            body = decode(payload, TYPES[short])
+            if short == "scan/start":
                 if start is not None:
                     yield _make_scan(start, stripes, None)
                 start, stripes = body, []
-            elif start is not None and part == "scan/stripe":
+            elif start is not None and short == "scan/stripe":
                 stripes.append(_make_stripe(body))
             elif start is not None:
                 yield _make_scan(start, stripes, body)
@@ -184,6 +186,6 @@ def open_recording(path: str | Path) -> Recording:
     """Open an MCAP recording.
 
     Raises:
-        RecordingError: The file cannot be read, is no MCAP file, or was cut.
+        RecordingError: the file cannot be read, is no MCAP file, or was cut.
     """
     return Recording(path)

@@ -1,41 +1,43 @@
 """What a recording holds of a scan: frames, stripes, and the scan that they belong to."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from transport.arrays import Array
 from transport.codec import make_header
 from transport.exceptions import MessageError
-from transport.parts import StanceMessage, finite
+from transport.submessages import StanceMessage, finite
 from transport.terrain_message import MODES
 from transport.typestore import COMPRESSED_IMAGE, IMAGE, message_class
 
-CAMERA_FRAME: Final = "camera_optical_frame"
-COMPRESSED_FORMATS: Final = ("jpeg", "png")
+CAMERA_FRAME = "camera_optical_frame"
+COMPRESSED_FORMATS = ("jpeg", "png")
 
-_ENCODINGS: Final = {
+ENCODINGS = {
     ("uint8", 1): "mono8",
     ("uint16", 1): "mono16",
     ("uint8", 3): "bgr8",
     ("uint16", 3): "bgr16",
 }
-_KINDS: Final = {name: kind for kind, name in _ENCODINGS.items()}
+KINDS = {name: kind for kind, name in ENCODINGS.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Frame:
+class FrameRecord:
     """A picture of the camera: either its pixels, or the bytes of a picture file.
 
     Attributes:
         pixels: (h, w) grey or (h, w, 3) BGR, uint8 or uint16, read-only; None for a picture file.
-        data: Bytes of a picture file; None for pixels.
+        data: bytes of a picture file; None for pixels.
         format: "jpeg" or "png"; empty for pixels.
         stamp: [ns] since the epoch.
     """
 
-    pixels: npt.NDArray[Any] | None = None
+    pixels: Array | None = None
     data: bytes | None = None
     format: str = ""
     stamp: int = 0
@@ -44,17 +46,17 @@ class Frame:
         """Check.
 
         Raises:
-            MessageError: Both or none of pixels and data, an unknown format, another shape or dtype.
+            MessageError: both or none of pixels and data, an unknown format, another shape or dtype.
         """
         if (self.pixels is None) == (self.data is None):
             raise MessageError("a frame needs either pixels or the bytes of a picture file, not both or none")
         if self.data is not None and self.format not in COMPRESSED_FORMATS:
             allowed = ", ".join(map(repr, COMPRESSED_FORMATS))
-            raise MessageError(f"format of a frame is {self.format!r}; allowed are {allowed}")
+            raise MessageError(f"format of a frame is {self.format!r}; allowed: {allowed}")
         if self.pixels is not None:
-            if _kind(self.pixels) not in _ENCODINGS or self.pixels.size == 0:
+            if _kind(self.pixels) not in ENCODINGS or self.pixels.size == 0:
                 raise MessageError(
-                    f"pixels of a frame are {self.pixels.dtype} of shape {self.pixels.shape}; allowed are "
+                    f"pixels of a frame are {self.pixels.dtype} of shape {self.pixels.shape}; allowed: "
                     f"uint8 or uint16, (h, w) or (h, w, 3)"
                 )
             pixels = self.pixels.view()
@@ -67,7 +69,7 @@ class FrameReference:
     """Where a frame lies in a recording.
 
     Attributes:
-        topic: Of the frame's message.
+        topic: of the frame's message.
         stamp: [ns] of the frame; no two frames of a topic share one.
     """
 
@@ -80,10 +82,10 @@ class StripeRecord:
     """One stripe of a recorded scan.
 
     Attributes:
-        index: Index in the standard pattern.
+        index: index in the standard pattern.
         mirror_angle: [rad] as commanded.
-        on: Frame with the laser on, None when it was lost.
-        off: Frame with the laser off, None when there is none; stripes may share one.
+        on: frame with the laser on, None when it was lost.
+        off: frame with the laser off, None when there is none; stripes may share one.
         stamp: [ns] since the epoch.
     """
 
@@ -99,15 +101,15 @@ class ScanRecord:
     """A recorded scan.
 
     Attributes:
-        robot: Instance name.
+        robot: instance name.
         mode: "coarse" or "standard".
         stamp: [ns] since the epoch.
-        step: Number of the stance pause.
-        stance: Posture at the start.
-        calibration_hash: Empty when no calibration was used.
-        stance_end: Posture after the scan, None when it was not read.
-        stripes: In the order in which they were taken.
-        is_whole: The recording goes to the end of the scan.
+        step: number of the stance pause.
+        stance: posture at the start.
+        calibration_hash: empty when no calibration was used.
+        stance_end: posture after the scan, None when it was not read.
+        stripes: in the order in which they were taken.
+        is_whole: the recording goes to the end of the scan.
     """
 
     robot: str
@@ -124,20 +126,20 @@ class ScanRecord:
         """Check.
 
         Raises:
-            MessageError: An unknown mode, or a mirror angle that is not finite.
+            MessageError: an unknown mode, or a mirror angle that is not finite.
         """
         if self.mode not in MODES:
-            raise MessageError(f"mode is {self.mode!r}; allowed are {', '.join(map(repr, MODES))}")
+            raise MessageError(f"mode is {self.mode!r}; allowed: {', '.join(map(repr, MODES))}")
         for stripe in self.stripes:
             finite(stripe.mirror_angle, f"mirror_angle of stripe {stripe.index}")
 
 
-def _kind(pixels: npt.NDArray[Any]) -> tuple[str, int]:
+def _kind(pixels: Array) -> tuple[str, int]:
     channels = {2: 1, 3: pixels.shape[-1]}.get(pixels.ndim, 0)
     return str(pixels.dtype), channels if (pixels.ndim, channels) != (3, 1) else 0
 
 
-def make_frame(frame: Frame, stamp: int) -> Any:
+def make_frame(frame: FrameRecord, stamp: int) -> Any:
     """A sensor_msgs/Image or sensor_msgs/CompressedImage message object."""
     header = make_header(stamp, CAMERA_FRAME)
     if frame.pixels is None:
@@ -150,27 +152,27 @@ def make_frame(frame: Frame, stamp: int) -> Any:
         header=header,
         height=height,
         width=width,
-        encoding=_ENCODINGS[_kind(frame.pixels)],
+        encoding=ENCODINGS[_kind(frame.pixels)],
         is_bigendian=0,
         step=pixels.nbytes // height,
         data=pixels.reshape(-1).view(np.uint8),
     )
 
 
-def read_frame(message: Any, stamp: int) -> Frame:
-    """A Frame from a sensor_msgs/Image or sensor_msgs/CompressedImage message object.
+def read_frame(message: Any, stamp: int) -> FrameRecord:
+    """A FrameRecord from a sensor_msgs/Image or sensor_msgs/CompressedImage message object.
 
     Raises:
-        MessageError: An encoding that is not written here, or data that do not fit the size.
+        MessageError: an encoding that is not written here, or data that do not fit the size.
     """
     if message.__msgtype__ == COMPRESSED_IMAGE:
-        return Frame(data=message.data.tobytes(), format=message.format, stamp=stamp)
-    if message.encoding not in _KINDS or message.is_bigendian:
-        raise MessageError(f"encoding of a frame is {message.encoding!r}; allowed are {', '.join(_KINDS)}")
-    dtype, channels = _KINDS[message.encoding]
+        return FrameRecord(data=message.data.tobytes(), format=message.format, stamp=stamp)
+    if message.encoding not in KINDS or message.is_bigendian:
+        raise MessageError(f"encoding of a frame is {message.encoding!r}; allowed: {', '.join(KINDS)}")
+    dtype, channels = KINDS[message.encoding]
     shape = (message.height, message.width, channels)[: 2 if channels == 1 else 3]
     wanted = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
     if message.data.size != wanted:
-        raise MessageError(f"frame of {shape} {dtype} has {message.data.size} bytes; allowed are {wanted}")
+        raise MessageError(f"frame of {shape} {dtype} has {message.data.size} bytes; allowed: {wanted}")
     pixels = message.data.view(np.dtype(dtype).newbyteorder("<")).reshape(shape)
-    return Frame(pixels=pixels.astype(dtype, copy=False), stamp=stamp)
+    return FrameRecord(pixels=pixels.astype(dtype, copy=False), stamp=stamp)

@@ -1,16 +1,18 @@
 """Makes a cut or damaged recording readable again: copies every whole piece into a new file with an index."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from transport.exceptions import RecordingError
 from transport.recording.writer import CHUNK_SIZE
 
-_RECORD_LIMIT: Final = 512 * 1024 * 1024
-"""[byte] Longer records are taken as damage; a chunk has 1 MiB, or one frame of a few MiB."""
+# [byte] Longer records are taken as damage; a chunk has 1 MiB, or one frame of a few MiB.
+RECORD_LIMIT = 512 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,11 +20,11 @@ class Recovery:
     """What came out of a damaged recording.
 
     Attributes:
-        messages: Messages that were saved.
-        attachments: Attachments that were saved.
-        damaged_chunks: Pieces that were whole in length but not in content, and were left out.
+        messages: messages that were saved.
+        attachments: attachments that were saved.
+        damaged_chunks: pieces that were whole in length but not in content, and were left out.
         bytes_lost: [byte] at the end of the file that belong to no whole piece.
-        was_whole: The file had its index and nothing was lost.
+        was_whole: the file had its index and nothing was lost.
     """
 
     messages: int
@@ -52,23 +54,23 @@ def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
     old, new = Path(source), Path(destination)
     if new.exists():
         raise RecordingError(f"{new} exists; give another name, or remove it first")
-    part = new.with_name(f".{new.name}.part")
+    partial = new.with_name(f".{new.name}.part")
     counts = _Counts()
     try:
         size = old.stat().st_size
-        with old.open("rb") as stream, part.open("wb") as output:
+        with old.open("rb") as stream, partial.open("wb") as output:
             writer = Writer(output, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
             writer.start(profile="ros2", library="guara-perception")
             _copy(_records(stream, counts, old), writer, counts)
             writer.finish()
             output.flush()
             os.fsync(output.fileno())
-        part.replace(new)
+        partial.replace(new)
     except OSError as error:
-        part.unlink(missing_ok=True)
+        partial.unlink(missing_ok=True)
         raise RecordingError(f"cannot recover {old} into {new}: {error.strerror or error}") from error
     except RecordingError:
-        part.unlink(missing_ok=True)
+        partial.unlink(missing_ok=True)
         raise
     lost = 0 if counts.ended else size - counts.position
     whole = counts.ended and not counts.damaged
@@ -80,7 +82,7 @@ def _records(stream: Any, counts: _Counts, path: Path) -> Iterator[Any]:
     from mcap.records import Chunk, DataEnd
     from mcap.stream_reader import StreamReader, breakup_chunk
 
-    reader = StreamReader(stream, emit_chunks=True, record_size_limit=_RECORD_LIMIT)
+    reader = StreamReader(stream, emit_chunks=True, record_size_limit=RECORD_LIMIT)
     records = iter(reader.records)
     while True:
         try:

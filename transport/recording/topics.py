@@ -1,7 +1,8 @@
 """Topics of a recording, and the type of each."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import Final
 
 from transport.keys import check_name
 from transport.typestore import (
@@ -14,11 +15,12 @@ from transport.typestore import (
     TERRAIN,
 )
 
-SCAN_START: Final = "guara_msgs/msg/ScanStart"
-STRIPE: Final = "guara_msgs/msg/Stripe"
-SCAN_END: Final = "guara_msgs/msg/ScanEnd"
+SCAN_START = "guara_msgs/msg/ScanStart"
+STRIPE = "guara_msgs/msg/Stripe"
+SCAN_END = "guara_msgs/msg/ScanEnd"
 
-TYPES: Final = {
+# Type of each topic by its short name: what follows `/<robot>/`.
+TYPES = {
     "scan/start": SCAN_START,
     "scan/stripe": STRIPE,
     "scan/end": SCAN_END,
@@ -33,10 +35,9 @@ TYPES: Final = {
     "status": STATUS,
     "stance": STANCE_PAUSE,
 }
-"""Type of each topic, by the part of its name after `/<robot>/`."""
 
-CALIBRATION_NAME: Final = "calibration.json"
-"""Name of the attachment that holds the calibration."""
+# Name of the attachment that holds the calibration.
+CALIBRATION_NAME = "calibration.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +50,13 @@ class Topics:
         """Check the name."""
         check_name(self.robot)
 
-    def name(self, part: str) -> str:
+    def name(self, short: str) -> str:
         """Full name of a topic, as `/guara/scan/start`; KeyError for one that is not in `TYPES`."""
-        if part not in TYPES:
-            raise KeyError(part)
-        return f"/{self.robot}/{part}"
+        if short not in TYPES:
+            raise KeyError(short)
+        return f"/{self.robot}/{short}"
 
 
-def part_of(topic: str) -> str:
-    """The part of a topic's name after the robot's, empty when it has none."""
+def short_name(topic: str) -> str:
+    """A topic's name without the robot's, empty when nothing follows."""
     return topic.lstrip("/").partition("/")[2]

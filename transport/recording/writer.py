@@ -1,27 +1,29 @@
 """Writes a recording while the robot works; what was acknowledged survives a killed process."""
 
+from __future__ import annotations
+
 import os
 import threading
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Self
 
 from transport.codec import encode, make_header, make_time, read_time
 from transport.exceptions import RecordingError
 from transport.keys import DEFAULT_ROBOT
-from transport.part_codec import make_stance
-from transport.parts import StanceMessage
-from transport.recording.records import CAMERA_FRAME, Frame, FrameReference, ScanRecord, make_frame
+from transport.recording.records import CAMERA_FRAME, FrameRecord, FrameReference, ScanRecord, make_frame
 from transport.recording.topics import CALIBRATION_NAME, SCAN_END, SCAN_START, STRIPE, TYPES, Topics
 from transport.stance_pause import StancePause, encode_stance_pause
+from transport.submessage_codec import make_stance
+from transport.submessages import StanceMessage
 from transport.terrain_codec import encode_terrain
 from transport.terrain_message import TerrainMessage
 from transport.typestore import message_class, message_definition
 
-CHUNK_SIZE: Final = 1024 * 1024
-"""[byte] Larger chunks compress no better, and a killed process loses the last one."""
+# [byte] Larger chunks compress no better, and a killed process loses the last one.
+CHUNK_SIZE = 1024 * 1024
 
-_NO_STANCE: Final = StanceMessage(joint_positions={}, support_feet=())
+NO_STANCE = StanceMessage(joint_positions={}, support_feet=())
 
 
 class RecordingWriter:
@@ -43,14 +45,14 @@ class RecordingWriter:
         """Create the file.
 
         Args:
-            path: New file, usually `*.mcap`.
-            robot: Instance name, part of the topics.
-            calibration: Text of `calibration.json`, attached.
-            atomic: Write beside, and give the file its name when it is whole.
-            sync: Also wait for the disk at each acknowledgement, against loss of power.
+            path: new file, usually `*.mcap`.
+            robot: instance name, part of the topics.
+            calibration: text of `calibration.json`, attached.
+            atomic: write beside, and give the file its name when it is whole.
+            sync: also wait for the disk at each acknowledgement, against loss of power.
 
         Raises:
-            RecordingError: The file exists or cannot be written.
+            RecordingError: the file exists or cannot be written.
         """
         from mcap.writer import CompressionType, Writer
 
@@ -58,7 +60,7 @@ class RecordingWriter:
         self._topics = Topics(robot)
         self._atomic = atomic
         self._sync = sync
-        self._place = self.path.with_name(f".{self.path.name}.part") if atomic else self.path
+        self._partial = self.path.with_name(f".{self.path.name}.part") if atomic else self.path
         self._lock = threading.RLock()
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
@@ -69,7 +71,7 @@ class RecordingWriter:
         if self.path.exists():
             raise RecordingError(f"{self.path} exists; give another name, or remove it first")
         try:
-            self._file = self._place.open("wb")
+            self._file = self._partial.open("wb")
         except OSError as error:
             raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
         self._writer = Writer(self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
@@ -101,7 +103,7 @@ class RecordingWriter:
         """Start a scan; its stripes are added one by one, whatever `scan.stripes` holds.
 
         Raises:
-            RecordingError: Another scan is open.
+            RecordingError: another scan is open.
         """
         with self._lock:
             if self._scan is not None:
@@ -117,46 +119,46 @@ class RecordingWriter:
             self._add("scan/start", message, scan.stamp)
             self._scan, self._stripes = scan, 0
 
-    def add_frame(self, frame: Frame, *, laser_on: bool) -> FrameReference:
+    def add_frame(self, frame: FrameRecord, *, laser_on: bool) -> FrameReference:
         """Add a picture, and return the reference to pass to `add_stripe`.
 
         A frame without a stamp gets that of the open scan; stamps are moved by nanoseconds to be unique.
         """
         kind = "on" if laser_on else "off"
-        part = f"camera/{kind}" if frame.pixels is not None else f"camera/{kind}/compressed"
+        short = f"camera/{kind}" if frame.pixels is not None else f"camera/{kind}/compressed"
         with self._lock:
             given = frame.stamp or (self._scan.stamp if self._scan else 0)
-            stamp = max(given, self._stamps.get(part, -1) + 1)
-            self._stamps[part] = stamp
-            self._add(part, make_frame(frame, stamp), stamp)
-            return FrameReference(self._topics.name(part), stamp)
+            stamp = max(given, self._stamps.get(short, -1) + 1)
+            self._stamps[short] = stamp
+            self._add(short, make_frame(frame, stamp), stamp)
+            return FrameReference(self._topics.name(short), stamp)
 
     def add_stripe(
         self,
         index: int,
         mirror_angle: float,
-        on: Frame | FrameReference | None,
-        off: Frame | FrameReference | None = None,
+        on: FrameRecord | FrameReference | None,
+        off: FrameRecord | FrameReference | None = None,
         *,
         stamp: int | None = None,
     ) -> None:
         """Add a stripe of the open scan.
 
         Args:
-            index: Index in the standard pattern.
+            index: index in the standard pattern.
             mirror_angle: [rad] as commanded.
-            on: Picture with the laser on, None when it was lost.
-            off: Picture with the laser off; a reference to share one between stripes.
+            on: picture with the laser on, None when it was lost.
+            off: picture with the laser off; a reference to share one between stripes.
             stamp: [ns]; None takes that of the picture, or of the scan.
 
         Raises:
-            RecordingError: No scan is open.
+            RecordingError: no scan is open.
         """
         with self._lock:
             if self._scan is None:
                 raise RecordingError("no scan is open; call begin_scan first")
-            on_at = self.add_frame(on, laser_on=True) if isinstance(on, Frame) else on
-            off_at = self.add_frame(off, laser_on=False) if isinstance(off, Frame) else off
+            on_at = self.add_frame(on, laser_on=True) if isinstance(on, FrameRecord) else on
+            off_at = self.add_frame(off, laser_on=False) if isinstance(off, FrameRecord) else off
             when = stamp if stamp is not None else (on_at.stamp if on_at else self._scan.stamp)
             message = message_class(STRIPE)(
                 header=make_header(when, CAMERA_FRAME),
@@ -175,7 +177,7 @@ class RecordingWriter:
         """End the open scan; when this returns the scan is safe.
 
         Raises:
-            RecordingError: No scan is open, or the disk is full.
+            RecordingError: no scan is open, or the disk is full.
         """
         with self._lock:
             if self._scan is None:
@@ -186,7 +188,7 @@ class RecordingWriter:
                 step=self._scan.step,
                 stripes=self._stripes,
                 has_stance_end=stance_end is not None,
-                stance_end=make_stance(stance_end or _NO_STANCE),
+                stance_end=make_stance(stance_end or NO_STANCE),
             )
             self._add("scan/end", message, when)
             self._scan = None
@@ -194,28 +196,28 @@ class RecordingWriter:
 
     def add_terrain(self, terrain: TerrainMessage) -> None:
         """Add a grid of either extent; when this returns it is safe."""
-        part = "terrain" if terrain.extent == "footprint" else "map"
-        self._put(part, encode_terrain(terrain), terrain.stamp)
+        short = "terrain" if terrain.extent == "footprint" else "map"
+        self._put(short, encode_terrain(terrain), terrain.stamp)
 
     def add_stance_pause(self, pause: StancePause) -> None:
         """Add the begin or end of a stance pause; when this returns it is safe."""
         self._put("stance", encode_stance_pause(pause), pause.stamp)
 
-    def add_message(self, part: str, message: Any) -> None:
+    def add_message(self, short: str, message: Any) -> None:
         """Add a message object of one of the other topics: "occupancy", "grid_map" or "status".
 
         Raises:
-            RecordingError: Unknown topic, or a message of another type.
+            RecordingError: unknown topic, or a message of another type.
         """
-        if TYPES.get(part) != message.__msgtype__:
-            raise RecordingError(f"topic {part!r} does not take {message.__msgtype__}; topics are {', '.join(TYPES)}")
-        self._put(part, encode(message), read_time(message.header.stamp))
+        if TYPES.get(short) != message.__msgtype__:
+            raise RecordingError(f"topic {short!r} does not take {message.__msgtype__}; topics are {', '.join(TYPES)}")
+        self._put(short, encode(message), read_time(message.header.stamp))
 
     def flush(self) -> None:
         """Hand all that was added to the operating system, and to the disk with `sync`.
 
         Raises:
-            RecordingError: The disk is full or gone.
+            RecordingError: the disk is full or gone.
         """
         with self._lock:
             self._check_open()
@@ -230,7 +232,7 @@ class RecordingWriter:
         """Write the index, and give an atomic file its name; safe to call twice.
 
         Raises:
-            RecordingError: The disk is full or gone.
+            RecordingError: the disk is full or gone.
         """
         with self._lock:
             if self._closed:
@@ -242,7 +244,7 @@ class RecordingWriter:
                 os.fsync(self._file.fileno())
                 self._file.close()
                 if self._atomic:
-                    self._place.replace(self.path)
+                    self._partial.replace(self.path)
             except OSError as error:
                 raise RecordingError(f"cannot finish {self.path}: {error.strerror}") from error
 
@@ -250,33 +252,33 @@ class RecordingWriter:
         with self._lock:
             self._closed = True
             self._file.close()
-            self._place.unlink(missing_ok=True)
+            self._partial.unlink(missing_ok=True)
 
     def _check_open(self) -> None:
         if self._closed:
             raise RecordingError(f"the recording {self.path} is closed")
 
-    def _put(self, part: str, payload: bytes | bytearray, stamp: int) -> None:
+    def _put(self, short: str, payload: bytes | bytearray, stamp: int) -> None:
         with self._lock:
-            self._add_payload(part, payload, stamp)
+            self._add_payload(short, payload, stamp)
             self.flush()
 
-    def _add(self, part: str, message: Any, stamp: int) -> None:
-        self._add_payload(part, encode(message), stamp)
+    def _add(self, short: str, message: Any, stamp: int) -> None:
+        self._add_payload(short, encode(message), stamp)
 
-    def _add_payload(self, part: str, payload: bytes | bytearray, stamp: int) -> None:
+    def _add_payload(self, short: str, payload: bytes | bytearray, stamp: int) -> None:
         self._check_open()
         try:
-            self._writer.add_message(self._channel(part), stamp, bytes(payload), stamp)
+            self._writer.add_message(self._channel(short), stamp, bytes(payload), stamp)
         except OSError as error:
             raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
 
-    def _channel(self, part: str) -> int:
-        if part not in self._channels:
-            name = TYPES[part]
+    def _channel(self, short: str) -> int:
+        if short not in self._channels:
+            name = TYPES[short]
             if name not in self._schemas:
                 text = message_definition(name).encode()
                 self._schemas[name] = self._writer.register_schema(name, "ros2msg", text)
-            topic = self._topics.name(part)
-            self._channels[part] = self._writer.register_channel(topic, "cdr", self._schemas[name])
-        return self._channels[part]
+            topic = self._topics.name(short)
+            self._channels[short] = self._writer.register_channel(topic, "cdr", self._schemas[name])
+        return self._channels[short]

@@ -10,7 +10,7 @@ from guara_perception.app.files.scan_folder_writer import ScanFolderWriter
 from guara_perception.app.node.recorder import stance_message
 from guara_perception.exceptions import InvalidInput
 from guara_perception.scan import Scan
-from transport.recording import Frame, FrameReference, RecordingWriter, ScanRecord
+from transport.recording import FrameRecord, FrameReference, RecordingWriter, ScanRecord
 
 Progress = Callable[[int, int], None]
 
@@ -59,10 +59,10 @@ def _write_recording(scans: list[Scan], target: Path, progress: Progress | None)
             for done, (stripe, on, off) in enumerate(scan.frames(), start=1):
                 stamp = stripe.stamp or scan.stamp
                 if stripe.off is not None and off is not None and stripe.off not in shared:
-                    shared[stripe.off] = writer.add_frame(Frame(pixels=off, stamp=stamp), laser_on=False)
+                    shared[stripe.off] = writer.add_frame(FrameRecord(pixels=off, stamp=stamp), laser_on=False)
                 reference = None if stripe.off is None else shared[stripe.off]
                 writer.add_stripe(
-                    stripe.index, stripe.mirror_angle, Frame(pixels=on, stamp=stamp), reference, stamp=stamp
+                    stripe.index, stripe.mirror_angle, FrameRecord(pixels=on, stamp=stamp), reference, stamp=stamp
                 )
                 if progress is not None:
                     progress(done, len(scan.stripes))

@@ -16,7 +16,7 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import to_json
 from kinematics import Stance
 from transport import StanceMessage, TerrainMessage, TransportError
-from transport.recording import Frame, FrameReference, RecordingWriter, ScanRecord
+from transport.recording import FrameRecord, FrameReference, RecordingWriter, ScanRecord
 
 if TYPE_CHECKING:
     from drivers import StripeCapture
@@ -132,12 +132,12 @@ class ScanRecording:
         except (TransportError, OSError) as error:
             self._error = error
 
-    def _frame(self, pixels: Image, stamp: int) -> Frame:
+    def _frame(self, pixels: Image, stamp: int) -> FrameRecord:
         if self._quality is None:
-            return Frame(pixels=pixels, stamp=stamp)
+            return FrameRecord(pixels=pixels, stamp=stamp)
         # 4:4:4, since the red stripe lives in the colour planes that 4:2:0 would halve.
         options = (cv2.IMWRITE_JPEG_QUALITY, self._quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, JPEG_444)
-        return Frame(data=cv2.imencode(".jpg", pixels, options)[1].tobytes(), format="jpeg", stamp=stamp)
+        return FrameRecord(data=cv2.imencode(".jpg", pixels, options)[1].tobytes(), format="jpeg", stamp=stamp)
 
     def finish(self, terrains: tuple[TerrainMessage, ...], stance_end: Stance | None) -> None:
         """End the scan and add its grids; when this returns they are safe.

@@ -74,12 +74,12 @@ def test_old_grid_is_stale(node, client: gp.TerrainClient):
     node.tell("publish 10 100")
     client.wait_for_step(10, timeout=30)
     assert client.latest().step == 10
-    with pytest.raises(gp.StaleTerrain, match=r"step 10\) is 1\d\d\.\d+ s old; allowed is 50 s"):
+    with pytest.raises(gp.StaleTerrain, match=r"step 10\) is 1\d\d\.\d+ s old; allowed: 50 s"):
         client.latest(max_age=50)
     assert client.latest(max_age=1000).step == 10
     node.tell("publish 11 5000")
     client.wait_for_step(11, timeout=30)
-    with pytest.raises(gp.StaleTerrain, match="allowed is 420 s.*ask for a scan"):
+    with pytest.raises(gp.StaleTerrain, match="allowed: 420 s.*ask for a scan"):
         client.latest()
 
 
@@ -93,7 +93,7 @@ def test_grid_of_many_pauses_ago_is_stale(node, client: gp.TerrainClient, eventu
         try:
             client.latest()
         except gp.StaleTerrain as error:
-            return "50 pauses old; allowed are 40" in str(error)
+            return "50 pauses old; allowed: 40" in str(error)
         return False
 
     assert eventually(is_stale)

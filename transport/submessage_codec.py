@@ -1,13 +1,15 @@
-"""The shared parts (stance, transform, outlines) as ROS 2 message objects, and back."""
+"""The shared submessages (stance, transform, outlines) as ROS 2 message objects, and back."""
+
+from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from transport.arrays import Float
 from transport.exceptions import MessageError
-from transport.parts import GroundPatch, ObstacleMessage, Point, StanceMessage, TransformMessage
 from transport.rotation import matrix_from_quaternion, quaternion_from_matrix
+from transport.submessages import GroundPatch, ObstacleMessage, Point, StanceMessage, TransformMessage
 from transport.typestore import message_class
 
 
@@ -16,12 +18,12 @@ def make_point(x: float, y: float, z: float) -> Any:
     return message_class("geometry_msgs/msg/Point")(float(x), float(y), float(z))
 
 
-def make_outline(outline: npt.NDArray[np.float64]) -> list[Any]:
+def make_outline(outline: Float) -> list[Any]:
     """A list of geometry_msgs/Point from (n, 2) corners, z = 0."""
     return [make_point(x, y, 0.0) for x, y in outline.tolist()]
 
 
-def read_outline(points: list[Any]) -> npt.NDArray[np.float64]:
+def read_outline(points: list[Any]) -> Float:
     """(n, 2) corners from a list of geometry_msgs/Point."""
     return np.array([(point.x, point.y) for point in points], dtype=np.float64).reshape(-1, 2)
 
@@ -40,7 +42,7 @@ def read_stance(message: Any) -> StanceMessage:
     """A StanceMessage from a guara_msgs/Stance.
 
     Raises:
-        MessageError: Names and positions differ in number, a name comes twice, or a number is not finite.
+        MessageError: names and positions differ in number, a name comes twice, or a number is not finite.
     """
     names, positions = message.joint_names, message.joint_positions.tolist()
     if len(names) != len(positions):
@@ -74,7 +76,7 @@ def read_transform(message: Any) -> TransformMessage:
     """A TransformMessage from a guara_msgs/FrameTransform.
 
     Raises:
-        MessageError: No unit quaternion, a covariance of another length than 0 or 36, or numbers not finite.
+        MessageError: no unit quaternion, a covariance of another length than 0 or 36, or numbers not finite.
     """
     name = f"transform_{message.source_frame}_to_{message.destination_frame}"
     rotation, translation = message.transform.rotation, message.transform.translation
@@ -82,7 +84,7 @@ def read_transform(message: Any) -> TransformMessage:
     matrix[:3, :3] = matrix_from_quaternion((rotation.x, rotation.y, rotation.z, rotation.w), name)
     matrix[:3, 3] = translation.x, translation.y, translation.z
     if len(message.covariance) not in (0, 36):
-        raise MessageError(f"covariance of {name} has {len(message.covariance)} numbers; allowed are 0 or 36")
+        raise MessageError(f"covariance of {name} has {len(message.covariance)} numbers; allowed: 0 or 36")
     return TransformMessage(
         source_frame=message.source_frame,
         destination_frame=message.destination_frame,
@@ -106,7 +108,7 @@ def read_obstacle(message: Any) -> ObstacleMessage:
     """An ObstacleMessage from a guara_msgs/Obstacle.
 
     Raises:
-        MessageError: A number is not finite.
+        MessageError: a number is not finite.
     """
     return ObstacleMessage(
         outline=read_outline(message.outline),
@@ -126,6 +128,6 @@ def read_ground(message: Any) -> GroundPatch:
     """A GroundPatch from a guara_msgs/GroundPatch.
 
     Raises:
-        MessageError: Fewer than three corners, or a number is not finite.
+        MessageError: fewer than three corners, or a number is not finite.
     """
     return GroundPatch(outline=read_outline(message.outline), height=message.height, sigma=message.sigma)

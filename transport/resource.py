@@ -1,12 +1,14 @@
 """What everything that is declared in a session has in common: it is closed once, with the session at the latest."""
 
+from __future__ import annotations
+
 import threading
 from abc import ABC, abstractmethod
 
 from transport.session import Session
 
 
-class Part(ABC):
+class Resource(ABC):
     """Something declared in a session. Subclasses say in `_release` what to do when it is closed."""
 
     def __init__(self, session: Session) -> None:

@@ -1,4 +1,6 @@
-"""Parts that several messages share: stance, transform, obstacle, declared ground; checked when made."""
+"""Messages within messages, shared by several: stance, transform, obstacle, declared ground; checked when made."""
+
+from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,18 +10,19 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
+from transport.arrays import Float
 from transport.exceptions import MessageError
 
 Point = tuple[float, float, float]
 
-_IDENTITY = np.eye(3)
+IDENTITY = np.eye(3)
 
 
 def finite(value: float, what: str) -> float:
-    """Return `value` as a float if it is a finite number.
+    """`value` as a float if it is a finite number.
 
     Raises:
-        MessageError: It is not.
+        MessageError: it is not.
     """
     try:
         number = float(value)
@@ -30,11 +33,11 @@ def finite(value: float, what: str) -> float:
     return number
 
 
-def read_only(array: npt.ArrayLike, shape: tuple[int | None, ...], what: str) -> npt.NDArray[np.float64]:
+def checked_array(array: npt.ArrayLike, shape: tuple[int | None, ...], what: str) -> Float:
     """A finite float64 copy of `array`, read-only; None in `shape` stands for any length.
 
     Raises:
-        MessageError: Another shape, or a value that is not finite.
+        MessageError: another shape, or a value that is not finite.
     """
     try:
         copy = np.array(array, dtype=np.float64)
@@ -42,14 +45,14 @@ def read_only(array: npt.ArrayLike, shape: tuple[int | None, ...], what: str) ->
         raise MessageError(f"{what} is not an array of numbers: {error}") from error
     if copy.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, copy.shape, strict=True)):
         wanted = ", ".join("n" if n is None else str(n) for n in shape)
-        raise MessageError(f"{what} has shape {copy.shape}; allowed is ({wanted})")
+        raise MessageError(f"{what} has shape {copy.shape}; allowed: ({wanted})")
     if not np.isfinite(copy).all():
         raise MessageError(f"{what} holds NaN or infinity; finite numbers are needed")
     copy.setflags(write=False)
     return copy
 
 
-def _determinant(m: npt.NDArray[np.float64]) -> float:
+def _determinant(m: Float) -> float:
     """Of a 3 x 3 matrix; by hand, because this runs for every grid that arrives."""
     (a, b, c), (d, e, f), (g, h, i) = m.tolist()
     return float(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
@@ -61,8 +64,8 @@ class StanceMessage:
 
     Attributes:
         joint_positions: [rad] by joint name, read-only.
-        support_feet: Names of the legs that carry weight.
-        gravity_in_base: Direction of gravity in `base_link`, pointing down, any length; None when unknown.
+        support_feet: names of the legs that carry weight.
+        gravity_in_base: direction of gravity in `base_link`, pointing down, any length; None when unknown.
     """
 
     joint_positions: Mapping[str, float]
@@ -75,7 +78,7 @@ class StanceMessage:
         object.__setattr__(self, "joint_positions", MappingProxyType(joints))
         object.__setattr__(self, "support_feet", tuple(str(foot) for foot in self.support_feet))
         if self.gravity_in_base is not None:
-            gravity = read_only(self.gravity_in_base, (3,), "gravity_in_base")
+            gravity = checked_array(self.gravity_in_base, (3,), "gravity_in_base")
             object.__setattr__(self, "gravity_in_base", tuple(gravity.tolist()))
 
 
@@ -84,8 +87,8 @@ class TransformMessage:
     """A transform between two frames: `transform_<source_frame>_to_<destination_frame>`.
 
     Attributes:
-        source_frame: For example `base_link`.
-        destination_frame: For example `base_footprint`.
+        source_frame: for example `base_link`.
+        destination_frame: for example `base_footprint`.
         matrix: (4, 4) float64, a rotation and a translation [m], read-only.
         covariance: (6, 6) float64 in the order x, y, z, roll, pitch, yaw [m, rad], read-only; None if
             unknown.
@@ -93,23 +96,23 @@ class TransformMessage:
 
     source_frame: str
     destination_frame: str
-    matrix: npt.NDArray[np.float64]
-    covariance: npt.NDArray[np.float64] | None = None
+    matrix: Float
+    covariance: Float | None = None
 
     def __post_init__(self) -> None:
         """Copy and check."""
         name = f"transform_{self.source_frame}_to_{self.destination_frame}"
-        matrix = read_only(self.matrix, (4, 4), name)
+        matrix = checked_array(self.matrix, (4, 4), name)
         rotation = matrix[:3, :3]
         if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
-            raise MessageError(f"{name} has the last row {matrix[3].tolist()}; allowed is [0, 0, 0, 1]")
+            raise MessageError(f"{name} has the last row {matrix[3].tolist()}; allowed: [0, 0, 0, 1]")
         # 1e-6: far above rounding, far below any angle that matters (1 um at 1 m).
-        error = np.abs(rotation @ rotation.T - _IDENTITY).max()
+        error = np.abs(rotation @ rotation.T - IDENTITY).max()
         if error > 1e-6 or _determinant(rotation) < 0.0:
             raise MessageError(f"{name} does not hold a rotation in its upper left 3 x 3 part")
         object.__setattr__(self, "matrix", matrix)
         if self.covariance is not None:
-            covariance = read_only(self.covariance, (6, 6), f"covariance of {name}")
+            covariance = checked_array(self.covariance, (6, 6), f"covariance of {name}")
             object.__setattr__(self, "covariance", covariance)
 
 
@@ -122,10 +125,10 @@ class ObstacleMessage:
         height: [m] above its surroundings; negative for a hole.
         position: [m] centre; z is its top, or the bottom of a hole.
         sigma: [m] standard deviation of the height.
-        hazard: Union of the hazard flags of its cells, 0 ... 65535.
+        hazard: union of the hazard flags of its cells, 0 ... 65535.
     """
 
-    outline: npt.NDArray[np.float64]
+    outline: Float
     height: float
     position: Point
     sigma: float
@@ -133,13 +136,13 @@ class ObstacleMessage:
 
     def __post_init__(self) -> None:
         """Copy and check."""
-        object.__setattr__(self, "outline", read_only(self.outline, (None, 2), "outline of an obstacle"))
+        object.__setattr__(self, "outline", checked_array(self.outline, (None, 2), "outline of an obstacle"))
         object.__setattr__(self, "height", finite(self.height, "height of an obstacle"))
-        position = read_only(self.position, (3,), "position of an obstacle")
+        position = checked_array(self.position, (3,), "position of an obstacle")
         object.__setattr__(self, "position", tuple(position.tolist()))
         object.__setattr__(self, "sigma", finite(self.sigma, "sigma of an obstacle"))
         if not 0 <= int(self.hazard) < 2**16:
-            raise MessageError(f"hazard of an obstacle is {self.hazard}; allowed are 0 to 65535")
+            raise MessageError(f"hazard of an obstacle is {self.hazard}; allowed: 0 to 65535")
         object.__setattr__(self, "hazard", int(self.hazard))
 
 
@@ -153,20 +156,20 @@ class GroundPatch:
         sigma: [m] standard deviation of the height.
     """
 
-    outline: npt.NDArray[np.float64]
+    outline: Float
     height: float
     sigma: float
 
     def __post_init__(self) -> None:
         """Copy and check."""
-        outline = read_only(self.outline, (None, 2), "outline of known ground")
+        outline = checked_array(self.outline, (None, 2), "outline of known ground")
         if len(outline) < 3:
             raise MessageError(f"outline of known ground has {len(outline)} corners; at least 3 are needed")
         object.__setattr__(self, "outline", outline)
         object.__setattr__(self, "height", finite(self.height, "height of known ground"))
         sigma = finite(self.sigma, "sigma of known ground")
         if sigma < 0.0:
-            raise MessageError(f"sigma of known ground is {sigma}; allowed is 0 or more")
+            raise MessageError(f"sigma of known ground is {sigma}; allowed: 0 or more")
         object.__setattr__(self, "sigma", sigma)
 
 
@@ -174,7 +177,7 @@ def texts(values: Sequence[str], what: str) -> tuple[str, ...]:
     """The values as a tuple of text.
 
     Raises:
-        MessageError: A single text was given where a list is needed.
+        MessageError: a single text was given where a list is needed.
     """
     if isinstance(values, str):
         raise MessageError(f"{what} is the text {values!r}; a list of texts is needed")

@@ -1,0 +1,13 @@
+"""Names for the types of arrays, for all of this package; shapes and units stand where they are used."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[Any]
+Float = npt.NDArray[np.float64]
+# Occupancy, 0 ... 100, and -1 for unknown.
+Percent = npt.NDArray[np.int8]
