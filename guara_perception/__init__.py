@@ -5,13 +5,18 @@ Public names are loaded when first used, so that importing the package costs lit
 
 from __future__ import annotations
 
+import functools
 import importlib
+import importlib.util
+import os
+import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from guara_perception.app.calibrate import calibrate
     from guara_perception.app.client import TerrainClient
     from guara_perception.app.files.open_scan import open_scan
+    from guara_perception.app.files.recording import Recording, open_recording
     from guara_perception.calibration.calibration import Calibration, StripePlane
     from guara_perception.calibration.camera import CameraModel
     from guara_perception.calibration.drift import Drift, check_drift
@@ -82,6 +87,7 @@ __all__ = [
     "PerceptionError",
     "Reason",
     "ReceiveTimeout",
+    "Recording",
     "RobotModel",
     "Scan",
     "ScanBusy",
@@ -113,6 +119,7 @@ __all__ = [
     "load_calibration",
     "load_robot",
     "load_terrain",
+    "open_recording",
     "open_scan",
     "process_scan",
     "refined",
@@ -141,6 +148,7 @@ _MODULES = {
     "PerceptionError": "guara_perception.exceptions",
     "Reason": "guara_perception.terrain.layers.reason",
     "ReceiveTimeout": "transport.exceptions",
+    "Recording": "guara_perception.app.files.recording",
     "RobotModel": "kinematics",
     "Scan": "guara_perception.scan",
     "ScanBusy": "transport.exceptions",
@@ -172,6 +180,7 @@ _MODULES = {
     "load_calibration": "guara_perception.calibration.file",
     "load_robot": "kinematics",
     "load_terrain": "guara_perception.terrain.file",
+    "open_recording": "guara_perception.app.files.recording",
     "open_scan": "guara_perception.app.files.open_scan",
     "process_scan": "guara_perception.process",
     "refined": "guara_perception.terrain.scan.refined",
@@ -183,6 +192,7 @@ def __getattr__(name: str) -> Any:
     """Load a public name from its module."""
     if name not in _MODULES:
         raise AttributeError(f"guara_perception has no name {name!r}; it has {', '.join(sorted(_MODULES))}")
+    _refuse_hidden_packages()
     value = getattr(importlib.import_module(_MODULES[name]), name)
     globals()[name] = value
     return value
@@ -191,3 +201,15 @@ def __getattr__(name: str) -> Any:
 def __dir__() -> list[str]:
     """Public names for completion."""
     return sorted([*globals(), *_MODULES])
+
+
+@functools.cache
+def _refuse_hidden_packages() -> None:
+    """Say so where a file of the user's own hides a package that this one needs, instead of failing in its midst."""
+    home = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    for package in ("kinematics", "transport"):
+        loaded = sys.modules.get(package)
+        spec = importlib.util.find_spec(package) if loaded is None else loaded.__spec__
+        file = getattr(loaded, "__file__", None) or (None if spec is None else spec.origin)
+        if file is not None and not os.path.abspath(file).startswith(os.path.join(home, package) + os.sep):
+            raise ImportError(f"{file} is in the way of guara_perception's own package `{package}`: rename that file")

@@ -5,9 +5,11 @@ from __future__ import annotations
 import dataclasses
 import logging
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from guara_perception.calibration.calibration import Calibration, format_indices
+from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import CalibrationMismatch, FileFormatError, InvalidInput, MissingFile
 from guara_perception.ranging.range_images import range_images
 from guara_perception.scan import FrameReader, Scan
@@ -25,9 +27,9 @@ MIRROR_TOLERANCE = 5e-4
 
 
 def process_scan(
-    scan: Scan,
-    calibration: Calibration,
-    robot: RobotModel,
+    scan: Scan | str | Path,
+    calibration: Calibration | str | Path | None = None,
+    robot: RobotModel | str | Path | None = None,
     method: str = "precise",
     resolution: float | None = None,
     *,
@@ -38,9 +40,10 @@ def process_scan(
     """Process a recorded scan.
 
     Args:
-        scan: from `open_scan`.
-        calibration: of the rangefinder that recorded it.
-        robot: model of the robot that carried it.
+        scan: from `open_scan`, or the path of a folder or .mcap file with one scan.
+        calibration: of the rangefinder that recorded it, or the path of its file; None = the one that the folder or
+            recording carries, where `scan` is a path.
+        robot: model of the robot that carried it, or its name or folder; None = the one that the scan names.
         method: one of `guara_perception.methods.METHODS`.
         resolution: cell edge [m]; None = the robot's default.
         pictures: also draw the range images (`terrain.pictures`).
@@ -52,13 +55,43 @@ def process_scan(
 
     Raises:
         CalibrationMismatch: robot, stripes or picture size of scan and calibration do not belong together.
-        InvalidInput: unknown method, bad resolution, a stance or a stripe index that does not fit the robot; with
-            `strict` a frame that cannot be used.
-        MissingFile, FileFormatError: a frame cannot be read, with `strict`; otherwise only when none can.
+        InvalidInput: no calibration; unknown method, bad resolution, a stance or a stripe index that does not fit the
+            robot; with `strict` a frame that cannot be used.
+        MissingFile, FileFormatError: a file of the three is not there or not valid; a frame cannot be read, with
+            `strict`; otherwise only when none can.
+        kinematics.KinematicsError: no such robot.
     """
+    if not isinstance(calibration, Calibration):
+        calibration = _calibration(scan, calibration)
+    if not isinstance(scan, Scan):
+        scan = _scan(scan)
+    if robot is None or isinstance(robot, str | Path):
+        robot = _robot(scan.robot if robot is None else robot)
     processor = run_scan(scan, calibration, robot, method, resolution, strict=strict, progress=progress)
     terrain = processor.finish()
     return with_pictures(terrain, processor) if pictures else terrain
+
+
+def _calibration(scan: Scan | str | Path, given: str | Path | None) -> Calibration:
+    from guara_perception.app.files.scan_calibration import calibration_for
+
+    if isinstance(scan, Scan):
+        if given is None:
+            raise InvalidInput(f"{scan.source}: give its calibration; only a path can be searched for one")
+        return load_calibration(given)
+    return calibration_for(scan, given)
+
+
+def _scan(path: str | Path) -> Scan:
+    from guara_perception.app.files.open_scan import open_scan
+
+    return open_scan(path)
+
+
+def _robot(name: str | Path) -> RobotModel:
+    from kinematics import load_robot
+
+    return load_robot(name)
 
 
 def with_pictures(terrain: TerrainGrid, processor: ScanProcessor) -> TerrainGrid:

@@ -23,16 +23,16 @@ class ConfigurationError(TransportError, ValueError):
     """Settings that contradict one another or are not safe, such as an open port without security."""
 
 
-class ConnectionFailed(TransportError, ConnectionError):
-    """The session could not be opened; the message lists what to check."""
-
-
 class SessionClosed(TransportError, RuntimeError):
     """The session was used after it had been closed."""
 
 
 class ScannerUnavailable(TransportError, ConnectionError):
     """No scanner answers: none is running, or this side may not read or trigger it."""
+
+
+class ConnectionFailed(ScannerUnavailable):
+    """The session could not be opened: nobody listens there; the message lists what to check."""
 
 
 class ScannerGone(TransportError, ConnectionError):

@@ -160,6 +160,7 @@ class TerrainGrid(LayeredGrid):
         """Write the grid to an .npz file; `load_terrain` reads it back.
 
         Raises:
+            InvalidInput: the name does not end in .npz.
             MissingFile: the folder does not exist.
         """
         save_terrain(self, path)

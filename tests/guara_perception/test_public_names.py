@@ -85,3 +85,20 @@ def test_errors_come_from_one_root_and_from_the_builtin_that_fits():
         assert issubclass(getattr(gp, name), (gp.PerceptionError)) and issubclass(getattr(gp, name), ValueError)
     assert issubclass(gp.MissingFile, gp.PerceptionError) and issubclass(gp.MissingFile, FileNotFoundError)
     assert issubclass(gp.CalibrationRefused, RuntimeError) and issubclass(gp.UnsafeGrid, RuntimeError)
+
+
+@pytest.mark.parametrize("name", ["kinematics", "transport"])
+@pytest.mark.parametrize("first", ["", "import {name}; "])
+def test_a_file_of_the_users_own_in_the_way_is_named(tmp_path: Path, name: str, first: str):
+    """A user's `kinematics.py` beside his script hides the package; the error says which file, not a riddle."""
+    (tmp_path / f"{name}.py").write_text("gravity = 9.81\n")
+    (tmp_path / "user.py").write_text(f"{first.format(name=name)}import guara_perception as gp\ngp.open_scan\n")
+    done = subprocess.run([sys.executable, "user.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert f"ImportError: {tmp_path / name}.py is in the way of guara_perception's own package `{name}`" in done.stderr
+
+
+def test_no_node_is_scanner_unavailable():
+    """Whoever catches ScannerUnavailable also catches that nobody listens at the endpoint."""
+    assert issubclass(gp.ConnectionFailed, gp.ScannerUnavailable)
+    with pytest.raises(gp.ScannerUnavailable, match="127.0.0.1:9"):
+        gp.TerrainClient("tcp/127.0.0.1:9", timeout=0.5)

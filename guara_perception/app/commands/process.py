@@ -12,7 +12,7 @@ from guara_perception.exceptions import InvalidInput
 
 @click.command(name="process")
 @click.argument("scan", type=click.Path(path_type=Path))
-@click.option("-c", "--calibration", required=True, type=click.Path(path_type=Path), help="calibration.json")
+@click.option("-c", "--calibration", type=click.Path(path_type=Path), help="calibration.json; default: the scan's own")
 @click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="grid file to write, .npz")
 @click.option(
     "--method",
@@ -27,7 +27,7 @@ from guara_perception.exceptions import InvalidInput
 @click.option("--keep-going", is_flag=True, help="leave a frame that cannot be used unknown instead of refusing")
 def command(
     scan: Path,
-    calibration: Path,
+    calibration: Path | None,
     out: Path,
     method: str,
     resolution: float | None,
@@ -45,8 +45,8 @@ def command(
       guara process scans/paper -c calibration.json -o paper.npz --figures pictures
     """
     from guara_perception.app.files.open_scan import open_scan
+    from guara_perception.app.files.scan_calibration import calibration_for
     from guara_perception.app.summary import summary
-    from guara_perception.calibration.file import load_calibration
     from guara_perception.methods import METHODS
     from guara_perception.process import run_scan, with_pictures
     from guara_perception.terrain.questions.save import save_terrain
@@ -63,7 +63,7 @@ def command(
         if name not in METHODS:
             raise InvalidInput(f"--method holds {name!r}, allowed: {', '.join(METHODS)}, several with commas between")
     recorded = open_scan(scan, step)
-    calibrated = load_calibration(calibration)
+    calibrated = calibration_for(scan, calibration)
     try:
         model = load_robot(robot if robot is not None else recorded.robot)
     except RobotNotFound as error:

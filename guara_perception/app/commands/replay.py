@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @click.command(name="replay")
 @click.argument("scans", nargs=-1, required=True, metavar="SCAN...", type=click.Path(path_type=Path))
-@click.option("-c", "--calibration", required=True, type=click.Path(path_type=Path), help="calibration.json")
+@click.option("-c", "--calibration", type=click.Path(path_type=Path), help="calibration.json; default: the scan's own")
 @click.option(
     "--extent", default="footprint,map", show_default=True, help="which grids to give: footprint, map or both"
 )
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 @click.option("--robot", help="name or folder of the robot; default: the scans'")
 def command(
     scans: tuple[Path, ...],
-    calibration: Path,
+    calibration: Path | None,
     extent: str,
     out: Path | None,
     publish: bool,
@@ -56,9 +56,9 @@ def command(
       guara replay scans/a scans/b -c calibration.json --extent map --publish
     """
     from guara_perception.app.files.open_scan import open_scans
+    from guara_perception.app.files.scan_calibration import calibration_for
     from guara_perception.app.node.walk_map import WalkMap
     from guara_perception.app.summary import summary
-    from guara_perception.calibration.file import load_calibration
     from guara_perception.process import process_scan
     from guara_perception.terrain.layers.layered_grid import EXTENTS
     from guara_perception.terrain.questions.save import save_terrain
@@ -72,7 +72,7 @@ def command(
         raise InvalidInput(f"--out is {out}, a file; the grids need a folder")
     if not publish and (listen or connect or security):
         raise InvalidInput("--listen, --connect and --security say where to publish: give --publish too")
-    calibrated = load_calibration(calibration)
+    calibrated = calibration_for(scans[0], calibration)
     # Of a pause that holds two scans, the coarse one and the same with the stripes between, the later has more.
     walk = [scan for path in scans for scan in {scan.step: scan for scan in open_scans(path)}.values()]
     model = load_robot(robot or walk[0].robot)

@@ -78,7 +78,13 @@ def command(
         for problem in scan.problems:
             click.echo(problem, err=True)
         writer.finish(
-            robot=model.name, mode=mode, stamp=stamp, step=0, stance=standing, calibration_hash=calibrated.hash
+            robot=model.name,
+            mode=mode,
+            stamp=stamp,
+            step=0,
+            stance=standing,
+            calibration_hash=calibrated.hash,
+            calibration=calibrated,
         )
     terrain = with_pictures(processor.finish(), processor)
     click.echo(f"{out}: {summary(terrain)}")

@@ -6,8 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from guara_perception.app.files.open_scan import open_scan, open_scans
+from guara_perception.app.files.scan_calibration import carried_calibration
 from guara_perception.app.files.scan_folder_writer import ScanFolderWriter
 from guara_perception.app.node.recorder import stance_message
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.file import to_json
 from guara_perception.exceptions import InvalidInput
 from guara_perception.scan import Scan
 from transport.recording import FrameRecord, FrameReference, RecordingWriter, ScanRecord
@@ -36,14 +39,17 @@ def convert(
     if source.is_dir() == (target.suffix != ".mcap"):
         raise InvalidInput(f"{source} -> {target}: one must be a folder and the other end in .mcap")
     if source.is_dir():
-        _write_recording(open_scans(source), target, progress)
+        _write_recording(open_scans(source), carried_calibration(source), target, progress)
     else:
-        _write_folder(open_scan(source, step), target, progress)
+        _write_folder(open_scan(source, step), carried_calibration(source), target, progress)
     return target
 
 
-def _write_recording(scans: list[Scan], target: Path, progress: Progress | None) -> None:
-    with RecordingWriter(target, robot=scans[0].robot, atomic=True) as writer:
+def _write_recording(
+    scans: list[Scan], calibration: Calibration | None, target: Path, progress: Progress | None
+) -> None:
+    text = None if calibration is None else to_json(calibration).encode()
+    with RecordingWriter(target, robot=scans[0].robot, calibration=text, atomic=True) as writer:
         for scan in scans:
             writer.begin_scan(
                 ScanRecord(
@@ -70,7 +76,7 @@ def _write_recording(scans: list[Scan], target: Path, progress: Progress | None)
             writer.end_scan(stance_end=end, stamp=scan.stamp)
 
 
-def _write_folder(scan: Scan, target: Path, progress: Progress | None) -> None:
+def _write_folder(scan: Scan, calibration: Calibration | None, target: Path, progress: Progress | None) -> None:
     with ScanFolderWriter(target) as writer:
         for done, (stripe, on, off) in enumerate(scan.frames(), start=1):
             writer.add(stripe.index, stripe.mirror_angle, on, off, off_key=stripe.off, stamp=stripe.stamp)
@@ -84,4 +90,5 @@ def _write_folder(scan: Scan, target: Path, progress: Progress | None) -> None:
             stance=scan.stance,
             stance_end=scan.stance_end,
             calibration_hash=scan.calibration_hash,
+            calibration=calibration,
         )

@@ -37,6 +37,11 @@ def open_scan_folder(folder: str | Path) -> Scan:
     stripes = tuple(_stripe(item) for item in fields.items("stripes"))
     for stripe in stripes:
         for name in (stripe.on, stripe.off):
+            if name is not None and (Path(name).is_absolute() or ".." in Path(name).parts):
+                raise FileFormatError(
+                    f"{folder / SCAN_FILE}: stripe index {stripe.index} names frame {name}; allowed: a path inside the "
+                    f"folder"
+                )
             if name is not None and not (folder / name).is_file():
                 raise MissingFile(
                     f"{folder / SCAN_FILE}: stripe index {stripe.index} names frame {name}, it is not there"

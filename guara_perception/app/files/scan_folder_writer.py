@@ -11,8 +11,11 @@ from typing import TYPE_CHECKING, Self
 
 import cv2
 
+from guara_perception.app.files.scan_calibration import CALIBRATION_FILE
 from guara_perception.app.files.scan_folder import FORMAT, SCAN_FILE
 from guara_perception.arrays import Image
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.file import save_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput
 
 if TYPE_CHECKING:
@@ -96,8 +99,9 @@ class ScanFolderWriter:
         stance: Stance,
         stance_end: Stance | None = None,
         calibration_hash: str | None = None,
+        calibration: Calibration | None = None,
     ) -> Path:
-        """Write `scan.json` and give the folder its name."""
+        """Write `scan.json`, and `calibration.json` where one is given, and give the folder its name."""
         document: dict[str, object] = {
             "format": FORMAT,
             "robot": robot,
@@ -111,6 +115,8 @@ class ScanFolderWriter:
             document["stance_end"] = stance_end.to_dict()
         if calibration_hash:
             document["calibration_hash"] = calibration_hash
+        if calibration is not None:
+            save_calibration(calibration, self._staging / CALIBRATION_FILE)
         (self._staging / SCAN_FILE).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
         self._staging.chmod(0o755)
         self._staging.rename(self.folder)

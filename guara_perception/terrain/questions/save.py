@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.whole_file import whole_file
 
@@ -15,8 +16,11 @@ def save_terrain(terrain: LayeredGrid, path: str | Path) -> None:
     """Write a grid to an .npz file, whole or not at all (contract, section 4, `OUT.npz`).
 
     Raises:
+        InvalidInput: the name does not end in .npz.
         MissingFile: the folder does not exist.
     """
+    if Path(path).suffix != ".npz":
+        raise InvalidInput(f"{path}: a grid is saved as .npz; `guara export` writes .ply, .pcd and .csv")
     metadata = {**terrain.metadata, "extent": terrain.extent}
     with whole_file(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(

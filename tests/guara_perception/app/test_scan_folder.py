@@ -197,3 +197,14 @@ def test_pictures_are_read_as_they_are(tmp_path: Path, picture: np.ndarray):
     read = read_picture(tmp_path / "picture.png")
     assert read.dtype == picture.dtype
     np.testing.assert_array_equal(read, picture)
+
+
+@pytest.mark.parametrize("name", ["/etc/hostname", "../secret.png", "frames/../../secret.png"])
+def test_frames_outside_the_folder_are_refused(edited_scan, name: str):
+    """A scan folder from elsewhere cannot make us read other files."""
+
+    def change(content):
+        content["stripes"][0]["on"] = name
+
+    with pytest.raises(gp.FileFormatError, match=r"stripe index \d+ names frame .*; allowed: a path inside the folder"):
+        gp.open_scan(edited_scan(change))

@@ -1,0 +1,105 @@
+"""`open_recording`: a recording of a walk as scans, grids and stance pauses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from guara_perception.app.files.scan_recording import open_recorded_scans
+from guara_perception.app.messages import message_to_terrain
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.file import parse_calibration
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.scan import Scan
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.layered_grid import EXTENTS
+from transport import StancePause, TransportError
+from transport.recording import open_recording as open_messages
+
+
+class Recording:
+    """A recording (.mcap) that is read piece by piece; use it in a `with` block.
+
+    Iterating over it gives its footprint grids, one per pause.
+
+    Attributes:
+        path: of the file.
+        scans: the recorded scans, in order; `process_scan` makes terrain of each, with other settings if wished.
+        calibration: the one attached, or None.
+
+    Example:
+        with gp.open_recording("walk.mcap") as recording:
+            for terrain in recording.grids("map"):
+                print(terrain.step, terrain.best_foothold(0.4, 0.18, radius=0.05))
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        """Open the file; see `open_recording`."""
+        self.path = Path(path)
+        if not self.path.is_file():
+            raise MissingFile(f"{self.path}: no such file")
+        try:
+            self._messages = open_messages(self.path)
+        except TransportError as error:
+            raise FileFormatError(str(error)) from None
+        text = self._messages.calibration
+        source = f"{self.path}: calibration.json"
+        self.calibration: Calibration | None = None if text is None else parse_calibration(text, source)
+        self.scans: tuple[Scan, ...] = tuple(open_recorded_scans(self.path))
+
+    def __enter__(self) -> Self:
+        """The recording itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def __iter__(self) -> Iterator[TerrainGrid]:
+        """The footprint grids."""
+        return self.grids()
+
+    def grids(self, extent: str = "footprint") -> Iterator[TerrainGrid]:
+        """The recorded grids of one extent, in order.
+
+        Raises:
+            InvalidInput: no such extent.
+            FileFormatError: a grid is damaged.
+            UnsafeGrid: a grid breaks the safety invariant.
+        """
+        if extent not in EXTENTS:
+            raise InvalidInput(f"extent is {extent!r}, allowed: {', '.join(EXTENTS)}")
+        try:
+            for message in self._messages.terrains(extent):
+                yield message_to_terrain(message)
+        except TransportError as error:
+            raise FileFormatError(f"{self.path}: {error}") from None
+
+    def stances(self) -> Iterator[StancePause]:
+        """The recorded announcements of stance pauses, in order.
+
+        Raises:
+            FileFormatError: one is damaged.
+        """
+        try:
+            yield from self._messages.stance_pauses()
+        except TransportError as error:
+            raise FileFormatError(f"{self.path}: {error}") from None
+
+    def close(self) -> None:
+        """Close the file; safe to call twice."""
+        self._messages.close()
+
+
+def open_recording(path: str | Path) -> Recording:
+    """Open a recording (.mcap).
+
+    Raises:
+        MissingFile: no such file.
+        FileFormatError: it is no recording, or was cut; then `guara recover` restores what is in it.
+    """
+    return Recording(path)

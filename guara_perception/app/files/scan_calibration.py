@@ -1,0 +1,52 @@
+"""The calibration that a recorded scan carries with it, and the choice between it and one that is given."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.file import load_calibration, parse_calibration
+from guara_perception.exceptions import FileFormatError, InvalidInput
+
+CALIBRATION_FILE: Final = "calibration.json"
+
+
+def carried_calibration(scan: str | Path) -> Calibration | None:
+    """The calibration inside a scan folder or attached to a recording; None when there is none.
+
+    Raises:
+        FileFormatError: it is there and is not a calibration, or the recording cannot be read.
+    """
+    from transport import TransportError
+    from transport.recording import open_recording
+
+    scan = Path(scan)
+    if scan.is_dir():
+        path = scan / CALIBRATION_FILE
+        return load_calibration(path) if path.is_file() else None
+    if not scan.is_file():
+        return None
+    try:
+        with open_recording(scan) as recording:
+            text = recording.calibration
+    except TransportError as error:
+        raise FileFormatError(str(error)) from None
+    return None if text is None else parse_calibration(text, f"{scan}: {CALIBRATION_FILE}")
+
+
+def calibration_for(scan: str | Path, given: str | Path | None) -> Calibration:
+    """The calibration that is given, or else the one that the scan carries.
+
+    Raises:
+        InvalidInput: neither is there.
+        MissingFile, FileFormatError: the one to use cannot be read.
+    """
+    if given is not None:
+        return load_calibration(given)
+    carried = carried_calibration(scan)
+    if carried is None:
+        raise InvalidInput(
+            f"{scan} carries no {CALIBRATION_FILE}: give the calibration of the rangefinder that recorded it (-c)"
+        )
+    return carried
