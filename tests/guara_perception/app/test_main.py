@@ -70,7 +70,8 @@ def test_no_command_at_all_shows_the_help_and_is_bad_usage(guara):
     [
         (["proces"], "No such command 'proces'"),
         (["process"], "Missing argument 'SCAN'"),
-        (["process", "x", "-o", "y.npz"], "Missing option '-c' / '--calibration'"),
+        (["process", "x"], "Missing option '-o' / '--out'"),
+        (["process", "x", "-o", "y.npz"], "x: no such scan"),
         (["process", "x", "-c", "c.json", "-o", "y.npz", "--resolution", "fine"], "'fine' is not a valid float"),
         (["listen", "--extent", "world"], "'world' is not one of 'footprint', 'map'"),
         (["listen", "--count", "0"], "0 is not in the range x>=1"),
