@@ -1,6 +1,6 @@
 """Carries the direction of gravity from pause to pause where no IMU gives it.
 
-The soles that stayed tell how the body turned since the pause before (three or more: a full rotation), so the
+The soles that stayed show how the body turned since the pause before (three or more: a full rotation), so the
 vertical of that pause can be carried over. Its error grows with every step, and the support plane holds it: on
 ground that looks flat (the plane's normal agrees with the carried vertical within noise) the plane is taken as
 level; elsewhere it counts only as far as the terrain's slope is likely to let it.
@@ -10,23 +10,23 @@ from __future__ import annotations
 
 import numpy as np
 
+from kinematics.arrays import Float
 from kinematics.stance_pose import GravityEstimate, StanceNoise
 from kinematics.support import fit_support_plane
-from kinematics.tree import Array
 
-_FLAT_SIGMAS = 2.5
-"""A support plane that agrees so well with the carried vertical is taken as level: 96 % of flat ground in two axes."""
+# A support plane that agrees so well with the carried vertical is taken as level: 96 % of flat ground in two axes.
+FLAT_SIGMAS = 2.5
 
-_SURE_SHARE = 0.5
-"""A vertical less sure than this share of the terrain's slope cannot tell flat ground from a slope."""
+# A vertical less sure than this share of the terrain's slope does not distinguish flat ground from a slope.
+SURE_SHARE = 0.5
 
 
 def carry_gravity(
     before: GravityEstimate,
-    soles_now: Array,
-    soles_before: Array,
-    support_now: Array,
-    covariances_now: Array,
+    soles_now: Float,
+    soles_before: Float,
+    support_now: Float,
+    covariances_now: Float,
     noise: StanceNoise,
 ) -> GravityEstimate:
     """Gravity at this pause, as (0, 0, -1) would be on a level body.
@@ -46,11 +46,11 @@ def carry_gravity(
     variance = before.sigma**2 + 2.0 * tilt_variance
     missed = plane.normal - up
     missed = missed - up * (up @ missed)
-    agrees = missed @ missed < _FLAT_SIGMAS**2 * 2.0 * (variance + tilt_variance)
-    if agrees and variance < (_SURE_SHARE * noise.terrain_slope_sigma) ** 2:
+    agrees = missed @ missed < FLAT_SIGMAS**2 * 2.0 * (variance + tilt_variance)
+    if agrees and variance < (SURE_SHARE * noise.terrain_slope_sigma) ** 2:
         plane_variance = tilt_variance
     else:
-        # Each foot stays for so many pauses, so nearly the same plane is seen again as often.
+        # Each foot stays for about as many pauses as there are feet, so nearly the same plane is seen again as often.
         plane_variance = (noise.terrain_slope_sigma**2 + tilt_variance) * len(support_now)
     gain = variance / (variance + plane_variance)
     up = up + gain * missed
@@ -58,12 +58,12 @@ def carry_gravity(
     return GravityEstimate((-up[0], -up[1], -up[2]), float(np.sqrt(variance * (1.0 - gain))))
 
 
-def plane_tilt_variance(gain: Array, covariances: Array) -> float:
+def plane_tilt_variance(gain: Float, covariances: Float) -> float:
     """Variance of a support plane's tilt [rad^2], mean of both axes, from the heights of its soles."""
     return float(np.mean(gain[:2] ** 2 @ covariances[:, 2, 2]))
 
 
-def turn_between(points_now: Array, points_before: Array) -> Array:
+def turn_between(points_now: Float, points_before: Float) -> Float:
     """Rotation (3, 3) that takes directions of now to before: least squares over point sets (n, 3), n >= 3 (Kabsch)."""
     covariance = (points_now - points_now.mean(axis=0)).T @ (points_before - points_before.mean(axis=0))
     left, _, right = np.linalg.svd(covariance)
@@ -71,7 +71,7 @@ def turn_between(points_now: Array, points_before: Array) -> Array:
     return np.asarray(right.T @ np.diag([1.0, 1.0, sign]) @ left.T)
 
 
-def first_gravity(up_in_base: Array, covariance: Array, noise: StanceNoise) -> GravityEstimate:
+def first_gravity(up_in_base: Float, covariance: Float, noise: StanceNoise) -> GravityEstimate:
     """Gravity at a first pause without IMU: against the support plane's normal, as sure as terrain is level."""
     tilt_variance = float(np.mean(np.diag(covariance)[3:5]))
     return GravityEstimate(

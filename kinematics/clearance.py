@@ -9,19 +9,19 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
+from kinematics.arrays import Float, read_only
 from kinematics.exceptions import ArgumentError, StanceError
 from kinematics.reach import reach_from_pose
 from kinematics.stance_pose import StancePose
 from kinematics.state import RobotState
 from kinematics.transforms import transform_points
-from kinematics.tree import Array, read_only
 from kinematics.urdf import Shape
 
-HeightFunction = Callable[[Array, Array], npt.ArrayLike]
-"""Heights (n,) [m] of the ground in `base_footprint` for x (n,) and y (n,) [m]; NaN where unknown."""
+# Heights (n,) [m] of the ground in `base_footprint` for x (n,) and y (n,) [m]; NaN where unknown.
+HeightFunction = Callable[[Float, Float], npt.ArrayLike]
 
-_SPACING = 0.005
-"""Distance of samples on sole and leg [m]: a cell of the grid."""
+# Distance of samples on sole and leg [m]: a cell of the grid.
+SPACING = 0.005
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +38,7 @@ class FootholdClearance:
     leg: float
     sole: float
     sole_gap: float
-    joint_positions: Array
+    joint_positions: Float
 
 
 def foothold_clearance(
@@ -83,7 +83,7 @@ def foothold_clearance(
     )
 
 
-def _leg_points(pose: StancePose, state: RobotState, leg: str) -> Array:
+def _leg_points(pose: StancePose, state: RobotState, leg: str) -> Float:
     """Points (n, 3) on the leg's shapes in the footprint, without those so near to the sole that they are foot."""
     config = state.tree.leg(leg)
     above = {joint.child: joint for joint in state.tree.urdf.joints}
@@ -98,18 +98,18 @@ def _leg_points(pose: StancePose, state: RobotState, leg: str) -> Array:
     return everywhere[np.linalg.norm(everywhere - centre, axis=1) > max(state.tree.config.sole)]
 
 
-def _placed(pose: StancePose, state: RobotState, frame: str, points: Array) -> Array:
+def _placed(pose: StancePose, state: RobotState, frame: str, points: Float) -> Float:
     return transform_points(pose.transform_base_to_footprint @ state.transform_to_base(frame), points)
 
 
-def _above_ground(points: Array, height_at: HeightFunction) -> Array:
+def _above_ground(points: Float, height_at: HeightFunction) -> Float:
     heights = np.asarray(height_at(points[:, 0], points[:, 1]), dtype=np.float64)
     if heights.shape != (len(points),):
         raise ArgumentError(f"the height function answered with shape {heights.shape} to {len(points)} points")
     return np.asarray(points[:, 2] - heights)
 
 
-def _shape_points(shape: Shape) -> Array:
+def _shape_points(shape: Shape) -> Float:
     """Points on the surface of a shape in its link's frame: its rims and sides, where the lowest points are."""
     if shape.kind == "box":
         points = _box_points(np.asarray(shape.size) / 2.0)
@@ -118,22 +118,22 @@ def _shape_points(shape: Shape) -> Array:
         points = np.concatenate([_circle(radius, height) for height in _steps(length / 2.0)])
     else:
         (radius,) = shape.size
-        latitudes = _steps(np.pi / 2.0, _SPACING / radius)
+        latitudes = _steps(np.pi / 2.0, SPACING / radius)
         points = np.concatenate([_circle(radius * np.cos(a), radius * np.sin(a)) for a in latitudes])
     return transform_points(shape.transform_shape_to_link, points)
 
 
-def _steps(half: float, spacing: float = _SPACING) -> Array:
+def _steps(half: float, spacing: float = SPACING) -> Float:
     """Evenly spaced numbers from -half to half, both included, no further apart than the spacing."""
     return np.linspace(-half, half, max(2, int(np.ceil(2.0 * half / spacing)) + 1))
 
 
-def _circle(radius: float, height: float) -> Array:
-    angles = _steps(np.pi, _SPACING / max(radius, _SPACING))
+def _circle(radius: float, height: float) -> Float:
+    angles = _steps(np.pi, SPACING / max(radius, SPACING))
     return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(len(angles), height)])
 
 
-def _box_points(half: Array) -> Array:
+def _box_points(half: Float) -> Float:
     """Points (n, 3) all over the surface of a box of half extents (3,), corners included."""
     axes = [_steps(h) if h > 0.0 else np.zeros(1) for h in half]
     points = np.array(list(product(*axes)))

@@ -42,7 +42,7 @@ class CameraMoved(KinematicsError, RuntimeError):
 
 
 class OdometryLost(KinematicsError, RuntimeError):
-    """Too few feet stayed between two pauses to tell how the body moved."""
+    """Too few feet stayed between two pauses to know how the body moved."""
 
 
 class JointLimitWarning(UserWarning):

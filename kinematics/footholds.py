@@ -1,8 +1,8 @@
-"""The places of the standing feet in `odom`, and the footprint that fits them best at every pause.
+"""The positions of the standing feet in `odom`, and the footprint that fits them best at every pause.
 
 A foothold is four numbers: x, y, z of the sole's centre and the sole's pitch, which does not change while the foot
 stands. Each foot stands for several pauses, so its foothold is known better than from one reading. At a pause the
-footprint (heading a, place t) is the one that lays the readings p_i onto the footholds x_i of the feet that stayed.
+footprint (heading a, position t) is the one that lays the readings p_i onto the footholds x_i of the feet that stayed.
 With R the turn by a:
 
     e_i = x_i - (R p_i + t),   V = P_ss + R C R'          P: covariance of the footholds, C: of the readings
@@ -11,8 +11,8 @@ With R the turn by a:
     x' = x - P_:s W e,   P' = P - P_:s W P_s:             the footholds, corrected by what the fit leaves over
     cov(footprint, x') = S H' V^-1 P_s:
 
-A foot set down anew gets its place from the footprint, with the covariance that this brings. So noise is neither
-counted twice nor summed from step to step as if steps were independent, which would make the result twice too
+A foot set down anew gets its position from the footprint, with the covariance that this brings. So noise is neither
+counted twice nor summed from pause to pause as if these were independent, which would make the result twice too
 uncertain.
 """
 
@@ -22,19 +22,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kinematics.tree import Array, read_only
+from kinematics.arrays import Float, read_only
 
-_HUBER_LIMIT = 1.5
-"""Sigmas beyond which a foot's pull stops growing: costs 5 % of precision where nothing slips."""
+# Sigmas beyond which a foot's pull stops growing: costs 5 % of precision where nothing slips.
+HUBER_LIMIT = 1.5
 
-_MISFIT_SPREAD = 4.6
-"""Chi-square per degree of freedom above 1 + this / sqrt(freedom) happens by chance once in 100."""
+# Chi-square per degree of freedom above 1 + this / sqrt(freedom) happens by chance once in 100.
+MISFIT_LIMIT = 4.6
 
-_ROCKED_SIGMAS = 3.0
-"""A sole whose pitch changed by more standard deviations rocked."""
+# A sole whose pitch changed by more standard deviations rocked.
+ROCKED_SIGMAS = 3.0
 
-_ITERATIONS = 5
-"""The start is closed-form and the turn small: it stands still to 1e-12 m after three."""
+# The start is closed-form and the turn small: it stands still to 1e-12 m after three.
+ITERATIONS = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +48,8 @@ class Fit:
         misfit: chi-square per degree of freedom where that is more than noise explains, else 1.
     """
 
-    transform_footprint_to_odom: Array
-    covariance: Array
+    transform_footprint_to_odom: Float
+    covariance: Float
     residual: float
     misfit: float
 
@@ -60,16 +60,16 @@ class Footholds:
 
     Attributes:
         legs: whose feet.
-        places: (n, 4) sole centres [m] and pitches [rad].
+        positions: (n, 4) sole centres [m] and pitches [rad].
         covariance: (4 n, 4 n) of all of them.
     """
 
     legs: tuple[str, ...]
-    places: Array
-    covariance: Array
+    positions: Float
+    covariance: Float
 
     def after_pause(
-        self, stayed: tuple[str, ...], legs: tuple[str, ...], readings: Array, covariances: Array
+        self, stayed: tuple[str, ...], legs: tuple[str, ...], readings: Float, covariances: Float
     ) -> tuple[Fit, Footholds]:
         """Fit the footprint of a new pause, and take its readings in.
 
@@ -82,19 +82,19 @@ class Footholds:
         now = [legs.index(leg) for leg in stayed]
         kept = np.concatenate([np.arange(4) + 4 * self.legs.index(leg) for leg in stayed])
         prior = self.covariance[np.ix_(kept, kept)]
-        known = self.places.ravel()[kept]
+        known = self.positions.ravel()[kept]
         covariances = _without_rocked(covariances, now, readings[now, 3] - known[3::4], np.diag(prior)[3::4])
         angle, shift = _closed_form(readings[now, :3], known.reshape(-1, 4)[:, :3])
         weights = np.ones(len(now))
-        for _ in range(_ITERATIONS):
+        for _ in range(ITERATIONS):
             rotation = _turn(angle)
             by_pose = _by_pose(readings[now] @ rotation.T)
             errors = known - (readings[now] @ rotation.T + shift).ravel()
             noise = _blocks(rotation @ covariances[now] @ rotation.T / weights[:, None, None])
             inverse = np.linalg.inv(prior + noise)
             pose_covariance = np.linalg.inv(by_pose.T @ inverse @ by_pose)
-            step = pose_covariance @ by_pose.T @ inverse @ errors
-            shift, angle = shift + np.append(step[:3], 0.0), angle + float(step[3])
+            update = pose_covariance @ by_pose.T @ inverse @ errors
+            shift, angle = shift + np.append(update[:3], 0.0), angle + float(update[3])
             weights = _pull(errors, prior + noise)
         left_over = inverse - inverse @ by_pose @ pose_covariance @ by_pose.T @ inverse
         misfit = _misfit(errors, prior + _blocks(rotation @ covariances[now] @ rotation.T))
@@ -106,64 +106,64 @@ class Footholds:
             residual=float(np.sqrt(np.mean(np.sum(errors.reshape(-1, 4)[:, :2] ** 2, axis=1)))),
             misfit=misfit,
         )
-        spread = self.covariance[:, kept]
+        cross_covariance = self.covariance[:, kept]
         posterior = Footholds(
             self.legs,
-            read_only((self.places.ravel() - spread @ left_over @ errors).reshape(-1, 4)),
-            read_only(self.covariance - spread @ left_over @ spread.T),
+            read_only((self.positions.ravel() - cross_covariance @ left_over @ errors).reshape(-1, 4)),
+            read_only(self.covariance - cross_covariance @ left_over @ cross_covariance.T),
         )
-        cross = pose_covariance @ by_pose.T @ inverse @ spread.T
+        cross = pose_covariance @ by_pose.T @ inverse @ cross_covariance.T
         return fit, posterior._with(fit, cross, stayed, legs, readings, covariances)
 
     def _with(
         self,
         fit: Fit,
-        cross: Array,
+        cross: Float,
         stayed: tuple[str, ...],
         legs: tuple[str, ...],
-        readings: Array,
-        covariances: Array,
+        readings: Float,
+        covariances: Float,
     ) -> Footholds:
         """The footholds of `legs`: those that stayed as they are, the others set down from the fitted footprint."""
         rotation = np.eye(4)
         rotation[:3, :3] = fit.transform_footprint_to_odom[:3, :3]
         shift = np.append(fit.transform_footprint_to_odom[:3, 3], 0.0)
-        count, size = len(legs), len(self.places)
+        count, size = len(legs), len(self.positions)
         # Rows of (footprint, old footholds) that make each new foothold, and the fresh noise of those set down.
         source, fresh = np.zeros((4 * count, 4 + 4 * size)), np.zeros((count, 4, 4))
-        places = np.zeros((count, 4))
+        positions = np.zeros((count, 4))
         for row, leg in enumerate(legs):
             block = slice(4 * row, 4 * row + 4)
             if leg in stayed:
                 old = self.legs.index(leg)
                 source[block, 4 + 4 * old : 8 + 4 * old] = np.eye(4)
-                places[row] = self.places[old]
+                positions[row] = self.positions[old]
             else:
                 source[block, :4] = _by_pose(readings[row : row + 1] @ rotation.T)
-                places[row] = rotation @ readings[row] + shift
+                positions[row] = rotation @ readings[row] + shift
                 fresh[row] = rotation @ covariances[row] @ rotation.T
         joint = np.empty((4 + 4 * size, 4 + 4 * size))
         joint[:4, :4], joint[:4, 4:] = fit.covariance, cross
         joint[4:, :4], joint[4:, 4:] = cross.T, self.covariance
-        return Footholds(legs, read_only(places), read_only(source @ joint @ source.T + _blocks(fresh)))
+        return Footholds(legs, read_only(positions), read_only(source @ joint @ source.T + _blocks(fresh)))
 
 
-def first_footholds(legs: tuple[str, ...], readings: Array, covariances: Array) -> Footholds:
+def first_footholds(legs: tuple[str, ...], readings: Float, covariances: Float) -> Footholds:
     """The footholds of a first pause, whose footprint is `odom`: readings (n, 4) and covariances (n, 4, 4)."""
     return Footholds(legs, read_only(readings), read_only(_blocks(covariances)))
 
 
-def _without_rocked(covariances: Array, rows: list[int], turned: Array, prior: Array) -> Array:
+def _without_rocked(covariances: Float, rows: list[int], rotated: Float, prior: Float) -> Float:
     """Covariances in which the pitch of a sole that rocked (stands on an edge or a pebble) says nothing."""
     result = covariances.copy()
-    for row, angle, variance in zip(rows, turned, prior, strict=True):
-        if angle**2 > _ROCKED_SIGMAS**2 * (variance + covariances[row, 3, 3]):
+    for row, angle, variance in zip(rows, rotated, prior, strict=True):
+        if angle**2 > ROCKED_SIGMAS**2 * (variance + covariances[row, 3, 3]):
             result[row, 3] = result[row, :, 3] = 0.0
             result[row, 3, 3] = 1.0
     return result
 
 
-def _turn(angle: float) -> Array:
+def _turn(angle: float) -> Float:
     """A turn (4, 4) of (x, y, z, pitch) about z; no sole turns so far that its pitch axis would matter."""
     cosine, sine = np.cos(angle), np.sin(angle)
     turn = np.eye(4)
@@ -171,38 +171,38 @@ def _turn(angle: float) -> Array:
     return turn
 
 
-def _by_pose(turned: Array) -> Array:
-    """H (4 n, 4): d(footholds) / d(x, y, z, heading) for readings (n, 4) already turned by the heading."""
-    derivative = np.zeros((len(turned), 4, 4))
+def _by_pose(rotated: Float) -> Float:
+    """H (4 n, 4): d(footholds) / d(x, y, z, heading) for readings (n, 4) already rotated by the heading."""
+    derivative = np.zeros((len(rotated), 4, 4))
     derivative[:, :3, :3] = np.eye(3)
-    derivative[:, 0, 3], derivative[:, 1, 3] = -turned[:, 1], turned[:, 0]
+    derivative[:, 0, 3], derivative[:, 1, 3] = -rotated[:, 1], rotated[:, 0]
     return derivative.reshape(-1, 4)
 
 
-def _blocks(covariances: Array) -> Array:
+def _blocks(covariances: Float) -> Float:
     """Covariances (n, 4, 4) as one block-diagonal matrix (4 n, 4 n)."""
     count = len(covariances)
     return np.asarray(np.einsum("ij,ikl->ikjl", np.eye(count), covariances).reshape(4 * count, 4 * count))
 
 
-def _pull(errors: Array, covariance: Array) -> Array:
+def _pull(errors: Float, covariance: Float) -> Float:
     """Huber's weight (n,) of every foot by its own error against its own covariance."""
     own, foot = errors.reshape(-1, 4), np.arange(errors.size // 4)
     its_covariance = covariance.reshape(foot.size, 4, foot.size, 4)[foot, :, foot]
     distances = np.sqrt(np.vecdot(own, np.linalg.solve(its_covariance, own[..., None])[..., 0]))
-    return np.asarray(np.minimum(1.0, _HUBER_LIMIT / np.maximum(distances, _HUBER_LIMIT)))
+    return np.asarray(np.minimum(1.0, HUBER_LIMIT / np.maximum(distances, HUBER_LIMIT)))
 
 
-def _misfit(errors: Array, covariance: Array) -> float:
+def _misfit(errors: Float, covariance: Float) -> float:
     """Chi-square per degree of freedom of what a fit leaves over, or 1 where noise explains it."""
     freedom = len(errors) - 4
     misfit = float(errors @ np.linalg.solve(covariance, errors)) / freedom
-    return misfit if misfit > 1.0 + _MISFIT_SPREAD / np.sqrt(freedom) else 1.0
+    return misfit if misfit > 1.0 + MISFIT_LIMIT / np.sqrt(freedom) else 1.0
 
 
-def _closed_form(soles: Array, places: Array) -> tuple[float, Array]:
+def _closed_form(soles: Float, positions: Float) -> tuple[float, Float]:
     """Unweighted least squares: the heading between the centred sets, then the shift between their centres."""
-    p, q = soles - soles.mean(axis=0), places - places.mean(axis=0)
+    p, q = soles - soles.mean(axis=0), positions - positions.mean(axis=0)
     angle = float(np.arctan2(np.sum(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]), np.sum(p[:, :2] * q[:, :2])))
-    shift = places.mean(axis=0) - _turn(angle)[:3, :3] @ soles.mean(axis=0)
+    shift = positions.mean(axis=0) - _turn(angle)[:3, :3] @ soles.mean(axis=0)
     return angle, np.append(shift, 0.0)

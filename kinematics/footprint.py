@@ -18,10 +18,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from kinematics.tree import Array
+from kinematics.arrays import Float
 
 
-def transform_base_to_footprint(soles_in_base: Array, up: Array) -> Array:
+def transform_base_to_footprint(soles_in_base: Float, up: Float) -> Float:
     """The transform (4, 4) for supporting soles (n, 3) [m] and the unit vertical (3,) in `base_link`."""
     x = np.array([1.0, 0.0, 0.0]) - up[0] * up
     x /= np.linalg.norm(x)
@@ -31,13 +31,13 @@ def transform_base_to_footprint(soles_in_base: Array, up: Array) -> Array:
     return transform
 
 
-def turn_by_vertical(transform: Array) -> Array:
+def turn_by_vertical(transform: Float) -> Float:
     """B (3, 3): d(rotation of the footprint about its fixed axes [rad]) / d(vertical in `base_link`)."""
     x, y, up = transform[:3, :3]
     return np.array([y, -x, up[0] / np.sqrt(1.0 - up[0] ** 2) * y])
 
 
-def footprint_jacobians(soles_in_base: Array, transform: Array, up_by_soles: Array) -> tuple[Array, Array]:
+def footprint_jacobians(soles_in_base: Float, transform: Float, up_by_soles: Float) -> tuple[Float, Float]:
     """How the transform moves with its causes, rows in REP-103 order (x y z, rotations about fixed axes).
 
     Args:
@@ -59,18 +59,18 @@ def footprint_jacobians(soles_in_base: Array, transform: Array, up_by_soles: Arr
     return by_soles, by_vertical
 
 
-def skew(vector: Array) -> Array:
+def skew(vector: Float) -> Float:
     """Cross-product matrix (3, 3) of a vector a: times b it gives a x b."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def compose_covariance(
-    transform_middle_to_destination: Array,
-    covariance_middle_to_destination: Array,
-    transform_source_to_middle: Array,
-    covariance_source_to_middle: Array,
-) -> Array:
+    transform_middle_to_destination: Float,
+    covariance_middle_to_destination: Float,
+    transform_source_to_middle: Float,
+    covariance_source_to_middle: Float,
+) -> Float:
     """Covariance (6, 6) of `transform_middle_to_destination @ transform_source_to_middle`, both uncertain.
 
     Each covariance is in REP-103 order: translation [m], then rotation about the fixed axes [rad] of the

@@ -6,8 +6,8 @@ image down, z optical axis). Frames of one robot (soles, hips, camera, laser) ar
 
 from __future__ import annotations
 
+# Straight below the body's origin, z = 0 at the mean of the supporting soles; computed, not in the URDF.
 BASE_FOOTPRINT = "base_footprint"
-"""Straight below the body's origin, z = 0 at the mean of the supporting soles; computed, not in the URDF."""
 
+# Continuous over steps; equal to `base_footprint` of the first pause; computed by leg odometry.
 ODOM = "odom"
-"""Continuous over steps; equal to `base_footprint` of the first pause; computed by leg odometry."""

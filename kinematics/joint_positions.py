@@ -8,15 +8,15 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from kinematics.arrays import Float
 from kinematics.exceptions import JointLimitWarning, JointPositionError, unknown_name
 from kinematics.tree import KinematicTree
 
-_LIMIT_TOLERANCE = 1e-9  # rad: a posture that stands exactly on a limit is not beyond it
+# Radians: a posture that stands exactly on a limit is not beyond it.
+LIMIT_TOLERANCE = 1e-9
 
 
-def checked_positions(
-    tree: KinematicTree, joint_positions: Mapping[str, float] | npt.ArrayLike
-) -> npt.NDArray[np.float64]:
+def checked_positions(tree: KinematicTree, joint_positions: Mapping[str, float] | npt.ArrayLike) -> Float:
     """Joint positions (n,) [rad] in the order of `tree.joint_names`.
 
     Args:
@@ -53,7 +53,7 @@ def checked_positions(
     return positions
 
 
-def beyond_limits(tree: KinematicTree, positions: npt.NDArray[np.float64]) -> dict[str, float]:
+def beyond_limits(tree: KinematicTree, positions: Float) -> dict[str, float]:
     """Joints beyond their limits and by how much [rad]; a `JointLimitWarning` is issued for each.
 
     A joint beyond its limit is a measurement, not a reason to stop: encoders are offset, limits in the URDF
@@ -61,7 +61,7 @@ def beyond_limits(tree: KinematicTree, positions: npt.NDArray[np.float64]) -> di
     """
     beyond: dict[str, float] = {}
     lower, upper = tree.lower_limits, tree.upper_limits
-    for index in np.flatnonzero((positions < lower - _LIMIT_TOLERANCE) | (positions > upper + _LIMIT_TOLERANCE)):
+    for index in np.flatnonzero((positions < lower - LIMIT_TOLERANCE) | (positions > upper + LIMIT_TOLERANCE)):
         name, value = tree.joint_names[index], positions[index]
         beyond[name] = float(max(lower[index] - value, value - upper[index]))
         warnings.warn(

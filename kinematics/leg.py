@@ -21,14 +21,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from kinematics.tree import Array, KinematicTree, read_only
+from kinematics.arrays import Float, read_only
+from kinematics.tree import KinematicTree
 from kinematics.urdf import Joint
 
-_GEOMETRY_TOLERANCE = 1e-9
-"""Of lengths [m] and axes [-] when a leg is recognised: the closed form must agree with the URDF to rounding."""
+# Of lengths [m] and axes [-] when a leg is recognised: the closed form must agree with the URDF to rounding.
+GEOMETRY_TOLERANCE = 1e-9
 
-_ROUNDING = 1e-12
-"""By so much the cosine of a straight knee may exceed 1."""
+# By so much the cosine of a straight knee may exceed 1.
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,16 +44,16 @@ class LegGeometry:
         lower, upper: (4,) joint limits [rad].
     """
 
-    hip: Array
-    senses: Array
-    thigh: Array
-    shank: Array
-    foot: Array
+    hip: Float
+    senses: Float
+    thigh: Float
+    shank: Float
+    foot: Float
     knee_sign: float
-    lower: Array
-    upper: Array
+    lower: Float
+    upper: Float
 
-    def soles_in_base(self, joint_positions: npt.ArrayLike) -> Array:
+    def soles_in_base(self, joint_positions: npt.ArrayLike) -> Float:
         """Forward kinematics: joint positions (..., 4) [rad] -> sole centres (..., 3) in `base_link` [m]."""
         roll, *pitches = np.moveaxis(np.asarray(joint_positions, dtype=np.float64) * self.senses, -1, 0)
         plane = np.zeros((*roll.shape, 2))
@@ -63,7 +64,7 @@ class LegGeometry:
         down = -plane[..., 1]
         return np.stack([plane[..., 0], down * np.sin(roll), -down * np.cos(roll)], axis=-1) + self.hip
 
-    def solve(self, soles_in_base: Array, sole_pitch: Array) -> Array:
+    def solve(self, soles_in_base: Float, sole_pitch: Float) -> Float:
         """Inverse kinematics.
 
         Args:
@@ -81,7 +82,7 @@ class LegGeometry:
         cosine = (np.einsum("ni,ni->n", ankle, ankle) - one**2 - two**2) / (2.0 * one * two)
         with np.errstate(invalid="ignore"):
             bend = self.knee_sign * np.arccos(
-                np.where(np.abs(cosine) <= 1.0 + _ROUNDING, np.clip(cosine, -1.0, 1.0), np.nan)
+                np.where(np.abs(cosine) <= 1.0 + ROUNDING, np.clip(cosine, -1.0, 1.0), np.nan)
             )
         thigh = _angle(ankle) - np.arctan2(two * np.sin(bend), one + two * np.cos(bend))
         hip_pitch = thigh - _angle(self.thigh)
@@ -91,13 +92,13 @@ class LegGeometry:
         return np.asarray((np.remainder(turns + np.pi, 2.0 * np.pi) - np.pi) * self.senses)
 
 
-def _turned(vector: Array, angle: Array) -> Array:
-    """A vector (x, z) turned about y by angles (...,), (..., 2)."""
+def _turned(vector: Float, angle: Float) -> Float:
+    """A vector (x, z) rotated about y by angles (...,), (..., 2)."""
     sine, cosine = np.sin(angle), np.cos(angle)
     return np.stack([vector[0] * cosine + vector[1] * sine, vector[1] * cosine - vector[0] * sine], axis=-1)
 
 
-def _angle(vectors: Array) -> Array:
+def _angle(vectors: Float) -> Float:
     """Angle about y [rad] that turns straight down (0, -1) onto vectors (..., 2)."""
     return np.asarray(np.arctan2(-vectors[..., 0], -vectors[..., 1]))
 
@@ -135,20 +136,20 @@ def find_leg_geometry(tree: KinematicTree, leg: str) -> LegGeometry | None:
     columns = [tree.joint_index(joint) for joint in config.joints]
     lower, upper = tree.lower_limits[columns], tree.upper_limits[columns]
     thigh, shank, foot = (np.delete(points[i + 1] - points[i], 1) for i in (1, 2, 3))
-    if min(np.linalg.norm(thigh), np.linalg.norm(shank)) < _GEOMETRY_TOLERANCE:
+    if min(np.linalg.norm(thigh), np.linalg.norm(shank)) < GEOMETRY_TOLERANCE:
         return None
-    middle = senses[2] * (lower[2] + upper[2]) / 2.0 + _angle(shank) - _angle(thigh)
+    centre = senses[2] * (lower[2] + upper[2]) / 2.0 + _angle(shank) - _angle(thigh)
     return LegGeometry(
         hip=read_only(points[1]),
         senses=read_only(senses),
         thigh=read_only(thigh),
         shank=read_only(shank),
         foot=read_only(foot),
-        knee_sign=1.0 if middle >= 0.0 else -1.0,
+        knee_sign=1.0 if centre >= 0.0 else -1.0,
         lower=lower,
         upper=upper,
     )
 
 
 def _close(a: npt.ArrayLike, b: npt.ArrayLike) -> bool:
-    return bool(np.allclose(a, b, rtol=0.0, atol=_GEOMETRY_TOLERANCE))
+    return bool(np.allclose(a, b, rtol=0.0, atol=GEOMETRY_TOLERANCE))

@@ -34,10 +34,10 @@ class PauseLimits:
 
     Attributes:
         joint_speed_limit: every joint is slower [rad/s].
-        hold_time: for so long [s].
-        minimum_feet: so many feet carry the body.
-        camera_translation_limit: the camera may move by so much during a scan [m].
-        camera_rotation_limit: and turn by so much [rad].
+        hold_time: how long that must last [s].
+        minimum_feet: least number of feet that carry the body.
+        camera_translation_limit: how far the camera may move during a scan [m].
+        camera_rotation_limit: how far it may turn [rad].
     """
 
     joint_speed_limit: float
@@ -76,5 +76,5 @@ class SelfFilterSettings:
         settings = cls(table.number("margin", least=0.0), table.texts("ignore"))
         for link in settings.ignore:
             if link not in links:
-                raise table.refuse("ignore", f"a list of links ({link!r} is none; there are: {', '.join(links)})")
+                raise table.refuse("ignore", f"a list of links ({link!r} is no link; allowed: {', '.join(links)})")
         return settings

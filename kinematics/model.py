@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
 import numpy.typing as npt
 
+from kinematics.arrays import Float, Mask
 from kinematics.exceptions import ArgumentError, RobotFileError, RobotNotFound, unknown_name
 from kinematics.limits import OdometryLimits, PauseLimits, SelfFilterSettings
 from kinematics.model_checks import check_model
@@ -17,12 +17,12 @@ from kinematics.srdf import Posture, read_srdf
 from kinematics.stance import Stance
 from kinematics.stance_pose import GravityEstimate, StanceNoise, StancePose, stance_pose
 from kinematics.state import RobotState
-from kinematics.tree import Array, KinematicTree
+from kinematics.tree import KinematicTree
 from kinematics.urdf import read_urdf
 from kinematics.urdf_checks import check_urdf
 
+# Where robots are looked up by name: beside this package, in a checkout and in an installed wheel alike.
 ROBOTS_FOLDER = Path(__file__).resolve().parent.parent / "robots"
-"""Where robots are looked up by name: beside this package, in a checkout and in an installed wheel alike."""
 
 
 class RobotModel:
@@ -62,8 +62,8 @@ class RobotModel:
         self.self_filter_settings = SelfFilterSettings.from_table(self.config.root.table("self_filter"), tree.links)
         self._postures = dict(postures)
         nominal = RobotState(tree, self.posture(self.config.scan_posture))
-        self.transform_camera_to_base: Array = nominal.transform_to_base(self.config.camera_frame)
-        self.transform_laser_to_base: Array = nominal.transform_to_base(self.config.laser_frame)
+        self.transform_camera_to_base: Float = nominal.transform_to_base(self.config.camera_frame)
+        self.transform_laser_to_base: Float = nominal.transform_to_base(self.config.laser_frame)
 
     @property
     def config(self) -> RobotToml:
@@ -139,9 +139,7 @@ class RobotModel:
         """Joint positions that set a leg's sole on points (..., 3) in `base_link`; see `kinematics.reach_in_base`."""
         return reach_in_base(self.tree, leg, soles_in_base, sole_pitch)
 
-    def reachable(
-        self, leg: str, soles_in_base: npt.ArrayLike, sole_pitch: npt.ArrayLike = 0.0
-    ) -> npt.NDArray[np.bool_]:
+    def reachable(self, leg: str, soles_in_base: npt.ArrayLike, sole_pitch: npt.ArrayLike = 0.0) -> Mask:
         """Which points (..., 3) in `base_link` [m] a leg's sole reaches within its joint limits, (...)."""
         return self.reach(leg, soles_in_base, sole_pitch).is_reachable
 

@@ -6,18 +6,19 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from kinematics.arrays import Float
 from kinematics.exceptions import RobotFileError
 from kinematics.robot_toml import LegConfig, PostureConfig
 from kinematics.srdf import Posture
 from kinematics.state import RobotState
-from kinematics.tree import Array, KinematicTree
+from kinematics.tree import KinematicTree
 from kinematics.urdf import Joint, Shape
 
-_HEIGHT_TOLERANCE = 0.0005
-"""Heights in robot.toml are written to the millimetre."""
+# Heights in robot.toml are written to the millimetre.
+HEIGHT_TOLERANCE = 0.0005
 
-_MIRROR_TOLERANCE = 1e-6
-"""Mirrored values are written with the same digits on both sides."""
+# Mirrored values are written with the same digits on both sides.
+MIRROR_TOLERANCE = 1e-6
 
 
 def check_model(tree: KinematicTree, postures: Mapping[str, Posture]) -> None:
@@ -88,14 +89,14 @@ def _check_sole(tree: KinematicTree, leg: LegConfig) -> None:
         raise RobotFileError(f"[legs.{leg.name}]: the foot of {leg.sole!r} has no <collision> shape")
     for axis, name, size in ((0, "length", tree.config.sole[0]), (1, "width", tree.config.sole[1])):
         found = 2.0 * min(-lowest[axis], highest[axis])
-        if size > found + _HEIGHT_TOLERANCE:
+        if size > found + HEIGHT_TOLERANCE:
             raise RobotFileError(
                 f"sole {name} is {size:g} m, but the collision shapes of the foot of leg {leg.name!r} "
                 f"reach only {found:.4g} m about {leg.sole!r}"
             )
 
 
-def _bounds(transform: Array, shape: Shape) -> tuple[Array, Array]:
+def _bounds(transform: Float, shape: Shape) -> tuple[Float, Float]:
     """Centre and half extents of a shape's bounding box, along the axes that `transform` leads to."""
     if shape.kind == "box":
         half = np.asarray(shape.size) / 2.0
@@ -112,7 +113,7 @@ def _check_mirrors(tree: KinematicTree) -> None:
     for name, leg in tree.legs.items():
         image = hips[name] * (1.0, -1.0, 1.0)
         twins = [
-            other for other, hip in hips.items() if other != name and np.allclose(hip, image, atol=_MIRROR_TOLERANCE)
+            other for other, hip in hips.items() if other != name and np.allclose(hip, image, atol=MIRROR_TOLERANCE)
         ]
         if len(twins) != 1:
             raise RobotFileError(
@@ -122,7 +123,7 @@ def _check_mirrors(tree: KinematicTree) -> None:
         _check_twins(tree, leg, tree.legs[twins[0]])
 
 
-def _hip(tree: KinematicTree, leg: LegConfig) -> Array:
+def _hip(tree: KinematicTree, leg: LegConfig) -> Float:
     transform = np.eye(4)
     for joint in _path_to_base(tree, leg.hip):
         transform = transform @ joint.transform_child_to_parent
@@ -141,7 +142,7 @@ def _check_twins(tree: KinematicTree, leg: LegConfig, twin: LegConfig) -> None:
         image = a.transform_child_to_parent.copy()
         image[:3, :3] = mirror @ image[:3, :3] @ mirror
         image[:3, 3] = mirror @ image[:3, 3]
-        if not np.allclose(image, b.transform_child_to_parent, atol=_MIRROR_TOLERANCE):
+        if not np.allclose(image, b.transform_child_to_parent, atol=MIRROR_TOLERANCE):
             raise RobotFileError(
                 f"{pair}: origins {_text(a.transform_child_to_parent[:3, 3])} and "
                 f"{_text(b.transform_child_to_parent[:3, 3])}, or their rotations"
@@ -157,7 +158,7 @@ def _check_twins(tree: KinematicTree, leg: LegConfig, twin: LegConfig) -> None:
             raise RobotFileError(f"links {first.name!r} and {second.name!r} are no mirror images: collision shapes")
 
 
-def _check_limits(a: Joint, b: Joint, mirror: Array, pair: str) -> None:
+def _check_limits(a: Joint, b: Joint, mirror: Float, pair: str) -> None:
     # A mirror keeps the sense of turns about an axis across it and reverses others; a slide just mirrors.
     image = mirror @ a.axis if a.kind == "prismatic" else -mirror @ a.axis
     sense = float(image @ b.axis)
@@ -182,7 +183,7 @@ def _check_posture(tree: KinematicTree, config: PostureConfig, posture: Posture)
     soles = state.soles_in_base()
     floor = float(soles[:, 2].mean())
     for leg, sole in zip(tree.legs, soles, strict=True):
-        if abs(sole[2] - floor) > _HEIGHT_TOLERANCE:
+        if abs(sole[2] - floor) > HEIGHT_TOLERANCE:
             raise RobotFileError(f"the sole of {leg!r} is {1e3 * (sole[2] - floor):+.1f} mm off the plane of all soles")
     for name, leg_config in tree.legs.items():
         _compare(f"hip_height of {name!r}", state.position_in_base(leg_config.hip)[2] - floor, config.hip_height)
@@ -193,7 +194,7 @@ def _check_posture(tree: KinematicTree, config: PostureConfig, posture: Posture)
 
 
 def _compare(what: str, found: float, stated: float) -> None:
-    if abs(found - stated) > _HEIGHT_TOLERANCE:
+    if abs(found - stated) > HEIGHT_TOLERANCE:
         raise RobotFileError(f"{what} comes out at {found:.4f} m, but {stated:.4f} m is stated")
 
 

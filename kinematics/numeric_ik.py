@@ -11,13 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from kinematics.tree import Array, KinematicTree
+from kinematics.arrays import Float
+from kinematics.tree import KinematicTree
 
-_ITERATIONS = 40
-_DAMPING = 1e-6  # of the normal equations [m^2 / rad^2]: a step of 1 mm stays finite at a stretched leg
-_LENGTH = 0.1  # weighs a radian of pitch as so many metres: half a foot's height
-_TOLERANCE = 1e-9  # of the weighted error [m]
-_LARGEST_STEP = 0.3  # rad: keeps a first step from jumping to the other bend of the knee
+ITERATIONS = 40
+# Of the normal equations [m^2 / rad^2]: a step of 1 mm stays finite at a stretched leg.
+DAMPING = 1e-6
+# A radian of pitch weighs as much as this many metres: half a foot's height.
+LENGTH = 0.1
+# Of the weighted error [m].
+TOLERANCE = 1e-9
+# Radians: keeps a first step from jumping to the other bend of the knee.
+LARGEST_STEP = 0.3
 
 
 class NumericLeg:
@@ -29,7 +34,7 @@ class NumericLeg:
         start: (joints,) positions to start from [rad], on the side to which the knee should bend.
     """
 
-    def __init__(self, tree: KinematicTree, leg: str, start: Array) -> None:
+    def __init__(self, tree: KinematicTree, leg: str, start: Float) -> None:
         """Cut the leg out of Pinocchio's model."""
         import pinocchio
 
@@ -51,12 +56,12 @@ class NumericLeg:
         points = [*joints, np.array(data.oMf[self._sole].translation)]
         self._longest = float(sum(np.linalg.norm(b - a) for a, b in zip(points, points[1:], strict=False)))
 
-    def _configuration(self, positions: Array) -> Array:
+    def _configuration(self, positions: Float) -> Float:
         configuration = np.empty(len(positions))
         configuration[self._order] = positions
         return configuration
 
-    def solve(self, soles_in_base: Array, sole_pitch: Array) -> Array:
+    def solve(self, soles_in_base: Float, sole_pitch: Float) -> Float:
         """Joint positions (n, joints) [rad] within limits for sole centres (n, 3) [m] and pitches (n,) [rad].
 
         NaN where none was found. The pitch is ignored by legs of three joints or fewer.
@@ -64,7 +69,7 @@ class NumericLeg:
         # Pinocchio's work space, one for each call: solvers are shared between threads.
         data = self._model.createData()
         solutions = np.full((len(soles_in_base), len(self._order)), np.nan)
-        last: Array | None = None
+        last: Float | None = None
         for row, (sole, pitch) in enumerate(zip(soles_in_base, sole_pitch, strict=True)):
             if not np.all(np.isfinite(sole)) or np.linalg.norm(sole - self._hip) > self._longest:
                 continue
@@ -74,19 +79,19 @@ class NumericLeg:
                 solutions[row] = last
         return solutions
 
-    def _solve_one(self, data: Any, sole: Array, pitch: float, start: Array) -> Array | None:
+    def _solve_one(self, data: Any, sole: Float, pitch: float, start: Float) -> Float | None:
         positions = start
-        for _ in range(_ITERATIONS):
+        for _ in range(ITERATIONS):
             error, jacobian = self._error(data, positions, sole, pitch)
-            if np.linalg.norm(error) < _TOLERANCE:
+            if np.linalg.norm(error) < TOLERANCE:
                 return positions
-            normal = jacobian.T @ jacobian + _DAMPING * np.eye(len(positions))
+            normal = jacobian.T @ jacobian + DAMPING * np.eye(len(positions))
             step = np.linalg.solve(normal, jacobian.T @ error)
-            step *= min(1.0, _LARGEST_STEP / max(float(np.abs(step).max()), 1e-12))
+            step *= min(1.0, LARGEST_STEP / max(float(np.abs(step).max()), 1e-12))
             positions = np.clip(positions + step, self.lower, self.upper)
         return None
 
-    def _error(self, data: Any, positions: Array, sole: Array, pitch: float) -> tuple[Array, Array]:
+    def _error(self, data: Any, positions: Float, sole: Float, pitch: float) -> tuple[Float, Float]:
         """Weighted error (3 or 4,) [m] and its Jacobian by the joints, with columns in the leg's order."""
         import pinocchio
 
@@ -105,4 +110,4 @@ class NumericLeg:
         forward, rise = along[0], along @ up
         by_turn = np.cross(along, (rise * np.array([1.0, 0.0, 0.0]) - forward * up) / (forward**2 + rise**2))
         missed = np.remainder(pitch - np.arctan2(-rise, forward) + np.pi, 2.0 * np.pi) - np.pi
-        return np.append(error, _LENGTH * missed), np.vstack([jacobian, _LENGTH * (by_turn @ full[3:])])
+        return np.append(error, LENGTH * missed), np.vstack([jacobian, LENGTH * (by_turn @ full[3:])])

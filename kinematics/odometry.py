@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from kinematics.arrays import Float, read_only
 from kinematics.carried_gravity import carry_gravity, first_gravity
 from kinematics.exceptions import OdometryLost
 from kinematics.footholds import Footholds, first_footholds
@@ -18,10 +19,9 @@ from kinematics.stance_pose import GravityEstimate, StancePose, sole_covariances
 from kinematics.state import RobotState
 from kinematics.stayed_feet import find_stayed_feet
 from kinematics.transforms import transform_points
-from kinematics.tree import Array, read_only
 
-_PLANAR = [0, 1, 2, 5]
-"""Rows of x, y, z and heading in REP-103 order."""
+# Rows of x, y, z and heading in REP-103 order.
+PLANAR = [0, 1, 2, 5]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,8 +43,8 @@ class OdometryPose:
 
     step: int
     pose: StancePose
-    transform_footprint_to_odom: Array
-    covariance: Array
+    transform_footprint_to_odom: Float
+    covariance: Float
     stayed_feet: tuple[str, ...]
     swung_feet: tuple[str, ...]
     slipped_feet: tuple[str, ...]
@@ -52,7 +52,7 @@ class OdometryPose:
     gravity: GravityEstimate
 
     @property
-    def transform_base_to_odom(self) -> Array:
+    def transform_base_to_odom(self) -> Float:
         """(4, 4) of the body."""
         return read_only(self.transform_footprint_to_odom @ self.pose.transform_base_to_footprint)
 
@@ -162,7 +162,7 @@ class LegOdometry:
         # The tilt of a pause shifts its own footprint only, so it is reported with the pause and not carried on.
         rotation = transform[:3, :3]
         covariance = self._first_tilt.copy()
-        covariance[np.ix_(_PLANAR, _PLANAR)] += fit.covariance
+        covariance[np.ix_(PLANAR, PLANAR)] += fit.covariance
         covariance[:3, :3] += rotation @ _shift_by_tilt(pose)[:3, :3] @ rotation.T
         moved = self._moved(pose, last, transform, [leg for leg in common if leg not in stayed])
         new = OdometryPose(
@@ -197,7 +197,7 @@ class LegOdometry:
         )
         return [common[row] for row in rows]
 
-    def _moved(self, pose: StancePose, last: OdometryPose, transform: Array, legs: list[str]) -> dict[str, float]:
+    def _moved(self, pose: StancePose, last: OdometryPose, transform: Float, legs: list[str]) -> dict[str, float]:
         """How far each of the legs' soles moved in `odom` [m]."""
         here = transform @ pose.transform_base_to_footprint
         now = transform_points(here, pose.state.soles_in_base(legs))
@@ -210,8 +210,8 @@ def _named_feet(pose: StancePose) -> tuple[str, ...]:
     return pose.support_feet_used + pose.unloaded_feet
 
 
-def _shift_by_tilt(pose: StancePose) -> Array:
-    """Covariance (6, 6) of the footprint's place over the feet: a wrong vertical drops it beside where it belongs."""
+def _shift_by_tilt(pose: StancePose) -> Float:
+    """Covariance (6, 6) of the footprint's position that follows from a wrong vertical."""
     lever = -skew(np.array([0.0, 0.0, -pose.height]))[:2]
     covariance = np.zeros((6, 6))
     covariance[:2, :2] = lever @ pose.covariance[3:, 3:] @ lever.T

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from kinematics.arrays import read_only
 from kinematics.carried_gravity import turn_between
 from kinematics.exceptions import ArgumentError, CameraMoved, JointPositionError, StanceError, unknown_name
 from kinematics.model import RobotModel
 from kinematics.stance import Stance
 from kinematics.transforms import checked_transform
-from kinematics.tree import read_only
 
 
 @dataclass(frozen=True, slots=True)

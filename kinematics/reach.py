@@ -1,4 +1,4 @@
-"""Which places a leg's sole can be set on, and the joint positions that set it there."""
+"""Which positions a leg's sole can be set on, and the joint positions that set it there."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from kinematics.arrays import Float, Mask, read_only
 from kinematics.exceptions import ArgumentError
 from kinematics.leg import LegGeometry, find_leg_geometry
 from kinematics.numeric_ik import NumericLeg
 from kinematics.stance_pose import StancePose
 from kinematics.transforms import transform_points
-from kinematics.tree import Array, KinematicTree, read_only
+from kinematics.tree import KinematicTree
 
-_LIMIT_TOLERANCE = 1e-9  # rad: a solution on the limit is within it
+# Radians: a solution on the limit is within it.
+LIMIT_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,8 +29,8 @@ class Reach:
         is_reachable: (...) true where a solution within the joint limits exists.
     """
 
-    joint_positions: Array
-    is_reachable: npt.NDArray[np.bool_]
+    joint_positions: Float
+    is_reachable: Mask
 
 
 @lru_cache(maxsize=64)
@@ -73,7 +75,7 @@ def reach_in_base(
     positions = solver.solve(soles.reshape(-1, 3), pitch.reshape(-1))
     # NaN compares false: what has no solution is not reachable.
     within = np.all(
-        (positions >= solver.lower - _LIMIT_TOLERANCE) & (positions <= solver.upper + _LIMIT_TOLERANCE), axis=1
+        (positions >= solver.lower - LIMIT_TOLERANCE) & (positions <= solver.upper + LIMIT_TOLERANCE), axis=1
     ).reshape(soles.shape[:-1])
     within.setflags(write=False)
     return Reach(read_only(positions.reshape(*soles.shape[:-1], -1)), within)
@@ -99,7 +101,7 @@ def reach_from_pose(pose: StancePose, leg: str, soles_in_footprint: npt.ArrayLik
     return reach_in_base(tree, leg, in_base, level_sole_pitch(pose, leg, in_base))
 
 
-def level_sole_pitch(pose: StancePose, leg: str, soles_in_base: Array) -> Array:
+def level_sole_pitch(pose: StancePose, leg: str, soles_in_base: Float) -> Float:
     """Pitch (...) [rad] in the leg's plane that lays the soles' x axis horizontal, for soles (..., 3) in `base_link`.
 
     In the leg's plane, rolled by the hip angle q, the sole's x axis is (cos p, sin q sin p, -cos q sin p); it is

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from kinematics.arrays import Float, Mask
 from kinematics.exceptions import ArgumentError, unknown_name
 from kinematics.limits import SelfFilterSettings
-from kinematics.shapes import Mask, place_shape
+from kinematics.shapes import place_shape
 from kinematics.state import RobotState
-from kinematics.tree import Array
 
-_ROUNDING = 1e-12
-"""Added to squared lengths of the coarse tests [m^2]: they are differences of larger squares."""
+# Added to squared lengths of the coarse tests [m^2]: they are differences of larger squares.
+ROUNDING = 1e-12
 
 
 class SelfFilter:
@@ -65,7 +65,7 @@ class SelfFilter:
         self._lowest, self._highest = centres - reaches[:, None], centres + reaches[:, None]
         # |p - c|^2 <= r^2 reads |p|^2 - 2 p . c <= r^2 - |c|^2.
         self._twice_centres = 2.0 * centres.T
-        self._powers = reaches**2 - np.einsum("ni,ni->n", centres, centres) + _ROUNDING
+        self._powers = reaches**2 - np.einsum("ni,ni->n", centres, centres) + ROUNDING
 
     def contains(self, points_in_base: npt.ArrayLike) -> Mask:
         """Which points lie on the robot.
@@ -100,9 +100,9 @@ class SelfFilter:
         # All bounding spheres at once, (n, shapes): few points are within any.
         square = np.einsum("ni,ni->n", close, close)
         is_near = square[:, None] - close @ self._twice_centres[:, shapes] <= self._powers[shapes]
-        for place in np.flatnonzero(is_near.any(axis=0)).tolist():
-            near = np.flatnonzero(is_near[:, place])
-            inside[rows[near]] |= self.shapes[shapes[place]].contains(close[near])
+        for index in np.flatnonzero(is_near.any(axis=0)).tolist():
+            near = np.flatnonzero(is_near[:, index])
+            inside[rows[near]] |= self.shapes[shapes[index]].contains(close[near])
         return inside
 
     def blocks(self, origins_in_base: npt.ArrayLike, points_in_base: npt.ArrayLike) -> Mask:
@@ -139,14 +139,14 @@ class SelfFilter:
             return blocked
         low, high = _box(np.ascontiguousarray(points.T))
         low, high = np.fmin(low, origins.min(axis=0)), np.fmax(high, origins.max(axis=0))
-        for place in np.flatnonzero(np.all((self._lowest <= high) & (self._highest >= low), axis=1)).tolist():
-            shape = self.shapes[place]
+        for index in np.flatnonzero(np.all((self._lowest <= high) & (self._highest >= low), axis=1)).tolist():
+            shape = self.shapes[index]
             near = np.flatnonzero(segments.pass_by(shape.centre, shape.reach) & ~blocked)
             if len(near):
                 blocked[near] = shape.blocks(origins if len(origins) == 1 else origins[near], ways[near])
         return blocked
 
-    def _check_outside(self, origins: Array) -> None:
+    def _check_outside(self, origins: Float) -> None:
         inside = origins[self.contains(origins)]
         for shape in self.shapes if len(inside) else ():
             if np.any(shape.contains(inside)):
@@ -160,28 +160,28 @@ class SelfFilter:
 class _Segments:
     """Segments with what every coarse test needs: origins o (1 or n, 3), ways w (n, 3), |w|, w . o and |o|^2."""
 
-    origins: Array
-    ways: Array
-    lengths: Array
-    ways_by_origins: Array
-    origin_squares: Array
+    origins: Float
+    ways: Float
+    lengths: Float
+    ways_by_origins: Float
+    origin_squares: Float
 
-    def pass_by(self, centre: Array, reach: float) -> Mask:
+    def pass_by(self, centre: Float, reach: float) -> Mask:
         """Which segments come within reach of a centre: coarse, but never wrong where a shape is met."""
         along = self.ways @ centre - self.ways_by_origins
-        distance = self.origin_squares - self.origins @ (2.0 * centre) + (centre @ centre - reach**2 - _ROUNDING)
+        distance = self.origin_squares - self.origins @ (2.0 * centre) + (centre @ centre - reach**2 - ROUNDING)
         # Distance of the centre from the line: |c|^2 - (w . c)^2 / |w|^2, without dividing.
         beside = distance * self.lengths**2 <= along**2
         behind, beyond = along < -reach * self.lengths, along > (self.lengths + reach) * self.lengths
         return np.asarray(beside & ~behind & ~beyond)
 
 
-def _box(columns: Array) -> tuple[Array, Array]:
+def _box(columns: Float) -> tuple[Float, Float]:
     """Lowest and highest value of each row (3, n); NaN does not count."""
     return np.fmin.reduce(columns, axis=1), np.fmax.reduce(columns, axis=1)
 
 
-def _checked_points(points: npt.ArrayLike, name: str) -> Array:
+def _checked_points(points: npt.ArrayLike, name: str) -> Float:
     array = np.asarray(points, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 3:
         raise ArgumentError(f"{name} has shape {array.shape}; (n, 3) is needed")

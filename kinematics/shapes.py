@@ -9,15 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from kinematics.tree import Array
+from kinematics.arrays import Float, Mask
 from kinematics.urdf import Shape
 
-Mask = npt.NDArray[np.bool_]
-
-_NO_DIRECTION = 1e-300
-"""Stands for a zero component of a ray: its slab then reaches from minus to plus infinity, or is empty."""
+# Stands for a zero component of a ray: its slab then reaches from minus to plus infinity, or is empty.
+NO_DIRECTION = 1e-300
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,12 +32,12 @@ class PlacedShape:
 
     link: str
     kind: str
-    half: Array
-    centre: Array
-    rotation: Array
+    half: Float
+    centre: Float
+    rotation: Float
     reach: float
 
-    def contains(self, points_in_base: Array) -> Mask:
+    def contains(self, points_in_base: Float) -> Mask:
         """Which of the points (n, 3) lie inside."""
         local = (points_in_base - self.centre) @ self.rotation
         if self.kind == "box":
@@ -50,7 +47,7 @@ class PlacedShape:
             return np.asarray(within & (np.abs(local[:, 2]) <= self.half[2]))
         return np.asarray(np.einsum("ni,ni->n", local, local) <= self.half[0] ** 2)
 
-    def blocks(self, origins: Array, ways: Array) -> Mask:
+    def blocks(self, origins: Float, ways: Float) -> Mask:
         """Which of the segments from `origins` (n, 3) or (1, 3) along `ways` (n, 3), in `base_link` [m], it touches."""
         start, along = (origins - self.centre) @ self.rotation, ways @ self.rotation
         if self.kind == "box":
@@ -63,7 +60,7 @@ class PlacedShape:
         return np.asarray((enter <= leave) & (leave >= 0.0) & (enter <= 1.0))
 
 
-def place_shape(shape: Shape, link: str, transform_link_to_base: Array, margin: float) -> PlacedShape:
+def place_shape(shape: Shape, link: str, transform_link_to_base: Float, margin: float) -> PlacedShape:
     """A shape of the URDF at its place on the robot, grown by a margin [m]."""
     transform = transform_link_to_base @ shape.transform_shape_to_link
     if shape.kind == "box":
@@ -78,27 +75,27 @@ def place_shape(shape: Shape, link: str, transform_link_to_base: Array, margin: 
     return PlacedShape(link, shape.kind, half + margin, transform[:3, 3], transform[:3, :3], reach)
 
 
-def _through_slabs(start: Array, along: Array, half: Array) -> tuple[Array, Array]:
+def _through_slabs(start: Float, along: Float, half: Float) -> tuple[Float, Float]:
     """Where rays enter and leave the slabs |x_i| <= half_i of all axes at once, in parts of their length."""
-    direction = np.where(along == 0.0, _NO_DIRECTION, along)
+    direction = np.where(along == 0.0, NO_DIRECTION, along)
     with np.errstate(over="ignore"):
         one, other = (-half - start) / direction, (half - start) / direction
     return np.minimum(one, other).max(axis=1), np.maximum(one, other).min(axis=1)
 
 
-def _through_round(start: Array, along: Array, radius: float, *, flat: bool) -> tuple[Array, Array]:
+def _through_round(start: Float, along: Float, radius: float, *, flat: bool) -> tuple[Float, Float]:
     """Where rays enter and leave a sphere, or (flat) an endless cylinder about z; enter > leave where they miss."""
     used = slice(0, 2) if flat else slice(0, 3)
     a = np.einsum("ni,ni->n", along[:, used], along[:, used])
     b = np.einsum("ni,ni->n", np.broadcast_to(start, along.shape)[:, used], along[:, used])
     c = np.einsum("ni,ni->n", start[:, used], start[:, used]) - radius**2
     root = b * b - a * c
-    a = np.where(a == 0.0, _NO_DIRECTION, a)
+    a = np.where(a == 0.0, NO_DIRECTION, a)
     with np.errstate(over="ignore", invalid="ignore"):
         half_chord = np.sqrt(np.maximum(root, 0.0))
         enter, leave = (-b - half_chord) / a, (-b + half_chord) / a
     # A ray that runs along the axis is inside for all its length or nowhere.
-    along_axis = a == _NO_DIRECTION
+    along_axis = a == NO_DIRECTION
     enter = np.where(along_axis, np.where(c <= 0.0, -np.inf, np.inf), enter)
     leave = np.where(along_axis, np.where(c <= 0.0, np.inf, -np.inf), leave)
     return np.where(root < 0.0, np.inf, enter), np.where(root < 0.0, -np.inf, leave)

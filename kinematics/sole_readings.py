@@ -11,15 +11,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from kinematics.arrays import Float
 from kinematics.stance_pose import StanceNoise, StancePose
 from kinematics.transforms import transform_points
-from kinematics.tree import Array
 
-_NOTHING_KNOWN = 1.0
-"""Variance of the pitch of a round foot [rad^2]: no information."""
+# Variance of the pitch of a round foot [rad^2]: no information.
+NOTHING_KNOWN = 1.0
 
 
-def sole_readings(pose: StancePose, legs: Sequence[str], noise: StanceNoise) -> tuple[Array, Array]:
+def sole_readings(pose: StancePose, legs: Sequence[str], noise: StanceNoise) -> tuple[Float, Float]:
     """Readings of the soles in the footprint.
 
     Args:
@@ -48,5 +48,5 @@ def sole_readings(pose: StancePose, legs: Sequence[str], noise: StanceNoise) -> 
         covariances[row] += np.diag([noise.contact_sigma**2] * 3 + [noise.sole_pitch_sigma**2 + vertical_variance])
         if len(config.joints) < 4:
             covariances[row, 3] = covariances[row, :, 3] = 0.0
-            covariances[row, 3, 3] = _NOTHING_KNOWN
+            covariances[row, 3, 3] = NOTHING_KNOWN
     return readings, covariances

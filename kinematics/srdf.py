@@ -11,13 +11,13 @@ from xml.etree.ElementTree import Element
 from kinematics.exceptions import RobotFileError
 from kinematics.urdf import Urdf
 
+# The name by which an SRDF places the body: x y z [m] and quaternion x y z w.
 ROOT_JOINT = "root_joint"
-"""The name by which an SRDF places the body: x y z [m] and quaternion x y z w."""
 
 
 @dataclass(frozen=True, slots=True)
 class Posture:
-    """A named posture: position of every joint [rad], and the body's place (7,) where the file gives it."""
+    """A named posture: position of every joint [rad], and the body's pose (7,) where the file gives it."""
 
     name: str
     joint_positions: dict[str, float]
@@ -68,36 +68,36 @@ def _check_links(root: Element, urdf: Urdf) -> None:
 
 def _posture(state: Element, urdf: Urdf) -> Posture:
     name = state.get("name") or ""
-    place = f"group_state {name!r}"
+    where = f"group_state {name!r}"
     moving = [joint.name for joint in urdf.joints if joint.kind != "fixed"]
     positions: dict[str, float] = {}
     root: tuple[float, ...] | None = None
     for element in state.findall("joint"):
         joint = element.get("name") or ""
-        values = _numbers(element.get("value"), f"{place}: joint {joint!r}")
+        values = _numbers(element.get("value"), f"{where}: joint {joint!r}")
         if joint == ROOT_JOINT:
             if len(values) != 7:
                 raise RobotFileError(
-                    f"{place}: {ROOT_JOINT} has {len(values)} numbers; seven are needed (x y z qx qy qz qw)"
+                    f"{where}: {ROOT_JOINT} has {len(values)} numbers; seven are needed (x y z qx qy qz qw)"
                 )
             root = values
             continue
         if joint not in moving:
-            raise RobotFileError(f"{place}: unknown joint {joint!r}; {urdf.path.name} has: {', '.join(moving)}")
+            raise RobotFileError(f"{where}: unknown joint {joint!r}; {urdf.path.name} has: {', '.join(moving)}")
         if joint in positions or len(values) != 1:
-            raise RobotFileError(f"{place}: joint {joint!r} needs one value, once")
+            raise RobotFileError(f"{where}: joint {joint!r} needs one value, once")
         positions[joint] = values[0]
     missing = [joint for joint in moving if joint not in positions]
     if missing:
-        raise RobotFileError(f"{place}: no value for {', '.join(missing)}")
+        raise RobotFileError(f"{where}: no value for {', '.join(missing)}")
     return Posture(name, positions, root)
 
 
-def _numbers(text: str | None, place: str) -> tuple[float, ...]:
+def _numbers(text: str | None, where: str) -> tuple[float, ...]:
     try:
         values = tuple(float(word) for word in (text or "").split())
     except ValueError:
         values = ()
     if not values or not all(math.isfinite(value) for value in values):
-        raise RobotFileError(f"{place}: value {text!r} is not a list of finite numbers")
+        raise RobotFileError(f"{where}: value {text!r} is not a list of finite numbers")
     return values

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from kinematics.arrays import Float
 from kinematics.exceptions import ArgumentError, StanceError, unknown_name
 from kinematics.stance_pose import StancePose
 from kinematics.transforms import transform_points
-from kinematics.tree import Array
 
 
 def polygon_margin(corners: npt.ArrayLike, point: npt.ArrayLike) -> float:
@@ -19,29 +19,29 @@ def polygon_margin(corners: npt.ArrayLike, point: npt.ArrayLike) -> float:
     Raises:
         ArgumentError: wrong shape or not finite.
     """
-    vertices, place = np.asarray(corners, dtype=np.float64), np.asarray(point, dtype=np.float64)
+    vertices, position = np.asarray(corners, dtype=np.float64), np.asarray(point, dtype=np.float64)
     if vertices.ndim != 2 or vertices.shape[1] != 2 or len(vertices) < 1 or not np.all(np.isfinite(vertices)):
         raise ArgumentError(f"corners have shape {vertices.shape}; (n, 2) finite numbers with n >= 1 are needed")
-    if place.shape != (2,) or not np.all(np.isfinite(place)):
-        raise ArgumentError(f"point has shape {place.shape}; (2,) finite numbers are needed")
+    if position.shape != (2,) or not np.all(np.isfinite(position)):
+        raise ArgumentError(f"point has shape {position.shape}; (2,) finite numbers are needed")
     hull = _convex_hull(vertices)
     edges = np.roll(hull, -1, axis=0) - hull
     lengths = np.maximum(np.einsum("ni,ni->n", edges, edges), np.finfo(float).tiny)
-    part = np.clip(np.einsum("ni,ni->n", place - hull, edges) / lengths, 0.0, 1.0)
-    distance = float(np.linalg.norm(place - hull - part[:, None] * edges, axis=1).min())
+    share = np.clip(np.einsum("ni,ni->n", position - hull, edges) / lengths, 0.0, 1.0)
+    distance = float(np.linalg.norm(position - hull - share[:, None] * edges, axis=1).min())
     # Counter-clockwise: inside is on the left of every edge.
-    left = edges[:, 0] * (place - hull)[:, 1] - edges[:, 1] * (place - hull)[:, 0]
+    left = edges[:, 0] * (position - hull)[:, 1] - edges[:, 1] * (position - hull)[:, 0]
     return distance if len(hull) >= 3 and np.all(left >= 0.0) else -distance
 
 
-def _convex_hull(points: Array) -> Array:
+def _convex_hull(points: Float) -> Float:
     """Corners of the convex hull (m, 2), counter-clockwise, without those on its edges (monotone chain)."""
     ordered = np.unique(points, axis=0)
     if len(ordered) < 3:
         return ordered
 
-    def chain(rows: Array) -> list[Array]:
-        kept: list[Array] = []
+    def chain(rows: Float) -> list[Float]:
+        kept: list[Float] = []
         for row in rows:
             while len(kept) >= 2 and _turn(kept[-2], kept[-1], row) <= 0.0:
                 kept.pop()
@@ -51,7 +51,7 @@ def _convex_hull(points: Array) -> Array:
     return np.array(chain(ordered) + chain(ordered[::-1]))
 
 
-def _turn(a: Array, b: Array, c: Array) -> float:
+def _turn(a: Float, b: Float, c: Float) -> float:
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from kinematics.exceptions import StanceError
 
-_FIELDS = ("joint_positions", "support_feet", "gravity_in_base")
+FIELDS = ("joint_positions", "support_feet", "gravity_in_base")
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,13 +55,13 @@ class Stance:
             StanceError: naming the field, what was given and what is allowed.
         """
         if not isinstance(mapping, Mapping):
-            raise StanceError(f"{field}: {mapping!r} is not an object with the fields {', '.join(_FIELDS)}")
+            raise StanceError(f"{field}: {mapping!r} is not an object with the fields {', '.join(FIELDS)}")
         for key in ("joint_positions", "support_feet"):
             if key not in mapping:
-                raise StanceError(f"{field}.{key} is missing; a stance has the fields {', '.join(_FIELDS)}")
+                raise StanceError(f"{field}.{key} is missing; a stance has the fields {', '.join(FIELDS)}")
         for key in mapping:
-            if key not in _FIELDS:
-                raise StanceError(f"{field}.{key}: unknown field; a stance has the fields {', '.join(_FIELDS)}")
+            if key not in FIELDS:
+                raise StanceError(f"{field}.{key}: unknown field; a stance has the fields {', '.join(FIELDS)}")
         try:
             return cls(
                 mapping["joint_positions"],  # type: ignore[arg-type]
@@ -80,12 +80,12 @@ class Stance:
         }
 
 
-def _number(value: object, place: str) -> float:
+def _number(value: object, where: str) -> float:
     if isinstance(value, bool) or not hasattr(value, "__float__"):
-        raise StanceError(f"{place}: {value!r} is not a number")
+        raise StanceError(f"{where}: {value!r} is not a number")
     number = float(value)
     if not math.isfinite(number):
-        raise StanceError(f"{place}: {number} is not finite")
+        raise StanceError(f"{where}: {number} is not finite")
     return number
 
 

@@ -12,20 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from kinematics.arrays import Float, read_only
 from kinematics.exceptions import ArgumentError, StanceError
 from kinematics.footprint import compose_covariance, footprint_jacobians, transform_base_to_footprint
 from kinematics.state import RobotState
 from kinematics.support import SupportPlane, fit_support_plane
 from kinematics.toml_table import Table
 from kinematics.transforms import checked_covariance, checked_transform, inverse
-from kinematics.tree import Array, read_only
 from kinematics.unloaded import FourFeet, find_unloaded_foot
 
+# Where the vertical can come from, the best first.
 ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
-"""Where the vertical can come from, the best first."""
 
-_LEAST_UP_Z = 0.5
-"""A body tilted by more than 60 degrees has fallen: no pose of a scan."""
+# A body tilted by more than 60 degrees has fallen: no pose of a scan.
+LEAST_UP_Z = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class StanceNoise:
         imu_sigma: direction of gravity from an IMU at rest, per axis [rad].
         level_sigma: the body's tilt where it is taken as level, per axis [rad].
         terrain_slope_sigma: tilt of the support plane against the horizontal, per axis [rad].
-        centre_of_mass_sigma: place of the centre of mass over ground [m].
+        centre_of_mass_sigma: standard deviation of its horizontal position [m].
         unloaded_sigmas: how many sigmas above the plane of the others a foot may carry no load [-].
     """
 
@@ -86,24 +86,24 @@ class StancePose:
         state: the robot's state that it was made from.
     """
 
-    transform_base_to_footprint: Array
-    covariance: Array
+    transform_base_to_footprint: Float
+    covariance: Float
     attitude_source: str
     support_feet_used: tuple[str, ...]
     unloaded_feet: tuple[str, ...]
     support_residual: float
-    soles_in_footprint: Array
-    transform_camera_to_footprint: Array
-    camera_covariance: Array
+    soles_in_footprint: Float
+    transform_camera_to_footprint: Float
+    camera_covariance: Float
     state: RobotState
 
     @property
-    def transform_footprint_to_base(self) -> Array:
+    def transform_footprint_to_base(self) -> Float:
         """(4, 4), the inverse."""
         return read_only(inverse(self.transform_base_to_footprint))
 
     @property
-    def up_in_base(self) -> Array:
+    def up_in_base(self) -> Float:
         """(3,) unit vertical in `base_link`."""
         return read_only(self.transform_base_to_footprint[2, :3])
 
@@ -153,7 +153,7 @@ def stance_pose(
         UnknownName: a leg that the robot does not have.
         StanceError: too few feet for the attitude source, feet on a line, gravity asked for but not given, or
             a body tilted by more than 60 degrees.
-        ArgumentError: an unknown source, or a transform or covariance that is none.
+        ArgumentError: an unknown source, or a matrix that is no transform or no covariance.
     """
     legs = list(support_feet)
     source, up, sigma = _vertical(attitude, gravity_in_base, odometry, noise)
@@ -177,7 +177,7 @@ def stance_pose(
     up_by_soles = np.zeros((3, 3 * len(legs)))
     if up is None:
         up, up_by_soles = _plane_vertical(plane, len(legs))  # type: ignore[arg-type]
-    if up[2] < _LEAST_UP_Z:
+    if up[2] < LEAST_UP_Z:
         raise StanceError(
             f"the body is tilted by {np.degrees(np.arccos(up[2])):.0f} degrees ({source}); 60 are allowed"
         )
@@ -208,7 +208,7 @@ def stance_pose(
     )
 
 
-def sole_covariances(state: RobotState, legs: Sequence[str], noise: StanceNoise) -> Array:
+def sole_covariances(state: RobotState, legs: Sequence[str], noise: StanceNoise) -> Float:
     """Covariance of each sole centre in `base_link`, (n, 3, 3) [m^2]: encoder and contact noise."""
     contact = noise.contact_sigma**2 * np.eye(3)
     jacobians = [state.jacobian(state.tree.leg(leg).sole)[:3] for leg in legs]
@@ -220,7 +220,7 @@ def _vertical(
     gravity_in_base: Sequence[float] | None,
     odometry: GravityEstimate | None,
     noise: StanceNoise,
-) -> tuple[str, Array | None, float]:
+) -> tuple[str, Float | None, float]:
     """Source, unit vertical (None: take the support plane's normal) and its sigma [rad]."""
     if attitude is None:
         attitude = "imu" if gravity_in_base is not None else "odometry" if odometry is not None else "support_plane"
@@ -239,12 +239,12 @@ def _vertical(
     return attitude, None, 0.0
 
 
-def _unit_up(gravity: Sequence[float]) -> Array:
+def _unit_up(gravity: Sequence[float]) -> Float:
     up = -np.asarray(gravity, dtype=np.float64)
     return np.asarray(up / np.linalg.norm(up))
 
 
-def _plane_vertical(plane: SupportPlane, count: int) -> tuple[Array, Array]:
+def _plane_vertical(plane: SupportPlane, count: int) -> tuple[Float, Float]:
     """The plane's normal and its derivative by the soles, (3, 3 n)."""
     a, b, _ = plane.coefficients
     upright = np.array([-a, -b, 1.0])

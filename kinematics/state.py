@@ -8,8 +8,9 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
+from kinematics.arrays import Float, read_only
 from kinematics.joint_positions import beyond_limits, checked_positions
-from kinematics.tree import Array, KinematicTree, read_only
+from kinematics.tree import KinematicTree
 
 
 class RobotState:
@@ -49,7 +50,7 @@ class RobotState:
         """Position of one joint [rad]; `UnknownName` when the robot does not have it."""
         return float(self.positions[self.tree.joint_index(joint)])
 
-    def transform_to_base(self, frame: str) -> Array:
+    def transform_to_base(self, frame: str) -> Float:
         """`transform_<frame>_to_base`, (4, 4), read-only.
 
         Raises:
@@ -58,17 +59,17 @@ class RobotState:
         # `homogeneous` is a copy: the placement itself is a live view of Pinocchio's data.
         return read_only(self._data.oMf[self.tree.frame_id(frame)].homogeneous)
 
-    def position_in_base(self, frame: str) -> Array:
+    def position_in_base(self, frame: str) -> Float:
         """Origin of a frame in `base_link`, (3,) [m], read-only; `UnknownName` as above."""
         return read_only(self._data.oMf[self.tree.frame_id(frame)].translation)
 
-    def soles_in_base(self, legs: Iterable[str] | None = None) -> Array:
+    def soles_in_base(self, legs: Iterable[str] | None = None) -> Float:
         """Sole centres in `base_link`, (n, 3) [m], in the order of `legs` (default: all legs)."""
         names = tuple(self.tree.legs) if legs is None else tuple(legs)
         frames = [self.tree.frame_id(self.tree.leg(leg).sole) for leg in names]
         return read_only(np.reshape([self._data.oMf[frame].translation for frame in frames], (-1, 3)))
 
-    def jacobian(self, frame: str) -> Array:
+    def jacobian(self, frame: str) -> Float:
         """Jacobian of a frame's origin, (6, n): d(linear [m], angular [rad]) / d(positions).
 
         In axes of `base_link`, the body held still; columns follow `tree.joint_names`.
@@ -84,7 +85,7 @@ class RobotState:
         return read_only(jacobian[:, self.tree.velocity_indices])
 
     @property
-    def centre_of_mass_in_base(self) -> Array:
+    def centre_of_mass_in_base(self) -> Float:
         """Centre of mass of the whole robot in `base_link`, (3,) [m]."""
         import pinocchio
 

@@ -12,19 +12,19 @@ from itertools import combinations
 
 import numpy as np
 
-from kinematics.tree import Array
+from kinematics.arrays import Float
 
 
 def find_stayed_feet(
-    soles_now: Array,
-    covariances_now: Array,
-    soles_before: Array,
-    covariances_before: Array,
+    soles_now: Float,
+    covariances_now: Float,
+    soles_before: Float,
+    covariances_before: Float,
     *,
     slip_sigmas: float,
     turn_limit: float,
 ) -> list[int]:
-    """Rows of the feet that stayed, in order; fewer than two rows mean that none can be told.
+    """Rows of the feet that stayed, in order; fewer than two rows mean that none is known to have stayed.
 
     Args:
         soles_now: (n, 3) in the footprint of this pause [m].
@@ -54,7 +54,7 @@ def find_stayed_feet(
     return []
 
 
-def _distance_change(now: Array, before: Array, covariances: tuple[Array, Array], turn_limit: float) -> float:
+def _distance_change(now: Float, before: Float, covariances: tuple[Float, Float], turn_limit: float) -> float:
     """By how many standard deviations the distance of two feet changed; infinite where their line turned too far."""
     line_now, line_before = now[1] - now[0], before[1] - before[0]
     length_now, length_before = np.linalg.norm(line_now), np.linalg.norm(line_before)

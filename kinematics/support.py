@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kinematics.arrays import Float, read_only
 from kinematics.exceptions import StanceError
-from kinematics.tree import Array, read_only
 
-_LEAST_WIDTH = 0.010
-"""Soles spread less than this across their line [m, rms] span no plane: 1 mm would tilt it 6 degrees."""
+# Soles that scatter less than this across their line [m, rms] span no plane: 1 mm would tilt it 6 degrees.
+LEAST_WIDTH = 0.010
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,13 +24,13 @@ class SupportPlane:
         gain: (3, n) d(a, b, c) / d(height of each sole over the plane, measured along z).
     """
 
-    coefficients: Array
-    normal: Array
+    coefficients: Float
+    normal: Float
     residual: float
-    gain: Array
+    gain: Float
 
 
-def fit_support_plane(soles_in_base: Array) -> SupportPlane:
+def fit_support_plane(soles_in_base: Float) -> SupportPlane:
     """Fit the support plane.
 
     Args:
@@ -44,7 +44,7 @@ def fit_support_plane(soles_in_base: Array) -> SupportPlane:
         raise StanceError(f"support_feet: {count} given; a support plane needs three feet or more")
     offsets = soles_in_base[:, :2] - soles_in_base[:, :2].mean(axis=0)
     width = np.sqrt(np.linalg.eigvalsh(offsets.T @ offsets)[0] / count)
-    if width < _LEAST_WIDTH:
+    if width < LEAST_WIDTH:
         raise StanceError(
             f"support_feet: the {count} soles lie on one line (within {1e3 * width:.1f} mm); "
             "a support plane needs feet on both sides"

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from kinematics.arrays import Float
 from kinematics.exceptions import ArgumentError
-from kinematics.tree import Array
 
-_ROTATION_TOLERANCE = 1e-6  # a rotation written with seven digits
+# A rotation written with seven digits.
+ROTATION_TOLERANCE = 1e-6
 
 
-def inverse(transform: Array) -> Array:
+def inverse(transform: Float) -> Float:
     """The inverse of a rigid transform (4, 4)."""
     result = np.eye(4)
     result[:3, :3] = transform[:3, :3].T
@@ -19,12 +20,12 @@ def inverse(transform: Array) -> Array:
     return result
 
 
-def transform_points(transform: Array, points: npt.ArrayLike) -> Array:
+def transform_points(transform: Float, points: npt.ArrayLike) -> Float:
     """Points (..., 3) [m] taken through a transform (4, 4)."""
     return np.asarray(np.asarray(points, dtype=np.float64) @ transform[:3, :3].T + transform[:3, 3])
 
 
-def checked_transform(value: npt.ArrayLike, name: str) -> Array:
+def checked_transform(value: npt.ArrayLike, name: str) -> Float:
     """A rigid transform (4, 4) that came from outside.
 
     Raises:
@@ -36,14 +37,14 @@ def checked_transform(value: npt.ArrayLike, name: str) -> Array:
         raise ArgumentError(f"{name} has shape {transform.shape}; a finite (4, 4) matrix is needed")
     rotation = transform[:3, :3]
     error = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if error > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
+    if error > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
         raise ArgumentError(f"{name} holds no rotation: R R' misses the identity by {error:.2g}")
     if not np.array_equal(transform[3], [0.0, 0.0, 0.0, 1.0]):
         raise ArgumentError(f"{name} ends in the row {transform[3].tolist()}; 0 0 0 1 is needed")
     return transform
 
 
-def checked_covariance(value: npt.ArrayLike, name: str) -> Array:
+def checked_covariance(value: npt.ArrayLike, name: str) -> Float:
     """A covariance (6, 6) that came from outside.
 
     Raises:

@@ -11,20 +11,11 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from kinematics.arrays import Float, read_only
 from kinematics.exceptions import RobotFileError, unknown_name
 from kinematics.robot_toml import LegConfig, RobotToml
 from kinematics.urdf import Link, Urdf
-
-Array = npt.NDArray[np.float64]
-
-
-def read_only(array: npt.ArrayLike) -> Array:
-    """A copy of an array, float64 and not writeable."""
-    copy = np.array(array, dtype=np.float64)
-    copy.setflags(write=False)
-    return copy
 
 
 class KinematicTree:
@@ -99,7 +90,7 @@ class KinematicTree:
                         f"{self.urdf.path.name}; its moving joints are: {', '.join(moving)}"
                     )
 
-    def configuration(self, positions: Array) -> Array:
+    def configuration(self, positions: Float) -> Float:
         """Pinocchio's configuration vector for joint positions (n,) in the order of `joint_names`."""
         configuration = self._neutral.copy()
         configuration[self._position_indices] = positions

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kinematics.tree import Array
+from kinematics.arrays import Float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,16 +28,16 @@ class FourFeet:
         soles: (4, 3) sole centres in `base_link` [m].
         covariances: (4, 3, 3) of each [m^2].
         centre_of_mass: (3,) in `base_link` [m].
-        centre_of_mass_sigma: how well its place over ground is known [m].
+        centre_of_mass_sigma: standard deviation of its horizontal position [m].
         up: (3,) unit vertical in `base_link` where known, else None.
         up_sigma: its standard deviation [rad].
     """
 
-    soles: Array
-    covariances: Array
-    centre_of_mass: Array
+    soles: Float
+    covariances: Float
+    centre_of_mass: Float
     centre_of_mass_sigma: float
-    up: Array | None
+    up: Float | None
     up_sigma: float
 
 
@@ -56,14 +56,14 @@ def find_unloaded_foot(feet: FourFeet, sigmas: float) -> int | None:
     balanced = [row for row in candidates if _balance_away_from(feet, row) > -feet.centre_of_mass_sigma]
     if len(balanced) == 1:
         return balanced[0]
-    return min(candidates, key=lambda row: _tilt(feet.soles[_OTHERS[row]]))
+    return min(candidates, key=lambda row: _tilt(feet.soles[OTHERS[row]]))
 
 
-_OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
-"""Rows of the other three feet."""
+# Rows of the other three feet.
+OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
-def _normal(threes: Array) -> Array:
+def _normal(threes: Float) -> Float:
     """Unit normals (..., 3), pointing up, of planes through three soles (..., 3, 3)."""
     first = threes[..., 0, :]
     normal = np.cross(threes[..., 1, :] - first, threes[..., 2, :] - first)
@@ -71,14 +71,14 @@ def _normal(threes: Array) -> Array:
     return np.asarray(normal / np.where(normal[..., 2:] > 0.0, length, -length))
 
 
-def _tilt(three: Array) -> float:
+def _tilt(three: Float) -> float:
     """Cosine distance of the normal of three soles from the body's z axis: grows with the tilt."""
     return 1.0 - float(_normal(three)[2])
 
 
-def _gaps_in_sigmas(feet: FourFeet) -> Array:
+def _gaps_in_sigmas(feet: FourFeet) -> Float:
     """How far each sole lies above the plane of the other three, in standard deviations, (4,)."""
-    others = feet.soles[_OTHERS]
+    others = feet.soles[OTHERS]
     normals = _normal(others)
     gaps = np.vecdot(normals, feet.soles - others[:, 0])
     # The point of the plane under a sole is a weighted sum of the three, by its barycentric coordinates.
@@ -86,14 +86,14 @@ def _gaps_in_sigmas(feet: FourFeet) -> Array:
     under[:, 2], corners[:, 2] = 1.0, 1.0
     weights = np.linalg.solve(corners, under[..., None])[..., 0]
     along_normals = np.einsum("ri,fij,rj->rf", normals, feet.covariances, normals)
-    variances = np.diag(along_normals) + np.vecdot(weights**2, np.take_along_axis(along_normals, _OTHERS, axis=1))
+    variances = np.diag(along_normals) + np.vecdot(weights**2, np.take_along_axis(along_normals, OTHERS, axis=1))
     return np.asarray(gaps / np.sqrt(variances))
 
 
 def _others_level(feet: FourFeet, row: int, sigmas: float) -> bool:
     """Whether the other three stand on one level, as far as soles and vertical are known."""
     up = np.asarray(feet.up)
-    others, covariances = feet.soles[_OTHERS[row]], feet.covariances[_OTHERS[row]]
+    others, covariances = feet.soles[OTHERS[row]], feet.covariances[OTHERS[row]]
     heights = others @ up
     for i, j in ((0, 1), (0, 2), (1, 2)):
         variance = up @ (covariances[i] + covariances[j]) @ up
@@ -108,7 +108,7 @@ def _balance_away_from(feet: FourFeet, row: int) -> float:
 
     The vertical is the known one, or what it would be if that foot hung: the normal of the plane of the others.
     """
-    others, up = feet.soles[_OTHERS[row]], feet.up
+    others, up = feet.soles[OTHERS[row]], feet.up
     if up is None:
         up = _normal(others)
     # The foot opposite is the one for which the other two lie on different sides of the line between both.

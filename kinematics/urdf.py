@@ -14,11 +14,11 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
-import numpy.typing as npt
 
+from kinematics.arrays import Float
 from kinematics.exceptions import RobotFileError
 
-_CHILDREN = {
+CHILDREN = {
     "robot": {"link", "joint", "material", "mujoco", "gazebo", "transmission"},
     "link": {"inertial", "visual", "collision"},
     "inertial": {"origin", "mass", "inertia"},
@@ -27,7 +27,7 @@ _CHILDREN = {
     "geometry": {"box", "cylinder", "sphere"},
     "joint": {"origin", "parent", "child", "axis", "limit", "dynamics", "safety_controller"},
 }
-_ATTRIBUTES = {
+ATTRIBUTES = {
     "link": {"name"},
     "joint": {"name", "type"},
     "origin": {"xyz", "rpy"},
@@ -41,7 +41,7 @@ _ATTRIBUTES = {
     "cylinder": {"radius", "length"},
     "sphere": {"radius"},
 }
-_UNREAD = {"material", "mujoco", "gazebo", "transmission", "dynamics", "safety_controller"}
+UNREAD = {"material", "mujoco", "gazebo", "transmission", "dynamics", "safety_controller"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Shape:
 
     kind: str
     size: tuple[float, ...]
-    transform_shape_to_link: npt.NDArray[np.float64]
+    transform_shape_to_link: Float
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +65,8 @@ class Link:
 
     name: str
     mass: float | None
-    centre_of_mass: npt.NDArray[np.float64]
-    inertia: npt.NDArray[np.float64]
+    centre_of_mass: Float
+    inertia: Float
     shapes: tuple[Shape, ...]
 
 
@@ -78,8 +78,8 @@ class Joint:
     kind: str
     parent: str
     child: str
-    transform_child_to_parent: npt.NDArray[np.float64]
-    axis: npt.NDArray[np.float64]
+    transform_child_to_parent: Float
+    axis: Float
     lower: float
     upper: float
 
@@ -120,71 +120,71 @@ def read_urdf(path: Path) -> Urdf:
     return Urdf(path, root.get("name", ""), links, joints, text)
 
 
-def _check_words(element: Element, place: str) -> None:
+def _check_words(element: Element, where: str) -> None:
     """Refuse elements and attributes that a URDF does not have at this place, all the way down."""
-    allowed = _ATTRIBUTES.get(element.tag)
+    allowed = ATTRIBUTES.get(element.tag)
     for attribute in element.attrib:
         if allowed is not None and attribute not in allowed:
             raise RobotFileError(
-                f"{place}: attribute {attribute!r} of <{element.tag}> is unknown; allowed: {', '.join(sorted(allowed))}"
+                f"{where}: attribute {attribute!r} of <{element.tag}> is unknown; allowed: {', '.join(sorted(allowed))}"
             )
     for child in element:
-        if child.tag not in _CHILDREN.get(element.tag, set()):
-            names = ", ".join(sorted(_CHILDREN.get(element.tag, set()))) or "none"
-            raise RobotFileError(f"{place}: element <{child.tag}> is not allowed in <{element.tag}>; allowed: {names}")
-        if child.tag not in _UNREAD:
+        if child.tag not in CHILDREN.get(element.tag, set()):
+            names = ", ".join(sorted(CHILDREN.get(element.tag, set()))) or "none"
+            raise RobotFileError(f"{where}: element <{child.tag}> is not allowed in <{element.tag}>; allowed: {names}")
+        if child.tag not in UNREAD:
             named = child.tag in ("link", "joint")
-            _check_words(child, f"{child.tag} {child.get('name')!r}" if named else place)
+            _check_words(child, f"{child.tag} {child.get('name')!r}" if named else where)
 
 
-def _only(element: Element, tag: str, place: str) -> Element | None:
+def _only(element: Element, tag: str, where: str) -> Element | None:
     found = element.findall(tag)
     if len(found) > 1:
-        raise RobotFileError(f"{place}: <{tag}> is given {len(found)} times; once is allowed")
+        raise RobotFileError(f"{where}: <{tag}> is given {len(found)} times; once is allowed")
     return found[0] if found else None
 
 
-def _needed(element: Element, tag: str, place: str) -> Element:
-    found = _only(element, tag, place)
+def _needed(element: Element, tag: str, where: str) -> Element:
+    found = _only(element, tag, where)
     if found is None:
-        raise RobotFileError(f"{place}: <{tag}> is missing")
+        raise RobotFileError(f"{where}: <{tag}> is missing")
     return found
 
 
-def _attribute(element: Element, name: str, place: str) -> str:
+def _attribute(element: Element, name: str, where: str) -> str:
     value = element.get(name)
     if value is None:
-        raise RobotFileError(f"{place}: <{element.tag}> has no attribute {name!r}")
+        raise RobotFileError(f"{where}: <{element.tag}> has no attribute {name!r}")
     return value
 
 
-def _numbers(text: str, count: int, what: str, place: str) -> tuple[float, ...]:
+def _numbers(text: str, count: int, what: str, where: str) -> tuple[float, ...]:
     try:
         numbers = tuple(float(word) for word in text.split())
     except ValueError:
         numbers = ()
     if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
         raise RobotFileError(
-            f"{place}: {what} is {text!r}; needed: {count} finite number{'s' * (count > 1)} parted by spaces"
+            f"{where}: {what} is {text!r}; needed: {count} finite number{'s' * (count > 1)} parted by spaces"
         )
     return numbers
 
 
-def _number(element: Element, name: str, place: str) -> float:
-    return _numbers(_attribute(element, name, place), 1, f"{name!r} of <{element.tag}>", place)[0]
+def _number(element: Element, name: str, where: str) -> float:
+    return _numbers(_attribute(element, name, where), 1, f"{name!r} of <{element.tag}>", where)[0]
 
 
-def _origin(element: Element, place: str) -> npt.NDArray[np.float64]:
-    origin = _only(element, "origin", place)
+def _origin(element: Element, where: str) -> Float:
+    origin = _only(element, "origin", where)
     transform = np.eye(4)
     if origin is not None:
-        transform[:3, 3] = _numbers(origin.get("xyz", "0 0 0"), 3, "xyz of <origin>", place)
-        transform[:3, :3] = rotation_from_rpy(*_numbers(origin.get("rpy", "0 0 0"), 3, "rpy of <origin>", place))
+        transform[:3, 3] = _numbers(origin.get("xyz", "0 0 0"), 3, "xyz of <origin>", where)
+        transform[:3, :3] = rotation_from_rpy(*_numbers(origin.get("rpy", "0 0 0"), 3, "rpy of <origin>", where))
     transform.setflags(write=False)
     return transform
 
 
-def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> npt.NDArray[np.float64]:
+def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> Float:
     """Rotation (3, 3) by roll, pitch, yaw [rad] about the fixed axes x, y, z, as URDF defines rpy."""
     cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
     return np.array(
@@ -200,53 +200,53 @@ def _link(element: Element) -> Link:
     name = element.get("name")
     if not name:
         raise RobotFileError("a <link> has no name")
-    place = f"link {name!r}"
-    inertial = _only(element, "inertial", place)
+    where = f"link {name!r}"
+    inertial = _only(element, "inertial", where)
     mass, centre, inertia = None, np.zeros(3), np.zeros((3, 3))
     if inertial is not None:
-        mass = _number(_needed(inertial, "mass", place), "value", place)
-        transform = _origin(inertial, place)
-        moments = _needed(inertial, "inertia", place)
-        xx, xy, xz, yy, yz, zz = (_number(moments, key, place) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+        mass = _number(_needed(inertial, "mass", where), "value", where)
+        transform = _origin(inertial, where)
+        moments = _needed(inertial, "inertia", where)
+        xx, xy, xz, yy, yz, zz = (_number(moments, key, where) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         centre, inertia = transform[:3, 3].copy(), transform[:3, :3] @ tensor @ transform[:3, :3].T
-    shapes = tuple(_shape(collision, place) for collision in element.findall("collision"))
+    shapes = tuple(_shape(collision, where) for collision in element.findall("collision"))
     return Link(name, mass, centre, inertia, shapes)
 
 
-def _shape(collision: Element, place: str) -> Shape:
-    geometry = _needed(collision, "geometry", place)
+def _shape(collision: Element, where: str) -> Shape:
+    geometry = _needed(collision, "geometry", where)
     if len(geometry) != 1:
-        raise RobotFileError(f"{place}: <geometry> of <collision> holds {len(geometry)} shapes; exactly one is needed")
+        raise RobotFileError(f"{where}: <geometry> of <collision> holds {len(geometry)} shapes; exactly one is needed")
     shape = geometry[0]
     if shape.tag == "box":
-        size = _numbers(_attribute(shape, "size", place), 3, "size of <box>", place)
+        size = _numbers(_attribute(shape, "size", where), 3, "size of <box>", where)
     elif shape.tag == "cylinder":
-        size = (_number(shape, "radius", place), _number(shape, "length", place))
+        size = (_number(shape, "radius", where), _number(shape, "length", where))
     else:
-        size = (_number(shape, "radius", place),)
+        size = (_number(shape, "radius", where),)
     if min(size) <= 0.0:
-        raise RobotFileError(f"{place}: size of <{shape.tag}> is {size}; every length must be positive")
-    return Shape(shape.tag, size, _origin(collision, place))
+        raise RobotFileError(f"{where}: size of <{shape.tag}> is {size}; every length must be positive")
+    return Shape(shape.tag, size, _origin(collision, where))
 
 
 def _joint(element: Element) -> Joint:
     name = element.get("name")
     if not name:
         raise RobotFileError("a <joint> has no name")
-    place = f"joint {name!r}"
-    kind = _attribute(element, "type", place)
+    where = f"joint {name!r}"
+    kind = _attribute(element, "type", where)
     if kind not in ("fixed", "revolute", "prismatic"):
-        raise RobotFileError(f"{place}: type {kind!r} is not supported; use fixed, revolute or prismatic")
-    parent = _attribute(_needed(element, "parent", place), "link", place)
-    child = _attribute(_needed(element, "child", place), "link", place)
+        raise RobotFileError(f"{where}: type {kind!r} is not supported; use fixed, revolute or prismatic")
+    parent = _attribute(_needed(element, "parent", where), "link", where)
+    child = _attribute(_needed(element, "child", where), "link", where)
     axis, lower, upper = np.array([1.0, 0.0, 0.0]), 0.0, 0.0
     if kind != "fixed":
-        axis_element = _only(element, "axis", place)
+        axis_element = _only(element, "axis", where)
         if axis_element is not None:
-            axis = np.array(_numbers(_attribute(axis_element, "xyz", place), 3, "xyz of <axis>", place))
-        limit = _needed(element, "limit", place)
-        lower, upper = _number(limit, "lower", place), _number(limit, "upper", place)
-        _number(limit, "effort", place)
-        _number(limit, "velocity", place)
-    return Joint(name, kind, parent, child, _origin(element, place), axis, lower, upper)
+            axis = np.array(_numbers(_attribute(axis_element, "xyz", where), 3, "xyz of <axis>", where))
+        limit = _needed(element, "limit", where)
+        lower, upper = _number(limit, "lower", where), _number(limit, "upper", where)
+        _number(limit, "effort", where)
+        _number(limit, "velocity", where)
+    return Joint(name, kind, parent, child, _origin(element, where), axis, lower, upper)

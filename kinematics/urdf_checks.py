@@ -13,8 +13,10 @@ import numpy as np
 from kinematics.exceptions import RobotFileError
 from kinematics.urdf import Joint, Link, Urdf
 
-_AXIS_TOLERANCE = 1e-3  # an axis written with three decimals
-_TRIANGLE_TOLERANCE = 1e-6  # of the largest moment: figures rounded to seven digits
+# An axis written with three decimals.
+AXIS_TOLERANCE = 1e-3
+# Of the largest moment: figures rounded to seven digits.
+TRIANGLE_TOLERANCE = 1e-6
 
 
 def check_urdf(urdf: Urdf, root: str) -> None:
@@ -80,19 +82,19 @@ def _check_tree(urdf: Urdf, root: str) -> None:
 
 
 def _check_inertia(link: Link, *, moves: bool) -> None:
-    place = f"link {link.name!r}"
+    where = f"link {link.name!r}"
     if link.mass is None:
         if moves:
-            raise RobotFileError(f"{place}: moves, but has no <inertial>; mass > 0 is needed")
+            raise RobotFileError(f"{where}: moves, but has no <inertial>; mass > 0 is needed")
         return
     if not link.mass > 0.0:
-        raise RobotFileError(f"{place}: mass is {link.mass:g} kg; it must be positive")
+        raise RobotFileError(f"{where}: mass is {link.mass:g} kg; it must be positive")
     moments = np.linalg.eigvalsh(link.inertia)
     if not moments[0] > 0.0:
-        raise RobotFileError(f"{place}: principal moments of inertia are {_listed(moments)}; all must be positive")
-    if moments[0] + moments[1] < moments[2] * (1.0 - _TRIANGLE_TOLERANCE):
+        raise RobotFileError(f"{where}: principal moments of inertia are {_listed(moments)}; all must be positive")
+    if moments[0] + moments[1] < moments[2] * (1.0 - TRIANGLE_TOLERANCE):
         raise RobotFileError(
-            f"{place}: principal moments of inertia {_listed(moments)} kg m^2 belong to no body: "
+            f"{where}: principal moments of inertia {_listed(moments)} kg m^2 belong to no body: "
             "the largest may not exceed the sum of the others"
         )
 
@@ -102,13 +104,13 @@ def _listed(values: Iterable[float]) -> str:
 
 
 def _check_joint(joint: Joint) -> None:
-    place = f"joint {joint.name!r}"
+    where = f"joint {joint.name!r}"
     length = float(np.linalg.norm(joint.axis))
     if length == 0.0:
-        raise RobotFileError(f"{place}: the axis is zero; a unit vector is needed")
-    if abs(length - 1.0) > _AXIS_TOLERANCE:
+        raise RobotFileError(f"{where}: the axis is zero; a unit vector is needed")
+    if abs(length - 1.0) > AXIS_TOLERANCE:
         raise RobotFileError(
-            f"{place}: the axis {_listed(joint.axis)} has length {length:.4g}; it must be a unit vector"
+            f"{where}: the axis {_listed(joint.axis)} has length {length:.4g}; it must be a unit vector"
         )
     if not joint.lower < joint.upper:
-        raise RobotFileError(f"{place}: the lower limit {joint.lower:g} is not below the upper limit {joint.upper:g}")
+        raise RobotFileError(f"{where}: the lower limit {joint.lower:g} is not below the upper limit {joint.upper:g}")

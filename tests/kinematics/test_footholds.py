@@ -31,7 +31,7 @@ def test_a_known_motion_is_found(stayed: tuple[str, ...]) -> None:
     expected = np.eye(4)
     expected[:2, :2], expected[:3, 3] = turn(0.11), (0.035, -0.01, 0.02)
     np.testing.assert_allclose(fit.transform_footprint_to_odom, expected, atol=1e-12)
-    np.testing.assert_allclose(footholds.places, READINGS, atol=1e-12)
+    np.testing.assert_allclose(footholds.positions, READINGS, atol=1e-12)
     assert fit.residual < 1e-12 and fit.misfit == 1.0
 
 
@@ -55,7 +55,7 @@ def test_covariances_agree_with_sampling() -> None:
         fit, footholds = footholds.after_pause(LEGS, LEGS, read(new_place, 0.05, (0.06, 0.01, 0.0)), noise)
         transform = fit.transform_footprint_to_odom
         poses.append([*transform[:3, 3], np.arctan2(transform[1, 0], transform[0, 0])])
-        places.append(footholds.places.ravel())
+        places.append(footholds.positions.ravel())
     np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), np.std(poses, axis=0), rtol=0.10)
     np.testing.assert_allclose(np.sqrt(np.diag(footholds.covariance)), np.std(places, axis=0), rtol=0.10)
     assert np.linalg.eigvalsh(footholds.covariance)[0] > 0.0
@@ -110,7 +110,7 @@ def test_feet_that_no_longer_stand_are_forgotten() -> None:
     rows = [LEGS.index(leg) for leg in legs]
     _, footholds = FIRST.after_pause(("lf", "rh"), legs, READINGS[rows], NOISE[rows])
     assert isinstance(footholds, Footholds) and footholds.legs == legs
-    np.testing.assert_allclose(footholds.places, READINGS[rows], atol=1e-12)
+    np.testing.assert_allclose(footholds.positions, READINGS[rows], atol=1e-12)
 
 
 def stayed(now: np.ndarray, before: np.ndarray, turn_limit: float = 0.26) -> list[int]:
