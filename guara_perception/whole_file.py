@@ -44,6 +44,11 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         yield temporary
         _to_disk(temporary)
         os.replace(temporary, path)
+    except OSError as error:
+        # A full disk is told without a name, or with the temporary one, which nobody knows.
+        if error.filename is None or os.fspath(error.filename) == os.fspath(temporary):
+            error.filename, error.filename2 = str(path), None
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 

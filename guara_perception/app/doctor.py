@@ -20,7 +20,7 @@ from guara_perception.exceptions import PerceptionError
 from guara_perception.process import run_scan
 from kinematics import KinematicsError, load_robot
 
-OK, WARN, FAIL = "ok", "warn", "FAIL"
+OK, SKIP, WARN, FAIL = "ok", "skip", "warn", "FAIL"
 CHECKS = ("usb", "board", "camera", "zenoh", "calibration", "drift", "disk", "speed")
 # After this long a camera mount has had its knocks; the paper's rig was calibrated before each session.
 CALIBRATION_AGE_DAYS = 30
@@ -36,7 +36,7 @@ class Finding:
 
     Attributes:
         name: what was checked.
-        level: "ok", "warn" or "FAIL".
+        level: "ok", "skip" (not checked), "warn" or "FAIL".
         message: what was found and, unless ok, what to do.
     """
 
@@ -164,7 +164,9 @@ def judge_calibration(calibration: Calibration) -> Finding:
 def check_scan_drift(calibration: Path | None, scan: Path | None) -> Finding:
     """Whether the calibration still fits what a scan shows of the floor."""
     if calibration is None or scan is None:
-        return Finding("drift", OK, "not checked: give -c calibration.json and --scan SCAN, a scan with floor in view")
+        return Finding(
+            "drift", SKIP, "not checked: give -c calibration.json and --scan SCAN, a scan with floor in view"
+        )
     try:
         recorded, calibrated = open_scan(scan), load_calibration(calibration)
         processor = run_scan(recorded, calibrated, load_robot(recorded.robot))

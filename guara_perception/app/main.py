@@ -18,6 +18,8 @@ COMMANDS = {
         "convert",
         "demo",
         "doctor",
+        "export",
+        "info",
         "listen",
         "process",
         "recover",
@@ -49,7 +51,30 @@ class LazyGroup(click.Group):
             return None
         module = importlib.import_module(f"guara_perception.app.commands.{COMMANDS[cmd_name]}")
         command: click.Command = module.command
+        _accept_verbose(command)
         return command
+
+
+def _show_logs(context: click.Context, parameter: click.Parameter, verbose: bool) -> None:
+    if verbose:
+        logging.getLogger().setLevel(logging.INFO)
+
+
+def _accept_verbose(command: click.Command) -> None:
+    """Let -v stand behind the command too, where people write it."""
+    if any(parameter.name == "verbose" for parameter in command.params):
+        return
+    command.params.append(
+        click.Option(
+            ["-v", "--verbose"],
+            is_flag=True,
+            expose_value=False,
+            callback=_show_logs,
+            help="Log what is going on, to standard error.",
+        )
+    )
+    for inner in getattr(command, "commands", {}).values():
+        _accept_verbose(inner)
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})

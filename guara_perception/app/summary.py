@@ -1,11 +1,34 @@
-"""One line that says what a grid holds."""
+"""What a grid holds: one line for a person, plain values for a program."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, cells_by_flag
+
+
+def facts(terrain: TerrainGrid) -> dict[str, Any]:
+    """The same for a program: plain values, as `--json` prints them."""
+    hazard = terrain.hazard
+    return {
+        "robot": terrain.metadata.get("robot"),
+        "extent": terrain.extent,
+        "step": terrain.step,
+        "stamp": terrain.stamp,
+        "mode": terrain.metadata.get("mode"),
+        "method": terrain.metadata.get("method"),
+        "cells": [terrain.shape[1], terrain.shape[0]],
+        "resolution": terrain.resolution,
+        "origin": list(terrain.origin),
+        "known": float(np.mean((hazard & UNKNOWN_MASK) == 0)),
+        "traversable": float(np.mean(terrain.traversability > 0)),
+        "hazards": {name: count for name, count in cells_by_flag(hazard).items() if count},
+        "health": terrain.metadata.get("health", {}),
+        "calibration_hash": terrain.metadata.get("calibration_hash"),
+    }
 
 
 def summary(terrain: TerrainGrid) -> str:

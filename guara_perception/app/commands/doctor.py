@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import click
@@ -13,6 +14,7 @@ import click
 @click.option("--listen", default="tcp/127.0.0.1:7447", show_default=True, help="where the node would listen")
 @click.option("--scan", type=click.Path(path_type=Path), help="recorded scan with floor in view, for the drift check")
 @click.option("--only", "checks", multiple=True, help="run only this check; repeatable", metavar="NAME")
+@click.option("--json", "as_json", is_flag=True, help="print one JSON object per check instead")
 @click.pass_context
 def command(
     context: click.Context,
@@ -21,6 +23,7 @@ def command(
     listen: str,
     scan: Path | None,
     checks: tuple[str, ...],
+    as_json: bool,
 ) -> None:
     """Check camera, USB board, permissions, Zenoh, calibration, disk and speed; exit 1 when something must be mended.
 
@@ -38,7 +41,10 @@ def command(
     for finding in examine(
         camera=camera, calibration=calibration, listen=listen, folder=Path.cwd(), scan=scan, checks=checks
     ):
-        click.echo(f"{finding.level:<5} {finding.name:<12} {finding.message}")
+        if as_json:
+            click.echo(json.dumps({"name": finding.name, "level": finding.level, "message": finding.message}))
+        else:
+            click.echo(f"{finding.level:<5} {finding.name:<12} {finding.message}")
         failed |= finding.level == FAIL
     if failed:
         context.exit(1)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import click
+
+# [s] How long to wait for the connection where no shorter time is asked for.
+CONNECTING_SECONDS = 5.0
 
 
 @click.command(name="listen")
@@ -14,8 +18,15 @@ import click
 @click.option("--security", type=click.Path(path_type=Path), help="folder of a role made by `guara security init`")
 @click.option("--count", type=click.IntRange(min=1), help="end after so many grids; default: until Ctrl-C")
 @click.option("--timeout", type=click.FloatRange(min=0.1), help="fail when no grid comes for so many seconds")
+@click.option("--json", "as_json", is_flag=True, help="print one JSON object per grid instead")
 def command(
-    endpoint: str | None, robot: str, extent: str, security: Path | None, count: int | None, timeout: float | None
+    endpoint: str | None,
+    robot: str,
+    extent: str,
+    security: Path | None,
+    count: int | None,
+    timeout: float | None,
+    as_json: bool,
 ) -> None:
     """Print one line per grid that the node publishes; the last one comes at once.
 
@@ -24,14 +35,19 @@ def command(
       guara listen --connect tcp/127.0.0.1:7447 --count 1
     """
     from guara_perception.app.client import TerrainClient
-    from guara_perception.app.summary import summary
+    from guara_perception.app.summary import facts, summary
 
     seen = 0
-    with TerrainClient(endpoint, robot=robot, security=security) as client:
+    patience = CONNECTING_SECONDS if timeout is None else min(timeout, CONNECTING_SECONDS)
+    with TerrainClient(endpoint, robot=robot, security=security, timeout=patience) as client:
         try:
             for terrain in client.stream(extent, timeout):
                 seen += 1
-                click.echo(f"{robot} {extent} #{terrain.metadata['sequence']}: {summary(terrain)}")
+                sequence = terrain.metadata["sequence"]
+                if as_json:
+                    click.echo(json.dumps({"name": robot, "sequence": sequence, **facts(terrain)}))
+                else:
+                    click.echo(f"{robot} {extent} #{sequence}: {summary(terrain)}")
                 if seen == count:
                     break
         except KeyboardInterrupt:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import click
@@ -25,6 +26,7 @@ from guara_perception.exceptions import InvalidInput
 @click.option("--robot", help="name or folder of the robot; default: the scan's")
 @click.option("--step", type=int, help="which scan of a recording that holds several")
 @click.option("--keep-going", is_flag=True, help="leave a frame that cannot be used unknown instead of refusing")
+@click.option("--json", "as_json", is_flag=True, help="print one JSON object per grid instead")
 def command(
     scan: Path,
     calibration: Path | None,
@@ -35,6 +37,7 @@ def command(
     robot: str | None,
     step: int | None,
     keep_going: bool,
+    as_json: bool,
 ) -> None:
     """Turn a recorded SCAN (folder or .mcap) into terrain.
 
@@ -46,7 +49,7 @@ def command(
     """
     from guara_perception.app.files.open_scan import open_scan
     from guara_perception.app.files.scan_calibration import calibration_for
-    from guara_perception.app.summary import summary
+    from guara_perception.app.summary import facts, summary
     from guara_perception.methods import METHODS
     from guara_perception.process import run_scan, with_pictures
     from guara_perception.terrain.questions.save import save_terrain
@@ -82,10 +85,11 @@ def command(
         terrain = with_pictures(processor.finish(), processor)
         target = out if place == 0 else out.with_name(f"{out.stem}-{name}{out.suffix}")
         save_terrain(terrain, target)
-        click.echo(f"{target}: {summary(terrain)}")
+        click.echo(json.dumps({"file": str(target), **facts(terrain)}) if as_json else f"{target}: {summary(terrain)}")
         if figures is not None:
             from guara_perception.app.figures.figures import draw_figures
 
             folder = figures if len(methods) == 1 else figures / name
             pictures = draw_figures(folder, recorded, calibrated, processor, terrain)
-            click.echo(f"{folder}: {len(pictures)} pictures")
+            if not as_json:
+                click.echo(f"{folder}: {len(pictures)} pictures")

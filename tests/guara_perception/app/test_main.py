@@ -14,7 +14,7 @@ from guara_perception.app.main import COMMANDS, LazyGroup, is_bad_input, run
 from kinematics.exceptions import unknown_name
 from transport import ConnectionFailed, ScanFailed, StaleTerrain
 
-PROMISED = "calibrate convert demo doctor listen process recover replay run scan security view".split()
+PROMISED = "calibrate convert demo doctor export info listen process recover replay run scan security view".split()
 
 
 def with_subcommands(name: str) -> list[tuple[str, ...]]:
@@ -189,3 +189,23 @@ def test_reader_that_goes_away_is_no_traceback():
     errors = process.stderr.read()
     process.stderr.close()
     assert process.wait(60) == 1 and errors == ""
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_verbose_may_stand_behind_every_command(name: str):
+    """`guara run -v` is taken as `guara -v run` is."""
+    for words in with_subcommands(name):
+        command = module.guara.get_command(click.Context(module.guara), words[0])
+        for word in words[1:]:
+            command = command.commands[word]
+        assert [o for o in command.params if o.name == "verbose"], words
+
+
+def test_verbose_behind_the_command_shows_the_log(data: Path, tmp_path: Path):
+    """The level of the log changes wherever the switch stands."""
+    code = (
+        "import logging, sys; from guara_perception.app.main import run; run(sys.argv[1:]); print(logging.root.level)"
+    )
+    for words, level in ((["info", str(data), "-v"], "20"), (["info", str(data)], "30"), (["-v", "info", "x"], "20")):
+        done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=True)
+        assert done.stdout.splitlines()[-1] == level

@@ -1,0 +1,45 @@
+"""`guara info`: what a file or folder holds."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+
+@click.command(name="info")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="print one JSON object instead")
+def command(file: Path, as_json: bool) -> None:
+    """Say what FILE holds: a grid, recording, calibration, or the folder of a scan, session or robot.
+
+    \b
+    Example:
+      guara info terrain.npz
+      guara info walk.mcap --json
+    """
+    from guara_perception.app.files.info import describe_file
+
+    found = describe_file(file)
+    if as_json:
+        click.echo(json.dumps(found))
+        return
+    for name, value in found.items():
+        click.echo(f"{name.replace('_', ' ') + ':':<20} {_in_words(value)}")
+
+
+def _in_words(value: Any) -> str:
+    if value in (None, [], {}):
+        return "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_in_words(entry)}" for name, entry in value.items())
+    if isinstance(value, list):
+        between = "; " if isinstance(value[0], dict) else ", "
+        return between.join(map(_in_words, value))
+    return str(value)

@@ -1,0 +1,84 @@
+"""`guara export`: what trimesh, pypcd4 and csv read is what the grid says; unknown cells are never points."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from pypcd4 import PointCloud
+
+import guara_perception as gp
+from guara_perception.app.files.export import export_terrain
+from guara_perception.app.messages import terrain_to_message
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+from transport.recording import RecordingWriter
+
+
+def test_ply_opens_in_trimesh(paper_terrain: gp.TerrainGrid, tmp_path: Path):
+    """A vertex per known cell, at its centre and height, in the colour of its hazard."""
+    count = export_terrain(paper_terrain, tmp_path / "t.ply")
+    cloud = trimesh.load(tmp_path / "t.ply")
+    assert len(cloud.vertices) == count == len(paper_terrain.points())
+    assert np.allclose(cloud.vertices, paper_terrain.points(), atol=1e-6)
+    assert len(np.unique(np.asarray(cloud.colors), axis=0)) > 3
+
+
+def test_pcd_opens_in_pypcd4(paper_terrain: gp.TerrainGrid, tmp_path: Path):
+    """Points, sigma and flags arrive as they are in the grid."""
+    export_terrain(paper_terrain, tmp_path / "t.pcd")
+    cloud = PointCloud.from_path(tmp_path / "t.pcd")
+    assert cloud.fields == ("x", "y", "z", "sigma", "hazard", "rgb")
+    values = cloud.pc_data
+    assert np.allclose(np.column_stack([values[n] for n in "xyz"]), paper_terrain.points(), atol=1e-6)
+    assert np.array_equal(values["hazard"], paper_terrain.hazard[(paper_terrain.hazard & UNKNOWN_MASK) == 0])
+    assert (values["hazard"] & UNKNOWN_MASK == 0).all() and (values["sigma"] > 0).all()
+
+
+def test_csv_has_every_cell_and_the_cause_of_the_unknown(paper_terrain: gp.TerrainGrid, tmp_path: Path):
+    """Unknown cells have an empty height and a named cause; known ones their height to a micrometre."""
+    count = export_terrain(paper_terrain, tmp_path / "t.csv")
+    with (tmp_path / "t.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == count == paper_terrain.hazard.size
+    elevation = np.array([float(row["elevation"] or "nan") for row in rows]).reshape(paper_terrain.shape)
+    assert np.allclose(elevation, paper_terrain.elevation, atol=1e-6, equal_nan=True)
+    unknown = [row for row in rows if row["elevation"] == ""]
+    causes = {"DROPOUT", "OCCLUDED", "UNSCANNED", "OUT_OF_RANGE", "AMBIGUOUS", "SELF"}
+    assert unknown and all(causes & set(row["hazard"].split("|")) and row["traversability"] == "0" for row in unknown)
+
+
+def test_a_grid_without_points_is_a_file_without_points(make_unknown: gp.TerrainGrid, tmp_path: Path):
+    """Nothing known gives no point, and the readers take the file all the same."""
+    assert export_terrain(make_unknown, tmp_path / "t.ply") == 0
+    assert export_terrain(make_unknown, tmp_path / "t.pcd") == 0
+    assert PointCloud.from_path(tmp_path / "t.pcd").points == 0
+
+
+@pytest.fixture
+def make_unknown() -> gp.TerrainGrid:
+    """A grid that knows nothing."""
+    return gp.assess_terrain(np.full((8, 9), np.nan), 0.005)
+
+
+def test_other_endings_are_refused(paper_terrain: gp.TerrainGrid, tmp_path: Path, guara, terrain_file: Path):
+    """Exit 2 and the endings there are; saving a grid under such a name is refused too, with the way out."""
+    said = guara("export", terrain_file, "-o", tmp_path / "t.xyz")
+    assert said.code == 2 and "t.xyz: it must end in .ply, .pcd, .csv" in said.err
+    with pytest.raises(gp.InvalidInput, match=r"t.csv: a grid is saved as .npz; `guara export` writes .ply"):
+        paper_terrain.save(tmp_path / "t.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_command_exports_a_grid_of_a_recording(guara, paper_terrain: gp.TerrainGrid, tmp_path: Path):
+    """The last one, or the one asked for; a step that is not there is refused with those that are."""
+    with RecordingWriter(tmp_path / "w.mcap") as writer:
+        for sequence in (1, 2):
+            writer.add_terrain(terrain_to_message(paper_terrain, robot="guara", sequence=sequence))
+    assert guara("export", tmp_path / "w.mcap", "-o", tmp_path / "t.ply").code == 0
+    said = guara("export", tmp_path / "w.mcap", "--step", "9", "-o", tmp_path / "u.ply")
+    assert said.code == 2 and "holds no grid of step 9; its steps: 0" in said.err
+    said = guara("export", tmp_path / "w.mcap", "--extent", "map", "-o", tmp_path / "u.ply")
+    assert said.code == 2 and "holds no map grid; `guara replay` makes them" in said.err

@@ -1,0 +1,74 @@
+"""`guara info` says what anything that this project writes holds."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.files.convert import convert
+
+
+@pytest.fixture
+def recording(data: Path, tmp_path: Path) -> Path:
+    """The paper scan as a recording."""
+    return convert(data / "scans" / "paper", tmp_path / "paper.mcap")
+
+
+def told(guara, path: Path) -> dict[str, object]:
+    """What `--json` prints."""
+    said = guara("info", path, "--json")
+    assert said.code == 0, said.err
+    return json.loads(said.out)
+
+
+def test_each_kind_is_known(guara, data: Path, root: Path, terrain_file: Path, calibration_file: Path, recording: Path):
+    """Grid, recording, calibration, scan, session and robot, each with its own figures."""
+    grid = told(guara, terrain_file)
+    assert grid["kind"] == "grid" and grid["cells"] == [90, 108] and 0.8 < grid["known"] < 1
+    assert told(guara, recording)["scans"] == [{"step": 0, "mode": "coarse", "stripes": 35}]
+    calibration = told(guara, calibration_file)
+    assert calibration["kind"] == "calibration" and calibration["picture_size"] == [640, 512]
+    scan = told(guara, data / "scans" / "paper")
+    assert scan["kind"] == "scan" and scan["laser_off_frames"] == 1 and scan["carries_calibration"] is False
+    session = told(guara, data / "calibration")
+    assert session["kind"] == "calibration session" and session["plates"] == [0.0, 0.04, 0.08]
+    assert told(guara, root / "robots" / "guara")["legs"] == ["lf", "rf", "lh", "rh"]
+
+
+def test_words_for_people(guara, terrain_file: Path, data: Path):
+    """One line per figure, names and values in words."""
+    said = guara("info", terrain_file)
+    assert said.code == 0 and "kind:                grid\n" in said.out and "hazards:             DROPOUT " in said.out
+    said = guara("info", data / "scans" / "paper")
+    assert "carries calibration: no\n" in said.out and "calibration hash:    none\n" in said.out
+
+
+def test_what_is_not_ours_is_refused(guara, tmp_path: Path):
+    """Exit 2 with the kinds there are; nothing there says so."""
+    (tmp_path / "notes.txt").write_text("hello")
+    said = guara("info", tmp_path / "notes.txt")
+    assert said.code == 2 and "notes.txt: not known; it must be a grid (.npz), a recording (.mcap)" in said.err
+    said = guara("info", tmp_path / "none.npz")
+    assert said.code == 2 and "none.npz: no such file or folder" in said.err
+    said = guara("info", tmp_path)
+    assert said.code == 2 and "not known" in said.err
+
+
+def test_a_broken_robot_folder_is_refused(guara, tmp_path: Path):
+    """In one line, with the reader's own words."""
+    (tmp_path / "robot.toml").write_text("name = 3")
+    said = guara("info", tmp_path)
+    assert said.code == 2 and said.err.count("\n") == 1 and str(tmp_path) in said.err
+
+
+def test_json_of_process_is_that_of_info(guara, data: Path, calibration_file: Path, tmp_path: Path):
+    """`guara process --json` prints what `guara info --json` says of the file that it wrote."""
+    said = guara("process", data / "scans" / "paper", "-c", calibration_file, "-o", tmp_path / "t.npz", "--json")
+    printed = json.loads(said.out)
+    assert printed.pop("file") == str(tmp_path / "t.npz")
+    found = told(guara, tmp_path / "t.npz")
+    assert found.pop("kind") == "grid" and found == printed
+    assert gp.load_terrain(tmp_path / "t.npz").step == printed["step"]
