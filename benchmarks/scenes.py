@@ -80,7 +80,7 @@ def simulated(size: tuple[int, int] = (1280, 1024), stripes: int = 70) -> Record
     calibration = specimen(robot, size)
     stance = scan_stance(robot)
     rangefinder = SimulatedRangefinder(WORLD, calibration, robot)
-    view = rangefinder.place(robot.stance_pose(stance).transform_base_to_footprint, robot.posture("scan"))
+    view = rangefinder.set_pose(robot.stance_pose(stance).transform_base_to_footprint, robot.posture("scan"))
     frames = tuple(rangefinder.frames(range(stripes)))
     seen = (view.points + view.origin)[view.laser_gain > 0]
     name = f"simulated, {size[0]} x {size[1]}, {stripes} stripes"

@@ -69,9 +69,9 @@ def frame_rates(size: tuple[int, int]) -> tuple[float, float, float]:
     robot = load_robot("guara")
     calibration = specimen(robot, size, seed=1)
     rangefinder = SimulatedRangefinder(BOXES, calibration, robot)
-    rangefinder.place(standing(), robot.posture("scan"))
+    rangefinder.set_pose(standing(), robot.posture("scan"))
     start = time.perf_counter()
-    rangefinder.place(standing(), robot.posture("scan"))
+    rangefinder.set_pose(standing(), robot.posture("scan"))
     placed = time.perf_counter()
     for stripe in calibration.stripes:
         rangefinder.frame(mirror_angle=stripe.mirror_angle)
@@ -88,7 +88,7 @@ def height_errors(world: World, size: tuple[int, int]) -> tuple[Float, float]:
     calibration = specimen(robot, size, seed=1)
     rangefinder = SimulatedRangefinder(world, calibration, robot)
     posture = robot.posture("scan")
-    rangefinder.place(standing(), posture)
+    rangefinder.set_pose(standing(), posture)
     processor = gp.ScanProcessor(calibration, robot, Stance(posture, robot.legs, (0, 0, -1)))
     for index, on, off in rangefinder.frames(range(70)):
         processor.add(index, on, off)
@@ -117,7 +117,7 @@ def _in_sight(
     robot = load_robot("guara")
     relief = Relief.of(world)
     rangefinder = SimulatedRangefinder(world, calibration, robot)
-    laser = rangefinder.place(standing()).origin
+    laser = rangefinder.set_pose(standing()).origin
     camera = (standing() @ calibration.transform_camera_to_base)[:3, 3]
     rows, columns = heights.shape
     x, y = np.meshgrid(origin[0] + (np.arange(columns) + 0.5) / 1e3, origin[1] + (np.arange(rows) + 0.5) / 1e3)
@@ -154,7 +154,7 @@ class _Walker:
 
     def scan(self, pause: WalkPause) -> None:
         """One scan, fused."""
-        self._rangefinder.place(pause.transform_base_to_world, pause.joint_positions)
+        self._rangefinder.set_pose(pause.transform_base_to_world, pause.joint_positions)
         processor = gp.ScanProcessor(self._calibration, self._robot, pause.stance, "coarse", step=pause.step)
         for index, on, off in self._rangefinder.frames(range(0, 70, 2)):
             processor.add(index, on, off)

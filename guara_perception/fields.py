@@ -51,14 +51,14 @@ def refuse_not_finite(data: Any, source: str, path: str = "") -> None:
     """Refuse NaN and infinity anywhere in parsed JSON, also in fields that nobody reads yet.
 
     Raises:
-        FileFormatError: naming `source`, the place and the value.
+        FileFormatError: naming `source`, the path and the value.
     """
     if isinstance(data, dict):
         for name, value in data.items():
             refuse_not_finite(value, source, f"{path}.{name}" if path else name)
     elif isinstance(data, list | tuple):
-        for place, value in enumerate(data):
-            refuse_not_finite(value, source, f"{path}[{place}]")
+        for i, value in enumerate(data):
+            refuse_not_finite(value, source, f"{path}[{i}]")
     elif isinstance(data, float) and not math.isfinite(data):
         raise FileFormatError(f"{source}: {path} is {data}, it must be finite")
 
@@ -69,7 +69,7 @@ class Fields:
     Attributes:
         data: the parsed object.
         source: file name for messages.
-        path: dotted place inside the file, empty at the top.
+        path: dotted path inside the file, empty at the top.
     """
 
     def __init__(self, data: Mapping[str, Any], source: str, path: str = "") -> None:
@@ -78,7 +78,7 @@ class Fields:
         self.source = source
         self.path = path
 
-    def place(self, name: str) -> str:
+    def path_to(self, name: str) -> str:
         """Name of a field for a message: file and dotted path."""
         return f"{self.source}: {self.path}.{name}" if self.path else f"{self.source}: {name}"
 
@@ -89,26 +89,26 @@ class Fields:
     def raw(self, name: str) -> Any:
         """The field as parsed; missing or null is refused."""
         if name not in self.data:
-            raise FileFormatError(f"{self.place(name)} is missing")
+            raise FileFormatError(f"{self.path_to(name)} is missing")
         value = self.data[name]
         if value is None:
-            raise FileFormatError(f"{self.place(name)} is null, a value is needed")
+            raise FileFormatError(f"{self.path_to(name)} is null, a value is needed")
         return value
 
     def text(self, name: str, allowed: tuple[str, ...] | None = None) -> str:
         """A text field, one of `allowed` where given."""
         value = self.raw(name)
         if not isinstance(value, str):
-            raise FileFormatError(f"{self.place(name)} is {_kind(value)}, it must be a text")
+            raise FileFormatError(f"{self.path_to(name)} is {_kind(value)}, it must be a text")
         if allowed is not None and value not in allowed:
-            raise FileFormatError(f"{self.place(name)} is {value!r}, allowed: {', '.join(map(repr, allowed))}")
+            raise FileFormatError(f"{self.path_to(name)} is {value!r}, allowed: {', '.join(map(repr, allowed))}")
         return value
 
     def integer(self, name: str, minimum: int | None = None, maximum: int | None = None) -> int:
         """A whole number within bounds (inclusive)."""
         value = self.raw(name)
         if isinstance(value, bool) or not isinstance(value, int):
-            raise FileFormatError(f"{self.place(name)} is {_kind(value)}, it must be a whole number")
+            raise FileFormatError(f"{self.path_to(name)} is {_kind(value)}, it must be a whole number")
         self._check_bounds(name, value, minimum, maximum)
         return value
 
@@ -116,13 +116,13 @@ class Fields:
         """A finite number within bounds (inclusive)."""
         value = self.raw(name)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise FileFormatError(f"{self.place(name)} is {_kind(value)}, it must be a number")
+            raise FileFormatError(f"{self.path_to(name)} is {_kind(value)}, it must be a number")
         try:
             number = float(value)
         except OverflowError:
             number = math.inf
         if not math.isfinite(number):
-            raise FileFormatError(f"{self.place(name)} is {number}, it must be finite")
+            raise FileFormatError(f"{self.path_to(name)} is {number}, it must be finite")
         self._check_bounds(name, number, minimum, maximum)
         return number
 
@@ -131,46 +131,46 @@ class Fields:
         value = self.raw(name)
         wanted = "x".join("n" if n is None else str(n) for n in shape)
         if not _holds_numbers_only(value):
-            raise FileFormatError(f"{self.place(name)} is not an array of {wanted} numbers")
+            raise FileFormatError(f"{self.path_to(name)} is not an array of {wanted} numbers")
         try:
             array = np.array(value, dtype=np.float64)
         except (ValueError, OverflowError):  # ragged, or a whole number beyond 1e308
-            raise FileFormatError(f"{self.place(name)} is not an array of {wanted} numbers") from None
+            raise FileFormatError(f"{self.path_to(name)} is not an array of {wanted} numbers") from None
         fits = array.ndim == len(shape) and all(w is None or w == n for w, n in zip(shape, array.shape, strict=False))
         if not fits:
             given = "x".join(map(str, array.shape)) or "a single value"
-            raise FileFormatError(f"{self.place(name)} has shape {given}, it must be {wanted}")
+            raise FileFormatError(f"{self.path_to(name)} has shape {given}, it must be {wanted}")
         if not np.isfinite(array).all():
-            raise FileFormatError(f"{self.place(name)} holds NaN or infinity, all values must be finite")
+            raise FileFormatError(f"{self.path_to(name)} holds NaN or infinity, all values must be finite")
         return array
 
     def sub(self, name: str) -> Fields:
         """A nested object."""
         value = self.raw(name)
         if not isinstance(value, dict):
-            raise FileFormatError(f"{self.place(name)} is {_kind(value)}, it must be an object")
+            raise FileFormatError(f"{self.path_to(name)} is {_kind(value)}, it must be an object")
         return Fields(value, self.source, f"{self.path}.{name}" if self.path else name)
 
     def items(self, name: str) -> Iterator[Fields]:
-        """The objects of a list, one by one, each knowing its place."""
+        """The objects of a list, one by one, each knowing its path."""
         for i, value in enumerate(self.sequence(name)):
-            place = f"{self.path}.{name}[{i}]" if self.path else f"{name}[{i}]"
+            path = f"{self.path}.{name}[{i}]" if self.path else f"{name}[{i}]"
             if not isinstance(value, dict):
-                raise FileFormatError(f"{self.source}: {place} is {_kind(value)}, it must be an object")
-            yield Fields(value, self.source, place)
+                raise FileFormatError(f"{self.source}: {path} is {_kind(value)}, it must be an object")
+            yield Fields(value, self.source, path)
 
     def sequence(self, name: str) -> list[Any]:
         """A list, elements unchecked."""
         value = self.raw(name)
         if not isinstance(value, list):
-            raise FileFormatError(f"{self.place(name)} is {_kind(value)}, it must be a list")
+            raise FileFormatError(f"{self.path_to(name)} is {_kind(value)}, it must be a list")
         return value
 
     def _check_bounds(self, name: str, value: float, minimum: float | None, maximum: float | None) -> None:
         if (minimum is not None and value < minimum) or (maximum is not None and value > maximum):
             low = "-inf" if minimum is None else minimum
             high = "inf" if maximum is None else maximum
-            raise FileFormatError(f"{self.place(name)} is {value}, allowed: {low} ... {high}")
+            raise FileFormatError(f"{self.path_to(name)} is {value}, allowed: {low} ... {high}")
 
 
 def _holds_numbers_only(value: Any) -> bool:

@@ -29,7 +29,7 @@ class Method:
 METHODS = {
     "precise": Method(extract_precise, None, "matched filter, triangulation with the calibrated laser planes"),
     "paper": Method(extract_paper, Literal(), "the paper's chain, eqs. 7 to 21, corrected"),
-    "paper-literal-lens": Method(extract_paper, Literal(lens=True), "the same, eq. 8 in one step"),
+    "paper-literal-lens": Method(extract_paper, Literal(lens=True), "the same, eq. 8 in one iteration"),
     "paper-literal-ortho": Method(extract_paper, Literal(ortho=True), "the same, eqs. 20, 21 about the image centre"),
 }
 
@@ -38,7 +38,7 @@ def check_method(name: str) -> str:
     """The name itself when there is such a method.
 
     Raises:
-        InvalidInput: there is none; the message lists those there are.
+        InvalidInput: no method of that name; the message lists them.
     """
     if name not in METHODS:
         raise InvalidInput(f"method is {name!r}, allowed: {', '.join(METHODS)}")

@@ -1,4 +1,4 @@
-"""The robot's own body in the scan: points that lie on it, and places that it hides from its camera or laser."""
+"""The robot's own body in the scan: points that lie on it, and ground that it hides from its camera or laser."""
 
 from __future__ import annotations
 

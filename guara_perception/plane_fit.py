@@ -6,8 +6,8 @@ import numpy as np
 
 from guara_perception.arrays import Float
 
-# Less spread across the line that points lie along [m], and no plane can be told from it.
-LEAST_SPREAD_M = 1e-3
+# Points nearer than this to one line [m] give no plane.
+LEAST_WIDTH_M = 1e-3
 
 
 def fit_plane(x: Float, y: Float, z: Float) -> tuple[float, float, float] | None:
@@ -35,6 +35,6 @@ def solve_plane(terms: Float, z: Float) -> Float | None:
     normal = np.vecdot(terms[:, None], terms)
     (xx, xy), (_, yy) = normal[:2, :2]
     smallest = 0.5 * (xx + yy - np.hypot(xx - yy, 2 * xy))
-    if smallest < len(z) * LEAST_SPREAD_M**2:
+    if smallest < len(z) * LEAST_WIDTH_M**2:
         return None
     return np.asarray(np.linalg.solve(normal, np.vecdot(terms, z)))

@@ -184,8 +184,8 @@ class ScanProcessor:
             CalibrationMismatch: an index is not calibrated; nothing was processed.
         """
         indices = [index for index, _, _ in frames]
-        for place, index in enumerate(indices):
-            self._check_new(index, indices[:place])
+        for number, index in enumerate(indices):
+            self._check_new(index, indices[:number])
             self._calibration.stripe(index)
         start = time.perf_counter()
         stripes = self._geometry.stripes

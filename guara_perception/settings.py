@@ -86,7 +86,7 @@ class Settings:
         minimum_height, maximum_height: heights that count as terrain [m].
         join_height: largest height difference between neighbouring stripes on one surface [m].
         stripes: number of stripes of the standard pattern.
-        coarse_every: a coarse scan fires every so many of them.
+        coarse_every: a coarse scan fires one of this many.
         mirror_angles: nominal first and last mirror angle, for a first calibration only [rad].
         limits: traversability limits.
         validity_pauses, validity_seconds: how long a look may be used.
@@ -180,7 +180,7 @@ def _limits(table: Fields, sole: tuple[float, float]) -> TraversabilityLimits:
 def _range(fields: Fields, name: str) -> Interval:
     low, high = (float(v) for v in fields.array(name, (2,)))
     if high <= low:
-        raise FileFormatError(f"{fields.place(name)} is [{low}, {high}], the first must be below the second")
+        raise FileFormatError(f"{fields.path_to(name)} is [{low}, {high}], the first must be below the second")
     return low, high
 
 

@@ -119,9 +119,9 @@ def _transforms(data: Mapping[str, Any]) -> tuple[TransformMessage, ...]:
             source_frame=source,
             destination_frame=destination,
             matrix=np.array(data[name]),
-            covariance=np.array(data[spread]) if data.get(spread) is not None else None,
+            covariance=np.array(data[covariance_key]) if data.get(covariance_key) is not None else None,
         )
-        for source, destination, name, spread in pairs
+        for source, destination, name, covariance_key in pairs
         if data.get(name) is not None
     )
 

@@ -13,14 +13,14 @@ def progress(what: str, total: int) -> Iterator[Callable[..., None]]:
 
     Args:
         what: a few words.
-        total: number of steps.
+        total: number of items.
 
     Yields:
-        A function that takes the number of steps just done (default 1).
+        A function that takes the number of items just done (default 1).
     """
     if not sys.stderr.isatty() or not sys.stdout.isatty():
 
-        def ignore(steps: int = 1) -> None:
+        def ignore(items: int = 1) -> None:
             """Nobody watches."""
 
         yield ignore
@@ -31,7 +31,7 @@ def progress(what: str, total: int) -> Iterator[Callable[..., None]]:
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(what, total=total)
 
-        def advance(steps: int = 1) -> None:
-            bar.advance(task, steps)
+        def advance(items: int = 1) -> None:
+            bar.advance(task, items)
 
         yield advance

@@ -12,7 +12,7 @@ from guara_perception.readonly import readonly
 
 # Grey levels between darkest and brightest thing below which a picture shows nothing.
 BLANK_CONTRAST = 12
-# Width of a black-white edge, 10 to 90 %: a sharp lens gives 2 to 3 px, from 5 px on corners lose their place.
+# Width of a black-white edge, 10 to 90 %: a sharp lens gives 2 to 3 px, from 5 px on corners are displaced.
 MAX_EDGE_WIDTH_PX = 5.0
 # The sector-based detector loses boards that touch the picture's edge; a border brings them back.
 BORDER_PX = 40
@@ -134,29 +134,31 @@ def wrong_grid(grey: Image, corners: Float, size: tuple[int, int]) -> bool:
     if float(np.abs(laid - corners).max()) > MAX_GRID_MISFIT * spacing:
         return True
     columns, rows = np.arange(size[0], dtype=np.float64), np.arange(size[1], dtype=np.float64)
-    outside = [np.column_stack((columns, np.full(size[0], place))) for place in (-1.0, float(size[1]))]
-    outside += [np.column_stack((np.full(size[1], place), rows)) for place in (-1.0, float(size[0]))]
+    outside = [np.column_stack((columns, np.full(size[0], row))) for row in (-1.0, float(size[1]))]
+    outside += [np.column_stack((np.full(size[1], column), rows)) for column in (-1.0, float(size[0]))]
     between = [grid[grid[:, axis] < size[axis] - 1] + 0.5 * np.eye(2)[axis] for axis in (0, 1)]
-    for places, radius in [*((line, 0.35) for line in outside), *((line, 0.2) for line in between)]:
+    for points_on_board, radius in [*((line, 0.35) for line in outside), *((line, 0.2) for line in between)]:
         usual = float(np.median(_crossing(grey, homography, grid, radius)))
-        strength = _crossing(grey, homography, places, radius)
+        strength = _crossing(grey, homography, points_on_board, radius)
         seen = strength[np.isfinite(strength)]
-        if len(seen) >= len(places) / 2 and float(np.median(seen)) > CROSSING_SHARE * usual:
+        if len(seen) >= len(points_on_board) / 2 and float(np.median(seen)) > CROSSING_SHARE * usual:
             return True
     return False
 
 
-def _crossing(grey: Image, homography: Float, places: Float, radius: float) -> Float:
-    """How much a ring about each place (n, 2) of a grid crosses black, white, black, white; NaN off the picture."""
+def _crossing(grey: Image, homography: Float, points_on_board: Float, radius: float) -> Float:
+    """How much a ring about each point (n, 2) of a grid crosses black, white, black, white; NaN off the picture."""
     angle = np.deg2rad(np.arange(0, 360, 15) + 7.5)
     ring = radius * np.column_stack((np.cos(angle), np.sin(angle)))
-    points = (places[:, None] + ring[None]).reshape(-1, 1, 2)
-    pixels = cv2.perspectiveTransform(points, homography).astype(np.float32).reshape(len(places), len(angle), 2)
+    points = (points_on_board[:, None] + ring[None]).reshape(-1, 1, 2)
+    pixels = (
+        cv2.perspectiveTransform(points, homography).astype(np.float32).reshape(len(points_on_board), len(angle), 2)
+    )
     levels = cv2.remap(grey.astype(np.float32), pixels[:, :, 0], pixels[:, :, 1], cv2.INTER_LINEAR, borderValue=np.nan)
     quarter = len(angle) // 4
-    turned = np.abs(levels - np.roll(levels, quarter, axis=1)).mean(axis=1)
+    rotated = np.abs(levels - np.roll(levels, quarter, axis=1)).mean(axis=1)
     opposite = np.abs(levels - np.roll(levels, 2 * quarter, axis=1)).mean(axis=1)
-    return np.asarray(turned - opposite, dtype=np.float64)
+    return np.asarray(rotated - opposite, dtype=np.float64)
 
 
 def edge_width(grey: Image, corners: Float, size: tuple[int, int]) -> float:

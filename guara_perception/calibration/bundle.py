@@ -68,7 +68,7 @@ class CameraFit:
 def fit_camera(intrinsics: Intrinsics, board: BoardSpec, ground: str, floor: FloorPose, points: Float) -> CameraFit:
     """Fit everything that the still pictures say, at once.
 
-    The ground board lies in z = 0 and so ties lens and mount together; its place and heading on the floor are free.
+    The ground board lies in z = 0 and so ties lens and mount together; its position and heading on the floor are free.
 
     Args:
         intrinsics: first estimate, with the views.
@@ -128,8 +128,8 @@ class _Problem:
         if self.ground is not None:
             pose = self.intrinsics.poses[self.ground]
             rotation = to_camera[:3, :3].T @ cv2.Rodrigues(pose[:3])[0]
-            place = to_camera[:3, :3].T @ (pose[3:] - to_camera[:3, 3])
-            x[self.ground_columns] = np.r_[place[:2], np.arctan2(rotation[1, 0], rotation[0, 0])]
+            position = to_camera[:3, :3].T @ (pose[3:] - to_camera[:3, 3])
+            x[self.ground_columns] = np.r_[position[:2], np.arctan2(rotation[1, 0], rotation[0, 0])]
             self.flip = np.sign(rotation[2, 2])
         for k, i in enumerate(self.free_views):
             x[self.view_columns(k)] = self.intrinsics.poses[i]
@@ -214,15 +214,15 @@ class _Problem:
         return np.concatenate([r.ravel() for r, _ in self.blocks(x)] + pins)
 
     def solve(self, x: Float, sigma: float) -> Float:
-        """A few Gauss-Newton steps; the start is within a fraction of a pixel, so they converge at once."""
+        """A few Gauss-Newton iterations; the start is within a fraction of a pixel, so they converge at once."""
         for _ in range(6):
             weight = self.weights(x, sigma)
             rows = self.jacobian(x) * weight[:, None]
             scale = np.linalg.norm(rows, axis=0)
             rows = rows / scale
-            step = np.linalg.solve(rows.T @ rows, -rows.T @ (self.residual(x) * weight)) / scale
-            x = x + step
-            if float(np.abs(step * scale).max()) < 1e-4:
+            update = np.linalg.solve(rows.T @ rows, -rows.T @ (self.residual(x) * weight)) / scale
+            x = x + update
+            if float(np.abs(update * scale).max()) < 1e-4:
                 break
         return x
 

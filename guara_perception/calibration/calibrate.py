@@ -45,7 +45,7 @@ def calibrate_session(
     distortion: str = "k1k2",
     progress: Callable[[], None] | None = None,
 ) -> CalibrationResult:
-    """Compute everything that a session tells, and judge it.
+    """Compute everything that follows from a session, and judge it.
 
     A verdict `refused` is returned like any other; what cannot be computed at all is raised.
 

@@ -1,4 +1,4 @@
-"""The calibration of one rangefinder: camera, its place on the robot, one laser plane per stripe."""
+"""The calibration of one rangefinder: camera, its mount on the robot, one laser plane per stripe."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class StripePlane:
     """One laser plane.
 
     Attributes:
-        index: place in the standard pattern (0 ... 69 for the Guara).
+        index: number in the standard pattern (0 ... 69 for the Guara).
         mirror_angle: commanded mirror angle [rad], zero straight down, positive forward.
         plane: (4,) float64, n . X + d = 0 in the camera frame [m], n a unit vector.
     """

@@ -13,12 +13,12 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.readonly import readonly
 
-# 8 fixed-point steps leave < 0.001 px at the corner for k1 = -0.3; 30 cost little and reach rounding.
+# 8 fixed-point iterations leave < 0.001 px at the corner for k1 = -0.3; 30 cost little and reach rounding.
 UNDISTORT_STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 1e-10)
 
 # What is nearer lies in the lens or behind it.
 NEAREST_DEPTH_M = 1e-6
-# So many points are projected at once: what is needed in between stays in the processor's cache.
+# Points that are projected at once: what is needed in between stays in the processor's cache.
 BLOCK = 2048
 
 

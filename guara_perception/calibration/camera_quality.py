@@ -30,7 +30,7 @@ def coverage(views: Sequence[BoardView], size: tuple[int, int]) -> Index:
 
 
 def picture_grid(size: tuple[int, int]) -> Float:
-    """Pixels (63, 2) spread over the picture."""
+    """Pixels (63, 2) spread evenly over the picture."""
     u, v = np.meshgrid(np.linspace(0, size[0] - 1, GRID[0]), np.linspace(0, size[1] - 1, GRID[1]))
     return np.column_stack((u.ravel(), v.ravel()))
 
@@ -45,10 +45,10 @@ def projection_uncertainty(fit: CameraFit) -> tuple[Float, Float]:
     """
     pixels = picture_grid(fit.camera.size)
     floor = to_floor(fit.camera, fit.transform_camera_to_footprint, pixels)
-    spread = np.sqrt(np.diag(fit.covariance))
-    derivative = np.empty((len(pixels), 2, len(spread)))
-    for i, sigma in enumerate(spread):
-        change = np.zeros(len(spread))
+    sigmas = np.sqrt(np.diag(fit.covariance))
+    derivative = np.empty((len(pixels), 2, len(sigmas)))
+    for i, sigma in enumerate(sigmas):
+        change = np.zeros(len(sigmas))
         change[i] = sigma
         camera, transform = fit.with_parameters(change)
         derivative[:, :, i] = (to_floor(camera, transform, pixels) - floor) / sigma

@@ -47,7 +47,7 @@ def camera_checks(
             8,
             5,
             "Pictures of the checkerboard in which every corner was found sharply.",
-            "take more pictures of the board, at different places and tilts",
+            "take more pictures of the board, at different positions and tilts",
             higher_is_better=True,
         ),
         Check(
@@ -84,7 +84,7 @@ def camera_checks(
             "px",
             0.5,
             2.0,
-            "Two lenses, each from every other picture, compared at floor distance: tells a wrong model from noise.",
+            "Two lenses, each from every other picture, compared at floor distance: a wrong model shows, noise hardly.",
             "take 10 or more pictures of the board; check that it is flat",
         ),
         Check(
@@ -111,7 +111,7 @@ def camera_checks(
             "mm",
             0.5,
             2.0,
-            "How far camera and mount may misplace a point of the floor, at the worst place of the picture.",
+            "How far camera and mount may misplace a point of the floor, at the worst point of the picture.",
             "more pictures of the board, fiducials further apart",
         ),
     ]
@@ -128,7 +128,7 @@ def laser_checks(laser: LaserFit, near: float, far: float, filled: int, stripes:
     """
     errors = laser.line_errors
     left_out = max((one.rms for one in laser.leave_one_out), default=np.nan)
-    step = np.rad2deg(float(np.std(2 * laser.sweep.step_errors)))
+    step_error = np.rad2deg(float(np.std(2 * laser.sweep.step_errors)))
     return [
         Check(
             "plane residual",
@@ -150,7 +150,7 @@ def laser_checks(laser: LaserFit, near: float, far: float, filled: int, stripes:
         ),
         Check(
             "mirror steps",
-            step,
+            step_error,
             "degrees",
             0.05,
             0.2,

@@ -16,14 +16,14 @@ from guara_perception.readonly import readonly
 # The crosses of the contract: 24 mm from tip to tip; the width of the bars is found, this starts the search.
 ARM_M = 0.012
 BAR_M = 0.0015
-# How far from its predicted place a cross is looked for: a mount 3 degrees and 20 mm off at 0.6 m.
+# How far from its predicted position a cross is looked for: a mount 3 degrees and 20 mm off at 0.6 m.
 SEARCH_M = 0.060
 RASTER_M = 0.0005
 # Normalised correlation: crosses reach 0.8 and more, floor texture 0.3.
 MIN_SCORE = 0.5
 ANGLES = np.deg2rad((0.0, 15.0, -15.0, 30.0, -30.0, 45.0))
 CANDIDATES = 3
-# Millimetres of misfit that one unit of missing correlation is worth when candidates compete.
+# Millimetres of misfit that one unit of missing correlation counts when candidates compete.
 SCORE_WEIGHT_M = 0.02
 # Pixels of one mark share blur and floor texture, so the fit knows less than it thinks.
 SIGMA_FACTOR = 2.0
@@ -147,21 +147,21 @@ def _refine(grey: Grey, camera: CameraModel, transform: Float, start: Float) -> 
     u, v = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
     floor = to_floor(camera, transform, np.column_stack((u.ravel(), v.ravel())).astype(float)) - start
     near = np.hypot(floor[:, 0], floor[:, 1]) < 1.4 * ARM_M
-    place = floor[near] / ARM_M
+    position = floor[near] / ARM_M
     grey_level = grey[low[1] : high[1], low[0] : high[0]].ravel()[near].astype(float)
-    spread = max(float(np.ptp(np.percentile(grey_level, (2, 90)))), 1.0)
-    first = np.array([0, 0, 0, 0, 1.0, BAR_M / ARM_M, 0.08, spread, np.percentile(grey_level, 80), 0, 0])
-    step = np.array([0.02, 0.02, 0.05, 0.05, 0.05, 0.02, 0.02, spread / 5, spread / 5, spread / 5, spread / 5])
+    contrast = max(float(np.ptp(np.percentile(grey_level, (2, 90)))), 1.0)
+    first = np.array([0, 0, 0, 0, 1.0, BAR_M / ARM_M, 0.08, contrast, np.percentile(grey_level, 80), 0, 0])
+    scale = np.array([0.02, 0.02, 0.05, 0.05, 0.05, 0.02, 0.02, contrast / 5, contrast / 5, contrast / 5, contrast / 5])
 
     def residual(q: Float) -> Float:
-        return _cross_model(first + q * step, place) - grey_level
+        return _cross_model(first + q * scale, position) - grey_level
 
-    fit = least_squares(residual, np.zeros(11), method="trf", loss="soft_l1", f_scale=max(0.05 * spread, 1.0))
-    p = first + fit.x * step
-    if np.hypot(p[0], p[1]) > 0.5 or not 0.6 < p[4] < 1.5 or p[7] <= 0.3 * spread:
+    fit = least_squares(residual, np.zeros(11), method="trf", loss="soft_l1", f_scale=max(0.05 * contrast, 1.0))
+    p = first + fit.x * scale
+    if np.hypot(p[0], p[1]) > 0.5 or not 0.6 < p[4] < 1.5 or p[7] <= 0.3 * contrast:
         return None
     noise = float(np.std(residual(fit.x)))
-    covariance = np.linalg.pinv(fit.jac.T @ fit.jac)[:2, :2] * np.outer(step[:2], step[:2]) * noise**2 * ARM_M**2
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac)[:2, :2] * np.outer(scale[:2], scale[:2]) * noise**2 * ARM_M**2
     centre = start + p[:2] * ARM_M
     pixel = floor_pixels(camera, transform, centre[None])[0]
     nudged = floor_pixels(camera, transform, centre + 1e-4 * np.eye(2))
@@ -170,11 +170,11 @@ def _refine(grey: Grey, camera: CameraModel, transform: Float, start: Float) -> 
     return pixel, float(np.hypot(SIGMA_FACTOR * sigma, SIGMA_FLOOR_PX))
 
 
-def _cross_model(p: Float, place: Float) -> Float:
+def _cross_model(p: Float, position: Float) -> Float:
     """Grey level of a dark cross; lengths in arms: centre, two bar angles, half length, half width, blur, contrast."""
     from scipy.special import ndtr
 
-    x, y = place[:, 0] - p[0], place[:, 1] - p[1]
+    x, y = position[:, 0] - p[0], position[:, 1] - p[1]
     blur = max(abs(p[6]), 1e-3)
 
     def bar(angle: float) -> Float:
@@ -184,4 +184,4 @@ def _cross_model(p: Float, place: Float) -> Float:
         return np.asarray(length * width)
 
     ink = 1 - (1 - bar(p[2])) * (1 - bar(p[3] + np.pi / 2))
-    return np.asarray(p[8] + p[9] * place[:, 0] + p[10] * place[:, 1] - p[7] * ink)
+    return np.asarray(p[8] + p[9] * position[:, 0] + p[10] * position[:, 1] - p[7] * ink)

@@ -21,7 +21,7 @@ MIN_FLOOR_SHARE = 0.25
 MIN_STRIPES = 8
 MIN_COLUMNS = 20
 # Median of one stripe over the floor against the plane through all stripes: 0.03 to 0.08 mm rms when all is well,
-# 0.4 with the laser turned by 0.2 degrees.
+# 0.4 with the laser rotated by 0.2 degrees.
 MAX_STRIPE_RMS_M = 0.00025
 MAX_STRIPE_M = 0.0012
 # Height and tilt of the floor against where the soles say it is, beyond what the stance itself does not know.
@@ -86,20 +86,20 @@ def check_drift(points: Mapping[int, Float], pose_covariance: npt.ArrayLike | No
     near = np.flatnonzero(np.abs(distance) < FLOOR_BAND_M)
     share = near.size / distance.size
     on_floor = np.bincount(seen.stripe[near], minlength=len(seen.indices))
-    medians = _middles(distance[near], seen.stripe[near], on_floor)
+    medians = _medians(distance[near], seen.stripe[near], on_floor)
     if share < MIN_FLOOR_SHARE or len(medians) < MIN_STRIPES:
         return _unknown(f"no flat floor in view: {100 * share:.0f} % of the points lie on one plane", share)
     centre = float(seen.x[near].mean()), float(seen.y[near].mean())
     height = float(plane[0] * centre[0] + plane[1] * centre[1] + plane[2])
     tilt = float(np.arctan(np.hypot(plane[0], plane[1])))
-    place = max(medians, key=lambda stripe: abs(medians[stripe]))
-    worst, off = seen.indices[place], medians[place]
+    largest = max(medians, key=lambda stripe: abs(medians[stripe]))
+    worst, off = seen.indices[largest], medians[largest]
     rms = float(np.sqrt(np.mean(np.square(list(medians.values())))))
     reasons = _reasons(height, tilt, rms, worst, off, _allowed(pose_covariance, centre))
-    step = _step(seen, distance, on_floor)
-    if step is not None:
+    jump = _jump(seen, distance, on_floor)
+    if jump is not None:
         reasons.append(
-            f"from stripe index {step[0]} on all points lie {1e3 * step[1]:+.1f} mm off the floor before: the mirror "
+            f"from stripe index {jump[0]} on all points lie {1e3 * jump[1]:+.1f} mm off the floor before: the mirror "
             "missed a step, or the ground itself steps there across the whole width"
         )
     return Drift(DRIFTING if reasons else HOLDS, tuple(reasons), share, height, tilt, rms, worst, off)
@@ -111,7 +111,7 @@ class _Seen:
 
     Attributes:
         indices: of the stripes that have any, ascending.
-        stripe: (n,) ascending, place in `indices` of each point's stripe.
+        stripe: (n,) ascending, position in `indices` of each point's stripe.
         x, y, z: (n,) in base_footprint [m].
     """
 
@@ -131,15 +131,15 @@ class _Seen:
         counts = np.bincount(np.repeat(np.arange(len(indices)), lengths)[known])
         used = np.flatnonzero(counts)
         stripe = np.repeat(np.arange(used.size), counts[used])
-        return cls([indices[place] for place in used], stripe, x[known], y[known], z[known])
+        return cls([indices[i] for i in used], stripe, x[known], y[known], z[known])
 
 
-def _middles(distance: Float, stripe: Index, counts: Index) -> dict[int, float]:
+def _medians(distance: Float, stripe: Index, counts: Index) -> dict[int, float]:
     """Upper median of the distances (n,) [m] of each stripe that has enough of them, as `counts` says."""
     # Distances are far below a metre: sorted together with the stripes' numbers, each stripe's stand in one run.
     ordered = np.sort(stripe + distance)
-    places = np.cumsum(counts) - counts + counts // 2
-    return {k: float(ordered[places[k]] - k) for k in np.flatnonzero(counts >= MIN_COLUMNS).tolist()}
+    middle = np.cumsum(counts) - counts + counts // 2
+    return {k: float(ordered[middle[k]] - k) for k in np.flatnonzero(counts >= MIN_COLUMNS).tolist()}
 
 
 def _allowed(pose_covariance: npt.ArrayLike | None, centre: tuple[float, float]) -> tuple[float, float]:
@@ -166,7 +166,7 @@ def _reasons(
     if tilt > allowed[1]:
         reasons.append(
             f"the floor is tilted by {np.rad2deg(tilt):.2f} degrees, {np.rad2deg(allowed[1]):.2f} are allowed: the "
-            "camera mount turned, or the ground slopes"
+            "camera mount rotated, or the ground slopes"
         )
     if rms > MAX_STRIPE_RMS_M:
         reasons.append(
@@ -199,7 +199,7 @@ def _floor(x: Float, y: Float, z: Float) -> Float:
     return plane - (0.0, 0.0, plane[0] * middle_x + plane[1] * middle_y)
 
 
-def _step(seen: _Seen, distance: Float, on_floor: Index) -> tuple[int, float] | None:
+def _jump(seen: _Seen, distance: Float, on_floor: Index) -> tuple[int, float] | None:
     """First stripe from which on nothing lies on the floor any more, and how far off; None when there is none.
 
     Before it the floor is seen on most stripes; of the last three at least none shows it.

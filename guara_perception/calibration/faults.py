@@ -22,18 +22,18 @@ MIN_HEIGHT_DIFFERENCE_M = 0.010
 MISSED_STEP = float(np.deg2rad(0.10))
 # Share of the stripes of a plate that must be found.
 MIN_LINES = 0.8
-# How far the laser may sit from its nominal place, in standard deviations of PARAMETERS.
+# How far the laser may sit from its nominal position, in standard deviations of PARAMETERS.
 MAX_DEVIATION = 2.5
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class Jump:
     """A jump of the laser plane's angle within one plate scan.
 
     Attributes:
         plate: number of the plate.
         after: stripe index before the jump.
-        angle: by which all later stripes are turned [rad].
+        angle: by which all later stripes are rotated [rad].
     """
 
     plate: int
@@ -57,7 +57,7 @@ def check_heights(plates: Sequence[Plate]) -> None:
         )
 
 
-def find_steps(lines: Sequence[PlateLine], points: Sequence[Float], axis: Float) -> list[Step]:
+def find_jumps(lines: Sequence[PlateLine], points: Sequence[Float], axis: Float) -> list[Jump]:
     """Jumps of the laser plane against the commanded mirror angle.
 
     The plane's angle about the mirror axis less twice the mirror's is a smooth function of the stripe, even when the
@@ -65,33 +65,33 @@ def find_steps(lines: Sequence[PlateLine], points: Sequence[Float], axis: Float)
 
     Args:
         lines: of all plates.
-        points: (n, 3) places of each line in base_footprint.
+        points: (n, 3) points of each line in base_footprint.
         axis: (3,) a point of the mirror axis, parallel to y, nominal.
     """
-    steps = []
+    jumps = []
     for plate in sorted({line.plate for line in lines}):
         of_plate = sorted((line.index, i) for i, line in enumerate(lines) if line.plate == plate)
         angle = np.array([_plane_angle(points[i], axis) - 2 * lines[i].mirror_angle for _, i in of_plate])
         growth = np.diff(angle)
         usual = np.array([np.median(growth[max(k - 4, 0) : k + 5]) for k in range(len(growth))])
         for k in np.flatnonzero(np.abs(growth - usual) > MISSED_STEP):
-            steps.append(Step(plate, of_plate[k][0], float(growth[k] - usual[k])))
-    return steps
+            jumps.append(Jump(plate, of_plate[k][0], float(growth[k] - usual[k])))
+    return jumps
 
 
-def refuse_steps(steps: Sequence[Step], plates: Sequence[Plate]) -> None:
+def refuse_jumps(jumps: Sequence[Jump], plates: Sequence[Plate]) -> None:
     """Refuse a session with a missed step.
 
     Raises:
         CalibrationRefused: naming plate, stripe and size of each.
     """
-    if steps:
+    if jumps:
         named = [
-            f"plate {plates[step.plate].name}: after stripe index {step.after} the laser plane is turned by "
-            f"{np.rad2deg(step.angle):+.2f} degrees"
-            for step in steps[:3]
+            f"plate {plates[jump.plate].name}: after stripe index {jump.after} the laser plane is turned by "
+            f"{np.rad2deg(jump.angle):+.2f} degrees"
+            for jump in jumps[:3]
         ]
-        more = f" and {len(steps) - 3} more" if len(steps) > 3 else ""
+        more = f" and {len(jumps) - 3} more" if len(jumps) > 3 else ""
         raise CalibrationRefused(
             f"the mirror missed a step, or frames are exchanged: {'; '.join(named)}{more}: scan the plate again"
         )
@@ -188,6 +188,6 @@ def _direction(lines: Sequence[PlateLine]) -> float:
     return float(np.sign(np.median(last.pixels[:, 1]) - np.median(first.pixels[:, 1])) or 1.0)
 
 
-def _plane_angle(places: Float, axis: Float) -> float:
-    middle = places.mean(axis=0)
+def _plane_angle(points: Float, axis: Float) -> float:
+    middle = points.mean(axis=0)
     return float(np.arctan2(middle[0] - axis[0], axis[2] - middle[2]))

@@ -15,13 +15,13 @@ from guara_perception.readonly import readonly
 
 # The height field is a quadratic about this point of base_link: middle of the area, 40 mm over the floor.
 FIELD_TERMS = ("1", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
-# A ray that meets the laser plane at a smaller sine has no height worth the name.
+# A ray that meets the laser plane at a smaller sine has no usable height.
 MIN_SINE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class HeightUncertainty:
-    """Variance of heights that comes from the calibration, not from the stripe's place in the picture.
+    """Variance of heights that comes from the calibration, not from the stripe's position in the picture.
 
     Two parts: the plane of each stripe (own covariance, with the mirror's repeatability), and a smooth field of
     height over the area that lens and mount may have wrong together.

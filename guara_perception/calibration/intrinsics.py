@@ -15,7 +15,7 @@ from guara_perception.exceptions import CalibrationRefused
 from guara_perception.readonly import readonly
 
 MIN_VIEWS = 5
-# Largest angle between two boards below which focal length and distance cannot be told apart.
+# Largest angle between two boards below which focal length and distance cannot be separated.
 MIN_TILT = float(np.deg2rad(12.0))
 # A view whose error is this many times the median, and visibly large, shows a bent board or a wrong corner.
 OUTLIER_OF_MEDIAN = 3.0
@@ -90,15 +90,15 @@ def calibrate_intrinsics(
     while True:
         if len(used) < MIN_VIEWS:
             raise CalibrationRefused(
-                f"{len(used)} usable board views, {MIN_VIEWS} or more are needed: take the board at different places, "
-                f"distances and tilts{_named(outliers)}"
+                f"{len(used)} usable board views, {MIN_VIEWS} or more are needed: take the board at "
+                f"different positions, distances and tilts{_named(outliers)}"
             )
         result = calibrate_views(used, board, size, distortion, outliers)
         if result.tilt < MIN_TILT:
             raise CalibrationRefused(
                 f"all {len(used)} board views are nearly parallel (largest tilt between two of them "
                 f"{np.rad2deg(result.tilt):.1f} degrees, {np.rad2deg(MIN_TILT):.0f} needed): focal length and distance "
-                "cannot be told apart; tilt the board"
+                "cannot be separated; tilt the board"
             )
         limit = max(OUTLIER_OF_MEDIAN * float(np.median(result.errors_px)), OUTLIER_PX)
         errors = np.where([view.name in keep for view in used], 0.0, result.errors_px)
@@ -137,11 +137,11 @@ def calibrate_views(
         [points] * len(views), corners, size, guess, none, flags=flags
     )
     order = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-    spread = dict(zip(order, np.ravel(sigma)[: len(order)], strict=True))
+    sigma_of = dict(zip(order, np.ravel(sigma)[: len(order)], strict=True))
     return Intrinsics(
         camera=CameraModel(size, np.asarray(matrix, np.float64), np.ravel(lens)[:5].astype(np.float64)),
         free=free,
-        sigma=np.array([spread[name] for name in free]),
+        sigma=np.array([sigma_of[name] for name in free]),
         views=tuple(views),
         poses=np.hstack([np.reshape(rotations, (-1, 3)), np.reshape(translations, (-1, 3))]).astype(np.float64),
         errors_px=np.ravel(errors).astype(np.float64),

@@ -134,11 +134,11 @@ def height_sigmas(
     for edge in x:
         k = int(np.argmin(np.abs(on_floor - edge)))
         plane = laser.stripes.planes[k]
-        place = np.array([[on_floor[k], 0.0, 0.0]])
-        pixel = level_pixels(fit.camera, transform, place[:, :2], 0.0)
+        point = np.array([[on_floor[k], 0.0, 0.0]])
+        pixel = level_pixels(fit.camera, transform, point[:, :2], 0.0)
         moved = heights_through(pixel + np.array([0.0, 1.0]), fit.camera, transform, plane)
         here = heights_through(pixel, fit.camera, transform, plane)
-        in_camera = place @ to_camera[:3, :3].T + to_camera[:3, 3]
+        in_camera = point @ to_camera[:3, :3].T + to_camera[:3, 3]
         to_base = np.asarray(np.linalg.inv(transform_base_to_footprint)) @ transform
         systematic = laser.uncertainty.variance(
             laser.stripes.indices[k], laser.planes_in_camera[k], in_camera, to_base, transform[2, :3]
@@ -157,10 +157,10 @@ def _line_heights(lines: Sequence[PlateLine], points: Sequence[Float], stripes: 
     """Mean height error of each line through the plane of its stripe."""
     row = {index: k for k, index in enumerate(stripes.indices)}
     errors = np.empty(len(lines))
-    for i, (line, place) in enumerate(zip(lines, points, strict=True)):
+    for i, (line, point) in enumerate(zip(lines, points, strict=True)):
         plane = stripes.planes[row[line.index]]
-        ray = place - transform[:3, 3]
-        lift = -(place @ plane[:3] + plane[3]) / (ray @ plane[:3]) * ray[:, 2]
+        ray = point - transform[:3, 3]
+        lift = -(point @ plane[:3] + plane[3]) / (ray @ plane[:3]) * ray[:, 2]
         errors[i] = np.average(lift, weights=line.weights)
     return errors
 
@@ -204,32 +204,32 @@ def _uncertainty(
         planes[index] = plane_covariance(bases, stripes.covariance[k])
 
     samples = np.unique(np.linspace(0, len(stripes.indices) - 1, FIELD_STRIPES).astype(int))
-    places, pixels, rows = [], [], []
+    points, pixels, rows = [], [], []
     for k in samples:
         plane = stripes.planes[k]
         for height in FIELD_HEIGHTS_M:
             x = -(plane[1] * FIELD_Y_M + plane[2] * height + plane[3]) / plane[0]
             level = np.column_stack((x, FIELD_Y_M))
             pixels.append(level_pixels(fit.camera, fit.transform_camera_to_footprint, level, height))
-            places.append(np.column_stack((level, np.full(len(level), height))))
+            points.append(np.column_stack((level, np.full(len(level), height))))
             rows.append(np.full(len(level), k))
-    place, pixel, row = np.concatenate(places), np.concatenate(pixels), np.concatenate(rows)
+    point, pixel, row = np.concatenate(points), np.concatenate(pixels), np.concatenate(rows)
     seen = np.isfinite(pixel).all(axis=1)
-    place, pixel, row = place[seen], pixel[seen], row[seen]
+    point, pixel, row = point[seen], pixel[seen], row[seen]
 
     errors = []
-    spread = np.sqrt(np.diag(fit.covariance))
-    for i, sigma in enumerate(spread):
-        change = np.zeros(len(spread))
+    sigmas = np.sqrt(np.diag(fit.covariance))
+    for i, sigma in enumerate(sigmas):
+        change = np.zeros(len(sigmas))
         change[i] = sigma
         camera, transform = fit.with_parameters(change)
         moved = [line_points(camera, transform, line) for line in lines]
         refitted = fit_stripes(lines, moved, fit_sweep(lines, moved, nominal, sweep), nominal, noise_of=stripes)
-        heights = np.empty(len(place))
+        heights = np.empty(len(point))
         for k in samples:
             mine = row == k
             heights[mine] = heights_through(pixel[mine], camera, transform, refitted.planes[k])
-        errors.append((heights - place[:, 2]) / sigma)
-    in_base = place @ to_base[:3, :3].T + to_base[:3, 3]
+        errors.append((heights - point[:, 2]) / sigma)
+    in_base = point @ to_base[:3, :3].T + to_base[:3, 3]
     origin = in_base.mean(axis=0)
     return HeightUncertainty(planes, origin, field_covariance(in_base - origin, errors, fit.covariance))

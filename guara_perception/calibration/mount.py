@@ -26,8 +26,8 @@ GIVEN_SIGMA_PX = 0.5
 # A mount further than this from the nominal one is another robot, another floor point or a swapped mark.
 MAX_SHIFT_M = 0.050
 MAX_TURN = float(np.deg2rad(8.0))
-# Narrowest spread of the marks over their widest: below, they lie on one line.
-MIN_SPREAD = 0.15
+# Narrowest extent of the marks over their widest: below, they lie on one line.
+MIN_EXTENT_RATIO = 0.15
 # Squares of the ground board by the fiducials against those of the session.
 MAX_SQUARE_ERROR = 0.01
 MAX_BOARD_LIFT_M = 0.004
@@ -74,7 +74,7 @@ def locate_camera(
     Raises:
         CalibrationRefused: marks on one line, not found, permuted, mirrored or not where the session says.
     """
-    check_spread(fiducials.points_in_footprint)
+    check_extent(fiducials.points_in_footprint)
     if fiducials.points_px is not None:
         return _from_given(camera, fiducials, nominal_camera_to_footprint)
     best: FloorPose | None = None
@@ -104,17 +104,17 @@ def locate_camera(
     return best
 
 
-def check_spread(points: Float) -> None:
+def check_extent(points: Float) -> None:
     """Refuse marks that lie on one line.
 
     Raises:
         CalibrationRefused: they do.
     """
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    if spread[1] < MIN_SPREAD * spread[0]:
+    extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if extent[1] < MIN_EXTENT_RATIO * extent[0]:
         raise CalibrationRefused(
-            f"fiducials: the points are collinear (spread {spread[1] * 1e3:.0f} mm across a line of "
-            f"{spread[0] * 1e3:.0f} mm): place them at the corners of the area"
+            f"fiducials: the points are collinear (extent {extent[1] * 1e3:.0f} mm across a line of "
+            f"{extent[0] * 1e3:.0f} mm): place them at the corners of the area"
         )
 
 
@@ -195,7 +195,7 @@ def _from_given(camera: CameraModel, fiducials: Fiducials, nominal: Float) -> Fl
         for order in permutations(range(len(points))):
             shuffled = [given[i] for i in order]
             if _best_mount(camera, points, shuffled, nominal) is not None:
-                wrong = ", ".join(str(place + 1) for place, i in enumerate(order) if place != i)
+                wrong = ", ".join(str(number + 1) for number, i in enumerate(order) if number != i)
                 raise CalibrationRefused(
                     f"fiducials: points_px are not in the order of points_in_footprint: numbers {wrong} are permuted "
                     f"or mirrored; the order {', '.join(str(i + 1) for i in order)} fits"

@@ -15,7 +15,7 @@ from guara_perception.calibration.stripe_planes import plane_basis
 from guara_perception.exceptions import CalibrationMismatch, FileFormatError
 
 # Periods of a stepper's own error that are tried, in stripes of the standard pattern. With every second stripe
-# calibrated nothing shorter than four can be told apart.
+# calibrated nothing shorter than four can be distinguished.
 PERIODS = np.arange(4.0, 40.0, 0.25)
 # A wave that explains this much of the errors is the motor's; less is noise and errors are interpolated instead.
 MIN_EXPLAINED = 0.8
@@ -104,13 +104,13 @@ def step_errors(wanted: Float, indices: Float, errors: Float) -> tuple[Float, fl
     A stepper's error is a wave over its steps: when one wave explains the errors it is evaluated, else neighbours are
     interpolated.
     """
-    spread = float(np.var(errors))
-    if len(indices) > 8 and spread > 0:
+    variance = float(np.var(errors))
+    if len(indices) > 8 and variance > 0:
         fits = [(_wave(indices, errors, period), period) for period in PERIODS]
         (coefficients, left), period = min(fits, key=lambda fit: fit[0][1])
-        if left < (1 - MIN_EXPLAINED) * spread:
+        if left < (1 - MIN_EXPLAINED) * variance:
             return np.asarray(_wave_terms(wanted, period) @ coefficients), float(np.sqrt(left))
-    return np.asarray(np.interp(wanted, indices, errors)), float(np.sqrt(2 * spread))
+    return np.asarray(np.interp(wanted, indices, errors)), float(np.sqrt(2 * variance))
 
 
 def _wave(indices: Float, errors: Float, period: float) -> tuple[Float, float]:

@@ -18,16 +18,16 @@ from guara_perception.readonly import readonly
 from guara_perception.stripes.extract import extract_stripe
 from guara_perception.stripes.profile import StripeProfile
 
-# A laser mount this much off its nominal place (3 degrees, 20 mm) moves a stripe by this share of the picture.
+# A laser mount this much off its nominal position (3 degrees, 20 mm) moves a stripe by this share of the picture.
 BAND_SHARE = 0.12
-# Columns averaged into one place of a line.
+# Columns averaged into one point of a line.
 BINS = 40
 # Points further from the straight line than this many standard deviations belong to dust, edge or another surface.
 OUTLIER_SIGMAS = 3.5
 MIN_COLUMNS = 30
 # A line seen on less of its length than this does not fix a plane.
 MIN_SPAN = 0.6
-SPREAD_FLOOR_M = 2e-5
+SIGMA_FLOOR_M = 2e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class PlateLine:
         index, mirror_angle: of the stripe.
         plate: number of the plate in the session.
         height: of the plate [m].
-        pixels: (n, 2) places on the line, each the mean of neighbouring columns.
+        pixels: (n, 2) points on the line, each the mean of neighbouring columns.
         weights: (n,) columns averaged in each.
         span: share of the columns in which the line could be seen.
         rms_px: scatter of single columns about the straight line, in rows.
@@ -133,7 +133,7 @@ def _is_good(profile: StripeProfile, band: tuple[int, int], height: int) -> bool
 def _line(
     profile: StripeProfile, camera: CameraModel, transform: Float, height: float
 ) -> tuple[Float, Float, float, float, float] | str:
-    """Binned places, weights, span, scatter and sigma of a straight line on a level plane, or why there is none."""
+    """Binned points, weights, span, scatter and sigma of a straight line on a level plane, or why there is none."""
     columns = np.flatnonzero(np.isfinite(profile.position_px))
     if columns.size < MIN_COLUMNS:
         return f"{columns.size} columns show it, {MIN_COLUMNS} or more are needed"
@@ -143,8 +143,8 @@ def _line(
     for _ in range(8):
         coefficients = np.polyfit(points[kept, 1], points[kept, 0], 1)
         residual = points[:, 0] - np.polyval(coefficients, points[:, 1])
-        spread = max(1.4826 * float(np.median(np.abs(residual[kept]))), SPREAD_FLOOR_M)
-        narrower = np.abs(residual) < OUTLIER_SIGMAS * spread
+        robust_sigma = max(1.4826 * float(np.median(np.abs(residual[kept]))), SIGMA_FLOOR_M)
+        narrower = np.abs(residual) < OUTLIER_SIGMAS * robust_sigma
         if narrower.sum() < MIN_COLUMNS or (narrower == kept).all():
             break
         kept = narrower
@@ -158,9 +158,9 @@ def _line(
     used = count > 0
     y = np.bincount(group, points[kept, 1], BINS)[used] / count[used]
     off = np.bincount(group, residual[kept], BINS)[used] / count[used]
-    places = np.column_stack((np.polyval(coefficients, y) + off, y))
+    points = np.column_stack((np.polyval(coefficients, y) + off, y))
     sigma = float(np.sqrt(np.mean(profile.sigma_px[columns[kept]] ** 2)))
-    return level_pixels(camera, transform, places, height), count[used], float(span), rms_px, sigma
+    return level_pixels(camera, transform, points, height), count[used], float(span), rms_px, sigma
 
 
 def level_pixels(camera: CameraModel, transform_camera_to_footprint: Float, points: Float, height: float) -> Float:

@@ -24,7 +24,7 @@ MAX_JOINT_DIFFERENCE = float(np.deg2rad(0.1))
 
 @dataclass(frozen=True, slots=True)
 class Fiducials:
-    """Crosses at known places on the floor.
+    """Crosses at known positions on the floor.
 
     Attributes:
         image: name of the picture that shows them.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from guara_perception.arrays import Image
 from guara_perception.calibration.board import BoardView, find_board, other_size
 from guara_perception.calibration.bundle import CameraFit
-from guara_perception.calibration.faults import check_lines, check_order, find_steps, refuse_steps
+from guara_perception.calibration.faults import check_lines, check_order, find_jumps, refuse_jumps
 from guara_perception.calibration.intrinsics import MIN_VIEWS, Intrinsics, calibrate_intrinsics
 from guara_perception.calibration.mirror_model import MirrorModel
 from guara_perception.calibration.plates import LostLine, PlateLine, plate_lines
@@ -100,7 +100,7 @@ def check_lines_and_plates(
     """
     points = [line_points(fit.camera, fit.transform_camera_to_footprint, line) for line in lines]
     check_order(lines, session.plates)
-    refuse_steps(find_steps(lines, points, mirror.point), session.plates)
+    refuse_jumps(find_jumps(lines, points, mirror.point), session.plates)
 
 
 def _hint(session: CalibrationSession, views: Sequence[BoardView]) -> str:

@@ -21,8 +21,8 @@ NOISE_ITERATIONS = 15
 MEDIAN_TO_MEAN_SQUARE = 2.198
 # Repeatability of the mirror from scan to scan is estimated from the lines; it is not believed below this [rad].
 JITTER_FLOOR = float(np.deg2rad(0.0003))
-# Scatter of one averaged place of a line [m], floor of the estimate.
-PLACE_FLOOR_M = 1e-5
+# Scatter of one averaged point of a line [m], floor of the estimate.
+SCATTER_FLOOR_M = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class StripeFit:
             a new scan: the fit and the repeatability of the mirror together; for a camera that is exact.
         bases: (s, 3, 4) what one unit of each of the three changes in the plane.
         jitter: standard deviation of the laser plane's angle from scan to scan [rad].
-        place: scatter of one averaged place of a line [m].
+        scatter: of one averaged point of a line [m].
         wobble: (2,) standard deviations of tilt and shift about the mirror model.
         line_residual: (lines,) mean distance of each line from its stripe's plane [m].
     """
@@ -48,7 +48,7 @@ class StripeFit:
     covariance: Float
     bases: Float
     jitter: float
-    place: float
+    scatter: float
     wobble: Float
     line_residual: Float
 
@@ -69,11 +69,11 @@ def fit_stripes(
 
     Each plane has three freedoms about the model's plane: turn about the mirror axis (free: the stepper's own error),
     tilt along the stripe and shift (held by the model as firmly as the stripes agree with it). Each line may also be
-    turned by the mirror's jitter, which all its columns share: without it the many columns would claim too much.
+    rotated by the mirror's jitter, which all its columns share: without it the many columns would claim too much.
 
     Args:
         lines: of all stripes on all plates.
-        points: (n, 3) places of each line in base_footprint.
+        points: (n, 3) points of each line in base_footprint.
         sweep: the mirror model.
         nominal: the mirror as drawn that `sweep` was fitted from.
         noise_of: an earlier fit whose jitter, scatter and wobble are taken; None = they are estimated.
@@ -84,10 +84,10 @@ def fit_stripes(
     groups = [[i for i, line in enumerate(lines) if line.index == index] for index in sweep.indices]
     sums = [[_Line.of(points[i], model[k], bases[k]) for i in group] for k, group in enumerate(groups)]
     solver = _Solver(sums, from_model[:, 1:, 1:])
-    jitter, place, wobble = (
-        solver.estimate() if noise_of is None else (noise_of.jitter, noise_of.place, noise_of.wobble)
+    jitter, scatter, wobble = (
+        solver.estimate() if noise_of is None else (noise_of.jitter, noise_of.scatter, noise_of.wobble)
     )
-    solved = solver.solve(wobble, jitter, place)
+    solved = solver.solve(wobble, jitter, scatter)
     planes = np.array([moved_plane(model[k], bases[k], fit.change) for k, fit in enumerate(solved)])
     for_new_scan = np.array([fit.covariance for fit in solved])
     for_new_scan[:, 0, 0] += jitter**2
@@ -103,7 +103,7 @@ def fit_stripes(
         covariance=for_new_scan,
         bases=bases,
         jitter=jitter,
-        place=place,
+        scatter=scatter,
         wobble=np.array(wobble),
         line_residual=residual,
     )
@@ -149,7 +149,7 @@ class _Solution:
     change: Float
     covariance: Float
     turn_square: float
-    place_square: float
+    scatter_square: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,46 +159,47 @@ class _Solver:
     lines: list[list[_Line]]
     from_model: Float
 
-    def solve(self, wobble: Float, jitter: float, place: float) -> list[_Solution]:
+    def solve(self, wobble: Float, jitter: float, scatter: float) -> list[_Solution]:
         return [
-            _solve(lines, self.from_model[k] + np.diag(wobble**2), jitter, place) for k, lines in enumerate(self.lines)
+            _solve(lines, self.from_model[k] + np.diag(wobble**2), jitter, scatter)
+            for k, lines in enumerate(self.lines)
         ]
 
     def estimate(self) -> tuple[float, float, Float]:
         """Jitter, scatter and wobble from the lines themselves, by expectation maximisation."""
-        jitter, place = 5 * JITTER_FLOOR, 3e-5
-        jitter, place = self.noise(WOBBLE_FLOOR, jitter, place)
-        wobble = self.wobble(jitter, place)
-        return *self.noise(wobble, jitter, place), wobble
+        jitter, scatter = 5 * JITTER_FLOOR, 3e-5
+        jitter, scatter = self.noise(WOBBLE_FLOOR, jitter, scatter)
+        wobble = self.wobble(jitter, scatter)
+        return *self.noise(wobble, jitter, scatter), wobble
 
-    def noise(self, wobble: Float, jitter: float, place: float) -> tuple[float, float]:
+    def noise(self, wobble: Float, jitter: float, scatter: float) -> tuple[float, float]:
         """The jitter and scatter that make the lines most likely."""
         for _ in range(NOISE_ITERATIONS):
-            solved = self.solve(wobble, jitter, place)
+            solved = self.solve(wobble, jitter, scatter)
             jitter = max(float(np.sqrt(np.mean([fit.turn_square for fit in solved]))), JITTER_FLOOR)
-            place = max(float(np.sqrt(np.mean([fit.place_square for fit in solved]))), PLACE_FLOOR_M)
-        return jitter, place
+            scatter = max(float(np.sqrt(np.mean([fit.scatter_square for fit in solved]))), SCATTER_FLOOR_M)
+        return jitter, scatter
 
-    def wobble(self, jitter: float, place: float) -> Float:
+    def wobble(self, jitter: float, scatter: float) -> Float:
         """How far free planes stray from the model beyond what their own noise explains."""
-        solved = self.solve(FREE_WOBBLE, jitter, place)
+        solved = self.solve(FREE_WOBBLE, jitter, scatter)
         square = np.median([fit.change[1:] ** 2 for fit in solved], axis=0) * MEDIAN_TO_MEAN_SQUARE
         explained = np.median([np.diag(fit.covariance)[1:] for fit in solved], axis=0)
         return np.asarray(np.sqrt(np.maximum(square - explained, WOBBLE_FLOOR**2)))
 
 
-def _solve(lines: list[_Line], prior: Float, jitter: float, place: float) -> _Solution:
+def _solve(lines: list[_Line], prior: Float, jitter: float, scatter: float) -> _Solution:
     """Least squares of (turn, tilt, shift) and one jitter per line: the line's own turn about the mirror axis."""
     n = len(lines)
     normal = np.diag(np.concatenate(([1 / (10 * STEP_ERROR_SIGMA) ** 2, 0, 0], np.full(n, 1 / jitter**2))))
     normal[1:3, 1:3] = np.linalg.inv(prior)
     right = np.zeros(3 + n)
     for i, line in enumerate(lines):
-        normal[:3, :3] += line.normal / place**2
-        normal[:3, 3 + i] = normal[3 + i, :3] = line.normal[:, 0] / place**2
-        normal[3 + i, 3 + i] += line.normal[0, 0] / place**2
-        right[:3] -= line.right / place**2
-        right[3 + i] = -line.right[0] / place**2
+        normal[:3, :3] += line.normal / scatter**2
+        normal[:3, 3 + i] = normal[3 + i, :3] = line.normal[:, 0] / scatter**2
+        normal[3 + i, 3 + i] += line.normal[0, 0] / scatter**2
+        right[:3] -= line.right / scatter**2
+        right[3 + i] = -line.right[0] / scatter**2
     x = np.linalg.solve(normal, right)
     covariance = np.linalg.inv(normal)
     turn_square = float(np.mean(x[3:] ** 2 + np.diag(covariance)[3:]))
@@ -217,11 +218,11 @@ def _model_covariance(sweep: Sweep, nominal: MirrorModel, bases: Float) -> Float
     prior = np.array(list(PARAMETERS.values()))
     derivative = np.empty((len(angles), 4, len(prior)))
     for i, scale in enumerate(prior):
-        step = np.zeros(len(prior))
-        step[i] = 1e-4 * scale
-        upper = perturbed_mirror(nominal, sweep.parameters + step).planes(angles)
-        lower = perturbed_mirror(nominal, sweep.parameters - step).planes(angles)
-        derivative[:, :, i] = (upper - lower) / (2 * step[i])
+        change = np.zeros(len(prior))
+        change[i] = 1e-4 * scale
+        upper = perturbed_mirror(nominal, sweep.parameters + change).planes(angles)
+        lower = perturbed_mirror(nominal, sweep.parameters - change).planes(angles)
+        derivative[:, :, i] = (upper - lower) / (2 * change[i])
     result = np.empty((len(angles), 3, 3))
     for k, basis in enumerate(bases):
         jacobian = np.linalg.pinv(basis.T) @ derivative[k]

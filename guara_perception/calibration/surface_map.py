@@ -120,7 +120,7 @@ def stripe_constants(
     v, z = np.asarray(x, dtype=np.float64), height_of_camera - np.asarray(heights, dtype=np.float64)
     if len(v) < 2 or np.ptp(z) < 1e-6 or np.ptp(v) < 1e-6:
         raise InvalidInput(
-            f"stripe index {index}: two or more heights at which it is seen at different places are needed (eq. 17)"
+            f"stripe index {index}: two or more heights at which it is seen at different positions are needed (eq. 17)"
         )
     low, high = int(np.argmax(z)), int(np.argmin(z))
     d = float(z[high] - z[low])

@@ -16,7 +16,7 @@ from guara_perception.readonly import readonly
 
 # Error of one mirror position that a stepper is granted before it counts as a fault [rad]; a prior, not a limit.
 STEP_ERROR_SIGMA = float(np.deg2rad(0.02))
-# Weight of one place of a line: scatter of a few dozen columns on the plate [m].
+# Weight of one point of a line: scatter of a few dozen columns on the plate [m].
 PLACE_SIGMA_M = 5e-5
 ROBUST_SIGMAS = 3.0
 ITERATIONS = 25
@@ -72,7 +72,7 @@ def fit_sweep(
 
     Args:
         lines: of all stripes on all plates.
-        points: (n, 3) places of each line in base_footprint.
+        points: (n, 3) points of each line in base_footprint.
         nominal: the mirror as drawn, in base_footprint.
         start: a fit of the same stripes close by, to begin from.
     """
@@ -113,17 +113,17 @@ def fit_sweep(
         right = -precision * x
         right[:n] -= shared.T @ (residual * weight)
         right[n:] -= np.bincount(stripe, own * residual * weight, s)
-        step = np.linalg.solve(normal, right)
-        x = x + step
-        if float(np.abs(step * np.sqrt(np.diag(normal))).max()) < CONVERGED_SIGMAS:
+        update = np.linalg.solve(normal, right)
+        x = x + update
+        if float(np.abs(update * np.sqrt(np.diag(normal))).max()) < CONVERGED_SIGMAS:
             break
     mirror = perturbed_mirror(nominal, x[:n])
     planes = mirror.planes(angles + x[n:])
     means, levers = [], []
-    for line, place in zip(lines, points, strict=True):
+    for line, on_line in zip(lines, points, strict=True):
         plane = planes[indices.index(line.index)]
-        means.append(float(np.average(place @ plane[:3] + plane[3], weights=line.weights)))
-        levers.append(float(np.linalg.norm(np.cross(place - mirror.point, mirror.axis), axis=1).mean()))
+        means.append(float(np.average(on_line @ plane[:3] + plane[3], weights=line.weights)))
+        levers.append(float(np.linalg.norm(np.cross(on_line - mirror.point, mirror.axis), axis=1).mean()))
     return Sweep(
         mirror=mirror,
         parameters=x[:n].copy(),

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Body:
-    """Boxes that bound the robot's collision shapes, placed by forward kinematics."""
+    """Boxes that bound the robot's collision shapes, posed by forward kinematics."""
 
     def __init__(self, state: RobotState, transform_base_to_world: Float) -> None:
         """Place the shapes.
@@ -57,7 +57,7 @@ class Body:
         return np.where(hit, enter, np.float32(np.inf)), near.argmax(axis=1).astype(np.int8)
 
     def normal(self, number: int, axis: npt.NDArray[np.int8], ways: Float32) -> Float32:
-        """Unit normals (n, 3) in the world of the faces met, turned towards the viewpoint."""
+        """Unit normals (n, 3) in the world of the faces met, facing the viewpoint."""
         rotation = self._boxes[number][0][:3, :3].astype(np.float32)
         normals = rotation.T[axis]
         facing = np.sign(np.einsum("ni,ni->n", normals, ways))

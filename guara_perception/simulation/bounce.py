@@ -8,7 +8,7 @@ import numpy as np
 from guara_perception.arrays import Float32, Index, Mask
 from guara_perception.simulation.scene_view import SceneView
 
-# Bounced light is smooth: one receiver for so many pixels each way, and so many sources per stripe.
+# Bounced light is smooth: pixels per receiver each way, and sources per stripe.
 RECEIVER_PX_OF_WIDTH = 1 / 64
 SOURCES = 32
 # Level ground cannot light level ground; only where one of the two leans by more than this is it worth looking.
@@ -23,11 +23,11 @@ class Bounce:
     def __init__(self, view: SceneView) -> None:
         """Pick the receivers."""
         height, width = view.laser_gain.shape
-        step = max(int(round(width * RECEIVER_PX_OF_WIDTH)), 1)
+        stride = max(int(round(width * RECEIVER_PX_OF_WIDTH)), 1)
         self._shape = (height, width)
-        self._points = np.ascontiguousarray(view.points[step // 2 :: step, step // 2 :: step])
-        self._normals = np.ascontiguousarray(view.normals[step // 2 :: step, step // 2 :: step])
-        self._reflectance = np.ascontiguousarray(view.reflectance[step // 2 :: step, step // 2 :: step])
+        self._points = np.ascontiguousarray(view.points[stride // 2 :: stride, stride // 2 :: stride])
+        self._normals = np.ascontiguousarray(view.normals[stride // 2 :: stride, stride // 2 :: stride])
+        self._reflectance = np.ascontiguousarray(view.reflectance[stride // 2 :: stride, stride // 2 :: stride])
         self._leaning = self._normals[..., 2] < LEVEL_COSINE
         self._view = view
 

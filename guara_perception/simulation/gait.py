@@ -85,9 +85,9 @@ class WaveGait:
     def first_stance(self) -> dict[str, tuple[float, float]]:
         """Where the feet stand at pause 0, in base_link's x and y [m]: as if the robot had walked before."""
         stance = {}
-        for place, leg in enumerate(self.lift_order):
+        for order, leg in enumerate(self.lift_order):
             x, y = self.hips[leg]
-            stance[leg] = (x - self.cycle_length / 2 + (place + 1) * self.advance, y)
+            stance[leg] = (x - self.cycle_length / 2 + (order + 1) * self.advance, y)
         return stance
 
     def support_polygon(self, margin: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:

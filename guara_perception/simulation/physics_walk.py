@@ -76,7 +76,7 @@ def physics_walk(
     """
     gait, noise = gait or WaveGait.of(robot), noise or WalkNoise()
     rng = np.random.default_rng(seed)
-    soles = {leg: np.array([*place, 0.0]) for leg, place in gait.first_stance().items()}
+    soles = {leg: np.array([*xy, 0.0]) for leg, xy in gait.first_stance().items()}
     transform, joints = stand_on(robot, soles, (0.0, 0.0), gait.hip_height)
     body = PhysicsRobot(world, robot, transform, joints)
     body.run(joints, SETTLE_S)
@@ -86,8 +86,8 @@ def physics_walk(
         yield pause
         x, y = chosen_foothold(pause, choose)
         length, width = robot.sole
-        place = pause.to_world(x, y)
-        target = np.array([*place, world.sole_height(*place, length, width)])
+        xy = pause.to_world(x, y)
+        target = np.array([*xy, world.sole_height(*xy, length, width)])
         _swing(robot, gait, body, pause.next_leg, target)
         sole = _soles_in_world(robot, body)[pause.next_leg]
         footstep = Footstep(pause.next_leg, (x, y), (float(sole[0]), float(sole[1]), float(sole[2])))
@@ -167,10 +167,10 @@ def _body_motion(
     moved = np.eye(4)
     for crouch in np.arange(0.0, DEEPEST_CROUCH_M + 1e-9, CROUCH_STEP_M):
         moved = body_pose(np.array(list(soles.values())), position, gait.hip_height - float(crouch)) @ turn
-        places = [*soles.items(), (leg, target)]
+        targets = [*soles.items(), (leg, target)]
         if all(
-            np.isfinite(robot.reach(name, moved[:3, :3].T @ (place - moved[:3, 3])).joint_positions).all()
-            for name, place in places
+            np.isfinite(robot.reach(name, moved[:3, :3].T @ (target_in_world - moved[:3, 3])).joint_positions).all()
+            for name, target_in_world in targets
         ):
             break
     return moved
@@ -209,8 +209,8 @@ def _joints(robot: RobotModel, soles_in_base: Mapping[str, Float], up_in_base: F
     for leg, sole in soles_in_base.items():
         reached = robot.reach(leg, sole, level_pitch(robot, leg, sole, up_in_base))
         if not np.isfinite(reached.joint_positions).all():
-            place = np.round(sole, 3).tolist()
-            raise OutOfReach(f"leg {leg!r} cannot reach {place} in base_link: choose a foothold nearer to its hip")
+            position = np.round(sole, 3).tolist()
+            raise OutOfReach(f"leg {leg!r} cannot reach {position} in base_link: choose a foothold nearer to its hip")
         # The servos take what is beyond a limit as the limit.
         config = robot.tree.leg(leg).joints
         for name, value in zip(config, reached.joint_positions.tolist(), strict=True):

@@ -28,14 +28,14 @@ class PolarView:
 
     Attributes:
         viewpoint: (3,) position in the world [m].
-        bearings: first bearing and step [rad].
-        radius_step: step of distance [m].
+        bearings: first bearing and spacing [rad].
+        radius_spacing: spacing of distances [m].
         horizon: (bearings, radii) float32, running maximum of the tangent.
     """
 
     viewpoint: Float
     bearings: tuple[float, float]
-    radius_step: float
+    radius_spacing: float
     horizon: Float32
 
     @staticmethod
@@ -45,7 +45,7 @@ class PolarView:
         bearing_range: tuple[float, float],
         bearing_count: int,
         radius: float,
-        radius_step: float,
+        radius_spacing: float,
     ) -> PolarView:
         """Look around.
 
@@ -55,24 +55,24 @@ class PolarView:
             bearing_range: first and last bearing [rad].
             bearing_count: number of bearings.
             radius: how far to look [m].
-            radius_step: step of distance [m].
+            radius_spacing: spacing of distances [m].
         """
         first, last = bearing_range
-        step = (last - first) / (bearing_count - 1)
-        bearing = first + step * np.arange(bearing_count)
-        radii = (np.arange(int(np.ceil(radius / radius_step))) + 1) * radius_step
+        spacing = (last - first) / (bearing_count - 1)
+        bearing = first + spacing * np.arange(bearing_count)
+        radii = (np.arange(int(np.ceil(radius / radius_spacing))) + 1) * radius_spacing
         x = viewpoint[0] + np.cos(bearing)[:, None] * radii
         y = viewpoint[1] + np.sin(bearing)[:, None] * radii
         height = relief.sample(relief.height, x.astype(np.float32), y.astype(np.float32))
         drop = np.maximum(np.float32(viewpoint[2]) - height, np.float32(1e-3))
         tangent = radii.astype(np.float32) / drop
-        return PolarView(viewpoint, (first, step), radius_step, np.maximum.accumulate(tangent, axis=1))
+        return PolarView(viewpoint, (first, spacing), radius_spacing, np.maximum.accumulate(tangent, axis=1))
 
     def meets(self, bearing: Float32, tangent: Float32, tangent_steps: int) -> Float32:
         """Distance (h, w) [m] at which lines of sight (h, w) meet the ground; beyond the last radius: level ground."""
         limit = float(np.clip(tangent.max(), 0.01, float(self.horizon[:, -1].max())))
         grid = np.linspace(0.0, limit, tangent_steps, dtype=np.float32)
-        radii = (np.arange(self.horizon.shape[1] + 1) * self.radius_step).astype(np.float32)
+        radii = (np.arange(self.horizon.shape[1] + 1) * self.radius_spacing).astype(np.float32)
         table = np.empty((len(self.horizon), tangent_steps), dtype=np.float32)
         start = np.zeros(1, np.float32)
         for row, horizon in zip(table, self.horizon, strict=True):
@@ -92,10 +92,10 @@ class PolarView:
         tangent = radius / np.maximum(np.float32(self.viewpoint[2]) - points[..., 2], np.float32(1e-3))
         bearing = np.asarray(cv2.phase(dx, dy))
         bearing = np.where(bearing > np.float32(np.pi), bearing - np.float32(2 * np.pi), bearing)
-        column = (radius - np.float32(IN_FRONT_M)) * np.float32(1 / self.radius_step) - np.float32(1)
+        column = (radius - np.float32(IN_FRONT_M)) * np.float32(1 / self.radius_spacing) - np.float32(1)
         before = cv2.remap(self.horizon, column, self._row(bearing), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(tangent >= before - np.float32(TANGENT_TOLERANCE))
 
     def _row(self, bearing: Array) -> Float32:
-        first, step = self.bearings
-        return np.asarray((bearing - np.float32(first)) * np.float32(1 / step), dtype=np.float32)
+        first, spacing = self.bearings
+        return np.asarray((bearing - np.float32(first)) * np.float32(1 / spacing), dtype=np.float32)

@@ -48,22 +48,22 @@ def random_world(
     rng = np.random.default_rng(seed)
     width = 0.34
 
-    def place(size: tuple[float, float]) -> tuple[float, float]:
+    def free_spot(size: tuple[float, float]) -> tuple[float, float]:
         reach = float(np.hypot(*size)) / 2
         return float(rng.uniform(START_M + reach, length - reach)), float(rng.uniform(-width + reach, width - reach))
 
     features: list[AnyFeature] = []
     for _ in range(dark):
         size = (float(rng.uniform(0.08, 0.14)), float(rng.uniform(0.08, 0.14)))
-        x, y = place(size)
+        x, y = free_spot(size)
         features.append(Patch(x=x, y=y, size=size, yaw=float(rng.uniform(0, np.pi)), material="dark"))
     for _ in range(pits):
         size = (float(rng.uniform(0.08, 0.14)), float(rng.uniform(0.08, 0.14)))
-        x, y = place(size)
+        x, y = free_spot(size)
         features.append(Pit(x=x, y=y, size=size, depth=float(rng.uniform(0.04, 0.07))))
     for _ in range(boxes):
         size = (float(rng.uniform(0.06, 0.2)), float(rng.uniform(0.06, 0.2)))
-        x, y = place(size)
+        x, y = free_spot(size)
         material = str(rng.choice(MATERIALS_OF_BOXES))
         features.append(
             Box(
@@ -73,7 +73,7 @@ def random_world(
         )  # fmt: skip
     for _ in range(rocks):
         size = (float(rng.uniform(0.04, 0.12)), float(rng.uniform(0.04, 0.12)))
-        x, y = place(size)
+        x, y = free_spot(size)
         height = 0.6 * min(size) * float(rng.uniform(0.4, 1.0))
         features.append(
             Rock(x=x, y=y, size=size, yaw=float(rng.uniform(0, np.pi)), height=height, seed=int(rng.integers(1 << 30)))

@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 REACH_SIGMAS = 4.5
 # A pixel that shows more than this across the laser plane lies on an edge: what is beyond does not belong to it.
 MAX_FOOTPRINT_M = 0.002
-# Every so many pixels are enough to find the rows that a laser plane passes, when those within this distance count.
+# Pixels from one sample to the next: enough to find the rows that a laser plane passes, when those within
+# this distance count.
 THINNING_PX = 4
 NEAR_SHEET_M = 0.020
 # A camera this close to the ground, or below, has hit it.
@@ -41,7 +42,7 @@ class SimulatedRangefinder:
 
     Example:
         rangefinder = SimulatedRangefinder(world, specimen(robot), robot, seed=0)
-        rangefinder.place(transform_base_to_world, joint_positions)
+        rangefinder.set_pose(transform_base_to_world, joint_positions)
         for index, on, off in rangefinder.frames(range(0, 70, 2)):
             processor.add(index, on, off)
     """
@@ -80,16 +81,16 @@ class SimulatedRangefinder:
 
     @property
     def view(self) -> SceneView:
-        """What the camera looks at from where it was placed.
+        """What the camera looks at from where it stands.
 
         Raises:
-            InvalidInput: `place` was never called.
+            InvalidInput: `set_pose` was never called.
         """
         if self._view is None:
-            raise InvalidInput("the simulated rangefinder stands nowhere: call place(transform_base_to_world) first")
+            raise InvalidInput("the simulated rangefinder stands nowhere: call set_pose(transform_base_to_world) first")
         return self._view
 
-    def place(
+    def set_pose(
         self, transform_base_to_world: npt.ArrayLike, joint_positions: Mapping[str, float] | None = None
     ) -> SceneView:
         """Put the body somewhere; everything that is the same for all frames from there is computed here.
@@ -127,7 +128,7 @@ class SimulatedRangefinder:
 
         Raises:
             CalibrationMismatch: an index that the specimen does not have.
-            InvalidInput: `place` was never called.
+            InvalidInput: `set_pose` was never called.
         """
         for index in indices:
             angle = self.calibration.stripe(index).mirror_angle
@@ -145,7 +146,7 @@ class SimulatedRangefinder:
             exposure: relative to the nominal one.
 
         Raises:
-            InvalidInput: `place` was never called.
+            InvalidInput: `set_pose` was never called.
         """
         view = self.view
         if laser <= 0:

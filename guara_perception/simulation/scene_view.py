@@ -16,7 +16,7 @@ from guara_perception.simulation.relief import Relief
 
 # How far camera and laser look, and how finely: half a pixel's width on the ground at most.
 RADIUS_M = 1.3
-RADIUS_STEP_M = 0.001
+RADIUS_SPACING_M = 0.001
 TANGENT_STEPS = 2400
 LASER_BEARINGS = 3000
 LASER_RADIUS_M = 0.75
@@ -81,7 +81,9 @@ def look(
         if body is not None
         else np.zeros(points.shape[:2], dtype=bool)
     )
-    lit = PolarView.around(relief, laser, (-np.pi, np.pi), LASER_BEARINGS, LASER_RADIUS_M, RADIUS_STEP_M).sees(points)
+    lit = PolarView.around(relief, laser, (-np.pi, np.pi), LASER_BEARINGS, LASER_RADIUS_M, RADIUS_SPACING_M).sees(
+        points
+    )
     lit |= is_body
     if body is not None:
         _shade(body, laser, points, lit)
@@ -116,7 +118,7 @@ def _ground_points(relief: Relief, camera: Float, ways: Float32) -> Float32:
     bearing += np.float32(heading)
     first, last = float(bearing.min()), float(bearing.max())
     count = int(2 * ways.shape[1] * max((last - first) / 2.2, 0.5))
-    view = PolarView.around(relief, camera, (first, last), count, RADIUS_M, RADIUS_STEP_M)
+    view = PolarView.around(relief, camera, (first, last), count, RADIUS_M, RADIUS_SPACING_M)
     radius = view.meets(bearing, tangent, TANGENT_STEPS)
     points = ways * (radius / level)[..., None]
     points += camera.astype(np.float32)

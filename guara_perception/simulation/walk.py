@@ -31,7 +31,7 @@ class WalkNoise:
     Attributes:
         joint: of a reported joint position [rad].
         contact: of the height at which a sole comes to rest [m].
-        slip: of a sole's place, per axis, when it is set down [m].
+        slip: of a sole's position, per axis, when it is set down [m].
         imu: of the reported direction of gravity, per axis [rad]; None = no IMU, gravity is not reported.
     """
 
@@ -144,7 +144,7 @@ def simulate_walk(
         x, y = x + noise.slip * rng.standard_normal(), y + noise.slip * rng.standard_normal()
         return np.array([x, y, world.sole_height(x, y, length, width) + noise.contact * rng.standard_normal()])
 
-    soles = {leg: set_down(*place) for leg, place in gait.first_stance().items()}
+    soles = {leg: set_down(*xy) for leg, xy in gait.first_stance().items()}
     footstep: Footstep | None = None
     for step in range(round(cycles * len(gait.lift_order)) + 1):
         position = (step * gait.advance, 0.0)
@@ -166,10 +166,8 @@ def chosen_foothold(pause: WalkPause, choose: Callable[[WalkPause], Choice] | No
     """
     choice = pause.nominal if choose is None else choose(pause)
     if choice is None:
-        place = f"x {pause.nominal[0]:.3f}, y {pause.nominal[1]:.3f}"
-        raise WalkEnded(
-            f"step {pause.step}: the planner found no safe foothold for leg {pause.next_leg!r} near {place}"
-        )
+        wish = f"x {pause.nominal[0]:.3f}, y {pause.nominal[1]:.3f}"
+        raise WalkEnded(f"step {pause.step}: the planner found no safe foothold for leg {pause.next_leg!r} near {wish}")
     return float(choice[0]), float(choice[1])
 
 

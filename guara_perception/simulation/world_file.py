@@ -90,15 +90,15 @@ def _lines(text: str) -> dict[tuple[str, int], dict[str, int]]:
     """Line of every key, by (table, its number); the table's own line under the empty key."""
     found: dict[tuple[str, int], dict[str, int]] = {("", 0): {}}
     counts: dict[str, int] = {}
-    place = ("", 0)
+    table = ("", 0)
     for number, line in enumerate(text.splitlines(), start=1):
-        if table := _TABLE.match(line):
-            name = table.group(1)
-            place = (name, counts.get(name, 0))
-            counts[name] = place[1] + 1
-            found[place] = {"": number}
+        if header := _TABLE.match(line):
+            name = header.group(1)
+            table = (name, counts.get(name, 0))
+            counts[name] = table[1] + 1
+            found[table] = {"": number}
         elif key := _KEY.match(line):
-            found[place].setdefault(key.group(1), number)
+            found[table].setdefault(key.group(1), number)
     for (name, number), keys in list(found.items()):
         if name and number == 0:
             found[("", 0)].setdefault(name, keys[""])
@@ -112,18 +112,18 @@ def _options(
     fields = {f.name: f for f in dataclasses.fields(cls) if f.init and f.name != "features"}
     result: dict[str, Any] = {}
     for key, value in entry.items():
-        place = f"{source}, line {lines.get(key, lines.get('', 1))}"
+        where = f"{source}, line {lines.get(key, lines.get('', 1))}"
         if key not in fields:
             extra = f"; tables: {', '.join(KINDS)}" if cls is World else ""
-            raise FileFormatError(f"{place}: unknown key {key!r}; {what} has: {', '.join(fields)}{extra}")
-        result[key] = _value(value, str(fields[key].type), f"{place}: {key}")
+            raise FileFormatError(f"{where}: unknown key {key!r}; {what} has: {', '.join(fields)}{extra}")
+        result[key] = _value(value, str(fields[key].type), f"{where}: {key}")
     for name, f in fields.items():
         if name not in result and f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING:
             raise FileFormatError(f"{source}, line {lines.get('', 1)}: {name!r} is missing; {what} needs it")
     return result
 
 
-def _value(value: Any, kind: str, place: str) -> Any:
+def _value(value: Any, kind: str, where: str) -> Any:
     def is_number(item: Any) -> bool:
         return isinstance(item, int | float) and not isinstance(item, bool)
 
@@ -135,4 +135,4 @@ def _value(value: Any, kind: str, place: str) -> Any:
         return value
     if kind.startswith("tuple") and isinstance(value, list) and len(value) == 2 and all(map(is_number, value)):
         return float(value[0]), float(value[1])
-    raise FileFormatError(f"{place} is {value!r}, it must be {_TYPES[kind]}")
+    raise FileFormatError(f"{where} is {value!r}, it must be {_TYPES[kind]}")

@@ -31,7 +31,7 @@ def map_file(tmp_path: Path) -> Path:
     calibration = specimen(robot, (640, 512), seed=0)
     pause = next(simulate_walk(World(), robot))
     rangefinder = SimulatedRangefinder(World(), calibration, robot)
-    rangefinder.place(pause.transform_base_to_world, pause.joint_positions)
+    rangefinder.set_pose(pause.transform_base_to_world, pause.joint_positions)
     processor = gp.ScanProcessor(calibration, robot, pause.stance, "coarse")
     for index, on, off in rangefinder.frames(range(0, 70, 2)):
         processor.add(index, on, off)

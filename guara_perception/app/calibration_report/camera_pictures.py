@@ -80,14 +80,14 @@ def coverage_and_sigma(result: CalibrationResult) -> bytes:
     width, height = result.fit.camera.size
     cells.imshow(result.coverage, cmap="Greens", vmin=0, extent=(0, width, height, 0), aspect="equal")
     for row, column in np.ndindex(*result.coverage.shape):
-        place = ((column + 0.5) * width / COVERAGE_CELLS[0], (row + 0.5) * height / COVERAGE_CELLS[1])
+        position = ((column + 0.5) * width / COVERAGE_CELLS[0], (row + 0.5) * height / COVERAGE_CELLS[1])
         count = int(result.coverage[row, column])
         dark = count > 0.6 * result.coverage.max()
-        cells.text(*place, str(count), ha="center", va="center", color="white" if dark else "black", fontsize=8)
+        cells.text(*position, str(count), ha="center", va="center", color="white" if dark else "black", fontsize=8)
     cells.set_title("board corners seen in each part of the picture")
     _picture_axes(cells, result)
-    pixels, spread = result.floor_sigma
-    image = 1e3 * spread.reshape(GRID[1], GRID[0])
+    pixels, floor_sigma = result.floor_sigma
+    image = 1e3 * floor_sigma.reshape(GRID[1], GRID[0])
     shown = sigma.contourf(pixels[: GRID[0], 0], pixels[:: GRID[0], 1], image, levels=12, cmap="viridis")
     figure.colorbar(shown, ax=sigma, label="sigma of the floor point [mm]", shrink=0.85)
     sigma.set_title("how far a point of the floor may be off")
@@ -113,23 +113,23 @@ def halves(result: CalibrationResult) -> bytes | None:
 
 
 def fiducials(result: CalibrationResult) -> bytes:
-    """Each cross enlarged, with the place found and the place expected."""
+    """Each cross enlarged, with the position found and the position expected."""
     picture = for_show(result.session.read_picture(result.session.fiducials.image))
     marks = result.floor.marks[:6]
     figure, axes = new_figure(1.8 * len(marks) + 1.0, 2.9, columns=len(marks))
-    expected = floor_pixels(
+    predicted = floor_pixels(
         result.fit.camera, result.fit.transform_camera_to_footprint, result.session.fiducials.points_in_footprint
     )
     half = 0.028 * result.fit.camera.size[0]
-    for axis, mark, place, point in zip(
-        axes, marks, expected, result.session.fiducials.points_in_footprint, strict=False
+    for axis, mark, expected, point in zip(
+        axes, marks, predicted, result.session.fiducials.points_in_footprint, strict=False
     ):
         axis.imshow(picture)
-        axis.plot(*place, "o", color=GREEN, markersize=13, fillstyle="none", label="expected")
+        axis.plot(*expected, "o", color=GREEN, markersize=13, fillstyle="none", label="expected")
         axis.plot(*mark.centre_px, "+", color=RED, markersize=9, label="found")
         axis.set_xlim(mark.centre_px[0] - half, mark.centre_px[0] + half)
         axis.set_ylim(mark.centre_px[1] + half, mark.centre_px[1] - half)
-        off = float(np.linalg.norm(mark.centre_px - place))
+        off = float(np.linalg.norm(mark.centre_px - expected))
         axis.set_title(f"x {point[0]:.3f} y {point[1]:+.3f} m\noff by {off:.2f} px", fontsize=8)
         axis.set_xticks([])
         axis.set_yticks([])

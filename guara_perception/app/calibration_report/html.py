@@ -87,7 +87,7 @@ def report_page(result: CalibrationResult) -> str:
         ]
     parts += [
         "<h2>Where the camera sits: the crosses on the floor</h2>",
-        "<p>The crosses lie at places measured with a tape. Found and expected place should coincide.</p>",
+        "<p>The crosses lie at positions measured with a tape. Found and expected position should coincide.</p>",
         _image(camera_pictures.fiducials(result), "fiducials"),
         "<h2>The laser planes</h2>",
         "<p>A turning mirror throws the laser on to the floor as one line after the other. Scans of a flat plate at "

@@ -79,7 +79,7 @@ def plate_errors(result: CalibrationResult) -> bytes:
     if columns == 2:
         entries = result.laser.leave_one_out
         names = [f"{1e3 * result.session.plates[one.plate].height:.0f} mm" for one in entries]
-        place = np.arange(len(entries))
+        position = np.arange(len(entries))
         for offset, (label, values) in enumerate(
             (
                 ("near third", [one.near for one in entries]),
@@ -87,9 +87,9 @@ def plate_errors(result: CalibrationResult) -> bytes:
                 ("far third", [one.far for one in entries]),
             )
         ):
-            axes[1].bar(place + 0.25 * (offset - 1), 1e3 * np.array(values), 0.24, label=label, color=SERIES[offset])
+            axes[1].bar(position + 0.25 * (offset - 1), 1e3 * np.array(values), 0.24, label=label, color=SERIES[offset])
         axes[1].axhline(0, color=GREY, linewidth=0.8)
-        axes[1].set_xticks(place, names)
+        axes[1].set_xticks(position, names)
         axes[1].set_xlabel("plate left out")
         axes[1].set_ylabel("mean height error [mm]")
         axes[1].set_title("plates measured with the planes of the others")
@@ -115,16 +115,16 @@ def mirror_steps(result: CalibrationResult) -> bytes:
 def height_sigma(result: CalibrationResult) -> bytes:
     """Predicted sigma of one height all over the floor, noise and calibration together, and calibration alone."""
     x, y = np.linspace(*AREA_X, 46), np.linspace(*AREA_Y, 55)
-    place = np.column_stack((np.repeat(x, y.size), np.tile(y, x.size)))
+    point = np.column_stack((np.repeat(x, y.size), np.tile(y, x.size)))
     stripes, transform = result.laser.stripes, result.fit.transform_camera_to_footprint
-    pixels = level_pixels(result.fit.camera, transform, place, 0.0)
+    pixels = level_pixels(result.fit.camera, transform, point, 0.0)
     below = pixels + np.array([0.0, 1.0])
-    in_camera = (np.column_stack((place, np.zeros(len(place)))) - transform[:3, 3]) @ transform[:3, :3]
+    in_camera = (np.column_stack((point, np.zeros(len(point)))) - transform[:3, 3]) @ transform[:3, :3]
     to_base = np.asarray(result.calibration.transform_camera_to_base)
     on_floor = -(stripes.planes[:, 3] + np.outer(y, stripes.planes[:, 1]).mean(axis=0)) / stripes.planes[:, 0]
-    nearest = np.abs(place[:, :1] - on_floor).argmin(axis=1)
+    nearest = np.abs(point[:, :1] - on_floor).argmin(axis=1)
     noise = float(np.median([line.sigma_px for line in result.lines]))
-    by_row, systematic = np.full(len(place), np.nan), np.full(len(place), np.nan)
+    by_row, systematic = np.full(len(point), np.nan), np.full(len(point), np.nan)
     for k in np.unique(nearest):
         mine = nearest == k
         plane = stripes.planes[k]

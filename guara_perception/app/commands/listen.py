@@ -16,8 +16,8 @@ CONNECTING_SECONDS = 5.0
 @click.option("--robot", "--name", "robot", default="guara", show_default=True, help="instance name of the robot")
 @click.option("--extent", type=click.Choice(["footprint", "map"]), default="footprint", show_default=True)
 @click.option("--security", type=click.Path(path_type=Path), help="folder of a role made by `guara security init`")
-@click.option("--count", type=click.IntRange(min=1), help="end after so many grids; default: until Ctrl-C")
-@click.option("--timeout", type=click.FloatRange(min=0.1), help="fail when no grid comes for so many seconds")
+@click.option("--count", type=click.IntRange(min=1), help="end after this many grids; default: until Ctrl-C")
+@click.option("--timeout", type=click.FloatRange(min=0.1), help="fail when no grid comes for this many seconds")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object per grid instead")
 def command(
     endpoint: str | None,

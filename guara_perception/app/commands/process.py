@@ -71,7 +71,7 @@ def command(
         model = load_robot(robot if robot is not None else recorded.robot)
     except RobotNotFound as error:
         raise InvalidInput(str(error) if robot is not None else f"{recorded.source}: robot: {error}") from None
-    for place, name in enumerate(methods):
+    for number, name in enumerate(methods):
         with progress(f"Processing ({name})", len(recorded.stripes)) as advance:
             processor = run_scan(
                 recorded,
@@ -83,7 +83,7 @@ def command(
                 progress=lambda done, total: advance(1),
             )
         terrain = with_pictures(processor.finish(), processor)
-        target = out if place == 0 else out.with_name(f"{out.stem}-{name}{out.suffix}")
+        target = out if number == 0 else out.with_name(f"{out.stem}-{name}{out.suffix}")
         save_terrain(terrain, target)
         click.echo(json.dumps({"file": str(target), **facts(terrain)}) if as_json else f"{target}: {summary(terrain)}")
         if figures is not None:

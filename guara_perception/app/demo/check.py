@@ -12,7 +12,7 @@ from guara_perception.simulation.world import World
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
-# A hind foot comes to ground that was scanned after 0.73 m; over a whole walk so many must have trodden on some.
+# A hind foot comes to ground that was scanned after 0.73 m; at least this many must do so over a whole walk.
 HIND_FOOTHOLDS_WANTED = 8
 WHOLE_WALK_PAUSES = 41
 

@@ -69,17 +69,17 @@ def draw_map(path: Path, pauses: Sequence[DemoPause]) -> None:
     axes[0, 1].set_title("Fused map: hazards and footholds")
     (x0, y0), (ny, nx) = fused.origin, fused.shape
     for leg, colour in LEG_COLOURS.items():
-        places = footholds_in_last_footprint(pauses, leg)
+        footholds = footholds_in_last_footprint(pauses, leg)
         inside = (
-            (places[:, 0] > x0)
-            & (places[:, 0] < x0 + nx * fused.resolution)
-            & (places[:, 1] > y0)
-            & (places[:, 1] < y0 + ny * fused.resolution)
+            (footholds[:, 0] > x0)
+            & (footholds[:, 0] < x0 + nx * fused.resolution)
+            & (footholds[:, 1] > y0)
+            & (footholds[:, 1] < y0 + ny * fused.resolution)
         )
         for panel in axes[0]:
             panel.plot(
-                places[inside, 1],
-                places[inside, 0],
+                footholds[inside, 1],
+                footholds[inside, 0],
                 "o",
                 color=colour,
                 markersize=4,
@@ -104,12 +104,12 @@ def animate(path: Path, pauses: Sequence[DemoPause]) -> None:
 def footholds_in_last_footprint(pauses: Sequence[DemoPause], leg: str) -> Float:
     """Where the feet of a leg were put, (n, 3) in base_footprint of the last pause [m]."""
     to_last = np.linalg.inv(pauses[-1].pause.transform_footprint_to_world)
-    places = [
+    positions = [
         item.pause.last_footstep.sole_in_world
         for item in pauses
         if item.pause.last_footstep is not None and item.pause.last_footstep.leg == leg
     ]
-    soles = np.array(places, dtype=np.float64).reshape(-1, 3)
+    soles = np.array(positions, dtype=np.float64).reshape(-1, 3)
     return np.asarray(soles @ to_last[:3, :3].T + to_last[:3, 3])
 
 

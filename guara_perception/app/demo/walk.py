@@ -101,7 +101,7 @@ def demo_walk(
         choices: dict[int, Choice] = {}
         last = round(cycles * PAUSES_PER_CYCLE)
         for pause in robot.walk(lambda pause: choices[pause.step], cycles=cycles):
-            robot.place(pause)
+            robot.stand_at(pause)
             gait.begin(pause)
             fused = client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S, extent="map")
             terrain = client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S)

@@ -36,9 +36,9 @@ def open_session(folder: str | Path) -> CalibrationSession:
     except KinematicsError as error:
         raise FileFormatError(f"{folder / SESSION_FILE}: {error}") from None
     images = tuple(
-        _picture_name(name, folder, fields.place("board_images")) for name in fields.sequence("board_images")
+        _picture_name(name, folder, fields.path_to("board_images")) for name in fields.sequence("board_images")
     )
-    ground = _picture_name(fields.text("ground_board_image"), folder, fields.place("ground_board_image"))
+    ground = _picture_name(fields.text("ground_board_image"), folder, fields.path_to("ground_board_image"))
     plates = tuple(_plate(item, folder) for item in fields.items("plates"))
     return CalibrationSession(
         robot=fields.text("robot"),
@@ -56,12 +56,12 @@ def open_session(folder: str | Path) -> CalibrationSession:
 def _board(fields: Fields) -> BoardSpec:
     columns, rows = fields.array("inner_corners", (2,))
     if columns != int(columns) or rows != int(rows):
-        raise FileFormatError(f"{fields.place('inner_corners')} is [{columns}, {rows}], it must be two whole numbers")
+        raise FileFormatError(f"{fields.path_to('inner_corners')} is [{columns}, {rows}], it must be two whole numbers")
     return BoardSpec(int(columns), int(rows), fields.number("square"))
 
 
 def _fiducials(fields: Fields, folder: Path) -> Fiducials:
-    image = _picture_name(fields.text("image"), folder, fields.place("image"))
+    image = _picture_name(fields.text("image"), folder, fields.path_to("image"))
     points = fields.array("points_in_footprint", (None, 2))
     pixels = fields.array("points_px", (None, 2)) if fields.has("points_px") else None
     try:
@@ -75,9 +75,9 @@ def _plate(item: Fields, folder: Path) -> Plate:
     return Plate(name, item.number("height", *PLATE_HEIGHTS), open_scan_folder(folder / name))
 
 
-def _picture_name(name: object, folder: Path, place: str) -> str:
+def _picture_name(name: object, folder: Path, path: str) -> str:
     if not isinstance(name, str):
-        raise FileFormatError(f"{place}: {name!r} is no file name")
+        raise FileFormatError(f"{path}: {name!r} is no file name")
     if not (folder / name).is_file():
-        raise MissingFile(f"{place}: {folder / name} is not there")
+        raise MissingFile(f"{path}: {folder / name} is not there")
     return name

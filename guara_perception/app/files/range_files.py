@@ -49,13 +49,13 @@ def write_range_images(folder: Path, terrain: TerrainGrid) -> list[Path]:
 
 def to_16_bit(image: Float32) -> Image:
     """Heights [mm] as whole numbers of SCALE_MM above OFFSET_MM, 0 where unknown."""
-    steps = np.clip(np.rint((np.nan_to_num(image, nan=OFFSET_MM) - OFFSET_MM) / SCALE_MM), 1, 65535)
-    return np.where(np.isfinite(image), steps, 0).astype(np.uint16)
+    levels = np.clip(np.rint((np.nan_to_num(image, nan=OFFSET_MM) - OFFSET_MM) / SCALE_MM), 1, 65535)
+    return np.where(np.isfinite(image), levels, 0).astype(np.uint16)
 
 
-def from_16_bit(steps: Image) -> Float32:
+def from_16_bit(levels: Image) -> Float32:
     """Heights [mm] of a 16-bit range image, NaN where unknown."""
-    return np.where(steps > 0, steps * SCALE_MM + OFFSET_MM, np.nan).astype(np.float32)
+    return np.where(levels > 0, levels * SCALE_MM + OFFSET_MM, np.nan).astype(np.float32)
 
 
 def to_8_bit(image: Float32) -> tuple[Grey, float, float]:

@@ -88,7 +88,7 @@ def read_picture(path: Path) -> npt.NDArray[np.generic]:
 
 def _stripe(item: Fields) -> ScanStripe:
     if "off" not in item.data:
-        raise FileFormatError(f"{item.place('off')} is missing, it must be a frame name or null")
+        raise FileFormatError(f"{item.path_to('off')} is missing, it must be a frame name or null")
     return ScanStripe(
         index=item.integer("index", minimum=0, maximum=9999),
         mirror_angle=item.number("mirror_angle", -3.15, 3.15),

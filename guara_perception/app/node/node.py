@@ -115,14 +115,14 @@ class PerceptionNode:
                     if current.step == announcement.step:
                         current.end(stance)
                     elif announcement.phase is PausePhase.BEGIN or announcement.step > current.step:
-                        # Another pause: the end of this one was never told.
+                        # Another pause: the end of this one was never announced.
                         current.end(None)
                 return
             if current is not None:
                 if current.step == announcement.step and not current.ended.is_set():
                     return
                 if not current.ended.is_set():
-                    # Its end was never told.
+                    # Its end was never announced.
                     current.end(None)
             self._pause = self._to_scan = Pause(
                 announcement.step, stance, announcement.known_ground, announcement.time_available
@@ -210,7 +210,7 @@ class PerceptionNode:
     def _scan(
         self, pause: Pause, mode: str, is_cancelled: Callable[[], bool], progress: Progress | None
     ) -> TerrainMessage | Exception:
-        """Scan; whatever goes wrong is logged and told in the status, and the next pause scans again."""
+        """Scan; whatever goes wrong is logged and stands in the status, and the next pause scans again."""
 
         def should_stop() -> bool:
             return pause.ended.is_set() or self._closing.is_set() or is_cancelled()

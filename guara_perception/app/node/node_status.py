@@ -84,7 +84,7 @@ class NodeStatus:
         )
 
     def problem(self, part: str, message: str) -> None:
-        """Take note of what went wrong in a part; it stands until the part works again or is told anew."""
+        """Take note of what went wrong in a part; it stands until the part works again or fails anew."""
         with self._lock:
             if part == "scan":
                 self._failures += 1

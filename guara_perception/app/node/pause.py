@@ -30,7 +30,7 @@ class Pause:
     end_stance: Stance | None = None
 
     def end(self, stance: Stance | None) -> None:
-        """The gait moves on; without a stance nobody can tell whether the robot stood still until now."""
+        """The gait moves on; without a stance it is not known whether the robot stood still until now."""
         self.end_stance = stance
         self.ended.set()
 

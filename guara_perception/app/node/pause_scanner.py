@@ -29,7 +29,7 @@ from transport.server import PerceptionServer
 
 logger = logging.getLogger(__name__)
 
-# Neighbouring columns are smoothed over one another: every eighth tells as much of the floor, in a fifth of the time.
+# Neighbouring columns are smoothed over one another: every eighth says as much of the floor, in a fifth of the time.
 DRIFT_COLUMNS = 8
 
 
@@ -74,7 +74,7 @@ class PauseScanner:
             The message of the scan's own grid, handed over for sending.
 
         Raises:
-            CameraMoved: the robot moved during the scan, or nobody can tell; nothing was published.
+            CameraMoved: the robot moved during the scan, or that is not known; nothing was published.
             MirrorSlipped: the mirror lost steps; the grid was published and withdrawn, and is not in the map.
             KinematicsError: the stance does not fit the robot.
         """

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 Pattern = Sequence[tuple[int, float]]
 
 # Stripes that are processed at once: at 30 frames per second a third less of processor time than each by itself, for
-# the memory of so many frames; the last, for which the gait waits, is never among others.
+# the memory of as many frames; the last, for which the gait waits, is never among others.
 STRIPES_TOGETHER = 16
 
 

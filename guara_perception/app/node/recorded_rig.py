@@ -42,8 +42,8 @@ class RecordedView:
         """The recorded frame nearest to the mirror's angle, or the one with the laser off."""
         above = bisect.bisect_left(self._angles, view.mirror_angle)
         nearest = min(
-            (place for place in (above - 1, above) if 0 <= place < len(self._angles)),
-            key=lambda place: abs(self._angles[place] - view.mirror_angle),
+            (k for k in (above - 1, above) if 0 <= k < len(self._angles)),
+            key=lambda k: abs(self._angles[k] - view.mirror_angle),
         )
         is_near = abs(self._angles[nearest] - view.mirror_angle) <= self._reach
         if view.laser_fraction < LIT_FRACTION or not is_near:

@@ -69,14 +69,14 @@ class SimulatedRobot:
         board = EmulatedBoard()
         camera = simulated_camera(self._rig, board, fps=fps, latency=LATENCY_S)
         self.rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
-        self.place(next(self.walk(cycles=0)))
+        self.stand_at(next(self.walk(cycles=0)))
 
-    def place(self, pause: WalkPause) -> None:
+    def stand_at(self, pause: WalkPause) -> None:
         """Put the robot where it stands at a pause; only between scans."""
-        self._rig.place(pause.transform_base_to_world, pause.joint_positions)
+        self._rig.set_pose(pause.transform_base_to_world, pause.joint_positions)
 
     def walk(self, choose: Callable[[WalkPause], Choice] | None = None, *, cycles: float = 10) -> Iterator[WalkPause]:
-        """The pauses of a walk along x; the robot is not placed by this. See `simulate_walk`."""
+        """The pauses of a walk along x; the robot is not moved by this. See `simulate_walk`."""
         return simulate_walk(self.world, self.robot, choose, cycles=cycles, seed=self._seed)
 
 

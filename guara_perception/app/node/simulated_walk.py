@@ -50,7 +50,7 @@ def walk_until_stopped(
         for pause in robot.walk(choose, cycles=CYCLES):
             if last is not None:
                 gait.end(last)
-            robot.place(pause)
+            robot.stand_at(pause)
             gait.begin(pause)
             last = pause
             if not _wait_for_scan(node, pause.step, stop):

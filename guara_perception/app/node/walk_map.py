@@ -63,7 +63,7 @@ class WalkMap:
         self._step = step
         self._last = self._map.update(
             terrain,
-            _place_of(terrain, pose),
+            _transform_of(terrain, pose),
             pose.covariance,
             known_ground=[KnownGround(patch.outline, patch.height, patch.sigma) for patch in known_ground],
             metadata={
@@ -88,7 +88,7 @@ class WalkMap:
         self._map = TerrainMap(self._robot)
 
 
-def _place_of(terrain: TerrainGrid, pose: OdometryPose) -> Float:
+def _transform_of(terrain: TerrainGrid, pose: OdometryPose) -> Float:
     """transform_footprint_to_odom (4, 4) of the footprint that the scan was processed in.
 
     Without gravity that one is level with the support plane, and odometry's own with the gravity that it carries along.

@@ -6,7 +6,7 @@ import numpy as np
 
 from guara_perception.arrays import Float
 
-# Fixed-point steps of eq. 8: 8 leave < 0.001 px at the corner for k = -0.3; more cost little.
+# Fixed-point iterations of eq. 8: 8 leave < 0.001 px at the corner for k = -0.3; more cost little.
 UNDISTORT_STEPS = 12
 
 
@@ -64,7 +64,7 @@ def undistort(u_r: Float, v_r: Float, k: float, *, literal: bool = False) -> tup
     Args:
         u_r, v_r: distorted coordinates, relative to the principal point and divided by the focal length.
         k: coefficient of eq. 7.
-        literal: one step with the distorted radius, as the equation is printed; it leaves up to 10 px at a corner
+        literal: one iteration with the distorted radius, as the equation is printed; it leaves up to 10 px at a corner
             for k = -0.2.
     """
     u, v = u_r, v_r

@@ -19,7 +19,7 @@ from guara_perception.ranging.paper.surface import surface_coefficients, surface
 PLATE_HEIGHTS_M = (0.0, 0.08)
 # Pixels from which the one radial coefficient is fitted to the calibrated lens, across and along.
 LENS_GRID = (17, 13)
-# Step of the finite difference that gives the sigma of a height [px].
+# Difference of the finite difference that gives the sigma of a height [px].
 STEP_PX = 0.5
 
 
@@ -28,7 +28,7 @@ class Literal:
     """What is taken as printed although it is wrong, to show the difference.
 
     Attributes:
-        lens: eq. 8 in one step.
+        lens: eq. 8 in one iteration.
         ortho: eqs. 20 and 21 about the middle of the picture instead of the nadir.
     """
 
@@ -73,7 +73,7 @@ class PaperRangefinder:
     def stripe(self, plane_in_camera: Float) -> tuple[StripeConstants, Float]:
         """Constants of stripes and the horizontal directions (..., 2) across them, in which their v is measured.
 
-        The paper's stripes are parallel to the rows of its picture; a real one is turned by a little, so v is
+        The paper's stripes are parallel to the rows of its picture; a real one is rotated by a little, so v is
         measured across the stripe itself: that keeps eqs. 17 and 18 exact.
 
         Args:

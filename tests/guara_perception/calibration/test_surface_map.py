@@ -77,6 +77,6 @@ def test_constants_are_exact(foot: float, slope: float, heights_mm: list[int]) -
 def test_singular_stripes(x: list[float], heights: list[float]) -> None:
     """One height, one place or equal heights make eq. 17 singular and are refused."""
     with pytest.raises(
-        InvalidInput, match="stripe index 3: two or more heights at which it is seen at different places"
+        InvalidInput, match="stripe index 3: two or more heights at which it is seen at different positions"
     ):
         stripe_constants(3, 0.5, x, heights)

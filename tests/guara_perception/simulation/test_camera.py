@@ -21,7 +21,7 @@ def test_board_decides_what_the_camera_sees() -> None:
     rangefinder = SimulatedRangefinder(World(), calibration, robot)
     transform = np.eye(4)
     transform[2, 3] = 0.36
-    rangefinder.place(transform)
+    rangefinder.set_pose(transform)
     emulated = EmulatedBoard()
     with LaserBoard(backend=emulated_backend(emulated)) as board, simulated_camera(rangefinder, emulated) as camera:
         assert camera.lock(CameraSettings(exposure=NOMINAL_EXPOSURE_S)).exposure == NOMINAL_EXPOSURE_S

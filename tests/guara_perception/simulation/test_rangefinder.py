@@ -47,7 +47,7 @@ def test_every_pixel_shows_the_point_where_its_ray_meets_the_floor(
     """On level ground the points seen are those of plane geometry, at any attitude and heading."""
     rangefinder = SimulatedRangefinder(World(x=(-2, 2), y=(-2, 2)), calibration, robot, light=QUIET)
     transform = standing(roll, pitch, yaw)
-    view = rangefinder.place(transform)
+    view = rangefinder.set_pose(transform)
     camera = transform @ calibration.transform_camera_to_base
     rows, columns = np.meshgrid(np.arange(0, 512, 37), np.arange(0, 640, 41), indexing="ij")
     ways = calibration.camera.rays(np.column_stack((columns.ravel(), rows.ravel()))) @ camera[:3, :3].T
@@ -61,7 +61,7 @@ def test_every_pixel_shows_the_point_where_its_ray_meets_the_floor(
 def test_points_on_boxes_lie_on_boxes(robot: RobotModel, calibration: Calibration) -> None:
     """What is seen lies on the exact surface: on tops, on the floor, or on a wall between the two."""
     world = World(features=(Box(x=0.7, y=0.05, size=(0.1, 0.12), height=0.06, yaw=0.3),))
-    view = SimulatedRangefinder(world, calibration, robot, light=QUIET).place(standing())
+    view = SimulatedRangefinder(world, calibration, robot, light=QUIET).set_pose(standing())
     points = (view.points + view.origin).reshape(-1, 3)
     above = points[:, 2] - world.height(points[:, 0], points[:, 1])
     assert (np.abs(points[:, 2] - 0.06) < 1e-4).sum() > 1000
@@ -108,7 +108,7 @@ def process(
 ) -> gp.TerrainGrid:
     rangefinder = SimulatedRangefinder(world, calibration, robot, seed=0, light=light)
     posture = robot.posture("scan")
-    rangefinder.place(standing(), posture if legs else None)
+    rangefinder.set_pose(standing(), posture if legs else None)
     processor = gp.ScanProcessor(calibration, robot, Stance(posture, robot.legs, (0, 0, -1)))
     for index, on, off in rangefinder.frames(range(70)):
         processor.add(index, on, off)
@@ -148,7 +148,7 @@ def test_the_stripe_is_where_the_plane_meets_the_floor(robot: RobotModel, calibr
     """The brightest row of a column is that of the calibrated laser plane, to a fraction of a pixel, and red."""
     rangefinder = SimulatedRangefinder(World(), calibration, robot, light=QUIET)
     transform = standing(pitch=0.03)
-    rangefinder.place(transform)
+    rangefinder.set_pose(transform)
     camera = transform @ calibration.transform_camera_to_base
     for index in (5, 40, 65):
         stripe = calibration.stripe(index)
@@ -169,8 +169,8 @@ def test_legs_hide_the_ground_and_throw_shadows(robot: RobotModel, calibration: 
     reached = robot.reach("lf", [0.50, 0.18, -0.30])
     assert reached.is_reachable
     stretched = {**posture, **dict(zip(robot.tree.leg("lf").joints, reached.joint_positions.tolist(), strict=True))}
-    bare = rangefinder.place(standing())
-    stepping = rangefinder.place(standing(), stretched)
+    bare = rangefinder.set_pose(standing())
+    stepping = rangefinder.set_pose(standing(), stretched)
     assert not bare.is_body.any()
     assert 500 < stepping.is_body.sum() < 0.2 * stepping.is_body.size
     points = stepping.points[stepping.is_body] + stepping.origin
@@ -184,7 +184,7 @@ def test_light_adds_up(robot: RobotModel, calibration: Calibration) -> None:
     """Half the laser time gives half the laser light, twice the exposure twice the levels, up to saturation."""
     light = Light(speckle=0, shot_noise=0, read_noise=0, laser=120.0, ambient=(60.0, 60.0, 60.0))
     rangefinder = SimulatedRangefinder(World(), calibration, robot, light=light)
-    rangefinder.place(standing())
+    rangefinder.set_pose(standing())
     angle = calibration.stripe(30).mirror_angle
     dark = rangefinder.frame(laser=0.0).astype(float)
     full = rangefinder.frame(mirror_angle=angle).astype(float) - dark
@@ -206,13 +206,13 @@ def test_a_lit_wall_lights_the_floor_before_it(robot: RobotModel, calibration: C
     for bounce in (0.0, 1.0):
         light = Light(speckle=0, shot_noise=0, read_noise=0, bounce=bounce)
         rangefinder = SimulatedRangefinder(world, calibration, robot, light=light)
-        rangefinder.place(standing())
+        rangefinder.set_pose(standing())
         difference.append(rangefinder.frame(mirror_angle=angle).astype(float))
     added = difference[1] - difference[0]
     assert added.min() >= -1
     assert 1 <= added[..., 2].max() < 40
     flat = SimulatedRangefinder(World(), calibration, robot, light=Light(speckle=0, shot_noise=0, read_noise=0))
-    flat.place(standing())
+    flat.set_pose(standing())
     lit = flat.frame(mirror_angle=angle).astype(float) - flat.frame(laser=0.0)
     assert (lit.max(axis=(1, 2)) > 0).sum() < 20
 
@@ -221,7 +221,7 @@ def test_noise_has_the_stated_size(robot: RobotModel, calibration: Calibration) 
     """Between two dark frames the variance is read noise and shot noise, and no two frames are alike."""
     light = Light(shot_noise=0.02, read_noise=1.0)
     rangefinder = SimulatedRangefinder(World(), calibration, robot, light=light)
-    view = rangefinder.place(standing())
+    view = rangefinder.set_pose(standing())
     frames = [rangefinder.frame(laser=0.0).astype(float) for _ in range(6)]
     for one, two in zip(frames, frames[1:], strict=False):
         assert (one != two).any()
@@ -235,7 +235,7 @@ def test_the_same_seed_gives_the_same_frames(robot: RobotModel, calibration: Cal
     frames = []
     for _ in range(2):
         rangefinder = SimulatedRangefinder(World(), calibration, robot, seed=7)
-        rangefinder.place(standing())
+        rangefinder.set_pose(standing())
         frames.append([picture for _, *pair in rangefinder.frames([3, 4]) for picture in pair])
     for one, two in zip(*frames, strict=True):
         np.testing.assert_array_equal(one, two)
@@ -246,13 +246,13 @@ def test_bad_input_is_refused(robot: RobotModel, calibration: Calibration) -> No
     rangefinder = SimulatedRangefinder(
         World(features=(Pit(x=0.7, y=0, size=(0.1, 0.1), depth=0.05),)), calibration, robot
     )
-    with pytest.raises(InvalidInput, match="stands nowhere: call place"):
+    with pytest.raises(InvalidInput, match="stands nowhere: call set_pose"):
         rangefinder.frame()
     low = np.eye(4)
     low[2, 3] = -0.1
     with pytest.raises(InvalidInput, match="the camera is 0.0.* m above the ground, it must be 0.05 m or more"):
-        rangefinder.place(low)
-    rangefinder.place(standing())
+        rangefinder.set_pose(low)
+    rangefinder.set_pose(standing())
     with pytest.raises(CalibrationMismatch, match="stripe index 70 is not in the calibration"):
         list(rangefinder.frames([70]))
     with pytest.raises(InvalidInput, match="exposure is 0.0 of the nominal one, it must be above 0"):
@@ -266,7 +266,7 @@ def test_bad_input_is_refused(robot: RobotModel, calibration: Calibration) -> No
 def test_pictures_are_plausible(robot: RobotModel, calibration: Calibration) -> None:
     """An ordinary frame is neither black nor white, and its stripe crosses the picture once per column."""
     rangefinder = SimulatedRangefinder(World(), calibration, robot)
-    rangefinder.place(standing(), robot.posture("scan"))
+    rangefinder.set_pose(standing(), robot.posture("scan"))
     on, off = next(iter(rangefinder.frames([20])))[1:]
     assert on.shape == (512, 640, 3)
     assert 10 < off.mean() < 120
