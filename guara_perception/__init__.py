@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from guara_perception.terrain.questions.foothold import FootholdVerdict, FootholdVerdicts
     from guara_perception.terrain.questions.obstacles import Obstacle
     from guara_perception.terrain.questions.path import PathVerdict
+    from guara_perception.terrain.questions.swing import Swing
     from guara_perception.terrain.scan.assess_terrain import assess_terrain
     from guara_perception.terrain.scan.policy import ScanDecision, ScanPolicy
     from guara_perception.terrain.scan.refined import refined
@@ -104,6 +105,7 @@ __all__ = [
     "StripePlane",
     "StripeProfile",
     "StripeStatus",
+    "Swing",
     "TerrainClient",
     "TerrainGrid",
     "TerrainMap",
@@ -165,6 +167,7 @@ _MODULES = {
     "StripePlane": "guara_perception.calibration.calibration",
     "StripeProfile": "guara_perception.stripes.profile",
     "StripeStatus": "guara_perception.stripes.profile",
+    "Swing": "guara_perception.terrain.questions.swing",
     "TerrainClient": "guara_perception.app.client",
     "TerrainGrid": "guara_perception.terrain.grid",
     "TerrainMap": "guara_perception.terrain.map.terrain_map",

@@ -1,24 +1,51 @@
-"""A simple foothold planner: per leg, the best safe place near where the gait would set the foot."""
+"""A simple step planner: per leg, the best safe place near where the gait would set the foot, and a swing there."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.questions.leg_reach import standing_sole
 
 if TYPE_CHECKING:
+    from guara_perception.terrain.layers.reason import Reason
     from guara_perception.terrain.questions.best_foothold import Foothold
+    from guara_perception.terrain.questions.swing import Swing
     from kinematics import RobotModel
 
 # How far from its wish a foot may land: first near, then as far as a wave gait's stride bears.
 SEARCH_RADII_M = (0.03, 0.06)
 # Beside the wish rather than farther along the path: the legs reach further sideways than the stride leaves ahead.
 SIDEWAYS_M = (0.05, -0.05)
+# Where no way leads to the best places, others in parts of the search: their middles and radius.
+OTHER_PLACES_M = tuple((dx, dy) for dx in (0.0, -0.04, 0.04) for dy in (0.0, 0.04, -0.04, 0.08, -0.08))
+OTHER_RADIUS_M = 0.02
+# What a swing keeps from the ground, beginning with a comfortable one.
+SWING_CLEARANCES_M = (0.030, 0.020)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedStep:
+    """A foothold and the way there.
+
+    Attributes:
+        foothold: where the foot is set down.
+        swing: how it gets there, over ground that the terrain knows.
+        clearance: what the swing was checked with [m].
+    """
+
+    foothold: Foothold
+    swing: Swing
+    clearance: float
 
 
 def plan_foothold(
     terrain: TerrainGrid,
-    leg: str,
+    leg: str | None,
     wish: tuple[float, float],
     previous: tuple[float, float] | None = None,
     robot: RobotModel | None = None,
@@ -27,7 +54,7 @@ def plan_foothold(
 
     Args:
         terrain: the newest grid, extent "map" for the hind feet's sake.
-        leg: name of the leg, so that its reach counts.
+        leg: name of the leg, so that its reach counts; None = any place that is safe.
         wish: x and y where the gait would set the foot, in base_footprint of the grid [m].
         previous: what was chosen before for this swing, kept unless something is clearly better.
         robot: whose legs; None = the robot that the grid names.
@@ -38,14 +65,77 @@ def plan_foothold(
     Raises:
         InvalidInput: a wish that is not finite, a leg that the robot does not have.
     """
+    return next(_best_first(terrain, leg, wish, previous, robot), None)
+
+
+def plan_step(
+    terrain: TerrainGrid,
+    leg: str,
+    wish: tuple[float, float],
+    previous: tuple[float, float] | None = None,
+    robot: RobotModel | None = None,
+) -> PlannedStep | None:
+    """Choose where to set a foot, and how it gets there: the best place to which a swing is accepted.
+
+    Args:
+        terrain: the newest grid, with the stance of its pause in its metadata: the swing begins where the sole stands.
+        leg, wish, previous, robot: as in `plan_foothold`.
+
+    Returns:
+        The step, or None when no safe place within reach can be swung to.
+
+    Raises:
+        InvalidInput: as `plan_foothold` and `TerrainGrid.swing`.
+    """
+    start = standing_sole(terrain, leg, robot)
+    tried: set[tuple[float, float]] = set()
+    places = _best_first(terrain, leg, wish, previous, robot), _others(terrain, leg, wish, robot)
+    for foothold in (found for source in places for found in source):
+        if (foothold.x, foothold.y) in tried:
+            continue
+        tried.add((foothold.x, foothold.y))
+        for clearance in SWING_CLEARANCES_M:
+            swing = terrain.swing(start, foothold.position, clearance, leg, robot)
+            if swing.ok:
+                return PlannedStep(foothold, swing, clearance)
+    return None
+
+
+def refusals(
+    terrain: TerrainGrid, leg: str, wish: tuple[float, float], robot: RobotModel | None = None
+) -> tuple[Reason, ...]:
+    """Why `plan_step` found nothing: what is wrong with the wish or, where a foothold is near, with the way there."""
+    foothold = plan_foothold(terrain, leg, wish, robot=robot)
+    if foothold is None:
+        return terrain.check_foothold(wish[0], wish[1], leg=leg, robot=robot).reasons
+    return terrain.swing(
+        standing_sole(terrain, leg, robot), foothold.position, SWING_CLEARANCES_M[-1], leg, robot
+    ).reasons
+
+
+def _best_first(
+    terrain: TerrainGrid,
+    leg: str | None,
+    wish: tuple[float, float],
+    previous: tuple[float, float] | None,
+    robot: RobotModel | None,
+) -> Iterator[Foothold]:
+    """Places near the wish, then farther, then beside it."""
     x, y = wish
     for radius in SEARCH_RADII_M:
         found = terrain.best_foothold(x, y, radius, leg=leg, previous=previous, robot=robot)
         if found is not None:
-            return found
+            yield found
     # Towards the middle of the body first: there the ground was seen, outside it may not have been.
     for aside in sorted(SIDEWAYS_M, key=lambda aside: abs(y + aside)):
         found = terrain.best_foothold(x, y + aside, SEARCH_RADII_M[-1], leg=leg, previous=previous, robot=robot)
         if found is not None:
-            return found
-    return None
+            yield found
+
+
+def _others(terrain: TerrainGrid, leg: str, wish: tuple[float, float], robot: RobotModel | None) -> Iterator[Foothold]:
+    """The best place of each part of the search, the nearest part first."""
+    for dx, dy in sorted(OTHER_PLACES_M, key=lambda place: (np.hypot(*place), abs(wish[1] + place[1]))):
+        found = terrain.best_foothold(wish[0] + dx, wish[1] + dy, OTHER_RADIUS_M, leg=leg, robot=robot)
+        if found is not None:
+            yield found

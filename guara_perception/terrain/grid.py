@@ -21,6 +21,7 @@ from guara_perception.terrain.questions.obstacles import Obstacle, obstacles
 from guara_perception.terrain.questions.path import PathVerdict, check_path, check_polygon
 from guara_perception.terrain.questions.points import points, to_xarray
 from guara_perception.terrain.questions.save import save_terrain
+from guara_perception.terrain.questions.swing import Swing, swing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -111,10 +112,11 @@ class TerrainGrid(LayeredGrid):
     def check_path(self, points: npt.ArrayLike, clearance: float) -> PathVerdict:
         """Whether a foot may swing, or a part of the body pass, along a path over this terrain.
 
-        Every cell within `clearance` of the path, seen from above, must be known, and its height to be relied on (not
-        CONFLICT, not STALE). Points with z: the path must stay `clearance` away from the ground (highest samples plus
-        confidence), but for its ends: within `clearance` of its first and last point it may touch the ground. Points
-        without z: a track on the ground, where no cell may be hazardous.
+        Every cell within `clearance` of the path, seen from above, must be known and not STALE. Points with z: the
+        path must stay `clearance` away from the ground (highest samples plus confidence; where looks disagree, the
+        highest of all looks). Towards its ends, where a foot stands, less is wanted: at a distance d from the nearer
+        end no more than d - 5 mm - confidence, what a vertical lift has gained there. Points without z: a track on
+        the ground, where no cell may be hazardous.
 
         Args:
             points: (n, 3) or (n, 2) corners of the path in base_footprint [m].
@@ -124,6 +126,33 @@ class TerrainGrid(LayeredGrid):
             InvalidInput: points of another shape, not finite or over more than 20 m; a clearance outside 0 ... 1 m.
         """
         return check_path(self, points, clearance)
+
+    def swing(
+        self,
+        start: npt.ArrayLike,
+        end: npt.ArrayLike,
+        clearance: float,
+        leg: str | None = None,
+        robot: RobotModel | None = None,
+    ) -> Swing:
+        """A way for a foot from one place to another that `check_path` accepts, or why there is none.
+
+        It leads straight up, over the upper hull of the ground between start and end (highest samples plus confidence
+        plus clearance), and straight down; where that is refused, over the highest of it on one level, or some
+        millimetres higher. Where the straight way is barred, by unknown ground for instance, it leads around a corner
+        beside it, up to 0.12 m aside.
+
+        Args:
+            start, end: (3,) places of the sole's centre on the ground, in base_footprint [m].
+            clearance: distance to keep from the ground between the ends [m].
+            leg: also ask whether this leg reaches all of the way with the body where it stood at the scan.
+            robot: model for `leg`; None = the one of the grid's robot name.
+
+        Raises:
+            InvalidInput: as `check_path` and, where a leg is given, as `check_foothold`.
+            kinematics.KinematicsError: no such leg or robot.
+        """
+        return swing(self, start, end, clearance, leg, robot)
 
     def check_polygon(self, corners: npt.ArrayLike) -> PathVerdict:
         """Whether every cell that a polygon (n, 2) [m] touches is known and free of hazards (EDGE does not count).

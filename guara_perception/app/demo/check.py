@@ -11,6 +11,7 @@ from guara_perception.simulation.walk import WalkPause
 from guara_perception.simulation.world import World
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+from guara_perception.terrain.questions.path import PathVerdict
 
 # A hind foot comes to ground that was scanned after 0.73 m; at least this many must do so over a whole walk.
 HIND_FOOTHOLDS_WANTED = 8
@@ -27,6 +28,7 @@ class CheckedFoothold:
         is_hind: whether it is a hind leg.
         is_scanned: whether a scan had seen the cell (otherwise the gait or a foot vouched for it).
         is_hazard: whether the grid, as published, calls the cell hazardous.
+        is_swing_refused: whether the grid, as published, refuses the swing that leads there.
         height_error: elevation of the grid less the true height under it [m], NaN when unknown.
     """
 
@@ -35,6 +37,7 @@ class CheckedFoothold:
     is_hind: bool
     is_scanned: bool
     is_hazard: bool
+    is_swing_refused: bool
     height_error: float
 
 
@@ -67,8 +70,10 @@ class DemoCheck:
         self.grids_published += 1
         return float(np.median(known)) if known.size else float("nan")
 
-    def chosen(self, world: World, pause: WalkPause, fused: TerrainGrid, x: float, y: float) -> CheckedFoothold:
-        """Take note of the foothold that the planner chose on the fused map of a pause."""
+    def chosen(
+        self, world: World, pause: WalkPause, fused: TerrainGrid, x: float, y: float, swing: PathVerdict
+    ) -> CheckedFoothold:
+        """Take note of the foothold that the planner chose on the fused map of a pause, and of the verdict there."""
         iy, ix = fused.geometry.indices(x, y)
         inside = bool(fused.geometry.contains(iy, ix))
         world_x, world_y = pause.to_world(x, y)
@@ -79,6 +84,7 @@ class DemoCheck:
             is_hind=pause.nominal[0] < 0,
             is_scanned=inside and bool(np.asarray(fused.looks)[iy, ix] > 0),
             is_hazard=not inside or bool(np.asarray(fused.hazard)[iy, ix] != 0),
+            is_swing_refused=not swing.ok,
             height_error=float(fused.height_at(x, y)) - truth,
         )
         self.footholds.append(checked)
@@ -97,6 +103,9 @@ class DemoCheck:
             problems.append(f"{len(hind)} hind footholds on scanned ground, {HIND_FOOTHOLDS_WANTED} are wanted")
         if on_hazard:
             problems.append(f"{len(on_hazard)} footholds on a hazard, the first at step {on_hazard[0].step}")
+        refused = [foot for foot in self.footholds if foot.is_swing_refused]
+        if refused:
+            problems.append(f"{len(refused)} swings that check_path refuses, the first at step {refused[0].step}")
         if self.unknown_called_safe:
             problems.append(f"{self.unknown_called_safe} unknown cells were called traversable")
         return problems
@@ -112,6 +121,8 @@ class DemoCheck:
             f"grids: {self.grids_published} published, {self.grids_received} received by the planner",
             f"footholds: {declared} on declared ground, {front} front and {hind} hind on scanned ground, "
             f"{sum(foot.is_hazard for foot in self.footholds)} on a hazard",
+            f"swings: {len(self.footholds)} planned, "
+            f"{sum(foot.is_swing_refused for foot in self.footholds)} refused by check_path",
             f"unknown cells called traversable: {self.unknown_called_safe}",
         ]
         if errors.size:

@@ -1,7 +1,7 @@
 """The demo's planner: its own process, with nothing but the public client; told on stdin which foot moves next.
 
 Each line of standard input is a JSON object {step, leg, x, y, extent}; each answer is a JSON line with the
-foothold that was chosen on the grid of that step, or with the reasons why there is none.
+foothold and the swing that were chosen on the grid of that step, or with the reasons why there is none.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 from guara_perception.app.client import TerrainClient
 from guara_perception.exceptions import PerceptionError
-from guara_perception.simulation.planner import plan_foothold
+from guara_perception.simulation.planner import plan_step, refusals
 from transport import TransportError
 
 GRID_TIMEOUT_S = 60.0
@@ -36,22 +36,30 @@ def main() -> int:
 
 
 def answer(client: TerrainClient, request: dict[str, Any]) -> dict[str, Any]:
-    """Wait for the grids of the step and choose a foothold on the one that is asked for."""
+    """Wait for the grids of the step and choose foothold and swing on the one that is asked for."""
     client.wait_for_step(request["step"], timeout=GRID_TIMEOUT_S)
     terrain = client.wait_for_step(request["step"], timeout=GRID_TIMEOUT_S, extent=request["extent"])
     x, y, leg = request["x"], request["y"], request["leg"]
-    found = plan_foothold(terrain, leg, (x, y))
+    found = plan_step(terrain, leg, (x, y))
     reply: dict[str, Any] = {
         "step": terrain.step,
         "leg": leg,
         "received": client.counts()["received"],
         "foothold": None,
+        "swing": None,
+        "clearance": None,
         "reasons": [],
     }
     if found is None:
-        reply["reasons"] = [str(reason) for reason in terrain.check_foothold(x, y, leg=leg).reasons]
+        reply["reasons"] = [str(reason) for reason in refusals(terrain, leg, (x, y))]
     else:
-        reply.update(foothold=[found.x, found.y, found.z], score=found.score)
+        foothold = found.foothold
+        reply.update(
+            foothold=[foothold.x, foothold.y, foothold.z],
+            score=foothold.score,
+            swing=found.swing.points.tolist(),
+            clearance=found.clearance,
+        )
     return reply
 
 

@@ -113,7 +113,14 @@ def demo_walk(
             choices[pause.step] = None if choice is None else (choice[0], choice[1])
             foothold = None
             if choice is not None and pause.step < last:
-                foothold = check.chosen(robot.world, pause, fused, choice[0], choice[1])
+                foothold = check.chosen(
+                    robot.world,
+                    pause,
+                    fused,
+                    choice[0],
+                    choice[1],
+                    fused.check_path(answer["swing"], answer["clearance"]),
+                )
             gait.end(pause)
             yield DemoPause(pause, terrain, fused, foothold, answer, error)
             if pause.step == last:

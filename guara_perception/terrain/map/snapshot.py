@@ -72,7 +72,9 @@ def snapshot_layers(
     high = heights + cells.patch("above", squares.first, squares.shape, 0.0)
     slot = cells.slots(*cells.indices(in_odom_x.take(known), in_odom_y.take(known)))
     pauses = np.clip(now.pause - memory["pause"].take(slot), 0, NEVER_SEEN_AGE - 1)
-    variance = memory["variance"].take(slot) + drift_variance(cells, slot, now.drift, np.sqrt(x * x + y * y))
+    # While looks disagree, lowest and highest sample are those of both; so the larger variance goes with them.
+    variance = np.maximum(memory["variance"].take(slot), memory["other_variance"].take(slot))
+    variance += drift_variance(cells, slot, now.drift, np.sqrt(x * x + y * y))
     # What was seen at this very pause shares its tilt; older heights do not.
     variance += np.where(pauses > 0, tilt_variance(terrain, x, y), 0.0)
 

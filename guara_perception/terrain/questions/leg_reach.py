@@ -40,6 +40,18 @@ def beyond_reach(terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robo
     return np.where(reach.is_reachable, 0.0, np.where(excess > 0, excess, np.nan))
 
 
+def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotModel | None = None) -> Float:
+    """Where a leg's sole centre was when the grid was made, (3,) in its base_footprint [m].
+
+    Raises:
+        InvalidInput: the grid does not say robot, stance and transform.
+        kinematics.KinematicsError: no such robot or leg.
+    """
+    pose = _pose_of(terrain, robot)
+    transform = np.asarray(pose.transform_base_to_footprint)
+    return np.asarray(transform[:3, :3] @ pose.state.soles_in_base([leg])[0] + transform[:3, 3])
+
+
 def _pose_of(terrain: LayeredGrid, robot: RobotModel | None) -> StancePose:
     metadata = terrain.metadata
     missing = [name for name in ("robot", "stance", "transform_base_to_footprint") if metadata.get(name) is None]

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Float, Index, Mask
+from guara_perception.arrays import Float, Index
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, names
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
-from guara_perception.terrain.layers.limits_of import limits_of
 from guara_perception.terrain.layers.reason import Reason
+from guara_perception.terrain.questions.corridor import confidences, corridor_of, distances, sampled
 from guara_perception.terrain.questions.polygon import touched_cells
 
-# Near its ends a swing touches the ground: there it may lie so much lower than the map.
+# At its ends a swing touches the ground: there it may lie so much lower than the map.
 TOUCH_M = 0.005
-# Heights of these cells are known, but not to be relied on from above either.
-UNRELIABLE = np.uint16(Hazard.STALE | Hazard.CONFLICT)
+# Heights of these cells are known, but not to be relied on from above either. Where looks disagree (CONFLICT), the
+# highest sample of all of them is in `elevation_max` and the larger variance in `variance`: that bounds the ground.
+UNRELIABLE = np.uint16(Hazard.STALE)
 LONGEST_PATH_M = 20.0
+ROUNDING_M = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +31,8 @@ class PathVerdict:
 
     Attributes:
         ok: whether it is accepted.
-        clearance: least distance from the ground over the whole path but its ends [m]; NaN where it has no height, or
-            lies over unknown ground.
+        clearance: least distance from the ground over all of the path that must keep the whole clearance [m]; NaN
+            where none of it must, it has no height, or lies over unknown ground.
         reasons: each failed test with value and limit; empty where ok.
     """
 
@@ -44,84 +47,48 @@ class PathVerdict:
 
 def check_path(terrain: LayeredGrid, points: npt.ArrayLike, clearance: float) -> PathVerdict:
     """See `TerrainGrid.check_path`."""
-    path = _checked_points(points, (2, 3), 1, "points of a path")
+    path = checked_points(points, (2, 3), 1, "points of a path")
     if not (np.isfinite(clearance) and 0 <= clearance <= 1):
         raise InvalidInput(f"clearance is {clearance}, it must be 0 ... 1 m")
-    samples = _sampled(path, terrain.resolution / 2)
-    cells = _corridor(terrain, samples, float(clearance))
+    samples = sampled(path, terrain.resolution / 2)
+    cells = corridor_of(terrain, samples, float(clearance))
     reasons = _unknown(terrain, *cells.unique())
     if path.shape[1] == 2:
         return _verdict(reasons + _hazardous(terrain, *cells.unique()), np.nan)
     reasons += _unreliable(terrain, *cells.unique())
     least = np.nan
     if not reasons:
-        distance = _distances(terrain, samples, cells)
+        confidence = confidences(terrain, cells)
+        distance = distances(terrain, samples, cells, confidence)
         from_ends = np.minimum(*(np.linalg.norm(samples - end, axis=1) for end in (path[0], path[-1])))
-        free = from_ends > clearance
-        under = np.where(cells.aside == 0, distance, np.inf).min(axis=1)
-        if (~free & (under < -TOUCH_M)).any():
-            reasons.append(_at("depth", -under.min(), TOUCH_M, samples[under.argmin()], "into the ground"))
-        nearest = distance.min(axis=1)
+        # What a vertical lift-off from ground that is so uncertain has gained at least.
+        wanted = np.minimum(clearance, from_ends[:, None] - TOUCH_M - confidence)
+        lack = np.where(cells.used, wanted - distance, -np.inf)
+        reasons = list(_too_near(samples, distance, wanted, lack))
+        free = (~cells.used | (wanted >= clearance)).all(axis=1)
         if free.any():
-            least = float(nearest[free].min())
-            if least < clearance:
-                reasons.append(_at("clearance", least, clearance, samples[free][nearest[free].argmin()], "least"))
+            least = float(distance[free].min())
     return _verdict(reasons, least)
 
 
 def check_polygon(terrain: LayeredGrid, corners: npt.ArrayLike) -> PathVerdict:
     """See `TerrainGrid.check_polygon`."""
-    outline = _checked_points(corners, (2,), 3, "corners of a polygon")
+    outline = checked_points(corners, (2,), 3, "corners of a polygon")
     iy, ix = touched_cells(outline, terrain.geometry)
     return _verdict(_unknown(terrain, iy, ix) + _hazardous(terrain, iy, ix), np.nan)
 
 
-@dataclass(frozen=True, slots=True)
-class _Corridor:
-    """Cells within the clearance of each sample, (samples, cells of the window); `used` says which of them count."""
-
-    iy: Index
-    ix: Index
-    aside: Float
-    used: Mask
-
-    def unique(self) -> tuple[Index, Index]:
-        """Every cell of the corridor once."""
-        pairs = np.unique(np.column_stack((self.iy[self.used], self.ix[self.used])), axis=0)
-        return pairs[:, 0], pairs[:, 1]
-
-
-def _corridor(terrain: LayeredGrid, samples: Float, clearance: float) -> _Corridor:
-    geometry = terrain.geometry
-    resolution = geometry.resolution
-    iy, ix = geometry.indices(samples[:, 0], samples[:, 1])
-    # The geometry clips far indices; positions give the distance, so that nothing far off counts as near.
-    reach = int(np.ceil(clearance / resolution)) + 1
-    dy, dx = (a.ravel() for a in np.mgrid[-reach : reach + 1, -reach : reach + 1])
-    jy, jx = iy[:, None] + dy, ix[:, None] + dx
-    x = geometry.origin[0] + (jx + 0.5) * resolution
-    y = geometry.origin[1] + (jy + 0.5) * resolution
-    aside = np.hypot(
-        np.maximum(np.abs(x - samples[:, :1]) - resolution / 2, 0),
-        np.maximum(np.abs(y - samples[:, 1:2]) - resolution / 2, 0),
-    )
-    own = (dy == 0) & (dx == 0)
-    aside[:, own] = 0.0
-    # Half a sample's spacing more, so that what lies between two samples counts too.
-    return _Corridor(jy, jx, aside, (aside <= clearance + resolution / 4) | own)
-
-
-def _distances(terrain: LayeredGrid, samples: Float, cells: _Corridor) -> Float:
-    """Distance of each sample from the ground of each cell [m], negative in it; infinite for cells that do not count.
-
-    Ground is taken at its highest sample plus the confidence in sigmas.
-    """
-    at = np.where(cells.used, cells.iy, 0), np.where(cells.used, cells.ix, 0)
-    top = terrain.elevation_max[at].astype(np.float64)
-    top += limits_of(terrain).confidence * np.sqrt(terrain.variance[at].astype(np.float64))
-    over = samples[:, 2:3] - top
-    distance = np.where(over >= 0, np.hypot(cells.aside, over), np.where(cells.aside > 0, cells.aside, over))
-    return np.where(cells.used, distance, np.inf)
+def _too_near(samples: Float, distance: Float, wanted: Float, lack: Float) -> Iterator[Reason]:
+    """Where the path is nearer to the ground than it must be: at its ends by depth, elsewhere by clearance."""
+    for test, words, of_this_kind in (
+        ("depth", "into the ground", wanted < 0),
+        ("clearance", "too near", wanted >= 0),
+    ):
+        of_kind = np.where(of_this_kind, lack, -np.inf)
+        sample, cell = np.unravel_index(of_kind.argmax(), of_kind.shape)
+        if of_kind[sample, cell] > ROUNDING_M:
+            sign = -1.0 if test == "depth" else 1.0
+            yield _at(test, sign * distance[sample, cell], sign * wanted[sample, cell], samples[sample], words)
 
 
 def _unknown(terrain: LayeredGrid, iy: Index, ix: Index) -> list[Reason]:
@@ -149,24 +116,22 @@ def _unreliable(terrain: LayeredGrid, iy: Index, ix: Index) -> list[Reason]:
     return [Reason("hazard", bad, 0.0, "cells", ", ".join(names(int(np.bitwise_or.reduce(flags)))))] if bad else []
 
 
-def _at(test: str, value: float, limit: float, point: Float, words: str) -> Reason:
-    return Reason(test, float(value), limit, "m", f"{words}, at x={point[0]:.3f} y={point[1]:.3f} z={point[2]:.3f} m")
+def _at(test: str, value: float, limit: float, place: Float, words: str) -> Reason:
+    return Reason(
+        test, float(value), float(limit), "m", f"{words}, at x={place[0]:.3f} y={place[1]:.3f} z={place[2]:.3f} m"
+    )
 
 
 def _verdict(reasons: list[Reason], clearance: float) -> PathVerdict:
     return PathVerdict(not reasons, clearance, tuple(reasons))
 
 
-def _sampled(path: Float, spacing: float) -> Float:
-    """Points on the path at most `spacing` apart in the plane, its corners among them."""
-    parts = [path[:1]]
-    for start, stop in zip(path[:-1], path[1:], strict=True):
-        count = max(int(np.ceil(np.linalg.norm(stop - start) / spacing)), 1)
-        parts.append(start + (np.arange(1, count + 1) / count)[:, None] * (stop - start))
-    return np.concatenate(parts)
+def checked_points(points: npt.ArrayLike, columns: tuple[int, ...], least: int, name: str) -> Float:
+    """Points as an array (n, columns), finite and within LONGEST_PATH_M.
 
-
-def _checked_points(points: npt.ArrayLike, columns: tuple[int, ...], least: int, name: str) -> Float:
+    Raises:
+        InvalidInput: naming what was given and what is needed.
+    """
     wanted = " or ".join(f"(n, {c})" for c in columns)
     try:
         array = np.array(points, dtype=np.float64)

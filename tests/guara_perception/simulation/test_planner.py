@@ -9,7 +9,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.exceptions import InvalidInput
-from guara_perception.simulation.planner import plan_foothold
+from guara_perception.simulation.planner import plan_foothold, plan_step, refusals
 from kinematics import RobotModel, Stance, load_robot
 
 WISH = (0.405, -0.18)
@@ -75,3 +75,35 @@ def test_a_choice_is_kept(robot: RobotModel) -> None:
     kept = plan_foothold(terrain, "rf", WISH, previous=(0.41, -0.175), robot=robot)
     assert kept is not None
     assert (kept.x, kept.y) == pytest.approx((0.41, -0.175))
+
+
+def test_a_step_leads_over_what_lies_between(robot: RobotModel) -> None:
+    """A board of 40 mm across the way: the swing goes over it with its clearance, from the sole to the foothold."""
+    terrain = ground(robot)
+    heights = np.zeros(terrain.shape)
+    heights[20:50, 186:190] = 0.04
+    board = dataclasses.replace(
+        gp.assess_terrain(heights, 0.005, origin=(-0.6, -0.35)), metadata=terrain.metadata, extent="map"
+    )
+    step = plan_step(board, "rf", WISH, robot=robot)
+    assert step is not None
+    np.testing.assert_allclose(step.swing.points[0], (0.30, -0.18, 0.0), atol=0.002)
+    np.testing.assert_allclose(step.swing.points[-1], step.foothold.position)
+    assert step.swing.points[:, 2].max() >= 0.04 + step.clearance
+    assert board.check_path(step.swing.points, step.clearance).ok
+
+
+def test_where_the_straight_way_is_barred_another_is_found(robot: RobotModel) -> None:
+    """Unknown ground on the straight way is never crossed; where it lies all across there is no step, and why."""
+    narrow = ground(robot, (0.342, 0.352, -0.186, -0.176))
+    wanted = plan_foothold(narrow, "rf", WISH, robot=robot)
+    assert wanted is not None
+    x, y, z = wanted.position
+    assert not narrow.check_path([[0.30, -0.18, 0.0], [0.30, -0.18, 0.06], [x, y, 0.06], [x, y, z]], 0.02).ok
+    step = plan_step(narrow, "rf", WISH, robot=robot)
+    assert step is not None
+    assert narrow.check_path(step.swing.points, step.clearance).ok
+    across = ground(robot, (0.345, 0.350, -0.35, 0.35))
+    assert plan_step(across, "rf", (0.44, -0.18), robot=robot) is None
+    assert {reason.test for reason in refusals(across, "rf", (0.44, -0.18), robot)} == {"unknown"}
+    assert refusals(ground(robot), "rf", (0.75, -0.18), robot)[0].test == "reach"

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +12,9 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.terrain.questions.polygon import distance_to_segment, inside_polygon, touched_cells
+from kinematics import RobotModel
+
+MakeScan = Callable[..., gp.TerrainGrid]
 
 PROPERTY = settings(max_examples=60, deadline=None, derandomize=True)
 
@@ -132,6 +138,97 @@ def test_the_ends_may_touch_the_ground_but_not_dive_into_it() -> None:
     assert "depth" in {reason.test for reason in flat.check_path(deep, 0.02).reasons}
     through = [[0.1, 0.25, 0.0], [0.25, 0.25, -0.05], [0.4, 0.25, 0.0]]
     assert "clearance" in {reason.test for reason in flat.check_path(through, 0.01).reasons}
+
+
+def noisy(seed: int, sigma: float) -> gp.TerrainGrid:
+    """Flat ground as it is measured: each cell with an error of a known deviation, highest samples above the mean."""
+    rng = np.random.default_rng(seed)
+    heights = rng.normal(0, sigma, (100, 100))
+    terrain = gp.assess_terrain(heights, 0.005, variance=np.full(heights.shape, sigma**2))
+    layers = dict(terrain.layers) | {
+        "elevation_max": (heights + np.abs(rng.normal(0, sigma, heights.shape))).astype("f4")
+    }
+    return dataclasses.replace(terrain, layers=layers)
+
+
+@pytest.mark.parametrize("clearance", [0.010, 0.020, 0.030])
+@pytest.mark.parametrize("seed", range(4))
+def test_an_ordinary_swing_over_measured_ground_is_accepted(seed: int, clearance: float) -> None:
+    """60 mm up, 140 mm over, down, from the ground to the ground, on flat ground with a sigma of 1.5 mm."""
+    terrain = noisy(seed, 0.0015)
+    up_over_down = [[0.15, 0.25, 0.0], [0.15, 0.25, 0.06], [0.29, 0.25, 0.06], [0.29, 0.25, 0.0]]
+    verdict = terrain.check_path(up_over_down, clearance)
+    assert verdict.ok, [str(reason) for reason in verdict.reasons]
+    assert verdict.clearance >= clearance - 0.012
+
+
+def test_the_clearance_grows_along_the_way_from_the_ends() -> None:
+    """A lift that leans by 45 degrees is accepted, one that creeps over the ground for 40 mm is not, at either end."""
+    flat = gp.assess_terrain(np.zeros((100, 100)), 0.005)
+    creeping = [[0.15, 0.25, 0.0], [0.19, 0.25, 0.004], [0.19, 0.25, 0.06], [0.30, 0.25, 0.06], [0.30, 0.25, 0.0]]
+    for path in (creeping, creeping[::-1]):
+        (reason,) = flat.check_path(path, 0.02).reasons
+        assert reason.test == "clearance"
+        assert reason.value < 0.005
+        assert reason.limit <= 0.02
+    steep = [[0.15, 0.25, 0.0], [0.16, 0.25, 0.06], [0.29, 0.25, 0.06], [0.30, 0.25, 0.0]]
+    assert flat.check_path(steep, 0.02).ok
+
+
+@PROPERTY
+@given(st.integers(0, 200), place, place, place, st.floats(0.0, 0.08), st.floats(0.002, 0.03))
+def test_accepted_paths_keep_their_distance_by_brute_force(
+    seed: int, x0: float, x1: float, y: float, top: float, clearance: float
+) -> None:
+    """Beyond clearance + 5 mm + confidence from the ends no cell's top is nearer than the clearance, point by point."""
+    rng = np.random.default_rng(seed)
+    heights = np.zeros((100, 100))
+    for _ in range(3):
+        iy, ix = rng.integers(0, 90, 2)
+        heights[iy : iy + 8, ix : ix + 8] = rng.choice([0.01, 0.03])
+    terrain = gp.assess_terrain(heights, 0.005, variance=np.full(heights.shape, 0.001**2))
+    ends = float(terrain.height_at(x0, y)), float(terrain.height_at(x1, y))
+    path = np.array([[x0, y, ends[0]], [x0, y, top], [x1, y, top], [x1, y, ends[1]]])
+    if not terrain.check_path(path, clearance).ok:
+        return
+    dense = np.concatenate([a + np.linspace(0, 1, 60)[:, None] * (b - a) for a, b in zip(path, path[1:], strict=False)])
+    away = np.minimum(*(np.linalg.norm(dense - end, axis=1) for end in (path[0], path[-1])))
+    dense = dense[away > clearance + 0.005 + 0.002]
+    cx, cy = terrain.geometry.centres()
+    for point in dense:
+        aside = np.hypot(
+            np.maximum(np.abs(cx[None, :] - point[0]) - 0.0025, 0),
+            np.maximum(np.abs(cy[:, None] - point[1]) - 0.0025, 0),
+        )
+        distance = np.hypot(aside, np.maximum(point[2] - heights - 0.002, 0))
+        # A sample lies every half cell of the way: between two the path may come nearer by a quarter.
+        assert distance.min() >= clearance - 0.00125 - 1e-9
+
+
+def test_where_looks_disagree_the_highest_counts(robot: RobotModel, make_scan: MakeScan) -> None:
+    """A cell seen at 0 and then at 40 mm is CONFLICT; a swing must clear 40 mm, and does so at 70."""
+    terrain_map = gp.TerrainMap(robot)
+    heights = np.zeros((108, 90))
+    terrain_map.update(make_scan(heights, step=0), np.eye(4), np.zeros((6, 6)))
+    heights[50:58, 40:48] = 0.04
+    fused = terrain_map.update(make_scan(heights, step=1), np.eye(4), np.zeros((6, 6)))
+    x, y = 0.72, 0.0
+    assert fused.hazard_at(x, y) & gp.Hazard.CONFLICT
+    low, high = ([[0.6, y, z], [0.85, y, z]] for z in (0.05, 0.07))
+    assert {reason.test for reason in fused.check_path(low, 0.02).reasons} == {"clearance"}
+    assert fused.check_path(high, 0.02).ok
+
+
+def test_stale_ground_is_not_swung_over() -> None:
+    """A height that is too old says nothing of what stands there now."""
+    terrain = gp.assess_terrain(np.zeros((100, 100)), 0.005)
+    layers = {name: np.array(layer) for name, layer in terrain.layers.items()}
+    layers["hazard"][50, 50] |= np.uint16(gp.Hazard.STALE)
+    layers["traversability"][50, 50] = 0
+    old = dataclasses.replace(terrain, layers=layers)
+    (reason,) = old.check_path([[0.1, 0.2525, 0.2], [0.4, 0.2525, 0.2]], 0.0).reasons
+    assert reason.test == "hazard"
+    assert "STALE" in reason.detail
 
 
 def test_a_track_on_the_ground_needs_safe_cells() -> None:

@@ -34,6 +34,7 @@ def test_each_pause_is_told_and_the_check_passes(demo: tuple[Path, str]) -> None
     assert [line.split()[1] for line in lines if line.startswith("step")] == ["0", "1", "2", "3", "4"]
     assert "grids: 5 published, 5 received by the planner" in lines
     assert "unknown cells called traversable: 0" in lines
+    assert "swings: 4 planned, 0 refused by check_path" in lines
     assert lines[-1] == "the demo's check passed"
     assert sum("on declared ground" in line for line in lines) >= 3
 
@@ -47,6 +48,7 @@ def test_pictures_and_recording_are_left(demo: tuple[Path, str]) -> None:
 
 def foothold(**changes: object) -> CheckedFoothold:
     values = {"step": 1, "leg": "lh", "is_hind": True, "is_scanned": True, "is_hazard": False, "height_error": 0.0}
+    values["is_swing_refused"] = False
     return CheckedFoothold(**{**values, **changes})  # type: ignore[arg-type]
 
 
@@ -74,6 +76,10 @@ def test_a_walk_as_promised_has_no_failures() -> None:
         (
             {"footholds": [foothold()] * 8 + [foothold(is_hazard=True, step=5)]},
             "1 footholds on a hazard, the first at step 5",
+        ),
+        (
+            {"footholds": [foothold()] * 8 + [foothold(is_swing_refused=True, step=7)]},
+            "1 swings that check_path refuses, the first at step 7",
         ),
         ({"unknown_called_safe": 3}, "3 unknown cells were called traversable"),
     ],

@@ -7,7 +7,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.app.demo.planner_process import PlannerProcess
 from guara_perception.exceptions import PlannerFailed
-from guara_perception.simulation.planner import plan_foothold
+from guara_perception.simulation.planner import plan_step
 
 NODE = Path(__file__).parent.parent / "publishing_node.py"
 
@@ -23,9 +23,12 @@ def node(start, free_endpoint: str, terrain_file: Path):
 
 
 def test_foothold_is_that_of_the_grid(node, free_endpoint: str, paper_terrain: gp.TerrainGrid):
-    """The planner answers what the grid itself answers, over Zenoh and from another process."""
+    """The planner answers what the grid itself answers, over Zenoh and from another process.
+
+    A foot swings from where it stands, which a single scan has not seen: there is a foothold and no way to it.
+    """
     x, y = 0.72, 0.0
-    expected = plan_foothold(paper_terrain, "lf", (x, y))
+    expected = plan_step(paper_terrain, "lf", (x, y))
     with PlannerProcess(free_endpoint, "guara") as planner:
         reply = planner.choose(step=5, leg="lf", x=x, y=y)
         far = planner.choose(step=5, leg="lf", x=5.0, y=5.0)
@@ -33,7 +36,7 @@ def test_foothold_is_that_of_the_grid(node, free_endpoint: str, paper_terrain: g
     if expected is None:
         assert reply["foothold"] is None and reply["reasons"]
     else:
-        assert reply["foothold"] == pytest.approx([expected.x, expected.y, expected.z])
+        assert reply["foothold"] == pytest.approx(expected.foothold.position.tolist())
     assert far["foothold"] is None and far["reasons"]
 
 

@@ -1,0 +1,94 @@
+"""The oracle: what a grid of the fused map would say of a simulated world if all of it were known exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+import guara_perception as gp
+from guara_perception.settings import Settings, limits_to_dict
+from guara_perception.simulation.materials import material_index
+from guara_perception.simulation.world import World
+from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.layers.geometry import GridGeometry
+from kinematics import RobotModel
+
+Float = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+CELL_M = 0.001
+# The elevation of a cell is the mean of what lies within so much of its highest point, as a scan's is.
+TOP_LAYER_M = 0.004
+# Ground beyond the border that is judged too, so that the border itself costs the oracle nothing.
+BEYOND_M = 0.100
+
+
+@dataclass(frozen=True)
+class TrueGround:
+    """A world in millimetre cells.
+
+    Attributes:
+        world: as it is.
+        heights: (ny, nx) [m].
+        is_dark: (ny, nx) whether the ground swallows the laser.
+    """
+
+    world: World
+    heights: npt.NDArray[np.float32]
+    is_dark: Mask
+
+    @staticmethod
+    def of(world: World) -> TrueGround:
+        """Raster the whole world."""
+        heights, materials = world.raster(world.x, world.y, CELL_M)
+        return TrueGround(world, heights.astype(np.float32), materials == material_index("dark"))
+
+    def grid(
+        self, transform_footprint_to_world: Float, geometry: GridGeometry, robot: RobotModel, **metadata: object
+    ) -> tuple[gp.TerrainGrid, Mask]:
+        """The oracle's grid in a footprint, and which of its cells are dark anywhere.
+
+        Same limits and sole as the robot's, no variance; ground goes on beyond the border.
+        """
+        settings = Settings.of(robot)
+        per_cell = round(geometry.resolution / CELL_M)
+        beyond = round(BEYOND_M / geometry.resolution)
+        ny, nx = (n + 2 * beyond for n in geometry.shape)
+        x = geometry.origin[0] - BEYOND_M + (np.arange(nx * per_cell) + 0.5) * CELL_M
+        y = geometry.origin[1] - BEYOND_M + (np.arange(ny * per_cell) + 0.5) * CELL_M
+        transform = transform_footprint_to_world
+        columns, rows = (
+            ((np.add.outer(transform[i, 1] * y, transform[i, 0] * x) + transform[i, 3] - low) / CELL_M - 0.5).astype(
+                np.float32
+            )
+            for i, low in ((0, self.world.x[0]), (1, self.world.y[0]))
+        )
+        world_z = cv2.remap(self.heights, columns, rows, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+        dark = cv2.remap(self.is_dark.astype(np.uint8), columns, rows, cv2.INTER_NEAREST)
+        level = np.add.outer(transform[2, 1] * y, transform[2, 0] * x) + transform[2, 3]
+        height = (world_z - level) / transform[2, 2]
+
+        def cells(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+            return values.reshape(ny, per_cell, nx, per_cell).swapaxes(1, 2).reshape(ny, nx, -1)
+
+        samples = cells(height)
+        high, low = samples.max(axis=-1), samples.min(axis=-1)
+        on_top = samples > high[..., None] - TOP_LAYER_M
+        mean = np.where(on_top, samples, 0.0).sum(axis=-1) / on_top.sum(axis=-1)
+        layers = assess_layers(
+            mean, np.zeros(mean.shape), low, high, np.zeros(mean.shape, np.uint16), geometry.resolution, settings.limits
+        )
+        inner = np.s_[beyond:-beyond, beyond:-beyond]
+        cut = {name: np.ascontiguousarray(layer[inner]) for name, layer in layers.items()}
+        cut["age"] = np.zeros(geometry.shape, np.uint8)
+        cut["looks"] = np.ones(geometry.shape, np.uint8)
+        grid = gp.TerrainGrid(
+            layers=cut,
+            geometry=geometry,
+            extent="map",
+            metadata={"robot": robot.name, "limits": limits_to_dict(settings.limits), **metadata},
+        )
+        return grid, cells(dark)[inner].any(axis=-1)

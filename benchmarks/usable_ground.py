@@ -1,0 +1,227 @@
+"""Prints how much of the truly safe ground planners get, and whether anything truly bad is among it.
+
+Walks over random worlds, scanned frame by frame, against the oracle: the same limits and sole on complete true heights.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+from collections import Counter
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+import guara_perception as gp
+from benchmarks.scanned_walk import ScannedPause, map_geometry, scanned_walk
+from benchmarks.true_ground import TrueGround
+from guara_perception.settings import Settings
+from guara_perception.simulation.planner import plan_foothold, plan_step
+from guara_perception.terrain.assessment.edges import half_cells
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.questions.path import PathVerdict
+from kinematics import LegOdometry, RobotModel, load_robot
+
+Float = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+# Before these the map holds little but what the gait declared.
+FIRST_STEP = 4
+CLEARANCE_M, APEX_M = 0.020, 0.060
+# Relief under a sole from which on ground that the oracle would refuse truly endangers a foot.
+DANGEROUS_RELIEF_M = 0.010
+HARMLESS_RELIEF_M = 0.001
+REFUSED_BY_M = 0.001
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=5, help="worlds 0 ... N - 1")
+    parser.add_argument("--mode", choices=("coarse", "standard"), default="coarse")
+    parser.add_argument("--cycles", type=int, default=10)
+    parser.add_argument("--kept", type=Path, help="folder that keeps the scans from run to run")
+    arguments = parser.parse_args()
+    robot = load_robot("guara")
+    total: Counter[str] = Counter()
+    for seed in range(arguments.seeds):
+        world, pauses = scanned_walk(robot, seed, mode=arguments.mode, cycles=arguments.cycles, kept=arguments.kept)
+        counts = judge(robot, TrueGround.of(world), pauses)
+        total.update(counts)
+        print(f"world {seed}: {line(counts)}", flush=True)
+    print(f"all worlds: {line(total)}")
+    report(total)
+    print(json.dumps(dict(sorted(total.items()))))
+
+
+def judge(robot: RobotModel, truth: TrueGround, pauses: list[ScannedPause]) -> Counter[str]:
+    """Counts over one walk."""
+    counts: Counter[str] = Counter()
+    terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
+    for item in pauses:
+        pause, scan = item.pause, item.scan
+        pose = odometry.update(pause.stance)
+        fused = terrain_map.update(
+            scan, pose.transform_footprint_to_odom, pose.covariance, known_ground=pause.known_ground
+        )
+        if pause.step < FIRST_STEP:
+            continue
+        to_base = np.linalg.inv(np.array(scan.metadata["transform_base_to_footprint"]))
+        to_world = pause.transform_base_to_world @ to_base
+        stance = {name: fused.metadata[name] for name in ("stance", "transform_base_to_footprint")}
+        oracle, dark = truth.grid(to_world, map_geometry(robot), robot, **stance)
+        cells(counts, robot, fused, oracle, dark)
+        swings(counts, robot, item, fused, oracle, dark, np.linalg.inv(to_world))
+    return counts
+
+
+def cells(counts: Counter[str], robot: RobotModel, fused: gp.TerrainGrid, oracle: gp.TerrainGrid, dark: Mask) -> None:
+    """Cells of the map against those of the oracle."""
+    limits = Settings.of(robot).limits
+    sole = np.ones([2 * half_cells(v, fused.resolution) + 1 for v in (limits.sole_width, limits.sole_length)], np.uint8)
+    free, safe = fused.hazard == 0, oracle.hazard == 0
+    counts["safe"] += int(safe.sum())
+    counts["free"] += int(free.sum())
+    counts["free and safe"] += int((free & safe).sum())
+    lost = safe & ~free
+    for name, mask in causes(fused, sole).items():
+        counts[f"lost: {name}"] += int((lost & mask).sum())
+        lost &= ~mask
+    counts["lost: other margins"] += int(lost.sum())
+    beyond = free & ~safe
+    relief = cv2.dilate(oracle.elevation_max, sole) - cv2.erode(oracle.elevation_min, sole)
+    slope = np.tan(np.nan_to_num(np.asarray(oracle.slope))) * np.hypot(limits.sole_length, limits.sole_width)
+    relief = relief - slope
+    dark_sole = cv2.dilate(dark.astype(np.uint8), sole) > 0
+    near = cv2.dilate(safe.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    counts["beyond oracle"] += int(beyond.sum())
+    counts["beyond oracle, more than one row off"] += int((beyond & ~near).sum())
+    counts["beyond oracle, relief over 1 mm"] += int((beyond & (relief > HARMLESS_RELIEF_M)).sum())
+    counts["free, unsafe by truth: relief"] += int((beyond & (relief > DANGEROUS_RELIEF_M)).sum())
+    counts["free, unsafe by truth: dark"] += int((free & dark_sole).sum())
+    counts["unknown and free"] += int((free & ((fused.hazard & UNKNOWN_MASK) != 0)).sum())
+
+
+def causes(fused: gp.TerrainGrid, sole: npt.NDArray[np.uint8]) -> dict[str, Mask]:
+    """By what a cell of the map is lost, in this order: masks (ny, nx)."""
+
+    def under_sole(flags: Hazard) -> Mask:
+        return cv2.dilate(((fused.hazard & np.uint16(flags)) != 0).astype(np.uint8), sole) > 0
+
+    border = cv2.dilate(np.zeros(fused.shape, np.uint8), sole, borderType=cv2.BORDER_CONSTANT, borderValue=(1,)) > 0
+    return {
+        "border": border,
+        "never scanned": under_sole(Hazard.UNSCANNED | Hazard.SELF),
+        "dropouts": under_sole(Hazard.DROPOUT),
+        "hidden": under_sole(Hazard.OCCLUDED),
+        "other unknown": under_sole(Hazard.AMBIGUOUS | Hazard.OUT_OF_RANGE),
+        "conflict, stale, uncertain": under_sole(Hazard.CONFLICT | Hazard.STALE | Hazard.UNCERTAIN),
+        "hazards that are none": under_sole(Hazard.STEEP | Hazard.STEP | Hazard.DROP | Hazard.ROUGH),
+    }
+
+
+def swings(
+    counts: Counter[str],
+    robot: RobotModel,
+    item: ScannedPause,
+    fused: gp.TerrainGrid,
+    oracle: gp.TerrainGrid,
+    dark: Mask,
+    from_world: Float,
+) -> None:
+    """The next swing: whether there is a place, whether the planner finds it, whether the way there is accepted."""
+    pause, leg = item.pause, item.pause.next_leg
+    kind = "hind" if pause.nominal[0] < 0 else "front"
+    wish = pause.nominal
+    counts["swings"] += 1
+    counts[f"swings {kind}"] += 1
+    for name, grid, reach in (("truth", oracle, None), ("map", fused, None), ("map with reach", fused, leg)):
+        found = plan_foothold(grid, reach, wish, robot=robot) if name != "truth" else _bright(grid, dark, wish)
+        counts[f"place: {name}"] += found is not None
+        counts[f"place: {name}, {kind}"] += found is not None
+    step = plan_step(fused, leg, wish, robot=robot)
+    counts["place: map with reach and a swing"] += step is not None
+    if step is not None:
+        truly = oracle.check_path(_on_true_ground(step.swing.points, oracle), step.clearance)
+        counts["planned swings"] += 1
+        counts["planned swings, truth lacks over 1 mm"] += lack(truly) > REFUSED_BY_M
+    if found is None:
+        return
+    start = from_world[:3, :3] @ pause.soles_in_world[leg] + from_world[:3, 3]
+    end = np.array([found.x, found.y, found.z])
+    true_end = np.array([found.x, found.y, oracle.height_at(found.x, found.y)])
+    for shape, make in (("up-over-down", up_over_down), ("arc", arc)):
+        verdict = fused.check_path(make(start, end), CLEARANCE_M)
+        by_truth = oracle.check_path(make(start, true_end), CLEARANCE_M)
+        counts[f"{shape}: asked"] += 1
+        counts[f"{shape}: accepted"] += verdict.ok
+        counts[f"{shape}: truly good"] += by_truth.ok
+        counts[f"{shape}: truly good and accepted"] += verdict.ok and by_truth.ok
+        counts[f"{shape}: accepted, truth lacks over 1 mm"] += verdict.ok and lack(by_truth) > REFUSED_BY_M
+        if by_truth.ok:
+            for reason in verdict.reasons:
+                counts[f"{shape}: refused for {reason.test} {reason.detail if reason.test == 'unknown' else ''}"] += 1
+
+
+def _on_true_ground(way: Float, oracle: gp.TerrainGrid) -> Float:
+    """The same way, ending on the ground as it truly is."""
+    moved = way.copy()
+    moved[-1, 2] = oracle.height_at(moved[-1, 0], moved[-1, 1])
+    return moved
+
+
+def lack(verdict: PathVerdict) -> float:
+    """By how much a path is nearer to the ground than it must be [m]; infinite where it leaves the grid."""
+    each = [abs(r.limit - r.value) if r.test in ("depth", "clearance") else np.inf for r in verdict.reasons]
+    return max(each, default=0.0)
+
+
+def up_over_down(start: Float, end: Float) -> Float:
+    """A swing of three straight lines."""
+    top = max(start[2], end[2]) + APEX_M
+    return np.array([start, [start[0], start[1], top], [end[0], end[1], top], end])
+
+
+def arc(start: Float, end: Float) -> Float:
+    """Half a sine over the line from start to end."""
+    share = np.linspace(0, 1, 25)[:, None]
+    path = start + share * (end - start)
+    path[:, 2] += APEX_M * np.sin(np.pi * share[:, 0])
+    return path
+
+
+def _bright(oracle: gp.TerrainGrid, dark: Mask, wish: tuple[float, float]) -> object:
+    """A place near the wish that is truly safe and not on dark ground."""
+    layers = {name: np.array(layer) for name, layer in oracle.layers.items()}
+    limits = oracle.metadata["limits"]
+    sole = np.ones([2 * half_cells(limits[v], oracle.resolution) + 1 for v in ("sole_width", "sole_length")], np.uint8)
+    under = cv2.dilate(dark.astype(np.uint8), sole) > 0
+    layers["hazard"][under] |= np.uint16(Hazard.UNCERTAIN)
+    layers["traversability"][under] = 0
+    return plan_foothold(dataclasses.replace(oracle, layers=layers), None, wish)
+
+
+def line(counts: Counter[str]) -> str:
+    """The main figures in one line."""
+    recall = 100 * counts["free and safe"] / max(counts["safe"], 1)
+    return (
+        f"recall {recall:.1f} %, free {counts['free']}, beyond oracle {counts['beyond oracle']}, unsafe by truth "
+        f"{counts['free, unsafe by truth: relief']} + {counts['free, unsafe by truth: dark']}; places of "
+        f"{counts['swings']}: truth {counts['place: truth']}, map {counts['place: map']}, with reach "
+        f"{counts['place: map with reach']}; swings accepted {counts['up-over-down: accepted']} of "
+        f"{counts['up-over-down: asked']}, arcs {counts['arc: accepted']}"
+    )
+
+
+def report(counts: Counter[str]) -> None:
+    """All counts, shares of truly safe cells where they are cells lost."""
+    for name, count in sorted(counts.items()):
+        share = f"{100 * count / counts['safe']:6.2f} % of safe cells" if name.startswith("lost") else ""
+        print(f"  {name:55s} {count:9d} {share}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,167 @@
+"""`swing`: a way for a foot from where it stands to where it shall stand, over what lies between."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.arrays import Float
+from guara_perception.exceptions import InvalidInput
+from guara_perception.readonly import readonly
+from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.reason import Reason
+from guara_perception.terrain.questions.corridor import confidences, corridor_of, sampled
+from guara_perception.terrain.questions.leg_reach import beyond_reach
+from guara_perception.terrain.questions.path import LONGEST_PATH_M, check_path, checked_points
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+
+# Where the straight way is barred: corners at these shares of it, and so far beside it [m].
+CORNER_SHARES = (0.25, 0.5, 0.75)
+ASIDE_M = (0.03, -0.03, 0.06, -0.06, 0.09, -0.09, 0.12, -0.12)
+# Over the least height: first what samples half a cell apart may miss, then more.
+RISES_M = (0.001, 0.005, 0.010, 0.020)
+# Samples for the reach of a leg.
+REACH_SPACING_M = 0.010
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Swing:
+    """A way for a foot, or why there is none.
+
+    Attributes:
+        ok: whether there is one.
+        points: (n, 3) corners of the way of the sole's centre, from start to end, in base_footprint [m]; (0, 3) where
+            not ok.
+        clearance: least distance from the ground between the ends [m], NaN where not ok.
+        reasons: each failed test of the best try with value and limit; empty where ok.
+    """
+
+    ok: bool
+    points: Float
+    clearance: float
+    reasons: tuple[Reason, ...]
+
+    def __post_init__(self) -> None:
+        """Freeze the points."""
+        object.__setattr__(self, "points", readonly(self.points))
+
+    def __bool__(self) -> bool:
+        """The same as `ok`."""
+        return self.ok
+
+
+def swing(
+    terrain: LayeredGrid,
+    start: npt.ArrayLike,
+    end: npt.ArrayLike,
+    clearance: float,
+    leg: str | None = None,
+    robot: RobotModel | None = None,
+) -> Swing:
+    """See `TerrainGrid.swing`."""
+    try:
+        given = np.array([start, end], dtype=np.float64)
+    except (ValueError, TypeError):
+        raise InvalidInput(f"start is {start!r} and end {end!r}, both must be (x, y, z) [m]") from None
+    ends = checked_points(given, (3,), 2, "start and end of a swing")
+    refused: tuple[Reason, ...] = ()
+    for track in _tracks(ends):
+        found = _over(terrain, ends, track, float(clearance), leg, robot)
+        if found.ok:
+            return found
+        refused = refused or found.reasons
+    return _none(refused)
+
+
+def _none(reasons: tuple[Reason, ...]) -> Swing:
+    return Swing(False, np.empty((0, 3)), np.nan, reasons)
+
+
+def _tracks(ends: Float) -> Iterator[Float]:
+    """Ways on the ground (n, 3) at z = 0: straight, then around one corner beside it, the shortest first."""
+    start, end = ends * (1, 1, 0)
+    yield np.array([start, end])
+    along = end - start
+    length = float(np.linalg.norm(along))
+    if length == 0:
+        return
+    left = np.array([-along[1], along[0], 0.0]) / length
+    corners = [start + share * along + aside * left for share in CORNER_SHARES for aside in ASIDE_M]
+    for corner in sorted(corners, key=lambda c: round(float(np.linalg.norm(c - start) + np.linalg.norm(end - c)), 9)):
+        yield np.array([start, corner, end])
+
+
+def _over(
+    terrain: LayeredGrid, ends: Float, track: Float, clearance: float, leg: str | None, robot: RobotModel | None
+) -> Swing:
+    """The swing that stays over a way on the ground."""
+    line = sampled(track, terrain.resolution / 2)
+    # Seen from above all heights are alike: what is unknown or too old there is so for each of them.
+    blocked = check_path(terrain, line + (0.0, 0.0, LONGEST_PATH_M), clearance).reasons
+    blocked = tuple(reason for reason in blocked if reason.test in ("unknown", "hazard"))
+    if blocked:
+        return _none(blocked)
+    heights = _least_heights(terrain, line, clearance)
+    refused: tuple[Reason, ...] = ()
+    for rise in RISES_M:
+        for profile in (_hull(line, heights), np.full(len(line), heights.max())):
+            way = np.concatenate((ends[:1], _bends(line + (0.0, 0.0, 1.0) * (profile + rise)[:, None]), ends[1:]))
+            verdict = check_path(terrain, way, clearance)
+            reasons = verdict.reasons or _out_of_reach(terrain, way, leg, robot)
+            if not reasons:
+                return Swing(True, way, verdict.clearance, ())
+            refused = refused or reasons
+    return _none(refused)
+
+
+def _least_heights(terrain: LayeredGrid, line: Float, clearance: float) -> Float:
+    """How high (n,) the way must be over samples of the line from start to end, to keep its clearance [m]."""
+    cells = corridor_of(terrain, line, clearance)
+    at = np.where(cells.used, cells.iy, 0), np.where(cells.used, cells.ix, 0)
+    top = terrain.elevation_max[at].astype(np.float64) + confidences(terrain, cells)
+    return np.asarray(np.where(cells.used, top, -np.inf).max(axis=1) + clearance)
+
+
+def _hull(line: Float, heights: Float) -> Float:
+    """Heights (n,) of the upper hull over the length of the way."""
+    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+    kept: list[int] = []
+    for i in range(len(along)):
+        while len(kept) > 1 and _is_below(along, heights, kept[-2], kept[-1], i):
+            kept.pop()
+        kept.append(i)
+    return np.interp(along, along[kept], heights[kept])
+
+
+def _is_below(along: Float, heights: Float, a: int, b: int, c: int) -> bool:
+    """Whether place b lies on or below the line from a to c."""
+    return bool((along[b] - along[a]) * (heights[c] - heights[a]) >= (heights[b] - heights[a]) * (along[c] - along[a]))
+
+
+def _bends(way: Float) -> Float:
+    """The points of a way at which it changes its direction, and its ends."""
+    steps = np.diff(way, axis=0)
+    steps = steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1e-12)
+    turns = np.linalg.norm(np.diff(steps, axis=0), axis=1) > 1e-6
+    return np.asarray(way[np.concatenate(([True], turns, [True]))])
+
+
+def _out_of_reach(terrain: LayeredGrid, way: Float, leg: str | None, robot: RobotModel | None) -> tuple[Reason, ...]:
+    """Why the leg cannot go this way with the body where it stood; empty where it can or none is asked for."""
+    if leg is None:
+        return ()
+    samples = sampled(way, REACH_SPACING_M)
+    beyond = beyond_reach(terrain, leg, samples, robot)
+    if (beyond == 0).all():
+        return ()
+    worst = int(np.where(np.isnan(beyond), np.inf, beyond).argmax())
+    x, y, z = samples[worst]
+    words = f"of {leg} beyond its joints' limits, at x={x:.3f} y={y:.3f} z={z:.3f} m"
+    return (Reason("reach", float(beyond[worst]), 0.0, "rad", words),)
