@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import CalibrationMismatch, FileFormatError, InvalidInput, MissingFile
+from guara_perception.progress import Progress
 from guara_perception.ranging.range_images import range_images
 from guara_perception.scan import FrameReader, Scan
 from guara_perception.scan_processor import ScanProcessor
@@ -35,7 +35,7 @@ def process_scan(
     *,
     pictures: bool = True,
     strict: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> TerrainGrid:
     """Process a recorded scan.
 
@@ -118,7 +118,7 @@ def run_scan(
     resolution: float | None = None,
     *,
     strict: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> ScanProcessor:
     """Feed a recorded scan through a ScanProcessor and return it, for those who want points and profiles too.
 

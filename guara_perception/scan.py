@@ -35,7 +35,7 @@ class ScanStripe:
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """A recorded scan (contract, section 3).
+    """A recorded scan (docs/files.md).
 
     Attributes:
         robot: name of the robot.

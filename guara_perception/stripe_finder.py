@@ -15,7 +15,7 @@ from guara_perception.stripes.channels import OffRows, SharedFrame
 from guara_perception.stripes.extract import unusable_frame
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 
-# The channels of a whole laser-off frame take as long as those of the bands of so many stripes.
+# The channels of a whole laser-off frame take as long as those of the bands of this many stripes.
 SHARED_FROM = 4
 
 

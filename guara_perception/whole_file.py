@@ -45,7 +45,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         _to_disk(temporary)
         os.replace(temporary, path)
     except OSError as error:
-        # A full disk is told without a name, or with the temporary one, which nobody knows.
+        # The error of a full disk names no file, or the temporary one, which the user does not know.
         if error.filename is None or os.fspath(error.filename) == os.fspath(temporary):
             error.filename, error.filename2 = str(path), None
         raise

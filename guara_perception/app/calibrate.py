@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ from guara_perception.calibration.calibrate import calibrate_session
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.result import CalibrationResult
 from guara_perception.exceptions import CalibrationRefused
+from guara_perception.progress import Progress
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
@@ -22,7 +22,7 @@ def calibrate(
     """Calibrate camera, mount and laser from one session folder.
 
     Args:
-        session_folder: a folder with `session.json` (contract, section 3).
+        session_folder: a folder with `session.json` (docs/files.md).
         robot: its model; None = the robot that the session names.
         distortion: lens coefficients to estimate: "k1k2", "k1k2p1p2" or "k1k2p1p2k3".
         force: return a calibration whose verdict is `refused` instead of raising.
@@ -42,7 +42,7 @@ def calibrate_folder(
     *,
     distortion: str = "k1k2",
     force: bool = False,
-    progress: Callable[[], None] | None = None,
+    progress: Progress | None = None,
 ) -> CalibrationResult:
     """As `calibrate`, with all the evidence, for reports.
 

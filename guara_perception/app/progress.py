@@ -3,35 +3,36 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+
+from guara_perception.progress import Progress
 
 
 @contextmanager
-def progress(what: str, total: int) -> Iterator[Callable[..., None]]:
+def progress(what: str) -> Iterator[Progress]:
     """Show a bar on standard error while the block runs; nothing when it is no terminal.
 
     Args:
         what: a few words.
-        total: number of items.
 
     Yields:
-        A function that takes the number of items just done (default 1).
+        A function that is called with what is done and with all there is to do.
     """
     if not sys.stderr.isatty() or not sys.stdout.isatty():
 
-        def ignore(items: int = 1) -> None:
+        def ignore(done: int, total: int) -> None:
             """Nobody watches."""
 
         yield ignore
         return
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import Progress as Bar
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=total)
+    with Bar(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=None)
 
-        def advance(items: int = 1) -> None:
-            bar.advance(task, items)
+        def show(done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total)
 
-        yield advance
+        yield show

@@ -1,4 +1,4 @@
-"""Waits until the process is told to stop: Ctrl-C or SIGTERM, both ending in an orderly way."""
+"""Waits for Ctrl-C or SIGTERM, both ending in an orderly way."""
 
 from __future__ import annotations
 

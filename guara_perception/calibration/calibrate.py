@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +32,7 @@ from guara_perception.calibration.session import CalibrationSession
 from guara_perception.calibration.stages import calibrate_boards, check_size, find_boards, find_lines
 from guara_perception.calibration.surface_map import surface_map
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
+from guara_perception.progress import Progress
 from guara_perception.settings import Settings
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def calibrate_session(
     robot: RobotModel,
     *,
     distortion: str = "k1k2",
-    progress: Callable[[], None] | None = None,
+    progress: Progress | None = None,
 ) -> CalibrationResult:
     """Compute everything that follows from a session, and judge it.
 
@@ -53,7 +54,7 @@ def calibrate_session(
         session: pictures and what is known of them.
         robot: its model: nominal mounts and the stance.
         distortion: lens coefficients to estimate, one of `DISTORTIONS`.
-        progress: called after each picture (`session_pictures` says how many).
+        progress: called with (pictures done, pictures in all).
 
     Raises:
         CalibrationRefused: a fault that leaves nothing to compute; the message names it.
@@ -72,7 +73,12 @@ def calibrate_session(
     check_heights(session.plates)
     seconds: dict[str, float] = {}
     start = time.perf_counter()
-    advance = progress or _nothing
+    total, done = _pictures(session), itertools.count(1)
+
+    def advance() -> None:
+        if progress is not None:
+            progress(next(done), total)
+
     pose = robot.stance_pose(session.stance)
     to_footprint = np.asarray(pose.transform_base_to_footprint, dtype=np.float64)
 
@@ -145,8 +151,8 @@ def calibrate_session(
     )
 
 
-def session_pictures(session: CalibrationSession) -> int:
-    """How often `calibrate_session` reports progress: boards, fiducials, laser frames."""
+def _pictures(session: CalibrationSession) -> int:
+    """Pictures that are looked at: boards, fiducials, laser frames."""
     return len(session.board_images) + 1 + sum(len(plate.scan.stripes) for plate in session.plates)
 
 
@@ -154,7 +160,3 @@ def _lap(seconds: dict[str, float], name: str, start: float) -> float:
     now = time.perf_counter()
     seconds[name] = now - start
     return now
-
-
-def _nothing() -> None:
-    """Nobody watches."""

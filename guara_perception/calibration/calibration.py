@@ -44,7 +44,7 @@ class StripePlane:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """All that a rangefinder needs to turn pixels into metres (contract, section 3).
+    """All that a rangefinder needs to turn pixels into metres (docs/files.md).
 
     Attributes:
         robot: name of the robot it belongs to.

@@ -13,7 +13,7 @@ from guara_perception.calibration.camera import CameraModel
 from guara_perception.calibration.floor import floor_pixels, to_floor
 from guara_perception.readonly import readonly
 
-# The crosses of the contract: 24 mm from tip to tip; the width of the bars is found, this starts the search.
+# The crosses of docs/calibration.md: 24 mm from tip to tip; the width of the bars is found, this starts the search.
 ARM_M = 0.012
 BAR_M = 0.0015
 # How far from its predicted position a cross is looked for: a mount 3 degrees and 20 mm off at 0.6 m.

@@ -86,7 +86,7 @@ def to_json(calibration: Calibration) -> str:
 
 
 def to_dict(calibration: Calibration) -> dict[str, Any]:
-    """The JSON object of a calibration, fields in the order of the contract."""
+    """The JSON object of a calibration, fields in the order of docs/files.md."""
     camera = calibration.camera
     return {
         "format": FORMAT,

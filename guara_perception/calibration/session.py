@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from kinematics import Stance
 
 
-# A plate whose stance differs by more than this in any joint was scanned from elsewhere (contract, section 3).
+# A plate whose stance differs by more than this in any joint was scanned from elsewhere (docs/files.md).
 MAX_JOINT_DIFFERENCE = float(np.deg2rad(0.1))
 
 
@@ -71,7 +71,7 @@ class Plate:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationSession:
-    """Everything that one calibration is made from (contract, section 3).
+    """Everything that one calibration is made from (docs/files.md).
 
     Attributes:
         robot: name of the robot.

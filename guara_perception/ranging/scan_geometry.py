@@ -12,7 +12,7 @@ from guara_perception.calibration.height_rows import plane_in_frame, row_bands
 from guara_perception.ranging.triangulate import laser_origin
 from guara_perception.settings import Settings
 
-# Beyond the height limits, so that a stripe just outside is seen and told apart from no return at all.
+# Beyond the height limits, so that a stripe just outside is seen and not taken for no return at all.
 LIMIT_MARGIN_M = 0.025
 # Room for smoothing and for the centre window at the edge of the band.
 ROW_MARGIN_PX = 8

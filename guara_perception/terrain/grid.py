@@ -218,7 +218,7 @@ class TerrainGrid(LayeredGrid):
     def points(self) -> Float:
         """Centres of the known cells with their heights, (n, 3) in base_footprint [m]; unknown cells give none.
 
-        A cell that is known may still be a hazard: `hazard_at(x, y)` tells.
+        A cell that is known may still be a hazard: `hazard_at(x, y)` says so.
         """
         return points(self)
 

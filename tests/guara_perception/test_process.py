@@ -29,7 +29,7 @@ def streamed(scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel, orde
 
 
 def test_public_flow_gives_the_promised_grid(paper_terrain: gp.TerrainGrid, paper_scan: gp.Scan):
-    """Open, process, ask: extent, shape, corner and step of the default grid are those of the contract."""
+    """Open, process, ask: extent, shape, corner and step of the default grid are those of docs/conventions.md."""
     assert paper_terrain.shape == (108, 90)
     assert paper_terrain.origin == (0.50, -0.27)
     assert paper_terrain.resolution == 0.005

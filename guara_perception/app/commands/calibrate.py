@@ -48,7 +48,7 @@ def command(
     from guara_perception.app.calibration_report.summary import summary
     from guara_perception.app.files.calibration_session import open_session
     from guara_perception.app.files.camera_info import write_camera_info
-    from guara_perception.calibration.calibrate import calibrate_session, session_pictures
+    from guara_perception.calibration.calibrate import calibrate_session
     from guara_perception.calibration.file import save_calibration
     from guara_perception.calibration.pattern import interpolate_pattern
     from guara_perception.settings import Settings
@@ -66,8 +66,8 @@ def command(
         check_report_folder(report)
     opened = open_session(session)
     model = load_robot(robot if robot is not None else opened.robot)
-    with progress("Calibrating", session_pictures(opened)) as advance:
-        result = calibrate_session(opened, model, distortion=distortion, progress=advance)
+    with progress("Calibrating") as show:
+        result = calibrate_session(opened, model, distortion=distortion, progress=show)
     click.echo(summary(result))
     if report is not None:
         click.echo(f"report: {write_report(result, report)}")

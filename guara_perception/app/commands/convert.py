@@ -22,6 +22,6 @@ def command(source: Path, target: Path, step: int | None) -> None:
     """
     from guara_perception.app.files.convert import convert
 
-    with progress("Converting", 1) as advance:
-        convert(source, target, step=step, progress=lambda done, total: advance(1 / total))
+    with progress("Converting") as show:
+        convert(source, target, step=step, progress=show)
     click.echo(f"{target}: written")

@@ -40,11 +40,11 @@ def command(context: click.Context, out: Path, view: bool, cycles: float, robot:
     check = DemoCheck()
     pauses = round(cycles * PAUSES_PER_CYCLE) + 1
     seen: list[DemoPause] = []
-    with progress("Walking", pauses) as advance:
+    with progress("Walking") as show:
         for item in demo_walk(check, recording=recording, cycles=cycles, robot_name=robot):
-            advance()
             click.echo(line(item))
             seen.append(item)
+            show(len(seen), pauses)
     for picture in draw_demo(out, seen):
         click.echo(f"picture: {picture}")
     click.echo(f"recording: {recording}")

@@ -72,7 +72,7 @@ def command(
     except RobotNotFound as error:
         raise InvalidInput(str(error) if robot is not None else f"{recorded.source}: robot: {error}") from None
     for number, name in enumerate(methods):
-        with progress(f"Processing ({name})", len(recorded.stripes)) as advance:
+        with progress(f"Processing ({name})") as show:
             processor = run_scan(
                 recorded,
                 calibrated,
@@ -80,7 +80,7 @@ def command(
                 name,
                 resolution,
                 strict=not keep_going,
-                progress=lambda done, total: advance(1),
+                progress=show,
             )
         terrain = with_pictures(processor.finish(), processor)
         target = out if number == 0 else out.with_name(f"{out.stem}-{name}{out.suffix}")

@@ -85,10 +85,8 @@ def command(
                 click.echo(f"step {scan.step} after step {last}: another walk, the map starts anew")
                 walk_map = WalkMap(model, calibrated)
             last = scan.step
-            with progress(f"Step {scan.step}", len(scan.stripes)) as advance:
-                terrain = process_scan(
-                    scan, calibrated, model, method, pictures=False, progress=lambda done, total: advance(1)
-                )
+            with progress(f"Step {scan.step}") as show:
+                terrain = process_scan(scan, calibrated, model, method, pictures=False, progress=show)
             grids = {"footprint": terrain, "map": walk_map.update(scan.step, scan.stance, terrain)}
             if send is not None and number:
                 time.sleep(interval)

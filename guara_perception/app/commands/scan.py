@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -65,16 +66,17 @@ def command(
     stamp = time.time_ns()
     processor = ScanProcessor(calibrated, model, standing, mode, stamp=stamp)
     wanted = processor.settings.pattern(mode)
-    pattern = [(s.index, s.mirror_angle) for s in calibrated.stripes if s.index in wanted]
+    firing_order = [(s.index, s.mirror_angle) for s in calibrated.stripes if s.index in wanted]
     with ScanFolderWriter(out) as writer:
-        with rig.rangefinder, progress("Scanning", len(pattern)) as advance:
+        with rig.rangefinder, progress("Scanning") as show:
+            done = itertools.count(1)
 
             def keep(capture: StripeCapture) -> None:
-                advance()
+                show(next(done), len(firing_order))
                 if capture.on is not None:
                     writer.add(capture.index, capture.mirror_angle, capture.on, capture.off, off_key=id(capture.off))
 
-            scan = live_scan(rig.rangefinder, processor, pattern, should_stop=lambda: False, on_stripe=keep)
+            scan = live_scan(rig.rangefinder, processor, firing_order, should_stop=lambda: False, on_stripe=keep)
         for problem in scan.problems:
             click.echo(problem, err=True)
         writer.finish(

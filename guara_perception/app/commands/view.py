@@ -73,7 +73,7 @@ def show_live(
     stop: threading.Event,
     address: str,
 ) -> None:
-    """Show every new grid until told to stop."""
+    """Show every new grid until stopped."""
     from guara_perception.app.client import TerrainClient
     from guara_perception.app.view_moments import live_moment
 

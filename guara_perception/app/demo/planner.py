@@ -1,4 +1,4 @@
-"""The demo's planner: its own process, with nothing but the public client; told on stdin which foot moves next.
+"""The demo's planner: its own process, with nothing but the public client; it reads on stdin which foot moves next.
 
 Each line of standard input is a JSON object {step, leg, x, y, extent}; each answer is a JSON line with the
 foothold and the swing that were chosen on the grid of that step, or with the reasons why there is none.

@@ -57,7 +57,7 @@ def draw_frame(path: Path, frame: Grey, area: tuple[Interval, Interval] | None, 
 def draw_range_image(
     path: Path, image: Float32, terrain: TerrainGrid | None, area: tuple[Interval, Interval], title: str
 ) -> Path:
-    """A range image (512, 640) [mm], higher is lighter, unknown hatched; with a grid its causes are told apart."""
+    """A range image (512, 640) [mm], higher is lighter, unknown hatched; with a grid each cause in its own colour."""
     figure, axes = _figure()
     known = image[np.isfinite(image)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from guara_perception.app.files.open_scan import open_scan, open_scans
@@ -12,10 +11,9 @@ from guara_perception.app.node.recorder import stance_message
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import to_json
 from guara_perception.exceptions import InvalidInput
+from guara_perception.progress import Progress
 from guara_perception.scan import Scan
 from transport.recording import FrameRecord, FrameReference, RecordingWriter, ScanRecord
-
-Progress = Callable[[int, int], None]
 
 
 def convert(

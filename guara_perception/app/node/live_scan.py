@@ -1,4 +1,4 @@
-"""One live scan: sweeps the laser over the pattern and feeds every stripe to a ScanProcessor as it arrives."""
+"""One live scan: sweeps the laser over the stripes and feeds every stripe to a ScanProcessor as it arrives."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from guara_perception.app.node.rangefinder import Pattern, Rangefinder
+from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
 from guara_perception.scan_processor import ScanProcessor
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class LiveScan:
 def live_scan(
     rangefinder: Rangefinder,
     processor: ScanProcessor,
-    pattern: Pattern,
+    firing_order: FiringOrder,
     *,
     should_stop: Callable[[], bool],
     on_stripe: Callable[[StripeCapture], None] | None = None,
@@ -51,7 +51,7 @@ def live_scan(
     Args:
         rangefinder: open devices.
         processor: takes the stripes; made for the stance of this pause.
-        pattern: (index, mirror angle [rad]) in firing order.
+        firing_order: (index, mirror angle [rad]) in firing order.
         should_stop: True ends the scan, for instance when the pause ends.
         on_stripe: called after each stripe, for recording and progress.
     """
@@ -61,7 +61,7 @@ def live_scan(
     problems: list[str] = []
     failed = False
     done: set[int] = set()
-    stripes = rangefinder.sweep(pattern, processor.band, should_stop)
+    stripes = rangefinder.sweep(firing_order, processor.band, should_stop)
     try:
         with stripes:
             for group in stripes.groups():

@@ -13,9 +13,10 @@ from guara_perception.app.node.pause import Pause, stance_of
 from guara_perception.app.node.pause_scanner import PauseScanner
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorder import ScanRecorder
-from guara_perception.app.node.sweep import SWEEPS, Progress
+from guara_perception.app.node.sweep import SWEEPS
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput, PerceptionError
+from guara_perception.progress import Progress
 from guara_perception.settings import MODES
 from guara_perception.terrain.grid import TerrainGrid
 from kinematics import KinematicsError, RobotModel, Stance

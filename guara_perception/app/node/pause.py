@@ -39,7 +39,7 @@ def stance_of(announcement: StancePause) -> Stance:
     """The stance that an announcement carries.
 
     Raises:
-        kinematics.StanceError: it is none.
+        kinematics.StanceError: it is not a stance of this robot.
     """
     stance = announcement.stance
     return Stance(stance.joint_positions, stance.support_feet, stance.gravity_in_base)

@@ -12,13 +12,14 @@ from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause import Pause
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorder import ScanRecorder, ScanRecording
-from guara_perception.app.node.sweep import ADAPTIVE, Progress, Sweeper, SweepJob
+from guara_perception.app.node.sweep import ADAPTIVE, Sweeper, SweepJob
 from guara_perception.app.node.walk_map import WalkMap
 from guara_perception.app.publisher import publish_terrain
 from guara_perception.app.summary import summary
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.drift import check_drift
 from guara_perception.exceptions import MirrorSlipped
+from guara_perception.progress import Progress
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
@@ -155,7 +156,7 @@ class PauseScanner:
         from drivers import DriverError
 
         try:
-            lost = self._rangefinder.lost_steps(self._sweeper.pattern(self._settings.pattern("standard")))
+            lost = self._rangefinder.lost_steps(self._sweeper.firing_order(self._settings.pattern("standard")))
         except DriverError as error:
             # A board that is gone said nothing false about the scan before; the next scan finds it again or fails.
             self._status.problem("board", str(error))

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from drivers import AcquireOptions, Camera, LaserBoard, StripeStream
 
-Pattern = Sequence[tuple[int, float]]
+FiringOrder = Sequence[tuple[int, float]]
 
 # Stripes that are processed at once: at 30 frames per second a third less of processor time than each by itself, for
 # the memory of as many frames; the last, for which the gait waits, is never among others.
@@ -52,15 +52,15 @@ class Rangefinder:
         self._close()
 
     def sweep(
-        self, pattern: Pattern, band: Callable[[int], tuple[int, int]], should_stop: Callable[[], bool]
+        self, firing_order: FiringOrder, band: Callable[[int], tuple[int, int]], should_stop: Callable[[], bool]
     ) -> StripeStream:
         """One scan, to be taken in a `with` block; see `drivers.acquire`."""
         from drivers import AcquireOptions, acquire
 
         options = self.options or AcquireOptions(together=STRIPES_TOGETHER)
-        return acquire(self.board, self.camera, pattern, options, band=band, should_stop=should_stop)
+        return acquire(self.board, self.camera, firing_order, options, band=band, should_stop=should_stop)
 
-    def lost_steps(self, pattern: Pattern) -> int:
+    def lost_steps(self, firing_order: FiringOrder) -> int:
         """Bring the mirror home, and then to the first stripe: how many steps it had lost since the last time.
 
         Other than 0, the stripes since then lay elsewhere than commanded and their heights are wrong.
@@ -70,7 +70,7 @@ class Rangefinder:
         """
         from drivers import prepare
 
-        return prepare(self.board, pattern)
+        return prepare(self.board, firing_order)
 
     def _close(self) -> None:
         """Close in the order of opening: the board, and with it the laser, first."""

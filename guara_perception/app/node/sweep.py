@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from guara_perception.app.node.live_scan import LiveScan, live_scan
-from guara_perception.app.node.rangefinder import Pattern, Rangefinder
+from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
 from guara_perception.app.node.recorder import ScanRecording
 from guara_perception.calibration.calibration import Calibration
+from guara_perception.progress import Progress
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import MODES, Settings
 from guara_perception.terrain.grid import TerrainGrid
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 ADAPTIVE = "adaptive"
 SWEEPS = (*MODES, ADAPTIVE)
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +55,7 @@ class Sweeper:
         self._angles = {stripe.index: stripe.mirror_angle for stripe in calibration.stripes}
         self._rangefinder, self._settings, self._policy = rangefinder, settings, policy
 
-    def pattern(self, indices: Iterable[int]) -> Pattern:
+    def firing_order(self, indices: Iterable[int]) -> FiringOrder:
         """Calibrated stripes among `indices` with their mirror angles, in firing order."""
         return [(index, self._angles[index]) for index in sorted(indices) if index in self._angles]
 
@@ -64,21 +64,21 @@ class Sweeper:
         if mode == ADAPTIVE:
             return self._adaptive(job)
         processor = job.processor(mode)
-        scan = self._run(processor, self.pattern(self._settings.pattern(mode)), job)
+        scan = self._run(processor, self.firing_order(self._settings.pattern(mode)), job)
         return processor.finish(), scan, processor
 
     def _adaptive(self, job: SweepJob) -> tuple[TerrainGrid, LiveScan, ScanProcessor]:
         start = time.monotonic()
         processor = job.processor("coarse")
-        pattern = self.pattern(self._policy.first_stripes)
-        first = self._run(processor, pattern, job)
+        firing_order = self.firing_order(self._policy.first_stripes)
+        first = self._run(processor, firing_order, job)
         coarse = processor.finish()
         if first.stopped_early or first.failed:
             return coarse, first, processor
         spent = time.monotonic() - start
         left = None if job.time_available <= 0 else max(job.time_available - spent, 0.0)
-        decision = self._policy.decide(coarse, processor.pairs, time_left=left, stripe_time=spent / len(pattern))
-        between = self.pattern(decision.stripes)
+        decision = self._policy.decide(coarse, processor.pairs, time_left=left, stripe_time=spent / len(firing_order))
+        between = self.firing_order(decision.stripes)
         if not between:
             return coarse, first, processor
         logger.info("stripes between: %s", "; ".join(decision.reasons) or "the way was not clear of late")
@@ -89,13 +89,13 @@ class Sweeper:
         both = dataclasses.replace(second, start=first.start, problems=(*first.problems, *second.problems))
         return refined(coarse, processor.finish()), both, processor
 
-    def _run(self, processor: ScanProcessor, pattern: Pattern, job: SweepJob) -> LiveScan:
+    def _run(self, processor: ScanProcessor, firing_order: FiringOrder, job: SweepJob) -> LiveScan:
         done = len(processor.profiles)
 
         def on_stripe(capture: StripeCapture) -> None:
             if job.progress is not None:
-                job.progress(len(processor.profiles), done + len(pattern))
+                job.progress(len(processor.profiles), done + len(firing_order))
             if job.recording is not None:
                 job.recording.add(capture)
 
-        return live_scan(self._rangefinder, processor, pattern, should_stop=job.should_stop, on_stripe=on_stripe)
+        return live_scan(self._rangefinder, processor, firing_order, should_stop=job.should_stop, on_stripe=on_stripe)

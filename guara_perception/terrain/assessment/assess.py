@@ -15,7 +15,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 LEAST_SAFE_SCORE = 0.01
 # Large grids are judged in bands of rows that fit the cache; as every test is local, the result is the same.
 BAND_CELLS = 60_000
-# The rows that a band shares with its neighbours are judged twice: wide grids get bands of so many halos at least.
+# Least height of a band in halos: the rows that it shares with its neighbours are judged twice.
 LEAST_HALOS = 6
 # What the layers say of unknown cells, where it is not NaN.
 UNKNOWN = {"traversability": 0.0}
@@ -42,7 +42,7 @@ def assess_layers(
         limits: what the feet can bear.
 
     Returns:
-        Layers by name, read-only, in the types of the contract: elevation, variance, elevation_min, elevation_max,
+        Layers by name, read-only, in the types of `LAYERS`: elevation, variance, elevation_min, elevation_max,
         slope, step_height, roughness, clearance, traversability, hazard.
     """
     known = np.isfinite(elevation)

@@ -16,7 +16,7 @@ Kernel = Codes
 KNOWN_SHARE = 0.6
 # From 50 weights on cv2.filter2D goes through a Fourier transform: every cell would depend on every other by rounding.
 MOST_WEIGHTS = 49
-# So one row of the disc may have so many cells; a finer grid gains nothing over the stripe pitch anyway.
+# Bounds the cells in one row of the disc; a finer grid gains nothing over the stripe pitch anyway.
 MOST_RADIUS_CELLS = 24
 
 

@@ -13,7 +13,7 @@ from guara_perception.exceptions import InvalidInput
 
 @dataclass(frozen=True, slots=True)
 class GridGeometry:
-    """A grid a[iy, ix]: cell (0, 0) at minimum x and y, x fastest (contract, section 2).
+    """A grid a[iy, ix]: cell (0, 0) at minimum x and y, x fastest (docs/conventions.md).
 
     Attributes:
         origin: x and y of the corner of cell (0, 0) [m].

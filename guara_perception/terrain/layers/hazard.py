@@ -1,4 +1,4 @@
-"""Why a foot should not go there: the hazard flags of a cell, values fixed by the contract."""
+"""Why a foot should not go there: the hazard flags of a cell, values that never change."""
 
 from __future__ import annotations
 

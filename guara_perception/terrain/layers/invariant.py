@@ -15,7 +15,7 @@ from guara_perception.terrain.layers.layers import LAYERS
 
 
 def check_invariant(layers: Mapping[str, Array]) -> None:
-    """Refuse a grid that could call something safe that was not seen (contract, section 2).
+    """Refuse a grid that could call something safe that was not seen (docs/safety.md).
 
     Raises:
         UnsafeGrid: a layer is missing, has another shape or type, or a rule is broken; the message says which rule,

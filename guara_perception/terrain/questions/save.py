@@ -13,7 +13,7 @@ from guara_perception.whole_file import whole_file
 
 
 def save_terrain(terrain: LayeredGrid, path: str | Path) -> None:
-    """Write a grid to an .npz file, whole or not at all (contract, section 4, `OUT.npz`).
+    """Write a grid to an .npz file, whole or not at all (docs/files.md).
 
     Raises:
         InvalidInput: the name does not end in .npz.

@@ -36,7 +36,7 @@ def test_says_what_it_made(guara, data: Path, calibration_file: Path, tmp_path: 
 
 
 def test_file_holds_every_promised_name(processed: Path, paper_scan: gp.Scan):
-    """Names, types and shapes of the contract, readable by NumPy alone without pickles."""
+    """Names, types and shapes of docs/files.md, readable by NumPy alone without pickles."""
     with np.load(processed, allow_pickle=False) as content:
         assert set(content.files) == {
             *LAYERS, "origin", "resolution", "frame", "stamp", "step", "metadata", "ortho_image_mm", "range_image_mm"

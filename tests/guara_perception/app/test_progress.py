@@ -9,18 +9,18 @@ from guara_perception.app.progress import progress
 
 SCRIPT = """
 from guara_perception.app.progress import progress
-with progress("Counting sheep", 3) as advance:
-    for _ in range(3):
-        advance()
+with progress("Counting sheep") as show:
+    for number in range(3):
+        show(number + 1, 3)
 print("done")
 """
 
 
 def test_nothing_is_shown_without_a_terminal(capfd):
-    """Standard output and standard error stay empty, and advancing by one or by several is allowed."""
-    with progress("Counting", 5) as advance:
-        advance()
-        advance(4)
+    """Standard output and standard error stay empty, whatever is reported."""
+    with progress("Counting") as show:
+        show(1, 5)
+        show(5, 5)
     assert capfd.readouterr() == ("", "")
 
 

@@ -12,7 +12,7 @@ import guara_perception as gp
 from benchmarks.calibration import BEYOND_MM, IN_RANGE_MM, height_errors, worst_rms
 from guara_perception.calibration.board import to_grey
 from guara_perception.calibration.bundle import fit_camera
-from guara_perception.calibration.calibrate import calibrate_session, session_pictures
+from guara_perception.calibration.calibrate import calibrate_session
 from guara_perception.calibration.faults import suspect_plate
 from guara_perception.calibration.height_rows import plane_in_frame
 from guara_perception.calibration.height_sigma import HeightUncertainty
@@ -194,10 +194,11 @@ def test_wrong_plate_is_named(result: CalibrationResult, robot: RobotModel, wron
 
 def test_slipped_mount_is_refused(session: CalibrationSession, robot: RobotModel) -> None:
     """A camera that slipped by one row between two plate scans is refused, naming the plate; progress is complete."""
-    steps: list[None] = []
+    heard: list[tuple[int, int]] = []
     slipped = with_frames(session, 1, lambda picture: np.roll(picture, 1, axis=0))
-    found = calibrate_session(slipped, robot, progress=lambda: steps.append(None))
+    found = calibrate_session(slipped, robot, progress=lambda done, total: heard.append((done, total)))
     assert found.verdict == "refused"
     assert found.reasons[0].startswith("plate plate_40 contradicts the others")
     assert "mount slipped between the scans" in found.reasons[0]
-    assert len(steps) == session_pictures(session) == 14 + 1 + 3 * 35
+    pictures = 14 + 1 + 3 * 35
+    assert heard == [(done, pictures) for done in range(1, pictures + 1)]

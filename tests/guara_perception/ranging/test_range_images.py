@@ -1,4 +1,4 @@
-"""Range images: eqs. 20 and 21 undo the central projection, pixels lie where the contract says."""
+"""Range images: eqs. 20 and 21 undo the central projection, pixels lie where docs/conventions.md says."""
 
 from __future__ import annotations
 

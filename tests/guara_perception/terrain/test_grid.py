@@ -25,7 +25,7 @@ def terrain() -> gp.TerrainGrid:
     return gp.assess_terrain(heights, 0.005, origin=(0.5, -0.1))
 
 
-def test_flag_values_are_those_of_the_contract() -> None:
+def test_flag_values_never_change() -> None:
     """Values go over the wire and into files: they never change."""
     expected = {
         "DROPOUT": 1,
