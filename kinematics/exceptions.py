@@ -18,7 +18,22 @@ class RobotNotFound(KinematicsError, FileNotFoundError):
 
 
 class RobotFileError(KinematicsError, ValueError):
-    """A file of a robot folder is broken or contradicts another; the message names file and place."""
+    """A file of a robot folder is broken or contradicts another; the message names file and place.
+
+    Attributes:
+        findings: each thing that is wrong, one or more.
+    """
+
+    findings: tuple[str, ...]
+
+    def __init__(self, *findings: str) -> None:
+        """One message of all findings."""
+        super().__init__(
+            findings[0]
+            if len(findings) == 1
+            else f"{len(findings)} findings: " + "; ".join(f"({i}) {text}" for i, text in enumerate(findings, 1))
+        )
+        self.findings = findings
 
 
 class UnknownName(KinematicsError, KeyError):
@@ -47,6 +62,10 @@ class OdometryLost(KinematicsError, RuntimeError):
 
 class JointLimitWarning(UserWarning):
     """A joint stands beyond its limit; the message names the joint and by how much."""
+
+
+class RobotFileWarning(UserWarning):
+    """Something in a file of a robot folder is not used; one warning names all of it."""
 
 
 def unknown_name(kind: str, given: object, valid: Iterable[str]) -> UnknownName:

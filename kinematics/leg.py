@@ -7,7 +7,7 @@ leg's plane:
 
     hip roll     q1 = atan2(r_y, -r_z);   in the plane the sole is at (r_x, -sqrt(r_y^2 + r_z^2))
     ankle        a = sole - Ry(phi) foot
-    knee bend    cos b = (|a|^2 - l1^2 - l2^2) / (2 l1 l2), b with the sign that the knee's limits allow
+    knee bend    cos b = (|a|^2 - l1^2 - l2^2) / (2 l1 l2), b with the sign of the posture in which the robot stands
     thigh        at the angle psi(a) - atan2(l2 sin b, l1 + l2 cos b) from straight down
     ankle pitch  q4 = phi - q2 - q3
 
@@ -23,7 +23,6 @@ import numpy.typing as npt
 
 from kinematics.arrays import Float, read_only
 from kinematics.tree import KinematicTree
-from kinematics.urdf import Joint
 
 # Of lengths [m] and axes [-] when a leg is recognised: the closed form must agree with the URDF to rounding.
 GEOMETRY_TOLERANCE = 1e-9
@@ -40,7 +39,7 @@ class LegGeometry:
         hip: (3,) meeting point of the first two axes in `base_link` [m].
         senses: (4,) +1 or -1: sense of each axis against x, y, y, y.
         thigh, shank, foot: (2,) vectors (x, z) in the leg's plane at zero angles [m].
-        knee_sign: sign of the knee bend b that the knee's limits allow.
+        knee_sign: sign of the knee bend b in the posture in which the robot stands.
         lower, upper: (4,) joint limits [rad].
     """
 
@@ -112,12 +111,7 @@ def find_leg_geometry(tree: KinematicTree, leg: str) -> LegGeometry | None:
     config = tree.leg(leg)
     if len(config.joints) != 4:
         return None
-    above = {joint.child: joint for joint in tree.urdf.joints}
-    path: list[Joint] = []
-    link = config.sole
-    while link in above:
-        path.insert(0, above[link])
-        link = above[link].parent
+    path = tree.urdf.path_to(config.sole)
     transform, axes, origins = np.eye(4), [], []
     for joint in path:
         transform = transform @ joint.transform_child_to_parent
@@ -138,7 +132,7 @@ def find_leg_geometry(tree: KinematicTree, leg: str) -> LegGeometry | None:
     thigh, shank, foot = (np.delete(points[i + 1] - points[i], 1) for i in (1, 2, 3))
     if min(np.linalg.norm(thigh), np.linalg.norm(shank)) < GEOMETRY_TOLERANCE:
         return None
-    centre = senses[2] * (lower[2] + upper[2]) / 2.0 + _angle(shank) - _angle(thigh)
+    centre = senses[2] * tree.nominal[columns[2]] + _angle(shank) - _angle(thigh)
     return LegGeometry(
         hip=read_only(points[1]),
         senses=read_only(senses),

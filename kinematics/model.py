@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy.typing as npt
 
 from kinematics.arrays import Float, Mask
-from kinematics.exceptions import ArgumentError, RobotFileError, RobotNotFound, unknown_name
+from kinematics.exceptions import ArgumentError, RobotFileError, RobotFileWarning, RobotNotFound, unknown_name
 from kinematics.limits import OdometryLimits, PauseLimits, SelfFilterSettings
 from kinematics.model_checks import check_model
 from kinematics.reach import Reach, reach_in_base
+from kinematics.read_urdf import read_urdf
 from kinematics.robot_toml import RobotToml, read_robot_toml
 from kinematics.srdf import Posture, read_srdf
 from kinematics.stance import Stance
 from kinematics.stance_pose import GravityEstimate, StanceNoise, StancePose, stance_pose
 from kinematics.state import RobotState
 from kinematics.tree import KinematicTree
-from kinematics.urdf import read_urdf
 from kinematics.urdf_checks import check_urdf
 
 # Where robots are looked up by name: beside this package, in a checkout and in an installed wheel alike.
@@ -39,6 +40,7 @@ class RobotModel:
         odometry_limits: what counts as a foot that stayed (table [odometry]).
         pause_limits: what counts as a pause (table [pause]).
         self_filter_settings: how the robot's own shapes are taken (table [self_filter]).
+        notes: what in the files is not used or could not be checked, in words.
         transform_camera_to_base: (4, 4), nominal, from the URDF.
         transform_laser_to_base: (4, 4), nominal; its origin lies on the mirror axis, which is parallel to y.
     """
@@ -49,7 +51,7 @@ class RobotModel:
         Raises:
             RobotFileError: the parts contradict each other.
         """
-        check_model(tree, postures)
+        self.notes = (*tree.urdf.notes, *check_model(tree, postures))
         self.folder = folder
         self.tree = tree
         self.name = tree.config.name
@@ -152,7 +154,10 @@ def load_robot(name_or_path: str | Path) -> RobotModel:
 
     Raises:
         RobotNotFound: neither; the message lists the names there are.
-        RobotFileError: a file is missing, broken or contradicts another; the message names file and place.
+        RobotFileError: a file is missing, broken or contradicts another; the message names each file and place.
+
+    Warns:
+        RobotFileWarning: one warning that names what in the files is not used.
     """
     folder = _find(name_or_path)
     config = read_robot_toml(folder / "robot.toml")
@@ -160,8 +165,13 @@ def load_robot(name_or_path: str | Path) -> RobotModel:
     if urdf.name != config.name:
         raise RobotFileError(f"{urdf.path}: the robot is named {urdf.name!r}, in robot.toml {config.name!r}")
     check_urdf(urdf, config.base_frame)
-    postures = read_srdf(folder / "srdf" / f"{config.name}.srdf", urdf)
-    return RobotModel(folder, KinematicTree(urdf, config), {posture.name: posture for posture in postures})
+    postures = {posture.name: posture for posture in read_srdf(folder / "srdf" / f"{config.name}.srdf", urdf)}
+    scan = postures.get(config.scan_posture)
+    tree = KinematicTree(urdf, config, None if scan is None else scan.joint_positions)
+    robot = RobotModel(folder, tree, postures)
+    if robot.notes:
+        warnings.warn(RobotFileWarning(f"{folder}: not used: {'; '.join(robot.notes)}"), stacklevel=2)
+    return robot
 
 
 def _find(name_or_path: str | Path) -> Path:

@@ -1,13 +1,14 @@
-"""Checks that need the whole robot folder: chains, soles, mirror images and the heights of postures."""
+"""Checks that need the whole robot folder: chains, soles, hips in pairs, and the heights of postures."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
 from kinematics.arrays import Float
 from kinematics.exceptions import RobotFileError
+from kinematics.findings import Findings
 from kinematics.robot_toml import LegConfig, PostureConfig
 from kinematics.srdf import Posture
 from kinematics.state import RobotState
@@ -17,47 +18,44 @@ from kinematics.urdf import Joint, Shape
 # Heights in robot.toml are written to the millimetre.
 HEIGHT_TOLERANCE = 0.0005
 
-# Mirrored values are written with the same digits on both sides.
-MIRROR_TOLERANCE = 1e-6
+# Left and right of one robot are built alike to half a millimetre; more is a slip of the pen.
+PAIR_TOLERANCE = 0.0005
+
+# A sole frame further from the lowest point of its foot sets every foothold too high or too low [m]. A round foot of
+# 20 mm whose frame lies along a tilted shank is 4 mm off.
+SOLE_TOLERANCE = 0.005
 
 
-def check_model(tree: KinematicTree, postures: Mapping[str, Posture]) -> None:
+def check_model(tree: KinematicTree, postures: Mapping[str, Posture]) -> tuple[str, ...]:
     """Check legs and postures of a robot.
 
+    Returns:
+        What could not be checked, in words.
+
     Raises:
-        RobotFileError: naming file, leg or posture, what was found and what is stated.
+        RobotFileError: naming each finding with file, leg or posture, what was found and what is stated.
     """
-    try:
-        for leg in tree.legs.values():
+    findings = Findings(tree.config.path)
+    for leg in tree.legs.values():
+        with findings.gathered():
             _check_chain(tree, leg)
-            _check_sole(tree, leg)
-        _check_mirrors(tree)
-    except RobotFileError as error:
-        raise RobotFileError(f"{tree.config.path}: {error}") from None
+            _check_sole_size(tree, leg, findings)
+    if not findings.is_wrong:
+        _check_pairs(tree, findings)
     for config in tree.config.postures:
         if config.name not in postures:
-            raise RobotFileError(
-                f"{tree.config.path}: [postures.{config.name}]: the SRDF has no such group_state; "
-                f"it has: {', '.join(postures) or 'none'}"
+            findings.wrong(
+                f"[postures.{config.name}]: the SRDF has no such group_state; it has: {', '.join(postures) or 'none'}"
             )
-        try:
-            _check_posture(tree, config, postures[config.name])
-        except RobotFileError as error:
-            raise RobotFileError(f"{tree.config.path}: [postures.{config.name}]: {error}") from None
-
-
-def _path_to_base(tree: KinematicTree, link: str) -> list[Joint]:
-    """Joints from the base to a link."""
-    above = {joint.child: joint for joint in tree.urdf.joints}
-    path: list[Joint] = []
-    while link in above:
-        path.insert(0, above[link])
-        link = above[link].parent
-    return path
+            continue
+        with findings.gathered():
+            _check_posture(tree, config, postures[config.name], findings)
+    findings.refuse()
+    return findings.notes
 
 
 def _check_chain(tree: KinematicTree, leg: LegConfig) -> None:
-    path = _path_to_base(tree, leg.sole)
+    path = tree.urdf.path_to(leg.sole)
     moving = tuple(joint.name for joint in path if joint.kind != "fixed")
     if moving != leg.joints:
         raise RobotFileError(
@@ -68,27 +66,46 @@ def _check_chain(tree: KinematicTree, leg: LegConfig) -> None:
         raise RobotFileError(f"[legs.{leg.name}] hip {leg.hip!r} is not on the way to {leg.sole!r}")
 
 
-def _check_sole(tree: KinematicTree, leg: LegConfig) -> None:
-    """The sole of robot.toml may not be larger than the foot of the URDF."""
-    path = _path_to_base(tree, leg.sole)
-    transform = np.eye(4)
-    lowest, highest = np.full(2, np.inf), np.full(2, -np.inf)
-    link = leg.sole
-    for joint in reversed(path):
-        for shape in tree.links[link].shapes:
-            centre, half = _bounds(np.linalg.inv(transform) @ shape.transform_shape_to_link, shape)
-            lowest, highest = (
-                np.minimum(lowest, (centre - half)[:2]),
-                np.maximum(highest, (centre + half)[:2]),
-            )
+def foot_shapes(tree: KinematicTree, leg: LegConfig) -> list[tuple[Shape, Float]]:
+    """The collision shapes that move rigidly with a sole, each with transform_shape_to_sole (4, 4)."""
+    fixed: dict[str, list[Joint]] = {}
+    for joint in tree.urdf.joints:
+        if joint.kind == "fixed":
+            fixed.setdefault(joint.parent, []).append(joint)
+    # Up to the link that the last moving joint carries, then down to everything fixed to it.
+    to_sole, link = np.eye(4), leg.sole
+    for joint in reversed(tree.urdf.path_to(leg.sole)):
         if joint.kind != "fixed":
             break
-        # Of the sole in the link above: what follows asks for shapes in the frame of the sole.
-        transform, link = joint.transform_child_to_parent @ transform, joint.parent
-    if not np.all(np.isfinite(lowest)):
-        raise RobotFileError(f"[legs.{leg.name}]: the foot of {leg.sole!r} has no <collision> shape")
+        to_sole, link = to_sole @ np.linalg.inv(joint.transform_child_to_parent), joint.parent
+    found, open_links = [], [(link, to_sole)]
+    while open_links:
+        name, transform = open_links.pop()
+        found += [(shape, transform @ shape.transform_shape_to_link) for shape in tree.links[name].shapes]
+        open_links += [(joint.child, transform @ joint.transform_child_to_parent) for joint in fixed.get(name, [])]
+    return found
+
+
+def extent_along(shape: Shape, rotation: Float, direction: Float) -> float:
+    """How far a shape reaches from its centre along a unit vector (3,); `rotation` (3, 3) turns it there [m]."""
+    along = np.abs(rotation.T @ direction)
+    if shape.kind == "box":
+        return float(along @ np.asarray(shape.size) / 2.0)
+    if shape.kind == "cylinder":
+        return float(shape.size[0] * np.hypot(along[0], along[1]) + along[2] * shape.size[1] / 2.0)
+    return float(shape.size[0])
+
+
+def _check_sole_size(tree: KinematicTree, leg: LegConfig, findings: Findings) -> None:
+    """The sole of robot.toml may not be larger than the foot of the URDF."""
+    shapes = foot_shapes(tree, leg)
+    if not shapes:
+        findings.unused(f"[legs.{leg.name}]: the foot of {leg.sole!r} has no <collision> shape to check")
+        return
     for axis, name, size in ((0, "length", tree.config.sole[0]), (1, "width", tree.config.sole[1])):
-        found = 2.0 * min(-lowest[axis], highest[axis])
+        direction = np.eye(3)[axis]
+        extents = [(m[axis, 3], extent_along(shape, m[:3, :3], direction)) for shape, m in shapes]
+        found = 2.0 * min(max(reach - centre for centre, reach in extents), max(c + r for c, r in extents))
         if size > found + HEIGHT_TOLERANCE:
             raise RobotFileError(
                 f"sole {name} is {size:g} m, but the collision shapes of the foot of leg {leg.name!r} "
@@ -96,107 +113,126 @@ def _check_sole(tree: KinematicTree, leg: LegConfig) -> None:
             )
 
 
-def _bounds(transform: Float, shape: Shape) -> tuple[Float, Float]:
-    """Centre and half extents of a shape's bounding box, along the axes that `transform` leads to."""
-    if shape.kind == "box":
-        half = np.asarray(shape.size) / 2.0
-    elif shape.kind == "cylinder":
-        half = np.array([shape.size[0], shape.size[0], shape.size[1] / 2.0])
-    else:
-        return transform[:3, 3], np.full(3, shape.size[0])
-    return transform[:3, 3], np.abs(transform[:3, :3]) @ half
+def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
+    """Every leg has one on the other side: hips at mirror images, and from joint to joint the same lengths.
 
-
-def _check_mirrors(tree: KinematicTree) -> None:
-    """Every leg has a mirror image on the other side: same joints, limits, lengths, masses and shapes."""
+    Names, axes and limits may differ from side to side, and so may masses: none of it says where a foot stands.
+    """
     hips = {name: _hip(tree, leg) for name, leg in tree.legs.items()}
     for name, leg in tree.legs.items():
         image = hips[name] * (1.0, -1.0, 1.0)
-        twins = [
-            other for other, hip in hips.items() if other != name and np.allclose(hip, image, atol=MIRROR_TOLERANCE)
-        ]
+        twins = [other for other, hip in hips.items() if other != name and np.allclose(hip, image, atol=PAIR_TOLERANCE)]
         if len(twins) != 1:
-            raise RobotFileError(
+            findings.wrong(
                 f"[legs.{name}]: its hip is at {_text(hips[name])}; no leg has its hip at the mirror image "
                 f"{_text(image)}"
             )
-        _check_twins(tree, leg, tree.legs[twins[0]])
+            continue
+        if name > twins[0]:
+            continue
+        ours, theirs = _lengths(tree, leg), _lengths(tree, tree.legs[twins[0]])
+        if len(ours) != len(theirs) or not np.allclose(ours, theirs, atol=PAIR_TOLERANCE):
+            findings.wrong(
+                f"legs {name!r} and {twins[0]!r} are no mirror images: from joint to joint they measure "
+                f"{_text(ours)} and {_text(theirs)} m"
+            )
+        else:
+            _check_limits(tree, leg, tree.legs[twins[0]], findings)
+
+
+def _check_limits(tree: KinematicTree, leg: LegConfig, twin: LegConfig, findings: Findings) -> None:
+    """Limits of joints whose axes are mirror images, at zero, are mirror images too."""
+    joints = {joint.name: joint for joint in tree.urdf.joints}
+    for ours, theirs in zip(leg.joints, twin.joints, strict=True):
+        a, b = joints[ours], joints[theirs]
+        # A mirror keeps the sense of turns about an axis across it and reverses others; a slide just mirrors.
+        image = _axis(tree, a) * ((1.0, -1.0, 1.0) if a.kind == "prismatic" else (-1.0, 1.0, -1.0))
+        sense = float(image @ _axis(tree, b))
+        limits = (a.lower, a.upper) if sense > 0.0 else (-a.upper, -a.lower)
+        if a.kind == b.kind and abs(sense) > 0.999 and not np.allclose(limits, (b.lower, b.upper), atol=1e-3):
+            findings.wrong(
+                f"joints {ours!r} and {theirs!r} are no mirror images: axis {_text(a.axis)} with limits "
+                f"{a.lower:g} ... {a.upper:g}, axis {_text(b.axis)} with {b.lower:g} ... {b.upper:g}"
+            )
+
+
+def _axis(tree: KinematicTree, joint: Joint) -> Float:
+    """Axis (3,) of a joint in `base_link`, all joints at zero."""
+    rotation = np.eye(3)
+    for above in tree.urdf.path_to(joint.child):
+        rotation = rotation @ above.transform_child_to_parent[:3, :3]
+    return np.asarray(rotation @ joint.axis)
 
 
 def _hip(tree: KinematicTree, leg: LegConfig) -> Float:
     transform = np.eye(4)
-    for joint in _path_to_base(tree, leg.hip):
+    for joint in tree.urdf.path_to(leg.hip):
         transform = transform @ joint.transform_child_to_parent
     return np.asarray(transform[:3, 3])
 
 
-def _check_twins(tree: KinematicTree, leg: LegConfig, twin: LegConfig) -> None:
-    mirror = np.diag([1.0, -1.0, 1.0])
-    ours, theirs = _path_to_base(tree, leg.sole), _path_to_base(tree, twin.sole)
-    if len(ours) != len(theirs):
-        raise RobotFileError(
-            f"legs {leg.name!r} and {twin.name!r} are no mirror images: {len(ours)} and {len(theirs)} joints"
-        )
-    for a, b in zip(ours, theirs, strict=True):
-        pair = f"joints {a.name!r} and {b.name!r} are no mirror images"
-        image = a.transform_child_to_parent.copy()
-        image[:3, :3] = mirror @ image[:3, :3] @ mirror
-        image[:3, 3] = mirror @ image[:3, 3]
-        if not np.allclose(image, b.transform_child_to_parent, atol=MIRROR_TOLERANCE):
-            raise RobotFileError(
-                f"{pair}: origins {_text(a.transform_child_to_parent[:3, 3])} and "
-                f"{_text(b.transform_child_to_parent[:3, 3])}, or their rotations"
-            )
-        if a.kind != "fixed":
-            _check_limits(a, b, mirror, pair)
-        first, second = tree.links[a.child], tree.links[b.child]
-        if (first.mass or 0.0) != (second.mass or 0.0) or not np.allclose(
-            mirror @ first.inertia @ mirror, second.inertia, rtol=1e-6, atol=0.0
-        ):
-            raise RobotFileError(f"links {first.name!r} and {second.name!r} are no mirror images: mass or inertia")
-        if [shape.size for shape in first.shapes] != [shape.size for shape in second.shapes]:
-            raise RobotFileError(f"links {first.name!r} and {second.name!r} are no mirror images: collision shapes")
+def _lengths(tree: KinematicTree, leg: LegConfig) -> Float:
+    """Distances between the origins of successive joints of a leg and its sole [m]."""
+    lengths, step = [], np.eye(4)
+    for joint in tree.urdf.path_to(leg.sole):
+        step = step @ joint.transform_child_to_parent
+        if joint.kind != "fixed":
+            lengths.append(float(np.linalg.norm(step[:3, 3])))
+            step = np.eye(4)
+    return np.array([*lengths[1:], float(np.linalg.norm(step[:3, 3]))])
 
 
-def _check_limits(a: Joint, b: Joint, mirror: Float, pair: str) -> None:
-    # A mirror keeps the sense of turns about an axis across it and reverses others; a slide just mirrors.
-    image = mirror @ a.axis if a.kind == "prismatic" else -mirror @ a.axis
-    sense = float(image @ b.axis)
-    limits = (a.lower, a.upper) if sense > 0.0 else (-a.upper, -a.lower)
-    if a.kind != b.kind or abs(abs(sense) - 1.0) > 1e-3 or not np.allclose(limits, (b.lower, b.upper)):
-        raise RobotFileError(
-            f"{pair}: axis {_text(a.axis)} with limits {a.lower:g} ... {a.upper:g}, "
-            f"axis {_text(b.axis)} with {b.lower:g} ... {b.upper:g}"
-        )
-
-
-def _check_posture(tree: KinematicTree, config: PostureConfig, posture: Posture) -> None:
+def _check_posture(tree: KinematicTree, config: PostureConfig, posture: Posture, findings: Findings) -> None:
+    place = f"[postures.{config.name}]"
     for index, joint in enumerate(tree.joint_names):
-        value, lower, upper = (
-            posture.joint_positions[joint],
-            tree.lower_limits[index],
-            tree.upper_limits[index],
-        )
+        value, lower, upper = posture.joint_positions[joint], tree.lower_limits[index], tree.upper_limits[index]
         if not lower <= value <= upper:
-            raise RobotFileError(f"joint {joint!r} is at {value:g}, outside its limits {lower:g} ... {upper:g}")
+            findings.wrong(f"{place}: joint {joint!r} is at {value:g}, outside its limits {lower:g} ... {upper:g}")
     state = RobotState(tree, posture.joint_positions)
     soles = state.soles_in_base()
     floor = float(soles[:, 2].mean())
     for leg, sole in zip(tree.legs, soles, strict=True):
         if abs(sole[2] - floor) > HEIGHT_TOLERANCE:
-            raise RobotFileError(f"the sole of {leg!r} is {1e3 * (sole[2] - floor):+.1f} mm off the plane of all soles")
+            findings.wrong(
+                f"{place}: the sole of {leg!r} is {1e3 * (sole[2] - floor):+.1f} mm off the plane of all soles"
+            )
+    if config.name == tree.config.scan_posture:
+        for leg_config in tree.legs.values():
+            _check_sole_height(tree, leg_config, state, findings)
     for name, leg_config in tree.legs.items():
-        _compare(f"hip_height of {name!r}", state.position_in_base(leg_config.hip)[2] - floor, config.hip_height)
+        hip = state.position_in_base(leg_config.hip)[2] - floor
+        _compare(place, f"hip_height of {name!r}", hip, config.hip_height, findings)
     camera = state.position_in_base(tree.config.camera_frame)[2] - floor
-    _compare("camera_height", camera, config.camera_height)
+    _compare(place, "camera_height", camera, config.camera_height, findings)
     if posture.root is not None:
-        _compare("root_joint z of the SRDF", posture.root[2], -floor)
+        _compare(place, "root_joint z of the SRDF", posture.root[2], -floor, findings)
 
 
-def _compare(what: str, found: float, stated: float) -> None:
+def sole_above_foot(tree: KinematicTree, leg: LegConfig, state: RobotState) -> float | None:
+    """Height of a sole frame over the lowest point of its foot's shapes, along base z [m]; None without shapes."""
+    sole = state.transform_to_base(leg.sole)
+    down = np.array([0.0, 0.0, -1.0])
+    depths = [
+        extent_along(shape, sole[:3, :3] @ m[:3, :3], down) - float((sole[:3, :3] @ m[:3, 3])[2])
+        for shape, m in foot_shapes(tree, leg)
+    ]
+    return max(depths) if depths else None
+
+
+def _check_sole_height(tree: KinematicTree, leg: LegConfig, state: RobotState, findings: Findings) -> None:
+    above = sole_above_foot(tree, leg, state)
+    if above is not None and abs(above) > SOLE_TOLERANCE:
+        where = "above" if above > 0.0 else "below"
+        findings.wrong(
+            f"[legs.{leg.name}] sole: the frame {leg.sole!r} is {1e3 * abs(above):.1f} mm {where} the lowest point "
+            "of its foot in the scan posture; every foothold is so much off: put it where the foot touches the ground"
+        )
+
+
+def _compare(place: str, what: str, found: float, stated: float, findings: Findings) -> None:
     if abs(found - stated) > HEIGHT_TOLERANCE:
-        raise RobotFileError(f"{what} comes out at {found:.4f} m, but {stated:.4f} m is stated")
+        findings.wrong(f"{place}: {what} comes out at {found:.4f} m, but {stated:.4f} m is stated")
 
 
-def _text(values: Iterable[float]) -> str:
+def _text(values: Float) -> str:
     return "(" + ", ".join(f"{value:g}" for value in values) + ")"

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from kinematics.arrays import Float
+from kinematics.pinocchio_model import build_model
 from kinematics.tree import KinematicTree
 
 ITERATIONS = 40
@@ -35,14 +36,11 @@ class NumericLeg:
     """
 
     def __init__(self, tree: KinematicTree, leg: str, start: Float) -> None:
-        """Cut the leg out of Pinocchio's model."""
+        """Build Pinocchio's model of the leg."""
         import pinocchio
 
         config = tree.leg(leg)
-        model = tree.pinocchio_model
-        kept = {model.getJointId(joint) for joint in config.joints}
-        locked = [index for index in range(1, model.njoints) if index not in kept]
-        self._model: Any = pinocchio.buildReducedModel(model, locked, pinocchio.neutral(model))
+        self._model: Any = build_model(tree.urdf, config.joints)
         self._order = np.array([self._model.joints[self._model.getJointId(joint)].idx_q for joint in config.joints])
         self._sole = int(self._model.getFrameId(config.sole, pinocchio.FrameType.BODY))
         columns = [tree.joint_index(joint) for joint in config.joints]

@@ -44,7 +44,7 @@ def leg_kinematics(tree: KinematicTree, leg: str) -> LegGeometry | NumericLeg:
     if geometry is not None:
         return geometry
     columns = [tree.joint_index(joint) for joint in tree.leg(leg).joints]
-    return NumericLeg(tree, leg, (tree.lower_limits[columns] + tree.upper_limits[columns]) / 2.0)
+    return NumericLeg(tree, leg, tree.nominal[columns])
 
 
 def reach_in_base(

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from kinematics.exceptions import RobotFileError
 from kinematics.urdf import Urdf
+from kinematics.xml_file import read_xml
 
 # The name by which an SRDF places the body: x y z [m] and quaternion x y z w.
 ROOT_JOINT = "root_joint"
@@ -34,12 +34,7 @@ def read_srdf(path: Path, urdf: Urdf) -> tuple[Posture, ...]:
     Raises:
         RobotFileError: no XML, an unknown joint or link, a joint missing, twice or without finite value.
     """
-    try:
-        root = ElementTree.fromstring(path.read_bytes())
-    except OSError as error:
-        raise RobotFileError(f"{path}: cannot be read: {error.strerror}") from error
-    except ElementTree.ParseError as error:
-        raise RobotFileError(f"{path}: is not valid XML: {error}") from error
+    root, _ = read_xml(path)
     try:
         _check_links(root, urdf)
         postures = tuple(_posture(state, urdf) for state in root.findall("group_state"))

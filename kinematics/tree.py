@@ -14,6 +14,7 @@ import numpy as np
 
 from kinematics.arrays import Float, read_only
 from kinematics.exceptions import RobotFileError, unknown_name
+from kinematics.pinocchio_model import build_model
 from kinematics.robot_toml import LegConfig, RobotToml
 from kinematics.urdf import Link, Urdf
 
@@ -31,10 +32,16 @@ class KinematicTree:
         lower_limits, upper_limits: (n,) [rad], in the order of `joint_names`.
         pinocchio_model: Pinocchio's model; take it as read-only.
         velocity_indices: (n,) columns of Pinocchio's Jacobians, in the order of `joint_names`.
+        nominal: (n,) a posture in which the robot stands, in the order of `joint_names`: so the knees bend.
     """
 
-    def __init__(self, urdf: Urdf, config: RobotToml) -> None:
+    def __init__(self, urdf: Urdf, config: RobotToml, nominal: Mapping[str, float] | None = None) -> None:
         """Build Pinocchio's model and the maps from names to its indices.
+
+        Args:
+            urdf: what the file says.
+            config: what robot.toml says.
+            nominal: joint name -> position [rad] of a posture; None = the middle between the limits.
 
         Raises:
             RobotFileError: Pinocchio refuses the URDF, or robot.toml names links or joints that it does not
@@ -52,8 +59,10 @@ class KinematicTree:
         self.joint_names = (*leg_joints, *(name for name in moving if name not in leg_joints))
         self.lower_limits = read_only([moving[name].lower for name in self.joint_names])
         self.upper_limits = read_only([moving[name].upper for name in self.joint_names])
+        middle = (self.lower_limits + self.upper_limits) / 2.0
+        self.nominal = middle if nominal is None else read_only([nominal[name] for name in self.joint_names])
         try:
-            self.pinocchio_model: Any = pinocchio.buildModelFromXML(urdf.text, pinocchio.JointModelFreeFlyer())
+            self.pinocchio_model: Any = build_model(urdf)
         except (ValueError, RuntimeError) as error:
             raise RobotFileError(f"{urdf.path}: Pinocchio refuses it: {error}") from error
         joints = [self.pinocchio_model.joints[self.pinocchio_model.getJointId(name)] for name in self.joint_names]

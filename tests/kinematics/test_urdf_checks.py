@@ -1,27 +1,23 @@
 """Every fault that some reader of URDF passes over in silence is refused, by name."""
 
+import re
 import shutil
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from kinematics import RobotFileError, RobotModel, load_robot
-from kinematics.urdf import read_urdf, rotation_from_rpy
+from kinematics import RobotFileError, RobotFileWarning, RobotModel, load_robot
+from kinematics.read_urdf import read_urdf
+from kinematics.urdf import rotation_from_rpy
 
 FAULTS = {
     "negative mass": ('<mass value="0.45"/>', '<mass value="-0.45"/>', "link 'lf_thigh_link': mass is -0.45 kg"),
-    "zero mass": (
-        '<mass value="0.45"/>',
-        '<mass value="0"/>',
-        "link 'lf_thigh_link': mass is 0 kg; it must be positive",
-    ),
     "no mass": ('<mass value="0.45"/>', "", "link 'lf_thigh_link': <mass> is missing"),
-    "triangle inequality": ('iyy="0.453125"', 'iyy="0.95"', "link 'base_link': principal moments of inertia"),
-    "negative inertia": ('ixx="0.203125"', 'ixx="-0.2"', "link 'base_link': principal moments of inertia"),
     "zero axis": ('<axis xyz="1 0 0"/>', '<axis xyz="0 0 0"/>', "joint 'lf_haa_joint': the axis is zero"),
     "axis of length 2": (
         '<axis xyz="1 0 0"/>',
@@ -88,25 +84,28 @@ FAULTS = {
     "NaN": ('xyz="0.400 0 0.140"', 'xyz="nan 0 0.140"', "needed: 3 finite numbers parted by spaces"),
     "unsupported type": (
         'name="lf_haa_joint" type="revolute"',
-        'name="lf_haa_joint" type="continuous"',
-        "joint 'lf_haa_joint': type 'continuous'",
+        'name="lf_haa_joint" type="planar"',
+        "joint 'lf_haa_joint': type 'planar' is not supported; use fixed, revolute, continuous or prismatic",
     ),
-    "mesh": ('<box size="0.60 0.40 0.05"/>', '<mesh filename="a.stl"/>', "element <mesh> is not allowed in <geometry>"),
+    "element <shape> in <geometry>": (
+        '<box size="0.60 0.40 0.05"/></geometry>\n    </collision>',
+        "<superquadric/></geometry>\n    </collision>",
+        "link 'base_link': <geometry> of <collision> holds 0 shapes",
+    ),
+    "legs no mirror images: length": (
+        '<origin xyz="0 0 -0.150" rpy="0 0 0"/>',
+        '<origin xyz="0 0 -0.151" rpy="0 0 0"/>',
+        "legs 'lf' and 'rf' are no mirror images: from joint to joint they measure",
+    ),
+    "entities": (
+        '<robot name="guara">',
+        '<!DOCTYPE r [<!ENTITY a "b">]><robot name="guara">',
+        "entity 'a' is defined; entities are not read",
+    ),
     "flat box": (
         '<box size="0.60 0.40 0.05"/></geometry>\n    </collision>',
         '<box size="0.60 0.40 0"/></geometry>\n    </collision>',
         "link 'base_link': size of <box>",
-    ),
-    "moving link without inertia": (
-        """<link name="lf_hip_link">
-    <inertial>
-      <origin xyz="0 0 0" rpy="0 0 0"/>
-      <mass value="0.3"/>
-      <inertia ixx="0.00018" ixy="0" ixz="0" iyy="0.00018" iyz="0" izz="0.00018"/>
-    </inertial>
-  </link>""",
-        '<link name="lf_hip_link"/>',
-        "link 'lf_hip_link': moves, but has no <inertial>",
     ),
     "a circle": (
         '<parent link="base_link"/>\n    <child link="camera_link"/>',
@@ -125,16 +124,6 @@ FAULTS = {
         'lower="-1.5" upper="1.0"',
         "are no mirror images: axis",
     ),
-    "legs no mirror images: mass": (
-        '<mass value="0.45"/>',
-        '<mass value="0.46"/>',
-        "are no mirror images: mass or inertia",
-    ),
-    "legs no mirror images: shape": (
-        '<box size="0.035 0.035 0.15"/></geometry>\n    </collision>',
-        '<box size="0.036 0.035 0.15"/></geometry>\n    </collision>',
-        "are no mirror images: collision shapes",
-    ),
     "sole larger than the foot": (
         '<box size="0.08 0.06 0.02"/></geometry>\n    </collision>',
         '<box size="0.07 0.06 0.02"/></geometry>\n    </collision>',
@@ -152,6 +141,105 @@ def test_fault_is_refused_by_name(fault: str, broken_folder: Callable[..., Path]
         load_robot(broken_folder("urdf/guara.urdf", old, new))
     assert message in str(caught.value)
     assert "guara.urdf" in str(caught.value) or "robot.toml" in str(caught.value)
+
+
+NOT_USED = {
+    "zero mass": ('<mass value="0.45"/>', '<mass value="0"/>', None),
+    "inertia of no body": ('iyy="0.453125"', 'iyy="0.95"', "<inertia> that belongs to no body"),
+    "negative inertia": ('ixx="0.203125"', 'ixx="-0.2"', "<inertia> that belongs to no body"),
+    "inertia missing": (
+        '<inertia ixx="0.203125" ixy="0" ixz="0" iyy="0.453125" iyz="0" izz="0.65"/>',
+        "",
+        None,
+    ),
+    "masses that differ from side to side": ('<mass value="0.45"/>', '<mass value="0.46"/>', None),
+    "shapes that differ from side to side": (
+        '<box size="0.035 0.035 0.15"/></geometry>\n    </collision>',
+        '<box size="0.036 0.035 0.15"/></geometry>\n    </collision>',
+        None,
+    ),
+    "mesh as visual": ('<box size="0.60 0.40 0.05"/>', '<mesh filename="package://a/b.stl"/>', None),
+    "a mesh that is not there": (
+        '<box size="0.60 0.40 0.05"/></geometry>\n    </collision>',
+        '<mesh filename="package://a/b.stl"/></geometry>\n    </collision>',
+        "link 'base_link' is left without its shape, the self-filter does not know it: the mesh 'package://a/b.stl'",
+    ),
+    "tags of a vendor": (
+        '<link name="imu_link"/>',
+        '<link name="imu_link"><contact><stiffness value="1"/></contact><self_filter/></link>',
+        "element <contact> in <link>; element <self_filter> in <link>",
+    ),
+    "attributes of a vendor": (
+        'effort="40" velocity="2"',
+        'effort="40" velocity="2" current="9"',
+        "attribute 'current'",
+    ),
+    "a link without inertia moves": (
+        """<link name="lf_hip_link">
+    <inertial>
+      <origin xyz="0 0 0" rpy="0 0 0"/>
+      <mass value="0.3"/>
+      <inertia ixx="0.00018" ixy="0" ixz="0" iyy="0.00018" iyz="0" izz="0.00018"/>
+    </inertial>
+  </link>""",
+        '<link name="lf_hip_link"/>',
+        None,
+    ),
+    "effort missing": ('upper="0.6" effort="40" velocity="2"', 'upper="0.6"', None),
+}
+
+
+@pytest.mark.parametrize("case", NOT_USED)
+def test_what_is_not_used_is_passed_over_and_named(
+    case: str, broken_folder: Callable[..., Path], guara: RobotModel
+) -> None:
+    """It loads, with one warning that names what is no URDF or no body, and stands where it stood."""
+    old, new, message = NOT_USED[case]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        robot = load_robot(broken_folder("urdf/guara.urdf", old, new))
+    told = [str(warning.message) for warning in caught if issubclass(warning.category, RobotFileWarning)]
+    assert len(told) == (message is not None) and all(str(message) in text for text in told)
+    for leg in robot.legs:
+        ours = robot.state(robot.posture("scan")).soles_in_base([leg])
+        np.testing.assert_array_equal(ours, guara.state(guara.posture("scan")).soles_in_base([leg]))
+
+
+def test_all_findings_come_at_once_with_their_lines(broken_folder: Callable[..., Path]) -> None:
+    """Three faults in one file: three findings, in the order of the file, each with its line."""
+    folder = broken_folder("robot.toml", "name", "name")
+    path = folder / "urdf" / "guara.urdf"
+    text = path.read_text().replace('xyz="0.400 0 0.140"', 'xyz="0.400, 0, 0.140"')
+    text = text.replace('lower="-0.6" upper="0.6"', 'upper="0.6"', 1).replace("<axis xyz", "<axes xyz", 1)
+    path.write_text(text)
+    with pytest.raises(RobotFileError) as caught:
+        load_robot(folder)
+    findings = caught.value.findings
+    assert len(findings) == 3 and str(caught.value).startswith("3 findings: (1) ")
+    lines = [int(re.match(rf"{re.escape(str(path))}:(\d+): ", finding)[1]) for finding in findings]  # type: ignore[index]
+    assert lines == sorted(lines)
+    for line, word in zip(lines, ("0.400, 0, 0.140", "<axes", "<limit"), strict=True):
+        assert word in text.splitlines()[line - 1]
+
+
+def test_a_continuous_joint_turns_either_way(broken_folder: Callable[..., Path], guara: RobotModel) -> None:
+    """Continuous hips load as joints of one angle from -pi to pi, and stand where revolute ones do."""
+    path = broken_folder("robot.toml", "name", "name") / "urdf" / "guara.urdf"
+    text = re.sub(r'(_haa_joint") type="revolute"', r'\1 type="continuous"', path.read_text())
+    path.write_text(text.replace('<limit lower="-0.6" upper="0.6" effort="40" velocity="2"/>', ""))
+    robot = load_robot(path.parent.parent)
+    index = robot.joint_names.index("lf_haa_joint")
+    assert (robot.tree.lower_limits[index], robot.tree.upper_limits[index]) == (-np.pi, np.pi)
+    posture = {**robot.posture("scan"), "lf_haa_joint": 0.3}
+    np.testing.assert_array_equal(robot.state(posture).soles_in_base(), guara.state(posture).soles_in_base())
+
+
+def test_a_file_of_a_size_that_no_robot_has_is_refused(broken_folder: Callable[..., Path]) -> None:
+    """Sixteen megabytes and more are not read."""
+    path = broken_folder("robot.toml", "name", "name") / "urdf" / "guara.urdf"
+    path.write_text(path.read_text() + " " * 17 * 1024 * 1024)
+    with pytest.raises(RobotFileError, match="at most 16777216 are read"):
+        load_robot(path.parent.parent)
 
 
 def test_check_urdf_agrees(robot: RobotModel) -> None:

@@ -1,0 +1,149 @@
+"""Collision meshes: where their file lies, and the simplest shape that holds all of them.
+
+A mesh is taken as the smallest of an upright box, cylinder or sphere that contains its convex hull: never smaller than
+the mesh, so what lies on the robot is never taken for terrain. It is read by coal (Assimp), which comes with Pinocchio.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kinematics.arrays import Float
+from kinematics.exceptions import RobotFileError
+
+# [byte] A mesh file above this is not opened.
+LARGEST_MESH = 256 * 1024 * 1024
+
+# So many of the hull's largest faces are tried as the bottom of the box.
+DIRECTIONS = 80
+
+
+def find_mesh(filename: str, urdf: Path) -> Path:
+    """The file that a `<mesh filename>` names.
+
+    `package://NAME/rest` is looked for in every folder NAME that the URDF lies in or beside, and in the folders of
+    ROS_PACKAGE_PATH and AMENT_PREFIX_PATH; a relative name from the URDF's own folder.
+
+    Raises:
+        RobotFileError: no such file; the message says where it was looked for.
+    """
+    places = list(_places(filename, urdf.resolve()))
+    for place in places:
+        if place.is_file():
+            return place
+    looked = ", ".join(dict.fromkeys(str(place) for place in places[:4]))
+    raise RobotFileError(f"the mesh {filename!r} is not there (looked for {looked})")
+
+
+def _places(filename: str, urdf: Path) -> Iterator[Path]:
+    if filename.startswith("package://"):
+        package, _, rest = filename.removeprefix("package://").partition("/")
+        for folder in urdf.parents:
+            if folder.name == package:
+                yield folder / rest
+            yield folder / package / rest
+        for entry in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep):
+            if entry:
+                yield Path(entry) / package / rest
+                if Path(entry).name == package:
+                    yield Path(entry) / rest
+        for entry in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+            if entry:
+                yield Path(entry) / "share" / package / rest
+        return
+    plain = filename.removeprefix("file://")
+    yield urdf.parent / plain
+
+
+def read_mesh(path: Path, scale: tuple[float, ...]) -> Float:
+    """Vertices (n, 3) of a mesh file (STL, OBJ, Collada and what else Assimp reads), scaled [m].
+
+    Raises:
+        RobotFileError: the file cannot be read, or holds fewer than four points or no volume.
+    """
+    import coal
+
+    if path.stat().st_size > LARGEST_MESH:
+        raise RobotFileError(f"the mesh {path} has {path.stat().st_size} bytes; at most {LARGEST_MESH} are read")
+    try:
+        model: Any = coal.MeshLoader().load(str(path), np.asarray(scale, dtype=np.float64))
+        vertices = np.array(model.vertices(), dtype=np.float64)
+    except (ValueError, RuntimeError, AttributeError) as error:
+        reason = str(error).strip().splitlines()
+        raise RobotFileError(f"the mesh {path} cannot be read: {reason[-1] if reason else error}") from error
+    if vertices.ndim != 2 or len(vertices) < 4 or not np.all(np.isfinite(vertices)):
+        raise RobotFileError(f"the mesh {path} holds {len(vertices)} finite points; four or more are needed")
+    return vertices
+
+
+@lru_cache(maxsize=256)
+def mesh_shape(path: Path, scale: tuple[float, ...], stamp: int) -> tuple[str, tuple[float, ...], Float]:
+    """`bounding_shape` of a mesh file, kept while the file's time `stamp` [ns] stays: legs share meshes."""
+    return bounding_shape(read_mesh(path, scale))
+
+
+def bounding_shape(vertices: Float) -> tuple[str, tuple[float, ...], Float]:
+    """The smallest box, cylinder or sphere, of those tried, that contains points (n, 3).
+
+    Returns:
+        kind ("box", "cylinder" or "sphere"), its size as of `Shape`, and transform_shape_to_points (4, 4).
+
+    Raises:
+        RobotFileError: the points lie in one plane.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = ConvexHull(vertices)
+    except (QhullError, ValueError) as error:
+        raise RobotFileError("the points of the mesh lie in one plane: no shape of a body") from error
+    points = vertices[hull.vertices]
+    best: tuple[float, str, tuple[float, ...], Float] | None = None
+    for rotation in _rotations(points, hull):
+        local = points @ rotation
+        low, high = local.min(axis=0), local.max(axis=0)
+        middle, length = (low + high) / 2.0, high - low
+        transform = np.eye(4)
+        transform[:3, :3], transform[:3, 3] = rotation, rotation @ middle
+        tried = [(float(np.prod(length)), "box", tuple(length.tolist()), transform)]
+        for axis in range(3):
+            across = np.delete(np.arange(3), axis)
+            radius = float(np.linalg.norm((local - middle)[:, across], axis=1).max())
+            turned = transform.copy()
+            turned[:3, :3] = rotation[:, [*np.roll(np.arange(3), -axis - 1)]]
+            tried.append((np.pi * radius**2 * float(length[axis]), "cylinder", (radius, float(length[axis])), turned))
+        for candidate in tried:
+            if best is None or candidate[0] < best[0] * (1.0 - 1e-9):
+                best = candidate
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
+    radius = float(np.linalg.norm(points - middle, axis=1).max())
+    if best is None or 4.0 / 3.0 * np.pi * radius**3 < best[0]:
+        transform = np.eye(4)
+        transform[:3, 3] = middle
+        return "sphere", (radius,), transform
+    return best[1:]
+
+
+def _rotations(points: Float, hull: Any) -> Iterator[Float]:
+    """Frames (3, 3) in which to try a box: the file's own, the principal axes, one on each of the largest faces."""
+    yield np.eye(3)
+    axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2].T
+    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+    yield axes
+    corners = hull.points[hull.simplices]
+    edges = corners[:, 1] - corners[:, 0]
+    areas = np.linalg.norm(np.cross(edges, corners[:, 2] - corners[:, 0]), axis=1)
+    for face in np.argsort(-areas)[:DIRECTIONS]:
+        normal = hull.equations[face, :3]
+        along = edges[face] / max(float(np.linalg.norm(edges[face])), 1e-12)
+        along = along - (along @ normal) * normal
+        size = float(np.linalg.norm(along))
+        if size > 1e-6:
+            along /= size
+            yield np.column_stack([along, np.cross(normal, along), normal])

@@ -1,0 +1,219 @@
+"""Reads a URDF file: what places a robot's joints and shapes is checked, what does not is passed over and named.
+
+All that is wrong is told at once, each with its line. Visuals, tags of vendors, and the inertia of links say nothing
+about where the robot is; masses only matter for its balance, so links without one are taken as weightless.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from kinematics.arrays import Float
+from kinematics.exceptions import RobotFileError
+from kinematics.findings import Findings
+from kinematics.mesh import find_mesh, mesh_shape
+from kinematics.urdf import Joint, Link, Shape, Urdf, rotation_from_rpy
+from kinematics.urdf_words import check_words
+from kinematics.xml_file import Element, parse_xml, read_xml
+
+Numbers = tuple[float, ...]
+
+# Of the largest moment: figures rounded to seven digits
+TRIANGLE_TOLERANCE = 1e-6
+
+
+def read_urdf(path: Path, text: str | None = None) -> Urdf:
+    """Read a URDF file.
+
+    Args:
+        path: the file.
+        text: what the file holds, where it has been read already.
+
+    Raises:
+        RobotFileError: the file is missing or no XML, or elements or values that are used are wrong; the message names
+            each with its line and what is allowed.
+    """
+    if text is None:
+        root, text = read_xml(path)
+    else:
+        root = parse_xml(text, path)
+    if root.tag != "robot":
+        raise RobotFileError(f"{path}: the outermost element is <{root.tag}>, not <robot>")
+    reader = _Reader(path)
+    check_words(root, "robot", reader.findings)
+    links = tuple(reader.link(element) for element in root.findall("link"))  # type: ignore[arg-type]
+    joints = tuple(reader.joint(element) for element in root.findall("joint"))  # type: ignore[arg-type]
+    reader.findings.refuse()
+    return Urdf(path, root.get("name", ""), links, joints, text, reader.findings.notes)
+
+
+class _Reader:
+    """Reads the elements of one file; a value that is wrong becomes a finding, and a harmless one stands in for it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.findings = Findings(path)
+
+    def _only(self, element: Element, tag: str, place: str, *, needed: bool = False) -> Element | None:
+        found = element.findall(tag)
+        if len(found) > 1:
+            self.findings.wrong(f"{place}: <{tag}> is given {len(found)} times; once is allowed", element.line)
+        elif not found and needed:
+            self.findings.wrong(f"{place}: <{tag}> is missing", element.line)
+        return found[0] if found else None  # type: ignore[return-value]
+
+    def _text(self, element: Element | None, name: str, place: str) -> str:
+        if element is None:
+            return ""
+        value = element.get(name)
+        if value is None:
+            self.findings.wrong(f"{place}: <{element.tag}> has no attribute {name!r}", element.line)
+        return value or ""
+
+    def _numbers(self, text: str, default: tuple[float, ...], what: str, place: str, line: int) -> tuple[float, ...]:
+        try:
+            numbers = tuple(float(word) for word in text.split())
+        except ValueError:
+            numbers = ()
+        if len(numbers) == len(default) and all(math.isfinite(number) for number in numbers):
+            return numbers
+        count = len(default)
+        self.findings.wrong(
+            f"{place}: {what} is {text!r}; needed: {count} finite number{'s' * (count > 1)} parted by spaces", line
+        )
+        return default
+
+    def _attribute(
+        self, element: Element | None, name: str, default: tuple[float, ...], place: str
+    ) -> tuple[float, ...]:
+        """Numbers of an attribute that must be there."""
+        if element is None:
+            return default
+        if element.get(name) is None:
+            self._text(element, name, place)
+            return default
+        return self._numbers(str(element.get(name)), default, f"{name} of <{element.tag}>", place, element.line)
+
+    def _origin(self, element: Element, place: str) -> Float:
+        origin = self._only(element, "origin", place)
+        transform = np.eye(4)
+        if origin is not None:
+            zero = (0.0, 0.0, 0.0)
+            for name in ("xyz", "rpy"):
+                if origin.get(name) is None:
+                    continue
+                numbers = self._attribute(origin, name, zero, place)
+                if name == "xyz":
+                    transform[:3, 3] = numbers
+                else:
+                    transform[:3, :3] = rotation_from_rpy(*numbers)
+        transform.setflags(write=False)
+        return transform
+
+    def link(self, element: Element) -> Link:
+        """One link."""
+        name = element.get("name", "")
+        place = f"link {name!r}"
+        if not name:
+            self.findings.wrong("a <link> has no name", element.line)
+        check_words(element, place, self.findings)
+        inertial = self._only(element, "inertial", place)
+        mass, centre, inertia = None, np.zeros(3), np.zeros((3, 3))
+        if inertial is not None:
+            (mass,) = self._attribute(self._only(inertial, "mass", place, needed=True), "value", (0.0,), place)
+            if mass < 0.0:
+                self.findings.wrong(f"{place}: mass is {mass:g} kg; it must not be negative", inertial.line)
+            transform = self._origin(inertial, place)
+            centre, inertia = transform[:3, 3].copy(), self._inertia(inertial, transform, mass)
+        shapes = tuple(shape for found in element.findall("collision") if (shape := self._shape(found, place)))  # type: ignore[arg-type]
+        return Link(name, mass, centre, inertia, shapes, element.line)
+
+    def _inertia(self, inertial: Element, transform: Float, mass: float) -> Float:
+        """Inertia (3, 3) about the centre of mass; zero, with a note, where it is missing or belongs to no body."""
+        moments = inertial.find("inertia")
+        if moments is None:
+            return np.zeros((3, 3))
+        try:
+            xx, xy, xz, yy, yz, zz = (float(moments.get(k, "")) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+            tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            principal = np.linalg.eigvalsh(tensor)
+        except (ValueError, np.linalg.LinAlgError):
+            principal = np.full(3, -1.0)
+        is_possible = principal[0] > 0.0 and principal[0] + principal[1] >= principal[2] * (1.0 - TRIANGLE_TOLERANCE)
+        if not is_possible:
+            if mass > 0.0:
+                self.findings.unused("<inertia> that belongs to no body")
+            return np.zeros((3, 3))
+        return np.asarray(transform[:3, :3] @ tensor @ transform[:3, :3].T)
+
+    def _shape(self, collision: Element, place: str) -> Shape | None:
+        geometry = self._only(collision, "geometry", place, needed=True)
+        if geometry is None:
+            return None
+        known = [child for child in geometry if child.tag in ("box", "cylinder", "sphere", "capsule", "mesh")]
+        if len(known) != 1:
+            count = len(known)
+            self.findings.wrong(
+                f"{place}: <geometry> of <collision> holds {count} shapes; exactly one is needed", geometry.line
+            )
+            return None
+        shape, transform = known[0], self._origin(collision, place)
+        assert isinstance(shape, Element)
+        if shape.tag == "mesh":
+            return self._mesh(shape, transform, place)
+        if shape.tag == "box":
+            size = self._attribute(shape, "size", (1.0, 1.0, 1.0), place)
+        elif shape.tag == "sphere":
+            size = self._attribute(shape, "radius", (1.0,), place)
+        else:
+            size = self._attribute(shape, "radius", (1.0,), place) + self._attribute(shape, "length", (1.0,), place)
+        if min(size) <= 0.0:
+            self.findings.wrong(f"{place}: size of <{shape.tag}> is {size}; every length must be positive", shape.line)
+            return None
+        if shape.tag == "capsule":
+            # Its round ends are held by a cylinder that is longer by both.
+            return Shape("cylinder", (size[0], size[1] + 2.0 * size[0]), transform)
+        return Shape(shape.tag, size, transform)
+
+    def _mesh(self, mesh: Element, transform: Float, place: str) -> Shape | None:
+        name = self._text(mesh, "filename", place)
+        scale: Numbers = (1.0, 1.0, 1.0)
+        if mesh.get("scale") is not None:
+            scale = self._attribute(mesh, "scale", scale, place)
+        try:
+            path = find_mesh(name, self.path)
+            kind, size, placed = mesh_shape(path, scale, path.stat().st_mtime_ns)
+        except RobotFileError as error:
+            self.findings.unused(f"{place} is left without its shape, the self-filter does not know it: {error}")
+            return None
+        return Shape(kind, size, np.asarray(transform @ placed))
+
+    def joint(self, element: Element) -> Joint:
+        """One joint."""
+        name = element.get("name", "")
+        place = f"joint {name!r}"
+        if not name:
+            self.findings.wrong("a <joint> has no name", element.line)
+        check_words(element, place, self.findings)
+        kind = self._text(element, "type", place)
+        if kind not in ("fixed", "revolute", "prismatic", "continuous", ""):
+            self.findings.wrong(
+                f"{place}: type {kind!r} is not supported; use fixed, revolute, continuous or prismatic", element.line
+            )
+        parent = self._text(self._only(element, "parent", place, needed=True), "link", place)
+        child = self._text(self._only(element, "child", place, needed=True), "link", place)
+        axis, lower, upper = np.array([1.0, 0.0, 0.0]), 0.0, 0.0
+        if kind != "fixed":
+            lower, upper = -math.pi, math.pi
+            given = self._only(element, "axis", place)
+            if given is not None:
+                axis = np.array(self._attribute(given, "xyz", (1.0, 0.0, 0.0), place))
+            if kind != "continuous":
+                limit = self._only(element, "limit", place, needed=True)
+                (lower,) = self._attribute(limit, "lower", (lower,), place)
+                (upper,) = self._attribute(limit, "upper", (upper,), place)
+        kind = kind if kind in ("fixed", "prismatic") else "revolute"
+        return Joint(name, kind, parent, child, self._origin(element, place), axis, lower, upper, element.line)
