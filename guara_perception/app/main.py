@@ -27,6 +27,7 @@ COMMANDS = {
         "run",
         "scan",
         "security",
+        "targets",
         "view",
     )
 }

@@ -1,0 +1,47 @@
+"""`guara targets`: what a calibration looks at, to print."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from guara_perception.exceptions import InvalidInput
+
+
+@click.command(name="targets")
+@click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="PDF to write")
+@click.option("--robot", default="guara", show_default=True, help="name or folder of the robot that stands on the mat")
+@click.option("--paper", type=click.Choice(["a4", "letter", "a3"]), default="a4", show_default=True)
+@click.option("--board", default="9x7", show_default=True, help="inner corners of the checkerboard, COLUMNSxROWS")
+@click.option("--square", type=float, default=0.030, show_default=True, help="edge of its squares [m]")
+@click.option("--plates", default="0,0.04,0.08", show_default=True, help="nominal heights of the plates [m]")
+def command(out: Path, robot: str, paper: str, board: str, square: float, plates: str) -> None:
+    """Print to scale what a calibration looks at: ruler, checkerboard, crosses, floor mat, labels of plates.
+
+    Larger drawings go over several pages with joining marks. Print at 100 %, and check the ruler.
+
+    \b
+    Example:
+      guara targets -o targets.pdf --paper a3
+    """
+    from guara_perception.app.targets.drawings import cross_points
+    from guara_perception.app.targets.write import write_targets
+    from guara_perception.calibration.board import BoardSpec
+    from kinematics import load_robot
+
+    columns, between, rows = board.partition("x")
+    if not (between and columns.isdigit() and rows.isdigit()):
+        raise InvalidInput(f"--board is {board!r}, it must be COLUMNSxROWS of inner corners, such as 9x7")
+    try:
+        heights = tuple(float(height) for height in plates.split(","))
+    except ValueError:
+        raise InvalidInput(f"--plates is {plates!r}, it must be heights in metres with commas between") from None
+    model = load_robot(robot)
+    spec = BoardSpec(int(columns), int(rows), square)
+    pages = write_targets(out, model, board=spec, paper=paper, plates=heights)
+    for title in dict.fromkeys(page.sheet.title for page in pages):
+        count = sum(page.sheet.title == title for page in pages)
+        click.echo(f"{title}: {count} page{'s' if count > 1 else ''}")
+    crosses = ", ".join(f"({x:.3f}, {y:.3f})" for x, y in cross_points(model))
+    click.echo(f"{out}: {len(pages)} pages; the crosses belong to {crosses} m in base_footprint")

@@ -1,0 +1,177 @@
+"""The drawings of a calibration: checkerboard, crosses to cut out, floor mat, labels and ruler."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from guara_perception.app.targets.sheet import Sheet
+from guara_perception.arrays import Float
+from guara_perception.calibration.board import BoardSpec
+from guara_perception.calibration.crosses import ARM_M, BAR_M
+from guara_perception.settings import Settings
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from kinematics import RobotModel
+
+# The detectors want white around the board; a third of a square is enough and keeps 300 mm boards on A3.
+QUIET_OF_SQUARE: Final = 0.33
+# Crosses stand this far inside the corners of the scanned area, where plates do not hide what is measured.
+CROSS_INSET_M: Final = 0.020
+MAT_BORDER_M: Final = 0.030
+INK: Final = "black"
+GUIDE: Final = "#888888"
+
+
+def cross_points(robot: RobotModel) -> Float:
+    """Where the crosses belong, (4, 2) in base_footprint [m]: near the corners of the scanned area."""
+    settings = Settings.of(robot)
+    (x0, x1), (y0, y1) = settings.footprint_x, settings.footprint_y
+    inset = CROSS_INSET_M
+    return np.array(
+        [[x0 + inset, y1 - inset], [x0 + inset, y0 + inset], [x1 - inset, y0 + inset], [x1 - inset, y1 - inset]]
+    )
+
+
+def checkerboard(board: BoardSpec) -> Sheet:
+    """The board, its squares in black and white with a white border."""
+    square = 1e3 * board.square
+    quiet = QUIET_OF_SQUARE * square
+    columns, rows = board.columns + 1, board.rows + 1
+
+    def draw(axes: Axes) -> None:
+        for row in range(rows):
+            for column in range(row % 2, columns, 2):
+                _rectangle(axes, quiet + column * square, quiet + row * square, square, square)
+
+    size = f"{board.columns} x {board.rows} inner corners of {square:g} mm"
+    return Sheet(f"Checkerboard, {size}", columns * square + 2 * quiet, rows * square + 2 * quiet, draw)
+
+
+def crosses() -> Sheet:
+    """Four crosses to cut out, each with a thin frame and centre lines to lay it on a measured point."""
+    cell = 60.0
+
+    def draw(axes: Axes) -> None:
+        for column in range(2):
+            for row in range(2):
+                x, y = (column + 0.5) * cell, (row + 0.5) * cell
+                _cross(axes, x, y)
+                for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+                    inner, outer = 1e3 * ARM_M + 6, cell / 2
+                    _line(axes, x + dx * inner, y + dy * inner, x + dx * outer, y + dy * outer)
+                _frame(axes, column * cell, row * cell, cell, cell)
+
+    arm, bar = 2e3 * ARM_M, 2e3 * BAR_M
+    return Sheet(f"Crosses, {arm:g} mm from tip to tip, bars {bar:g} mm wide", 2 * cell, 2 * cell, draw)
+
+
+def mat(robot: RobotModel) -> Sheet:
+    """The floor below the robot in its scan posture: soles in outline, crosses where they belong; x up, y to the left.
+
+    The robot is set on the outlines, so that the crosses lie where `cross_points` says.
+    """
+    from kinematics import Stance
+
+    posture = robot.posture(robot.config.scan_posture)
+    pose = robot.stance_pose(Stance(posture, robot.legs, None))
+    soles = pose.soles_in_footprint[:, :2]
+    points = cross_points(robot)
+    length, width = robot.sole
+    low = np.minimum(points.min(axis=0), soles.min(axis=0) - np.array([length, width]) / 2) - MAT_BORDER_M
+    high = np.maximum(points.max(axis=0), soles.max(axis=0) + np.array([length, width]) / 2) + MAT_BORDER_M
+
+    def on_paper(point: Float) -> tuple[float, float]:
+        return float(1e3 * (high[1] - point[1])), float(1e3 * (point[0] - low[0]))
+
+    def draw(axes: Axes) -> None:
+        for leg, sole in zip(robot.legs, soles, strict=True):
+            x, y = on_paper(sole + np.array([-length, width]) / 2)
+            _frame(axes, x, y, 1e3 * width, 1e3 * length)
+            _centre_lines(axes, *on_paper(sole), 1e3 * width, 1e3 * length)
+            axes.text(*on_paper(sole + np.array([length / 2 + 0.004, 0])), f"{leg}, toes up", ha="center", fontsize=7)
+        for point in points:
+            _cross(axes, *on_paper(point))
+            label = f"({point[0]:.3f}, {point[1]:.3f}) m"
+            axes.text(*on_paper(point - np.array([ARM_M + 0.010, 0])), label, ha="center", va="top", fontsize=6)
+        origin = on_paper(np.zeros(2))
+        _centre_lines(axes, *origin, 40, 40)
+        axes.text(origin[0] + 3, origin[1] + 3, "base_footprint", fontsize=6, color=GUIDE)
+
+    size = 1e3 * (high - low)
+    return Sheet(f"Mat of {robot.name} in its scan posture, x up, y to the left", float(size[1]), float(size[0]), draw)
+
+
+def labels(heights: tuple[float, ...]) -> Sheet:
+    """A label per plate, with room for the height that was measured."""
+    width, height = 90.0, 30.0
+
+    def draw(axes: Axes) -> None:
+        for row, nominal in enumerate(heights):
+            y = (len(heights) - 1 - row) * height
+            _frame(axes, 0, y, width, height)
+            axes.text(4, y + 20, f"plate, nominal {1e3 * nominal:g} mm", fontsize=11)
+            axes.text(4, y + 8, "measured above the floor: ............ mm", fontsize=9)
+
+    return Sheet("Labels of the plates: measure each with a caliper", width, height * len(heights), draw)
+
+
+def ruler() -> Sheet:
+    """Two rulers of 150 mm, along and across: what a caliper reads on them is the printer's scale."""
+    length = 150.0
+
+    def draw(axes: Axes) -> None:
+        for across in (False, True):
+            _tick(axes, across, 0, length, None)
+            for mark in range(0, int(length) + 1):
+                size = 8.0 if mark % 10 == 0 else 5.0 if mark % 5 == 0 else 3.0
+                _tick(axes, across, mark, size, f"{mark}" if mark % 10 == 0 else None)
+        axes.text(60, 90, "Measure 0 to 150 mm on both rulers.", fontsize=9)
+        axes.text(60, 80, "If either is not 150.0 mm, give its reading to", fontsize=9)
+        axes.text(60, 73, "`guara record --printed-150 READING`.", fontsize=9)
+
+    return Sheet("Ruler", length + 12, length + 12, draw)
+
+
+def _tick(axes: Axes, across: bool, mark: float, size: float, text: str | None) -> None:
+    """A tick of a ruler; the first call of each draws its edge instead (`size` long)."""
+    offset = 6.0
+    if size > 10:
+        ends = ((offset, offset), (offset + size, offset)) if across else ((offset, offset), (offset, offset + size))
+    else:
+        ends = ((offset + mark, offset), (offset + mark, offset + size))
+        ends = ends if across else ((offset, offset + mark), (offset + size, offset + mark))
+    axes.plot([ends[0][0], ends[1][0]], [ends[0][1], ends[1][1]], color=INK, linewidth=0.3)
+    if text is not None:
+        place = (offset + mark, offset + size + 1) if across else (offset + size + 1, offset + mark)
+        axes.text(*place, text, fontsize=5, ha="center" if across else "left", va="bottom" if across else "center")
+
+
+def _cross(axes: Axes, x: float, y: float) -> None:
+    arm, bar = 1e3 * ARM_M, 1e3 * BAR_M
+    _rectangle(axes, x - arm, y - bar, 2 * arm, 2 * bar)
+    _rectangle(axes, x - bar, y - arm, 2 * bar, 2 * arm)
+
+
+def _rectangle(axes: Axes, x: float, y: float, width: float, height: float) -> None:
+    from matplotlib.patches import Rectangle
+
+    axes.add_patch(Rectangle((x, y), width, height, facecolor=INK, edgecolor="none", linewidth=0, antialiased=False))
+
+
+def _frame(axes: Axes, x: float, y: float, width: float, height: float) -> None:
+    from matplotlib.patches import Rectangle
+
+    axes.add_patch(Rectangle((x, y), width, height, fill=False, edgecolor=GUIDE, linewidth=0.4))
+
+
+def _line(axes: Axes, x0: float, y0: float, x1: float, y1: float) -> None:
+    axes.plot([x0, x1], [y0, y1], color=GUIDE, linewidth=0.3)
+
+
+def _centre_lines(axes: Axes, x: float, y: float, width: float, height: float) -> None:
+    _line(axes, x - width / 2, y, x + width / 2, y)
+    _line(axes, x, y - height / 2, x, y + height / 2)

@@ -1,0 +1,64 @@
+"""`write_targets`: all drawings of a calibration in one PDF, to scale."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from guara_perception.app.targets.drawings import checkerboard, crosses, labels, mat, ruler
+from guara_perception.app.targets.sheet import Page, figure_of, pages_of
+from guara_perception.calibration.board import BoardSpec
+from guara_perception.exceptions import InvalidInput
+from guara_perception.whole_file import whole_file
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+DEFAULT_BOARD = BoardSpec(columns=9, rows=7, square=0.030)
+DEFAULT_PLATES = (0.0, 0.040, 0.080)
+
+
+def write_targets(
+    path: str | Path,
+    robot: RobotModel,
+    *,
+    board: BoardSpec = DEFAULT_BOARD,
+    paper: str = "a4",
+    plates: tuple[float, ...] = DEFAULT_PLATES,
+) -> list[Page]:
+    """Write board, crosses, mat, labels and ruler to one PDF, whole or not at all.
+
+    Args:
+        path: ends in .pdf.
+        robot: whose soles and area the mat shows.
+        board: the checkerboard.
+        paper: "a4", "letter" or "a3".
+        plates: nominal heights for the labels [m].
+
+    Returns:
+        The pages, in order.
+
+    Raises:
+        InvalidInput: another ending or paper, or a board that no paper could carry.
+        MissingFile: the folder does not exist.
+    """
+    from matplotlib.backends.backend_pdf import PdfPages
+
+    if Path(path).suffix.lower() != ".pdf":
+        raise InvalidInput(f"{path}: it must end in .pdf")
+    if not (3 <= board.columns <= 40 and 3 <= board.rows <= 40 and 0.005 <= board.square <= 0.1):
+        raise InvalidInput(
+            f"board has {board.columns}x{board.rows} inner corners of {board.square:g} m; allowed: 3 ... 40 each way, "
+            f"squares of 0.005 ... 0.1 m"
+        )
+    if not 1 <= len(plates) <= 20:
+        raise InvalidInput(f"{len(plates)} plates, allowed: 1 ... 20")
+    sheets = [ruler(), checkerboard(board), crosses(), mat(robot), labels(plates)]
+    pages = [page for sheet in sheets for page in pages_of(sheet, paper)]
+    with whole_file(path) as temporary:
+        # No date inside: the same options give the same bytes.
+        metadata = {"Title": f"Calibration targets of {robot.name}", "CreationDate": None}
+        with PdfPages(temporary, metadata=metadata) as document:
+            for page in pages:
+                document.savefig(figure_of(page))
+    return pages

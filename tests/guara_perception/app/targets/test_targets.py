@@ -1,0 +1,142 @@
+"""`guara targets`: the PDF is opened and measured; everything on it has the size and place that it should have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pypdfium2
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.targets.drawings import checkerboard, cross_points, mat, ruler
+from guara_perception.app.targets.sheet import OVERLAP_MM, PAPERS_MM, pages_of
+from guara_perception.app.targets.write import write_targets
+from guara_perception.calibration.board import BoardSpec, find_board
+from guara_perception.calibration.crosses import ARM_M, BAR_M
+
+DOTS_PER_MM = 8.0
+
+
+@pytest.fixture(scope="module")
+def printed(robot, tmp_path_factory):
+    """The targets on A3: its pages, and each as grey pixels."""
+    path = tmp_path_factory.mktemp("targets") / "targets.pdf"
+    pages = write_targets(path, robot, paper="a3")
+    document = pypdfium2.PdfDocument(path)
+    assert len(document) == len(pages)
+    pictures = [np.asarray(page.render(scale=DOTS_PER_MM * 25.4 / 72, grayscale=True).to_numpy()) for page in document]
+    return pages, [picture.reshape(picture.shape[:2]) for picture in pictures]
+
+
+def sheet_position(page, picture, pixel):
+    """Where a pixel lies on the page's sheet [mm], from its bottom left."""
+    width, height = page.paper_mm
+    left, bottom = (width - page.size_mm[0]) / 2, (height - page.size_mm[1]) / 2
+    u, v = (np.asarray(pixel, float) + 0.5) / (picture.shape[1], picture.shape[0])
+    return np.array([u * width - left + page.corner_mm[0], (1 - v) * height - bottom + page.corner_mm[1]])
+
+
+def test_pages_have_the_size_of_the_paper(printed):
+    """Rendered at so many dots per millimetre, each page is A3 to a dot."""
+    for page, picture in zip(*printed, strict=True):
+        assert sorted(page.paper_mm) == sorted(PAPERS_MM["a3"])
+        assert np.allclose(picture.shape[::-1], np.array(page.paper_mm) * DOTS_PER_MM, atol=1.0)
+
+
+def test_board_is_found_and_its_squares_measure_30_mm(printed):
+    """The calibration's own detector finds it on one page; every square has its size to a fiftieth of a millimetre."""
+    (index,) = [i for i, page in enumerate(printed[0]) if page.sheet.title.startswith("Checkerboard")]
+    view = find_board(printed[1][index], BoardSpec(9, 7, 0.03))
+    assert view.is_usable, view.reason
+    corners = view.corners_px.reshape(7, 9, 2) / DOTS_PER_MM
+    for axis in (0, 1):
+        steps = np.linalg.norm(np.diff(corners, axis=axis), axis=2)
+        assert np.abs(steps - 30.0).max() < 0.05 and abs(steps.mean() - 30.0) < 0.02
+
+
+def test_crosses_of_the_mat_lie_where_they_are_said_to_lie(printed, robot):
+    """Ink at each cross: its centre to a tenth of a millimetre, arms and bars as the calibration expects them."""
+    found = []
+    for page, picture in zip(*printed, strict=True):
+        if not page.sheet.title.startswith("Mat"):
+            continue
+        count, _, stats, centres = cv2.connectedComponentsWithStats((picture < 60).astype(np.uint8))
+        for k in range(1, count):
+            if stats[k, cv2.CC_STAT_WIDTH] > 20 * DOTS_PER_MM:
+                assert np.allclose(stats[k, 2:4] / DOTS_PER_MM, 2e3 * ARM_M, atol=0.2)
+                area = 4e6 * ARM_M * BAR_M * 2 - (2e3 * BAR_M) ** 2
+                assert stats[k, cv2.CC_STAT_AREA] / DOTS_PER_MM**2 == pytest.approx(area, rel=0.03)
+                found.append(sheet_position(page, picture, centres[k]))
+    sheet = mat(robot)
+    points = cross_points(robot)
+    # x up and y to the left: distances between crosses are those in base_footprint.
+    expected = np.column_stack((-points[:, 1], points[:, 0])) * 1e3
+    offset = np.mean(found, axis=0) - expected.mean(axis=0)
+    nearest = [np.abs(np.array(found) - offset - e).max(axis=1).min() for e in expected]
+    assert len({tuple(np.rint(f / 5)) for f in found}) == 4 and max(nearest) < 0.1
+    assert sheet.height_mm > sheet.width_mm
+
+
+def test_soles_on_the_mat_are_those_of_the_scan_posture(robot):
+    """Mean of the soles is the origin: `base_footprint` is drawn below the body, as the stance pose defines it."""
+    pose = robot.stance_pose(gp.Stance(robot.posture(robot.config.scan_posture), robot.legs, None))
+    assert np.abs(pose.soles_in_footprint[:, 2]).max() < 1e-9
+    assert mat(robot).height_mm == pytest.approx(
+        1e3 * (cross_points(robot)[:, 0].max() - pose.soles_in_footprint[:, 0].min() + robot.sole[0] / 2 + 0.06)
+    )
+
+
+def test_ruler_is_150_mm_both_ways(printed):
+    """Its first and last tick are 150 mm apart, across and along."""
+    index = next(i for i, page in enumerate(printed[0]) if page.sheet.title == "Ruler")
+    ink = printed[1][index] < 200
+    rows, columns = np.flatnonzero(ink.mean(axis=1) > 0.3), np.flatnonzero(ink.mean(axis=0) > 0.2)
+    edge = ink[rows[0] - 2 : rows[-1] + 3].any(axis=0)
+    across = np.flatnonzero(edge)
+    along = np.flatnonzero(ink[:, columns[0] - 2 : columns[-1] + 3].any(axis=1))
+    assert (across[-1] - across[0]) / DOTS_PER_MM == pytest.approx(150.0, abs=0.4)
+    assert (along[-1] - along[0]) / DOTS_PER_MM == pytest.approx(150.0, abs=0.4)
+    assert len(pages_of(ruler(), "a4")) == 1
+
+
+@pytest.mark.parametrize("paper", PAPERS_MM)
+def test_pages_of_a_sheet_cover_it_and_overlap(paper, robot):
+    """Each page fits the paper, neighbours share the overlap, and together they cover the whole drawing."""
+    for sheet in (mat(robot), checkerboard(BoardSpec(9, 7, 0.03))):
+        pages = pages_of(sheet, paper)
+        assert max(page.corner_mm[0] + page.size_mm[0] for page in pages) == pytest.approx(sheet.width_mm)
+        assert max(page.corner_mm[1] + page.size_mm[1] for page in pages) == pytest.approx(sheet.height_mm)
+        for page in pages:
+            assert np.all(np.add(page.size_mm, 20.0) <= np.add(page.paper_mm, 1e-6))
+            if page.column:
+                before = next(p for p in pages if p.row == page.row and p.column == page.column - 1)
+                assert before.corner_mm[0] + before.size_mm[0] - page.corner_mm[0] == pytest.approx(OVERLAP_MM)
+
+
+def test_command_says_what_it_printed(guara, tmp_path: Path):
+    """Pages by drawing, and where the crosses belong."""
+    said = guara("targets", "-o", tmp_path / "t.pdf", "--board", "6x5", "--square", "0.025")
+    assert said.code == 0 and "Checkerboard, 6 x 5 inner corners of 25 mm: 1 page\n" in said.out
+    assert "(0.520, 0.250), (0.520, -0.250)" in said.out and (tmp_path / "t.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["-o", "t.txt"], "t.txt: it must end in .pdf"),
+        (["-o", "t.pdf", "--board", "nine"], "--board is 'nine', it must be COLUMNSxROWS"),
+        (["-o", "t.pdf", "--board", "2x7"], "board has 2x7 inner corners of 0.03 m; allowed: 3 ... 40 each way"),
+        (["-o", "t.pdf", "--square", "30"], "squares of 0.005 ... 0.1 m"),
+        (["-o", "t.pdf", "--plates", "0;1"], "--plates is '0;1', it must be heights in metres"),
+        (["-o", "none/t.pdf"], "the folder none does not exist"),
+        (["-o", "t.pdf", "--robot", "dog"], "dog"),
+    ],
+)
+def test_wrong_options_are_refused(guara, tmp_path: Path, monkeypatch, words, told):
+    """Exit 2, one line, nothing written."""
+    monkeypatch.chdir(tmp_path)
+    said = guara("targets", *words)
+    assert said.code == 2 and told in said.err and said.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
