@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from guara_perception.arrays import Float, Mask
-
-if TYPE_CHECKING:
-    from kinematics import RobotState
+from kinematics import RobotState
+from kinematics.self_filter import SelfFilter
 
 
 class OwnBody:
@@ -25,8 +22,6 @@ class OwnBody:
             transform_base_to_footprint: (4, 4).
             sensor_origins: positions (3,) of camera and laser in base_footprint.
         """
-        from kinematics.self_filter import SelfFilter
-
         self._filter = SelfFilter(state, transform_base_to_frame=transform_base_to_footprint)
         self._sensor_origins = sensor_origins
 

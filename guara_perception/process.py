@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.calibration.file import load_calibration
@@ -16,9 +15,8 @@ from guara_perception.scan import FrameReader, Scan
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
+from kinematics import KinematicsError, RobotModel, load_robot
+from kinematics.pause import check_camera_still
 
 logger = logging.getLogger(__name__)
 
@@ -89,7 +87,6 @@ def _scan(path: str | Path) -> Scan:
 
 
 def _robot(name: str | Path) -> RobotModel:
-    from kinematics import load_robot
 
     return load_robot(name)
 
@@ -125,8 +122,6 @@ def run_scan(
     Raises:
         See `process_scan`.
     """
-    from kinematics import KinematicsError
-
     _check_fit(scan, calibration, robot)
     _check_still(scan, calibration, robot)
     try:
@@ -172,9 +167,6 @@ def run_scan(
 
 def _check_still(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
     """Refuse a scan during which the camera moved by more than robot.toml allows."""
-    from kinematics import KinematicsError
-    from kinematics.pause import check_camera_still
-
     if scan.stance_end is None:
         return
     try:

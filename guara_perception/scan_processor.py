@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -29,10 +29,7 @@ from guara_perception.terrain.assessment.lost_cells import lost_cells
 from guara_perception.terrain.assessment.raster import pool, pool_flags
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel, Stance
-
+from kinematics import RobotModel, Stance
 
 # Finer than this the raster need not be; coarser grids are pooled from it, so a lost stripe always leaves a gap.
 FINEST_CELL_M = 0.005
@@ -76,8 +73,6 @@ class ScanProcessor:
             CalibrationMismatch: the calibration belongs to another robot or holds no stripe of this mode.
             kinematics.KinematicsError: the stance does not fit the robot.
         """
-        from kinematics import Stance
-
         check_method(method)
         if calibration.robot != robot.name:
             raise CalibrationMismatch(

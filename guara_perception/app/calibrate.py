@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from guara_perception.app.files.calibration_session import open_session
 from guara_perception.calibration.calibrate import calibrate_session
@@ -11,9 +10,7 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.result import CalibrationResult
 from guara_perception.exceptions import CalibrationRefused
 from guara_perception.progress import Progress
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
+from kinematics import RobotModel, load_robot
 
 
 def calibrate(
@@ -49,8 +46,6 @@ def calibrate_folder(
     Raises:
         See `calibrate`.
     """
-    from kinematics import load_robot
-
     session = open_session(session_folder)
     model = robot if robot is not None else load_robot(session.robot)
     result = calibrate_session(session, model, distortion=distortion, progress=progress)

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from drivers import DriverError, LaserBoard, OpenCvCamera
+from drivers.usb_link import default_backend
 from guara_perception.app.files.open_scan import open_scan
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.drift import DRIFTING, HOLDS, check_drift
@@ -81,9 +83,6 @@ def examine(
 
 def check_usb() -> Finding:
     """Whether pyusb has a backend."""
-    from drivers import DriverError
-    from drivers.usb_link import default_backend
-
     try:
         backend = default_backend()
     except DriverError as error:
@@ -93,8 +92,6 @@ def check_usb() -> Finding:
 
 def check_board() -> Finding:
     """Whether the laser board is there, may be opened and speaks the protocol."""
-    from drivers import DriverError, LaserBoard
-
     try:
         with LaserBoard() as board:
             identity = board.identity
@@ -106,8 +103,6 @@ def check_board() -> Finding:
 
 def check_camera(source: str) -> Finding:
     """Whether the camera opens and gives a frame."""
-    from drivers import DriverError, OpenCvCamera
-
     name: int | str = int(source) if source.isdigit() else source
     try:
         with OpenCvCamera(name) as camera:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,9 +13,7 @@ from guara_perception.simulation.gait import WaveGait
 from guara_perception.simulation.stand import stand_on
 from guara_perception.simulation.world import World
 from guara_perception.terrain.map.known_ground import KnownGround
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel, Stance
+from kinematics import RobotModel, Stance
 
 Choice = tuple[float, float] | None
 
@@ -175,8 +172,6 @@ def true_footprint(
     robot: RobotModel, joints: Mapping[str, float], feet: tuple[str, ...], transform_base_to_world: Float
 ) -> Float:
     """transform_footprint_to_world (4, 4), from the truth."""
-    from kinematics import Stance
-
     down = -transform_base_to_world[2, :3]
     pose = robot.stance_pose(Stance(joints, feet, (down[0], down[1], down[2])), find_unloaded=False)
     return np.asarray(transform_base_to_world @ pose.transform_footprint_to_base)
@@ -190,8 +185,6 @@ def reported_stance(
     rng: np.random.Generator,
 ) -> Stance:
     """What encoders and IMU say of a stance."""
-    from kinematics import Stance
-
     reported = {name: value + noise.joint * rng.standard_normal() for name, value in joints.items()}
     gravity = None
     if noise.imu is not None:

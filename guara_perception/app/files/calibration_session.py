@@ -9,6 +9,7 @@ from guara_perception.calibration.board import BoardSpec
 from guara_perception.calibration.session import CalibrationSession, Fiducials, Plate
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.fields import Fields, read_json
+from kinematics import KinematicsError, Stance
 
 FORMAT = "guara-calibration-session/1"
 SESSION_FILE = "session.json"
@@ -24,8 +25,6 @@ def open_session(folder: str | Path) -> CalibrationSession:
         FileFormatError: the message names file and field, what was given and what is allowed.
         InvalidInput: the parts do not belong together (another robot, another stance).
     """
-    from kinematics import KinematicsError, Stance
-
     folder = Path(folder)
     if not folder.is_dir():
         raise MissingFile(f"{folder}: no such folder; a calibration session is a folder with {SESSION_FILE}")

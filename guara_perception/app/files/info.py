@@ -13,6 +13,7 @@ from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import InvalidInput, MissingFile
 from guara_perception.fields import read_json
 from guara_perception.terrain.file import load_terrain
+from kinematics import KinematicsError, load_robot
 
 KINDS = "a grid (.npz), a recording (.mcap), a calibration (.json), a scan folder, a session folder or a robot folder"
 
@@ -97,7 +98,6 @@ def _session(path: Path) -> dict[str, Any]:
 
 
 def _robot(path: Path) -> dict[str, Any]:
-    from kinematics import KinematicsError, load_robot
 
     try:
         robot = load_robot(path)

@@ -12,6 +12,7 @@ from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFi
 from guara_perception.fields import Fields, read_json
 from guara_perception.scan import Scan, ScanStripe
 from guara_perception.settings import MODES
+from kinematics import KinematicsError, Stance
 
 FORMAT = "guara-scan/1"
 SCAN_FILE = "scan.json"
@@ -27,8 +28,6 @@ def open_scan_folder(folder: str | Path) -> Scan:
         MissingFile: the folder, its scan.json or a frame that it names is not there.
         FileFormatError: the message names file and field, what was given and what is allowed.
     """
-    from kinematics import KinematicsError, Stance
-
     folder = Path(folder)
     if not folder.is_dir():
         raise MissingFile(f"{folder}: no such folder; a scan is a folder with {SCAN_FILE} and frames")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from drivers import AcquireOptions, LaserBoard, OffFrames, OpenCvCamera
 from guara_perception.app.node.rangefinder import STRIPES_TOGETHER, Rangefinder
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import load_calibration
@@ -70,7 +71,6 @@ def choose_rig(
 
 
 def _real(calibration: Calibration, camera: str, fps: float | None, off_frames: str) -> Rangefinder:
-    from drivers import AcquireOptions, LaserBoard, OffFrames, OpenCvCamera
 
     source: int | str = int(camera) if camera.isdigit() else camera
     return Rangefinder(

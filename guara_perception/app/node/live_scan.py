@@ -5,13 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from drivers import DriverError, StripeCapture
 from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
 from guara_perception.scan_processor import ScanProcessor
-
-if TYPE_CHECKING:
-    from drivers import StripeCapture
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +52,6 @@ def live_scan(
         should_stop: True ends the scan, for instance when the pause ends.
         on_stripe: called after each stripe, for recording and progress.
     """
-    from drivers import DriverError
-
     start = time.time_ns()
     problems: list[str] = []
     failed = False

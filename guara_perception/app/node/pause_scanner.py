@@ -7,6 +7,7 @@ import logging
 import time
 from collections.abc import Callable
 
+from drivers import DriverError
 from guara_perception.app.node.live_scan import LiveScan
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause import Pause
@@ -153,8 +154,6 @@ class PauseScanner:
         Homing takes a tenth of a second, so the grid is published before and withdrawn when it was wrong. Nothing
         goes into the map before.
         """
-        from drivers import DriverError
-
         try:
             lost = self._rangefinder.lost_steps(self._sweeper.firing_order(self._settings.pattern("standard")))
         except DriverError as error:

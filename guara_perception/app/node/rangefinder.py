@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
+from drivers import AcquireOptions, Camera, LaserBoard, StripeStream, acquire, prepare
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivers import AcquireOptions, Camera, LaserBoard, StripeStream
 
 FiringOrder = Sequence[tuple[int, float]]
 
@@ -55,8 +56,6 @@ class Rangefinder:
         self, firing_order: FiringOrder, band: Callable[[int], tuple[int, int]], should_stop: Callable[[], bool]
     ) -> StripeStream:
         """One scan, to be taken in a `with` block; see `drivers.acquire`."""
-        from drivers import AcquireOptions, acquire
-
         options = self.options or AcquireOptions(together=STRIPES_TOGETHER)
         return acquire(self.board, self.camera, firing_order, options, band=band, should_stop=should_stop)
 
@@ -68,8 +67,6 @@ class Rangefinder:
         Raises:
             drivers.BoardError: the board cannot be reached, or found no home.
         """
-        from drivers import prepare
-
         return prepare(self.board, firing_order)
 
     def _close(self) -> None:

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from drivers import LaserBoard
+from drivers.emulator import EmulatedBoard, emulated_backend
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorder import stance_message
 from guara_perception.calibration.calibration import Calibration
@@ -56,9 +58,6 @@ class SimulatedRobot:
             fps: frames per second of the camera.
             seed: of specimen and noise.
         """
-        from drivers import LaserBoard
-        from drivers.emulator import EmulatedBoard, emulated_backend
-
         self.robot: RobotModel = load_robot(robot)
         self.world = load_world(world) if isinstance(world, Path) else world
         self.calibration: Calibration = (

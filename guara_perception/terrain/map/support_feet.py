@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,10 +13,8 @@ from guara_perception.terrain.map.fuse_heights import Heights, OdometryDrift, fu
 from guara_perception.terrain.map.height_anchor import SoleError
 from guara_perception.terrain.map.look import LOOKED_AT
 from guara_perception.terrain.map.odom_cells import OdomCells
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
-
+from kinematics import RobotModel, Stance
+from kinematics.stance_pose import sole_covariances
 
 # A level sole stands on the highest ground under it; one cell in ten may be higher by noise.
 BEARING_QUANTILE = 0.9
@@ -57,9 +54,6 @@ def support_feet(
     limits: TraversabilityLimits,
 ) -> list[FootMeasurement]:
     """The supporting soles of the stance at which a scan was taken; none where its metadata holds no stance."""
-    from kinematics import Stance
-    from kinematics.stance_pose import sole_covariances
-
     stance_fields, to_footprint = (terrain.metadata.get(n) for n in ("stance", "transform_base_to_footprint"))
     if stance_fields is None or to_footprint is None:
         return []

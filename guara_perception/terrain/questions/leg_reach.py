@@ -5,16 +5,14 @@ from __future__ import annotations
 import dataclasses
 import json
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel, StancePose
+from kinematics import RobotModel, Stance, StancePose, load_robot
+from kinematics.reach import leg_kinematics, reach_from_pose
 
 
 def beyond_reach(terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robot: RobotModel | None = None) -> Float:
@@ -30,8 +28,6 @@ def beyond_reach(terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robo
         InvalidInput: the grid does not say robot, stance and transform.
         kinematics.KinematicsError: no such robot or leg.
     """
-    from kinematics.reach import leg_kinematics, reach_from_pose
-
     pose = _pose_of(terrain, robot)
     reach = reach_from_pose(pose, leg, soles_in_footprint)
     solver = leg_kinematics(pose.state.tree, leg)
@@ -70,14 +66,12 @@ def _pose_of(terrain: LayeredGrid, robot: RobotModel | None) -> StancePose:
 
 @lru_cache(maxsize=4)
 def _robot(name: str) -> RobotModel:
-    from kinematics import load_robot
 
     return load_robot(name)
 
 
 @lru_cache(maxsize=4)
 def _pose(robot: RobotModel, key: str) -> StancePose:
-    from kinematics import Stance
 
     stance, transform = json.loads(key)
     pose = robot.stance_pose(Stance.from_dict(stance))

@@ -12,6 +12,7 @@ from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
+from kinematics import load_robot
 
 # Heights beyond this lose the roughness to rounding: 10 km leave 0.1 mm.
 HIGHEST_M = 1e4
@@ -54,7 +55,6 @@ def assess_terrain(
 def default_limits() -> TraversabilityLimits:
     """The limits of the Guara."""
     from guara_perception.settings import Settings
-    from kinematics import load_robot
 
     return Settings.of(load_robot("guara")).limits
 
