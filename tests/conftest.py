@@ -17,9 +17,9 @@ from tests import ports
 
 DATA = Path(__file__).parent / "data"
 
-# A shell that starts the tests in the background lets them ignore Ctrl-C, and so would every program that they start and
-# interrupt. A handler that does nothing keeps it so for the tests alone: a program started anew has the system's own.
-if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+# A shell that starts the tests in the background lets them ignore Ctrl-C, and so would every program that they start
+# and interrupt. A handler that does nothing keeps it so for the tests alone: a new program gets the default of the
+# system.
     signal.signal(signal.SIGINT, lambda *_: None)
 
 

@@ -17,6 +17,7 @@ from guara_perception.simulation import SimulatedRangefinder, World, specimen
 from guara_perception.simulation.walk import simulate_walk
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, load_robot
+from tests.ports import free_endpoint
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "foot_planner.py"
