@@ -20,6 +20,7 @@ DATA = Path(__file__).parent / "data"
 # A shell that starts the tests in the background lets them ignore Ctrl-C, and so would every program that they start
 # and interrupt. A handler that does nothing keeps it so for the tests alone: a new program gets the default of the
 # system.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, lambda *_: None)
 
 
