@@ -45,6 +45,7 @@ def ask(
     timeout: float,
     *,
     is_alive: Callable[[], bool] | None = None,
+    priority: str = "INTERACTIVE_HIGH",
 ) -> Iterator[Answer]:
     """Send a query and yield what comes back; the last answer is `ended`, `timed_out` or `vanished`.
 
@@ -54,6 +55,7 @@ def ask(
         payload: of the query.
         timeout: [s] after which the caller no longer waits. Ctrl-C works.
         is_alive: tells whether the other side still lives; asked while waiting.
+        priority: on congested links, of the query and its replies.
 
     Raises:
         SessionClosed: the session is closed.
@@ -70,7 +72,13 @@ def ask(
     deadline = time.monotonic() + timeout + GRACE
     session.attempt(
         lambda: zenoh_api.get_replies(
-            session.raw, key, payload, timeout + GRACE, on_reply, lambda: answers.put(Answer(ended=True))
+            session.raw,
+            key,
+            payload,
+            timeout + GRACE,
+            on_reply,
+            lambda: answers.put(Answer(ended=True)),
+            priority=priority,
         ),
         f"cannot ask {key!r}",
     )

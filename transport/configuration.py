@@ -14,6 +14,9 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 # [ms] A side that says nothing for so long is taken as gone; a hung node is seen in under 2.5 s.
 LEASE_MS = 2000
 
+# [us] A sample that a link cannot take within this time is dropped for that link: the healthy readers wait as long.
+WAIT_BEFORE_DROP_US = 20_000
+
 PROTOCOLS = ("tcp", "tls", "udp", "quic", "ws", "unixsock-stream")
 
 RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
@@ -63,10 +66,18 @@ def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:
             )
 
 
+def sending() -> dict[str, Any]:
+    """The `transport/link/tx` section: how long a silent side counts as there, how long a put may wait for one link."""
+    return {
+        "lease": LEASE_MS,
+        "queue": {"congestion_control": {"drop": {"max_wait_before_drop_fragments": WAIT_BEFORE_DROP_US}}},
+    }
+
+
 def _base(*, shared_memory: bool) -> dict[str, Any]:
     return {
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        "transport": {"link": {"tx": {"lease": LEASE_MS}}, "shared_memory": {"enabled": shared_memory}},
+        "transport": {"link": {"tx": sending()}, "shared_memory": {"enabled": shared_memory}},
     }
 
 

@@ -1,4 +1,4 @@
-"""A thread that publishes for others: one slot per key, so that no receiver can ever delay who produces."""
+"""Threads that send for others: who produces never waits, and lanes never wait for one another."""
 
 from __future__ import annotations
 
@@ -13,30 +13,28 @@ logger = logging.getLogger(__name__)
 # Questions that may wait for an answer; more are dropped, so that a flood of them fills no memory.
 MAXIMUM_PENDING = 64
 
-# [s] How long closing waits for a message that is being sent.
+# [s] How long closing waits for messages that are being sent.
 CLOSE_TIMEOUT = 2.0
 
 
 class Outbox:
-    """Runs one pending action per key, oldest first, on its own thread.
+    """Runs actions on threads of its own: those of one lane one after the other, oldest first, lanes side by side.
 
-    An action that waits when a newer one of the same key comes is replaced by it and counted.
+    A lane has one slot per key: an action that waits when a newer one of the same key comes is replaced by it and
+    counted. A lane's thread lives while there is something to do.
     """
 
     def __init__(self) -> None:
-        """Start the thread."""
+        """Start empty."""
         self._changed = threading.Condition()
-        self._pending: dict[str, Callable[[], None]] = {}
-        self._busy = False
+        self._lanes: dict[str, dict[str, Callable[[], None]]] = {}
+        self._threads: dict[str, threading.Thread] = {}
         self._closed = False
         self._sent = 0
         self._superseded = 0
         self._failed = 0
         self._last_error = ""
         self._longest = 0.0
-        # A daemon: a put that a broken link holds must not keep the interpreter; close() joins it.
-        self._thread = threading.Thread(target=self._run, name="transport-outbox", daemon=True)
-        self._thread.start()
 
     @property
     def sent(self) -> int:
@@ -45,8 +43,9 @@ class Outbox:
 
     @property
     def pending(self) -> int:
-        """Actions that wait."""
-        return len(self._pending)
+        """Actions that wait, and those that run."""
+        with self._changed:
+            return sum(map(len, self._lanes.values())) + len(self._threads)
 
     @property
     def superseded(self) -> int:
@@ -68,12 +67,13 @@ class Outbox:
         """[s] Time that the slowest action took."""
         return self._longest
 
-    def post(self, key: str, action: Callable[[], None]) -> None:
+    def post(self, key: str, action: Callable[[], None], *, lane: str = "") -> None:
         """Hand over an action; returns at once.
 
         Args:
-            key: slot; a waiting action of the same key is dropped.
+            key: slot; a waiting action of the same key and lane is dropped.
             action: encodes and sends.
+            lane: actions of one lane run in order; what one lane waits for holds up no other.
 
         Raises:
             SessionClosed: the outbox is closed.
@@ -81,47 +81,59 @@ class Outbox:
         with self._changed:
             if self._closed:
                 raise SessionClosed(f"cannot send on {key!r}: the outbox is closed")
-            if self._pending.pop(key, None) is not None:
+            waiting = self._lanes.setdefault(lane, {})
+            if waiting.pop(key, None) is not None:
                 self._superseded += 1
-            self._pending[key] = action
-            self._changed.notify_all()
+            waiting[key] = action
+            if lane not in self._threads:
+                # A daemon: a put that a broken link holds must not keep the interpreter; close() joins it.
+                thread = threading.Thread(target=self._run, args=(lane,), name=f"transport-outbox {lane}", daemon=True)
+                self._threads[lane] = thread
+                thread.start()
 
-    def flush(self, timeout: float) -> None:
-        """Wait until all that was posted has been sent.
+    def flush(self, timeout: float, *, lane: str | None = None) -> None:
+        """Wait until all that was posted, or all of one lane, has been sent.
 
         Raises:
             ReceiveTimeout: it took longer than `timeout` [s].
         """
+
+        def is_empty() -> bool:
+            return not self._threads if lane is None else lane not in self._threads
+
         with self._changed:
-            if not self._changed.wait_for(lambda: not self._pending and not self._busy, timeout):
-                raise ReceiveTimeout(f"{len(self._pending)} messages were not sent within {timeout:g} s")
+            if not self._changed.wait_for(is_empty, timeout):
+                raise ReceiveTimeout(f"{self.pending} messages were not sent within {timeout:g} s")
 
     def close(self) -> None:
-        """Send what waits, as far as that is quick, and end the thread; safe to call twice."""
+        """Send what waits, as far as that is quick, and end the threads; safe to call twice."""
+        deadline = time.monotonic() + CLOSE_TIMEOUT
         with self._changed:
             self._closed = True
-            self._changed.notify_all()
-        if self._thread is not threading.current_thread():
-            self._thread.join(CLOSE_TIMEOUT)
+            threads = list(self._threads.values())
+        for thread in threads:
+            if thread is not threading.current_thread():
+                thread.join(max(0.0, deadline - time.monotonic()))
 
-    def _run(self) -> None:
+    def _run(self, lane: str) -> None:
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._pending or self._closed)
-                if not self._pending:
+                waiting = self._lanes[lane]
+                if not waiting:
+                    del self._lanes[lane], self._threads[lane]
+                    self._changed.notify_all()
                     return
-                key = next(iter(self._pending))
-                action = self._pending.pop(key)
-                self._busy = True
+                key = next(iter(waiting))
+                action = waiting.pop(key)
             start = time.monotonic()
+            error = ""
             try:
                 action()
-                self._sent += 1
-            except Exception as error:
-                self._failed += 1
-                self._last_error = f"{key}: {error}"
-                logger.error("sending on %s failed: %s", key, error)
+            except Exception as failure:
+                error = f"{key}: {failure}"
+                logger.error("sending on %s failed: %s", key, failure)
             with self._changed:
                 self._longest = max(self._longest, time.monotonic() - start)
-                self._busy = False
-                self._changed.notify_all()
+                self._sent += not error
+                self._failed += bool(error)
+                self._last_error = error or self._last_error

@@ -2,30 +2,49 @@
 
 from __future__ import annotations
 
+import threading
+
 from transport import zenoh_api
+from transport.last_message import LastMessage
 from transport.resource import Resource
 from transport.session import Session
 
+# Each priority has a queue of its own on each link: what is small never waits behind what is large.
+URGENT = "INTERACTIVE_HIGH"
+SMALL = "INTERACTIVE_LOW"
+LARGE = "DATA_LOW"
+LARGEST = "BACKGROUND"
+
 
 class Publisher(Resource):
-    """Puts payloads on one key; a latched one keeps the last for those who join later."""
+    """Puts payloads on one key; a latched one keeps the last for those who join later.
 
-    def __init__(self, session: Session, key: str, *, latched: bool = True) -> None:
+    What the link of a reader cannot carry now is dropped for that reader alone. A latched publisher keeps it, and
+    `NewestReceiver` fetches it in pieces.
+    """
+
+    def __init__(self, session: Session, key: str, *, latched: bool = True, priority: str = LARGE) -> None:
         """Declare the key.
 
         Args:
             session: open session.
             key: where to publish.
             latched: late joiners get the last payload, and receivers notice losses.
+            priority: on links that are congested, one of `URGENT`, `SMALL`, `LARGE`, `LARGEST`.
 
         Raises:
             SessionClosed: the session is closed.
             TransportError: the key is not valid.
         """
-        declare = zenoh_api.declare_latched_publisher if latched else zenoh_api.declare_plain_publisher
         self.key = key
-        self._raw = session.attempt(lambda: declare(session.raw, key), f"cannot publish on {key!r}")
+        self._lock = threading.Lock()
         self._count = 0
+        what = f"cannot publish on {key!r}"
+        self._raw = session.attempt(lambda: zenoh_api.declare_publisher(session.raw, key, priority), what)
+        self._last: LastMessage | None = None
+        if latched:
+            source = zenoh_api.source_of(self._raw)
+            self._last = session.attempt(lambda: LastMessage(session, key, source), what)
         super().__init__(session)
 
     @property
@@ -39,9 +58,19 @@ class Publisher(Resource):
         Raises:
             SessionClosed: the session is closed.
         """
-        self._session.attempt(lambda: self._raw.put(payload, attachment=attachment), f"cannot send on {self.key!r}")
-        self._count += 1
+        with self._lock:
+            number = self._count
+            if self._last is not None:
+                self._last.keep(number, payload, attachment)
+            self._session.attempt(
+                lambda: zenoh_api.put(self._raw, payload, attachment, number), f"cannot send on {self.key!r}"
+            )
+            self._count += 1
+            if self._last is not None:
+                self._last.announce()
 
     def _release(self) -> None:
+        if self._last is not None:
+            self._last.close()
         if not self._session.raw_is_closed:
             self._raw.undeclare()

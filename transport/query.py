@@ -11,7 +11,7 @@ from transport.asking import ask
 from transport.crop import crop_terrain
 from transport.exceptions import MessageError, ReceiveTimeout, ScannerUnavailable, StaleTerrain, TransportError
 from transport.keys import DEFAULT_ROBOT, query_key
-from transport.outbox import MAXIMUM_PENDING, Outbox
+from transport.outbox import Outbox
 from transport.resource import Resource
 from transport.scan_messages import (
     QueryRequest,
@@ -24,6 +24,9 @@ from transport.scan_messages import (
 from transport.session import Session
 from transport.terrain_codec import decode_terrain, encode_terrain
 from transport.terrain_message import TerrainMessage
+
+# Questions that are answered at a time; more are dropped.
+MAXIMUM_ANSWERS = 16
 
 Provider = Callable[[str], TerrainMessage | None]
 
@@ -48,10 +51,11 @@ class QueryServer(Resource):
     def _on_query(self, query: Any) -> None:
         with self._lock:
             self._count += 1
-            if self._is_closed or self._outbox.pending >= MAXIMUM_PENDING:
+            if self._is_closed or self._outbox.pending >= MAXIMUM_ANSWERS:
                 query.drop()
             else:
-                self._outbox.post(f"query {self._count}", lambda: self._answer(query))
+                # A lane for each: who asks over a slow link waits alone.
+                self._outbox.post("query", lambda: self._answer(query), lane=str(self._count))
 
     def _answer(self, query: Any) -> None:
         code, message = "", ""
@@ -102,7 +106,7 @@ def query_terrain(
         ReceiveTimeout: no answer in time.
     """
     request = QueryRequest(extent=extent, region=region)
-    for answer in ask(session, query_key(robot), encode_query_request(request), timeout):
+    for answer in ask(session, query_key(robot), encode_query_request(request), timeout, priority="DATA"):
         if answer.payload is not None:
             return decode_terrain(answer.payload)
         if answer.error is not None:

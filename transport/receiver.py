@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 
 from transport import zenoh_api
 from transport.exceptions import MessageError, ReceiveTimeout, SessionClosed
+from transport.fetcher import Fetcher
 from transport.resource import Resource
 from transport.session import Session
 
@@ -72,7 +73,8 @@ class NewestReceiver(Resource, Generic[T]):
     """Receives one key and keeps the newest message only.
 
     Zenoh's thread copies each payload into one slot; decoding happens in the thread that asks. A slow reader
-    therefore never sees an old message, and never holds anybody up.
+    therefore never sees an old message, and never holds anybody up. What was published before, or lost on a slow
+    link, is fetched.
     """
 
     def __init__(self, session: Session, key: str, decode: Callable[[bytes], T], *, latched: bool = True) -> None:
@@ -95,13 +97,26 @@ class NewestReceiver(Resource, Generic[T]):
         self._received = self._superseded = self._missed = self._rejected = 0
         self._is_closed = False
         self._threads: list[threading.Thread] = []
-        self._raw = session.attempt(lambda: self._subscribe(session, latched), f"cannot receive {key!r}")
+        self._listening = threading.Lock()
+        self._raw: Any = None
+        self._fetcher: Fetcher | None = None
         super().__init__(session)
+        session.attempt(lambda: self._begin(latched), f"cannot receive {key!r}")
 
-    def _subscribe(self, session: Session, latched: bool) -> tuple[Any, ...]:
+    def _begin(self, latched: bool) -> None:
         if latched:
-            return zenoh_api.declare_latched_subscriber(session.raw, self.key, self._on_sample, self._on_miss)
-        return (session.raw.declare_subscriber(self.key, zenoh_api.direct(self._on_sample)),)
+            self._fetcher = Fetcher(self._session, self.key, self._take, self._on_miss, self._listen)
+        self._listen(True)
+
+    def _listen(self, wanted: bool) -> None:
+        """Subscribe, or unsubscribe: what is published is then fetched piece by piece."""
+        with self._listening:
+            if wanted and self._raw is None and not self._is_closed:
+                self._raw = zenoh_api.declare_subscriber(self._session.raw, self.key, self._on_sample)
+            elif not wanted and self._raw is not None:
+                raw, self._raw = self._raw, None
+                if not self._session.raw_is_closed:
+                    raw.undeclare()
 
     @property
     def received(self) -> int:
@@ -127,6 +142,13 @@ class NewestReceiver(Resource, Generic[T]):
         # Copied here, not when it is read: the payload may lie in memory shared with the publisher, and a
         # process that was stopped for a while must not find it overwritten.
         payload = sample.payload.to_bytes()
+        number = zenoh_api.number_of(sample)
+        if self._fetcher is None or number is None:
+            self._take(payload)
+        else:
+            self._fetcher.take(*number, payload)
+
+    def _take(self, payload: bytes) -> None:
         with self._changed:
             if self._slot is not None and not self._slot.taken:
                 self._superseded += 1
@@ -263,9 +285,9 @@ class NewestReceiver(Resource, Generic[T]):
     def _release(self) -> None:
         with self._changed:
             self._changed.notify_all()
-        if not self._session.raw_is_closed:
-            for part in reversed(self._raw):
-                part.undeclare()
+        self._listen(False)
+        if self._fetcher is not None:
+            self._fetcher.close()
         for thread in self._threads:
             if thread is not threading.current_thread():
                 thread.join(CLOSE_TIMEOUT)

@@ -115,7 +115,8 @@ class ScanServer(Resource):
         return self._work is not None
 
     def _on_query(self, query: Any) -> None:
-        # Zenoh's thread: only hand over. Everything that is sent goes through the outbox, in order.
+        # Zenoh's thread: only hand over. Requests are looked at one after the other; answers to one asker go out in
+        # order, and no asker waits for the link of another.
         with self._lock:
             self._queries += 1
             if self._is_stopped or self._outbox.pending >= MAXIMUM_PENDING:
@@ -123,9 +124,26 @@ class ScanServer(Resource):
             else:
                 self._outbox.post(f"query {self._queries}", lambda: self._admit(query))
 
+    def _say(self, query: Any, reply: ScanReply, what: str) -> None:
+        payload = encode_scan_reply(reply)
+        is_last = reply.state in (ScanState.DONE, ScanState.FAILED)
+
+        def send() -> None:
+            query.reply(self._key, payload)
+            if is_last:
+                query.drop()
+
+        # The query lives as long as this action, and with it no other can have its id.
+        self._outbox.post(what, send, lane=str(id(query)))
+
     def _refuse(self, query: Any, request_id: str, code: str, message: str) -> None:
-        query.reply_err(encode_refusal(Refusal(id=request_id, code=code, message=message)))
-        query.drop()
+        payload = encode_refusal(Refusal(id=request_id, code=code, message=message))
+
+        def send() -> None:
+            query.reply_err(payload)
+            query.drop()
+
+        self._outbox.post("refusal", send, lane=str(id(query)))
 
     def _admit(self, query: Any) -> None:
         try:
@@ -139,9 +157,9 @@ class ScanServer(Resource):
             if joins and work is not None:
                 work.queries.append(query)
         if known is not None:
-            self._send([query], known)
+            self._say(query, known, "last")
         elif joins and work is not None:
-            query.reply(self._key, encode_scan_reply(work.progress))
+            self._say(query, work.progress, "accepted")
         elif work is not None:
             self._refuse(query, request.id, "busy", "the scanner works on another request; ask again later")
         else:
@@ -155,7 +173,7 @@ class ScanServer(Resource):
             self._refuse(query, request.id, error.code, str(error))
             return
         work = _Work(ScanJob(request, lambda done, total: self._report(work, done, total)), [query])
-        query.reply(self._key, encode_scan_reply(work.progress))
+        self._say(query, work.progress, "accepted")
         with self._lock:
             self._work = work
             self._thread = threading.Thread(target=self._run, args=(work,), name="transport-scan", daemon=True)
@@ -164,12 +182,10 @@ class ScanServer(Resource):
     def _report(self, work: _Work, done: int, total: int) -> None:
         reply = replace(work.progress, state=ScanState.PROGRESS, stripes_done=done, stripes_total=total)
         work.progress = reply
-        self._outbox.post(f"progress {reply.id}", lambda: self._send_progress(work, reply))
-
-    def _send_progress(self, work: _Work, reply: ScanReply) -> None:
-        if work.last is None:
-            for query in work.queries:
-                query.reply(self._key, encode_scan_reply(reply))
+        with self._lock:
+            if work.last is None and not self._is_stopped:
+                for query in work.queries:
+                    self._say(query, reply, "progress")
 
     def _run(self, work: _Work) -> None:
         job = work.job
@@ -211,13 +227,8 @@ class ScanServer(Resource):
             while len(self._finished) > REMEMBERED:
                 self._finished.popitem(last=False)
             queries, work.queries = work.queries, []
-            self._outbox.post(f"last {last.id}", lambda: self._send(queries, last))
-
-    def _send(self, queries: list[Any], reply: ScanReply) -> None:
-        payload = encode_scan_reply(reply)
-        for query in queries:
-            query.reply(self._key, payload)
-            query.drop()
+            for query in queries:
+                self._say(query, last, "last")
 
     def _release(self) -> None:
         # A running scan ends as failed, and its handler gets a moment to return.

@@ -14,7 +14,7 @@ from typing import Any
 from transport import zenoh_api
 from transport.access_rules import ROLES, access_control
 from transport.authority import make_authority, make_certificate
-from transport.configuration import LEASE_MS, check_endpoint, client_configuration, node_configuration
+from transport.configuration import check_endpoint, client_configuration, node_configuration, sending
 from transport.exceptions import ConfigurationError, SecurityError
 from transport.keys import DEFAULT_ROBOT, check_name
 
@@ -48,7 +48,7 @@ def _role_configuration(role: str, robot: str, listen: str, connect: str) -> dic
     else:
         configuration = client_configuration(connect)
     tls = {**files, "enable_mtls": True, "close_link_on_expiration": True}
-    configuration["transport"]["link"] |= {"protocols": ["tls"], "tls": tls, "tx": {"lease": LEASE_MS}}
+    configuration["transport"]["link"] |= {"protocols": ["tls"], "tls": tls, "tx": sending()}
     return configuration
 
 

@@ -15,6 +15,7 @@ from transport import zenoh_api
 from transport.access_rules import ROLES
 from transport.configuration import client_configuration
 from transport.exceptions import ConnectionFailed
+from transport.fetcher import Fetcher
 from transport.keys import check_name, scan_key, stance_key, terrain_key
 from transport.publisher import Publisher
 from transport.security import configured_robot, role_folder
@@ -72,14 +73,17 @@ class _Ear:
         self._changed = threading.Condition()
         # Kept, because Zenoh ends a subscription with its object.
         self._raw: Any = (
-            zenoh_api.declare_latched_subscriber(session.raw, key, self._note, lambda _: None)
+            Fetcher(session, key, self._add, lambda _: None)
             if latched
-            else session.raw.declare_subscriber(key, zenoh_api.direct(self._note))
+            else zenoh_api.declare_subscriber(session.raw, key, self._note)
         )
 
     def _note(self, sample: Any) -> None:
+        self._add(sample.payload.to_bytes())
+
+    def _add(self, payload: bytes) -> None:
         with self._changed:
-            self._texts.add(sample.payload.to_bytes().decode())
+            self._texts.add(payload.decode())
             self._changed.notify_all()
 
     def hears(self, text: str, timeout: float) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -11,12 +12,12 @@ import numpy as np
 
 from transport.arrays import Percent
 from transport.codec import encode
-from transport.exceptions import MessageError
+from transport.exceptions import MessageError, ReceiveTimeout
 from transport.grids import grid_map_message, occupancy_message
 from transport.keys import DEFAULT_ROBOT, alive_key, grid_map_key, occupancy_key, terrain_key
 from transport.liveliness import AliveToken
 from transport.outbox import Outbox
-from transport.publisher import Publisher
+from transport.publisher import LARGE, LARGEST, SMALL, Publisher
 from transport.query import QueryServer
 from transport.resource import Resource
 from transport.ros2 import Ros2Mirror
@@ -27,6 +28,7 @@ from transport.status_reporter import StatusReporter
 from transport.terrain_codec import encode_terrain
 from transport.terrain_message import EXTENTS, LAYERS, Health, TerrainMessage
 
+logger = logging.getLogger(__name__)
 # Layers of the GridMap: those of float32, the only type that it can hold.
 GRID_MAP_LAYERS = tuple(name for name, kind in LAYERS.items() if kind.dtype == np.float32)
 
@@ -66,9 +68,12 @@ class PerceptionServer(Resource):
         self._step: int | None = None
         self._times: list[float] = []
         self._outbox = Outbox()
-        self._terrain = {extent: Publisher(session, terrain_key(robot, extent)) for extent in EXTENTS}
-        self._occupancy = Publisher(session, occupancy_key(robot))
-        self._grid_map = Publisher(session, grid_map_key(robot))
+        self._terrain = {
+            extent: Publisher(session, terrain_key(robot, extent), priority=LARGEST if extent == "map" else LARGE)
+            for extent in EXTENTS
+        }
+        self._occupancy = Publisher(session, occupancy_key(robot), priority=SMALL)
+        self._grid_map = Publisher(session, grid_map_key(robot), priority=LARGEST)
         self._mirror = None if ros2_domain is None else Ros2Mirror(session, robot=robot, domain=ros2_domain)
         self._queries = QueryServer(session, self._newest.get, robot=robot)
         self._scans: ScanServer | None = None
@@ -89,9 +94,9 @@ class PerceptionServer(Resource):
             return self._sequences[extent]
 
     def publish(self, terrain: TerrainMessage, *, occupancy: Percent | None = None) -> None:
-        """Hand over one grid; returns at once, encoding and sending happen on the outbox thread.
+        """Hand over one grid; returns at once, encoding and sending happen on threads of the outbox.
 
-        The Terrain message goes first, then what is derived from it.
+        The Terrain message goes first, then what is derived from it; grids of one extent never wait for the other's.
 
         Args:
             terrain: grid of either extent.
@@ -111,7 +116,8 @@ class PerceptionServer(Resource):
             self._newest[terrain.extent] = terrain
             self._step = terrain.step if self._step is None else max(self._step, terrain.step)
             self._times = [*self._times[-9:], time.monotonic()]
-        self._outbox.post(publisher.key, lambda: publisher.put(encode_terrain(terrain)))
+        lane = terrain.extent
+        self._outbox.post(publisher.key, lambda: publisher.put(encode_terrain(terrain)), lane=lane)
         if occupancy is not None and terrain.extent == "footprint":
             self._post_derived(terrain, occupancy)
         self._status.changed()
@@ -132,8 +138,8 @@ class PerceptionServer(Resource):
             if self._mirror is not None:
                 self._mirror.put_grid_map(payload)
 
-        self._outbox.post(self._occupancy.key, send_occupancy)
-        self._outbox.post(self._grid_map.key, send_grid_map)
+        self._outbox.post(self._occupancy.key, send_occupancy, lane=terrain.extent)
+        self._outbox.post(self._grid_map.key, send_grid_map, lane=terrain.extent)
 
     def flush(self, timeout: float = SEND_TIMEOUT) -> None:
         """Wait until all grids are sent; ReceiveTimeout when that takes longer than `timeout` [s]."""
@@ -148,7 +154,11 @@ class PerceptionServer(Resource):
 
         def run(job: ScanJob) -> TerrainMessage:
             terrain = handler(job)
-            self.flush()
+            try:
+                self._outbox.flush(SEND_TIMEOUT, lane=terrain.extent)
+            except ReceiveTimeout as error:
+                # The scan is done all the same: who asked waits for the grid by itself.
+                logger.warning("grid of step %d: %s", terrain.step, error)
             return terrain
 
         self._scans = ScanServer(self._session, run, robot=self.robot, admission=admission)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from transport.exceptions import MessageError
 from transport.keys import DEFAULT_ROBOT, stance_key
 from transport.outbox import Outbox
-from transport.publisher import Publisher
+from transport.publisher import URGENT, Publisher
 from transport.receiver import NewestReceiver
 from transport.resource import Resource
 from transport.session import Session
@@ -25,7 +25,7 @@ class StancePublisher(Resource):
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT) -> None:
         """Declare the key."""
         self._robot = robot
-        self._publisher = Publisher(session, stance_key(robot), latched=True)
+        self._publisher = Publisher(session, stance_key(robot), priority=URGENT)
         self._outbox = Outbox()
         self._count = 0
         super().__init__(session)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 from transport.exceptions import TransportError
 from transport.keys import DEFAULT_ROBOT, status_key
-from transport.publisher import Publisher
+from transport.publisher import SMALL, Publisher
 from transport.resource import Resource
 from transport.session import Session
 from transport.status_message import Status, StatusItem, encode_status
@@ -34,7 +34,7 @@ class StatusReporter(Resource):
         """Start reporting; `collect` runs on the reporter's thread and must be quick."""
         self._collect = collect
         self._period = period
-        self._publisher = Publisher(session, status_key(robot), latched=False)
+        self._publisher = Publisher(session, status_key(robot), latched=False, priority=SMALL)
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name="transport-status", daemon=True)
         super().__init__(session)

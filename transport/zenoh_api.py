@@ -6,25 +6,8 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-# [s] A publisher repeats its last sequence number this often, so that a lost last sample is noticed. Always, not only
-# after a change: on a congested link the heartbeat after the last sample is lost as well, and with it, in two of
-# three runs over 20 Mbit/s, the last sample for ever.
-HEARTBEAT = 0.5
-
 # Names below `zenoh` that this file relies on and that a new release may change.
-UNSTABLE = (
-    "CongestionControl.BLOCK_FIRST",
-    "handlers.Callback",
-    "ext.declare_advanced_publisher",
-    "ext.declare_advanced_subscriber",
-    "ext.CacheConfig",
-    "ext.HistoryConfig",
-    "ext.MissDetectionConfig",
-    "ext.RecoveryConfig",
-    "ext.RepliesConfig",
-    "ext.AdvancedSubscriber.sample_miss_listener",
-    "SessionInfo.links",
-)
+UNSTABLE = ("handlers.Callback", "Publisher.id", "SourceInfo", "SessionInfo.links")
 
 
 def _zenoh() -> Any:
@@ -35,7 +18,6 @@ def _zenoh() -> Any:
 
 def missing_names() -> tuple[str, ...]:
     """The names of `UNSTABLE` that the installed Zenoh does not have; empty when all is well."""
-    import zenoh.ext
     import zenoh.handlers
 
     missing = []
@@ -86,56 +68,42 @@ def direct(callback: Callable[[Any], None], finished: Callable[[], None] | None 
     return _zenoh().handlers.Callback(callback, finished, indirect=False)
 
 
-def declare_latched_publisher(session: Any, key: str) -> Any:
-    """A publisher with memory: late joiners get its last sample, losses are noticed, no put waits long."""
-    import zenoh.ext
+def declare_publisher(session: Any, key: str, priority: str) -> Any:
+    """A publisher whose samples are dropped for those, and only for those, whose link is congested.
 
-    return zenoh.ext.declare_advanced_publisher(
-        session,
-        key,
-        congestion_control=zenoh.CongestionControl.BLOCK_FIRST,
-        priority=zenoh.Priority.DATA_HIGH,
-        cache=zenoh.ext.CacheConfig(
-            1,
-            # By default the fragments of a large reply are dropped on a link that is slow.
-            replies_config=zenoh.ext.RepliesConfig(
-                congestion_control=zenoh.CongestionControl.BLOCK_FIRST, priority=zenoh.Priority.DATA_HIGH
-            ),
-        ),
-        publisher_detection=True,
-        sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=HEARTBEAT, sporadic_heartbeat=None),
-    )
-
-
-def declare_plain_publisher(session: Any, key: str) -> Any:
-    """A publisher without memory, whose samples may be dropped on a congested link."""
-    return session.declare_publisher(key, congestion_control=_zenoh().CongestionControl.DROP)
-
-
-def declare_latched_subscriber(
-    session: Any, key: str, on_sample: Callable[[Any], None], on_miss: Callable[[int], None]
-) -> tuple[Any, Any]:
-    """A subscriber that asks publishers for their last sample and recovers a lost one.
+    Nothing here ever blocks: a put that blocks for one reader is late for all others, and what blocks on Zenoh's own
+    threads (`BLOCK_FIRST`, the cache of its advanced publisher) stops the links of healthy readers as well.
 
     Args:
         session: raw Zenoh session.
-        key: key expression.
-        on_sample: called on Zenoh's thread with each sample.
-        on_miss: called on Zenoh's thread with the number of samples that were lost for good.
-
-    Returns:
-        The subscriber and its miss listener; both must be kept.
+        key: where to publish.
+        priority: name of one of Zenoh's; each has a queue of its own on each link.
     """
-    import zenoh.ext
-
-    subscriber = zenoh.ext.declare_advanced_subscriber(
-        session,
-        key,
-        direct(on_sample),
-        history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
-        recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+    zenoh = _zenoh()
+    return session.declare_publisher(
+        key, congestion_control=zenoh.CongestionControl.DROP, priority=getattr(zenoh.Priority, priority)
     )
-    return subscriber, subscriber.sample_miss_listener(direct(lambda miss: on_miss(int(miss.nb))))
+
+
+def source_of(publisher: Any) -> str:
+    """The identity of a publisher as two chunks of a key: the id of its session and its own."""
+    return f"{publisher.id.zid}/{publisher.id.eid}"
+
+
+def put(publisher: Any, payload: bytes | bytearray, attachment: bytes | None, number: int) -> None:
+    """Send one payload with its number, by which receivers notice losses."""
+    publisher.put(payload, attachment=attachment, source_info=_zenoh().SourceInfo(publisher.id, number))
+
+
+def number_of(sample: Any) -> tuple[str, int] | None:
+    """Source, as of `source_of`, and number of a received sample; None when it carries none."""
+    info = sample.source_info
+    return None if info is None else (f"{info.source_id.zid}/{info.source_id.eid}", int(info.source_sn))
+
+
+def declare_subscriber(session: Any, key: str, on_sample: Callable[[Any], None]) -> Any:
+    """A subscriber; `on_sample` runs on Zenoh's thread and must not block."""
+    return session.declare_subscriber(key, direct(on_sample))
 
 
 def declare_token(session: Any, key: str) -> Any:
@@ -158,6 +126,8 @@ def get_replies(
     timeout: float,
     on_reply: Callable[[bytes | None, bytes | None], None],
     on_finished: Callable[[], None],
+    *,
+    priority: str = "INTERACTIVE_HIGH",
 ) -> None:
     """Send a query whose replies may be several on one key.
 
@@ -168,6 +138,7 @@ def get_replies(
         timeout: [s] after which Zenoh ends the stream with an error reply.
         on_reply: called on Zenoh's thread with (payload, None) or (None, error payload).
         on_finished: called on Zenoh's thread after the last reply, also when there was none.
+        priority: of the query and, since Zenoh takes it from there, of the replies.
     """
     zenoh = _zenoh()
 
@@ -182,7 +153,40 @@ def get_replies(
         direct(sort, on_finished),
         payload=payload,
         timeout=timeout,
-        priority=zenoh.Priority.INTERACTIVE_HIGH,
+        priority=getattr(zenoh.Priority, priority),
+        consolidation=zenoh.ConsolidationMode.NONE,
+    )
+
+
+def get_pieces(
+    session: Any,
+    selector: str,
+    timeout: float,
+    on_piece: Callable[[str, bytes, bytes], None],
+    on_finished: Callable[[], None],
+) -> None:
+    """Ask for pieces of messages; nobody waits for this side when its link is congested, the piece is dropped.
+
+    Args:
+        session: raw Zenoh session.
+        selector: key expression and parameters.
+        timeout: [s] after which Zenoh ends the stream.
+        on_piece: called on Zenoh's thread with the key, the attachment and the payload of each reply.
+        on_finished: called on Zenoh's thread after the last reply, also when there was none.
+    """
+    zenoh = _zenoh()
+
+    def sort(reply: Any) -> None:
+        sample = reply.ok
+        if sample is not None and sample.attachment is not None:
+            on_piece(str(sample.key_expr), sample.attachment.to_bytes(), sample.payload.to_bytes())
+
+    session.get(
+        selector,
+        direct(sort, on_finished),
+        timeout=timeout,
+        congestion_control=zenoh.CongestionControl.DROP,
+        priority=zenoh.Priority.DATA_HIGH,
         consolidation=zenoh.ConsolidationMode.NONE,
     )
 

@@ -48,9 +48,8 @@ class TerrainClient:
         """
         check_name(robot)
         session = open_client(endpoint, security=security, timeout=timeout)
+        # Each extent is subscribed to when first asked for: a map is large, and not everybody needs it.
         self._client = PerceptionClient(session, robot=robot)
-        for extent in ("footprint", "map"):
-            self._client.receiver(extent)
 
     def __enter__(self) -> Self:
         """The client itself."""

@@ -135,7 +135,8 @@ class SlowLink:
         self._rate = rate
         self._sockets: list[socket.socket] = []
         self._server = socket.create_server(("127.0.0.1", 0))
-        self.endpoint = f"tcp/127.0.0.1:{self._server.getsockname()[1]}"
+        protocol, _, host = target.rpartition(":")[0].partition("/")
+        self.endpoint = f"{protocol}/{host}:{self._server.getsockname()[1]}"
         threading.Thread(target=self._serve, daemon=True).start()
 
     def _serve(self) -> None:

@@ -122,6 +122,9 @@ def scan_handler(server: transport.PerceptionServer):
             job.cancelled.wait(60.0)
         terrain = make_terrain(server.next_sequence("footprint"), stamp=time.time_ns())
         server.publish(terrain)
+        if behaviour == "large":
+            number = server.next_sequence("map")
+            server.publish(make_terrain(number, extent="map", shape=(240, 260), stamp=time.time_ns()))
         return terrain
 
     return scan
@@ -169,6 +172,16 @@ def run_node(endpoint: str, mode: str = "listen", security: str = "") -> None:
 def run_router(endpoint: str) -> None:
     """A Zenoh router and nothing else."""
     with transport.open_node(listen=endpoint):
+        say("ready")
+        sys.stdin.read()
+
+
+def run_viewer(endpoint: str, security: str = "") -> None:
+    """A viewer behind a slow link: receives both extents and says so."""
+    session = transport.open_client(endpoint, security=security or None, timeout=30.0, shared_memory=False)
+    with transport.PerceptionClient(session) as client:
+        for extent in ("footprint", "map"):
+            client.on_terrain(lambda terrain: say("got", terrain.extent, terrain.sequence), extent=extent)
         say("ready")
         sys.stdin.read()
 
@@ -235,6 +248,7 @@ if __name__ == "__main__":
         "node": run_node,
         "router": run_router,
         "planner": run_planner,
+        "viewer": run_viewer,
         "exit": run_exit,
         "record": run_record,
     }

@@ -5,6 +5,7 @@ import threading
 
 import numpy as np
 import pytest
+import zenoh.ext
 
 import transport
 from transport import ConfigurationError, zenoh_api
@@ -70,7 +71,13 @@ def test_a_late_subscriber_gets_the_topic_as_from_a_ros_node(endpoint: str, peer
             server.flush()
         with transport.open_client(endpoint) as client:
             parts = [
-                zenoh_api.declare_latched_subscriber(client.raw, f"4/guara/{name}/**", note, lambda _: None)
+                zenoh.ext.declare_advanced_subscriber(
+                    client.raw,
+                    f"4/guara/{name}/**",
+                    zenoh_api.direct(note),
+                    history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
+                    recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+                )
                 for name in ("occupancy", "grid_map")
             ]
             watcher = zenoh_api.watch_tokens(client.raw, "@ros2_lv/4/**", see)

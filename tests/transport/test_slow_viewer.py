@@ -1,0 +1,59 @@
+"""A viewer on a slow link pays for itself: no request of a local planner fails, no grid of it waits."""
+
+import numpy as np
+import pytest
+
+import transport
+from transport.security import init_security
+
+SCANS = 50
+
+
+@pytest.fixture(params=["tcp", "tls"])
+def place(request, endpoint: str, tmp_path) -> tuple[str, dict[str, str]]:
+    """Endpoint of a node, and the folder of each role: none for plain TCP."""
+    if request.param == "tcp":
+        return endpoint, dict.fromkeys(("node", "planner", "viewer"), "")
+    keys = init_security(tmp_path / "keys")
+    secured = endpoint.replace("tcp/127.0.0.1", "tls/localhost")
+    return secured, {role: str(keys / role) for role in ("node", "planner", "viewer")}
+
+
+@pytest.mark.parametrize("megabits", [2.0, 5.0])
+def test_a_slow_viewer_costs_a_local_planner_nothing(start, slow_link, place, megabits: float) -> None:
+    """Viewers join (and ask for the last grids), stay and go while a planner asks for scans: all succeed at once."""
+    endpoint, folders = place
+    node = start("node", endpoint, "listen", folders["node"])
+    link = slow_link(endpoint, megabits * 1e6 / 8)
+    delays: list[float] = []
+    with transport.open_client(endpoint, security=folders["planner"] or None, timeout=30.0) as session:
+        client = transport.PerceptionClient(session)
+        client.receiver("map")
+        viewer = None
+        for number in range(SCANS):
+            if number % 20 == 4:
+                # A late joiner: there are grids that it missed.
+                viewer = start("viewer", link.endpoint, folders["viewer"])
+            if number % 20 == 19:
+                viewer.kill()
+            terrain = client.request_scan(timeout=20.0, request_id=f"large-{number}")
+            arrival = client.receiver().latest().arrival_stamp
+            delays.append((arrival - terrain.scan_end) * 1e-9)
+        viewer.expect("got footprint")
+    # Far above what a busy machine costs; before, every eighth grid was two to five seconds late.
+    assert np.percentile(delays, 95) < 1.0, sorted(delays)[-5:]
+    assert node.popen.poll() is None
+
+
+def test_a_viewer_on_a_slow_link_gets_the_newest_in_pieces(start, slow_link, endpoint: str) -> None:
+    """It is late by what its link takes, and what it did not get is counted."""
+    node = start("node", endpoint)
+    link = slow_link(endpoint, 5e6 / 8)
+    session = transport.open_client(link.endpoint, timeout=30.0, shared_memory=False)
+    with transport.PerceptionClient(session) as client:
+        receiver = client.receiver()
+        node.tell("stream 30 0.2 49")
+        node.expect("streamed")
+        assert client.wait_for(lambda grid: grid.sequence == 30, timeout=60.0)
+        assert receiver.received < 30 and receiver.received + receiver.missed >= 30 - 1
+        assert receiver.rejected == 0

@@ -1,0 +1,217 @@
+"""Fetches the last message of a publisher when it was lost on the way, in pieces that the link can carry."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from transport import zenoh_api
+from transport.codec import MAXIMUM_PAYLOAD
+from transport.exceptions import SessionClosed, TransportError
+from transport.last_message import MAXIMUM_PIECE, PIECE, announcement_key, pieces_key
+from transport.session import Session
+
+logger = logging.getLogger(__name__)
+# [s] A message that was announced may still be on its way by itself, as long as this side is subscribed.
+GRACE = 0.3
+# [byte/s] On a slower link most of what is sent by itself is lost half way, and what was sent of it keeps other things
+# waiting: a reader there unsubscribes, and fetches what is announced.
+SUBSCRIBING_RATE = 3e6
+# [s] Within this time a piece must come; pieces are made larger below the second and smaller above the third.
+PIECE_TIMEOUT = 5.0
+QUICK, SLOW = 0.025, 0.25
+# [byte] First and smallest piece: less than one batch of Zenoh (64 KiB), so that small messages never wait behind more.
+FIRST_PIECE, SMALLEST_PIECE = 48 * 1024, 16 * 1024
+# Pieces that may be lost one after the other before the next announcement is waited for, and [s] between them.
+ATTEMPTS = 20
+PAUSE = 0.1
+# Publishers whose numbers are remembered; one more with each restart of a node.
+REMEMBERED = 32
+CLOSE_TIMEOUT = 2.0
+
+
+class Fetcher:
+    """Knows which message each publisher of a key sent last, and fetches it when it did not come by itself."""
+
+    def __init__(
+        self,
+        session: Session,
+        key: str,
+        deliver: Callable[[bytes], None],
+        on_lost: Callable[[int], None],
+        subscribe: Callable[[bool], None] = lambda wanted: None,
+    ) -> None:
+        """Listen to announcements and ask what there is.
+
+        Args:
+            session: open session.
+            key: of the publishers.
+            deliver: called with each payload that is newer than those before, on Zenoh's thread or on the fetcher's.
+            on_lost: called with the number of messages that were lost for good.
+            subscribe: called on the fetcher's thread when the link has shown to be too slow for messages that come by
+                themselves (False), and when it is quick again (True).
+        """
+        self._session, self._key, self._deliver, self._on_lost = session, key, deliver, on_lost
+        self._subscribe, self._is_subscribed = subscribe, True
+        self._changed = threading.Condition()
+        self._delivery = threading.Lock()
+        self._newest: dict[str, int] = {}
+        self._announced: dict[str, int] = {}
+        self._is_closed = False
+        self._size = FIRST_PIECE
+        self._raw = zenoh_api.declare_subscriber(session.raw, announcement_key(key), self._on_announcement)
+        self._thread = threading.Thread(target=self._run, name=f"transport-fetch {key}", daemon=True)
+        self._thread.start()
+
+    def take(self, source: str, number: int, payload: bytes) -> None:
+        """Hand over a message that came, by itself or in pieces, unless a later one of its publisher came before."""
+        with self._delivery:
+            if self._is_new(source, number):
+                self._deliver(payload)
+        with self._changed:
+            self._changed.notify_all()
+
+    def _is_new(self, source: str, number: int) -> bool:
+        with self._changed:
+            before = self._newest.pop(source, None)
+            is_new = before is None or number > before
+            self._newest[source] = number if before is None else max(before, number)
+            while len(self._newest) > REMEMBERED:
+                del self._newest[next(iter(self._newest))]
+        if before is not None and number > before + 1:
+            self._on_lost(number - before - 1)
+        return is_new
+
+    def close(self) -> None:
+        """Stop; safe to call twice."""
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify_all()
+        if not self._session.raw_is_closed:
+            self._raw.undeclare()
+        if self._thread is not threading.current_thread():
+            self._thread.join(CLOSE_TIMEOUT)
+
+    def _on_announcement(self, sample: Any) -> None:
+        payload = sample.payload.to_bytes()
+        if len(payload) == 4:
+            self._announce(_source_of(str(sample.key_expr).removesuffix("/_")), int.from_bytes(payload, "little"))
+
+    def _announce(self, source: str, number: int) -> None:
+        with self._changed:
+            self._announced[source] = number
+            while len(self._announced) > REMEMBERED:
+                del self._announced[next(iter(self._announced))]
+            self._changed.notify_all()
+
+    def _wanted(self) -> tuple[str, int] | None:
+        for source, number in self._announced.items():
+            if number > self._newest.get(source, -1):
+                return source, number
+        return None
+
+    def _run(self) -> None:
+        try:
+            self._ask(pieces_key(self._key), 0, 0, -1, lambda key, head, _: self._announce(_source_of(key), head[0]))
+            while True:
+                with self._changed:
+                    self._changed.wait_for(lambda: self._is_closed or self._wanted() is not None)
+                    if self._is_closed:
+                        return
+                    if self._is_subscribed and self._newest:
+                        self._changed.wait_for(lambda: self._is_closed or self._wanted() is None, GRACE)
+                    wanted = self._wanted()
+                if wanted is not None:
+                    self._fetch(*wanted)
+        except SessionClosed:
+            return
+        except TransportError as error:
+            if not self._session.is_closed:
+                logger.error("what is lost on %s is no longer fetched: %s", self._key, error)
+
+    def _fetch(self, source: str, number: int) -> None:
+        """Fetch the last message of one publisher, and forget the announcement when that cannot be done."""
+        buffer = bytearray()
+        failures, start, fetched = 0, time.monotonic(), 0
+        while not self._is_closed:
+            with self._changed:
+                if self._newest.get(source, -1) >= number:
+                    return
+            piece = self._piece(source, len(buffer), number)
+            if piece is None:
+                failures += 1
+                if failures >= ATTEMPTS:
+                    break
+                time.sleep(PAUSE)
+                continue
+            head, content = piece
+            if head[0] != number:
+                number, buffer = head[0], bytearray()
+            if head[1] > MAXIMUM_PAYLOAD:
+                break
+            if head[2] != len(buffer) or (not content and head[1] > len(buffer)):
+                buffer.clear()
+                failures += 1
+                if failures >= ATTEMPTS:
+                    break
+                continue
+            failures = 0
+            buffer += content
+            fetched += len(content)
+            if len(buffer) >= head[1]:
+                if fetched >= FIRST_PIECE:
+                    self._judge(fetched / (time.monotonic() - start))
+                self.take(source, number, bytes(buffer))
+                return
+        with self._changed:
+            self._announced.pop(source, None)
+
+    def _judge(self, rate: float) -> None:
+        is_quick = rate > SUBSCRIBING_RATE
+        if is_quick != self._is_subscribed:
+            self._is_subscribed = is_quick
+            self._subscribe(is_quick)
+
+    def _piece(self, source: str, begin: int, number: int) -> tuple[tuple[int, int, int], bytes] | None:
+        found: list[tuple[tuple[int, int, int], bytes]] = []
+        size, start = self._size, time.monotonic()
+        self._ask(
+            pieces_key(self._key, source), begin, size, number, lambda _, head, content: found.append((head, content))
+        )
+        took = time.monotonic() - start
+        if not found or took > SLOW:
+            self._size = max(SMALLEST_PIECE, size // 2 if found else FIRST_PIECE if size > FIRST_PIECE else size // 2)
+        elif took < QUICK:
+            self._size = min(MAXIMUM_PIECE, 4 * size)
+        return found[0] if found else None
+
+    def _ask(
+        self,
+        key: str,
+        begin: int,
+        size: int,
+        number: int,
+        on_piece: Callable[[str, tuple[int, int, int], bytes], None],
+    ) -> None:
+        """Ask for one piece and wait for the end of the answers, of which there may be none."""
+        finished = threading.Event()
+
+        def sort(place: str, attachment: bytes, content: bytes) -> None:
+            if len(attachment) == PIECE.size and len(content) <= size:
+                on_piece(place, PIECE.unpack(attachment), content)
+
+        selector = f"{key}?piece={begin};size={size};number={number}"
+        self._session.attempt(
+            lambda: zenoh_api.get_pieces(self._session.raw, selector, PIECE_TIMEOUT, sort, finished.set),
+            f"cannot ask {key!r}",
+        )
+        deadline = time.monotonic() + PIECE_TIMEOUT
+        while not finished.wait(0.1) and not self._is_closed and time.monotonic() < deadline:
+            pass
+
+
+def _source_of(key: str) -> str:
+    return "/".join(key.split("/")[-2:])

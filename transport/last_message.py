@@ -1,0 +1,173 @@
+"""What a publisher keeps for those who join later or whose link was too slow: its last message, asked for in pieces.
+
+The keys and the heartbeat are those of Zenoh's advanced publisher, so that its advanced subscribers (and those of
+rmw_zenoh) are served too. Zenoh's own answers late joiners on the thread and under the lock that its puts need: one
+slow late joiner holds up all readers for seconds. Here each question is answered on a thread of its own.
+"""
+
+from __future__ import annotations
+
+import logging
+import struct
+import threading
+import time
+from collections import OrderedDict
+from functools import partial
+from typing import Any
+
+from transport import zenoh_api
+from transport.exceptions import SessionClosed, TransportError
+from transport.outbox import Outbox
+from transport.session import Session
+
+logger = logging.getLogger(__name__)
+# [s] The number of the last message is repeated this often, so that its loss is noticed though nothing follows it.
+HEARTBEAT = 0.5
+# Questions that are answered at a time; more are dropped, and asked again.
+MAXIMUM_ANSWERS = 16
+# [byte] Largest piece.
+MAXIMUM_PIECE = 4 * 1024 * 1024
+# Messages kept beyond the last for readers in the middle of fetching them, and [s] for how long after a question.
+KEPT = 3
+KEPT_FOR = 10.0
+CLOSE_TIMEOUT = 2.0
+
+# Attachment of a piece: number of the message, its length in bytes, where in it the piece begins.
+PIECE = struct.Struct("<QQQ")
+
+
+def announcement_key(key: str, source: str = "*/*") -> str:
+    """Where the number of the last message is repeated, and where advanced subscribers ask for it."""
+    return f"{key}/@adv/pub/{source}/_"
+
+
+def pieces_key(key: str, source: str = "*/*") -> str:
+    """Where pieces of the last message are asked for, as `KEY?piece=OFFSET;size=BYTES;number=N` (-1: the last)."""
+    return f"{key}/@adv/pieces/{source}"
+
+
+class LastMessage:
+    """The last message of one publisher, kept for others."""
+
+    def __init__(self, session: Session, key: str, source: str) -> None:
+        """Declare the keys, show the token, begin the heartbeat.
+
+        Args:
+            session: open session.
+            key: of the publisher.
+            source: identity of the publisher, as of `zenoh_api.source_of`.
+        """
+        self._session, self._key = session, key
+        self._place, self._pieces = announcement_key(key, source), pieces_key(key, source)
+        self._lock = threading.Lock()
+        self._kept: OrderedDict[int, tuple[bytes | bytearray, bytes | None, float]] = OrderedDict()
+        self._last = -1
+        self._questions = 0
+        self._outbox = Outbox()
+        self._closing = threading.Event()
+        self._news = threading.Event()
+        raw = session.raw
+        self._raw: list[Any] = [
+            zenoh_api.declare_queryable(raw, self._place, self._on_history),
+            zenoh_api.declare_queryable(raw, self._pieces, self._on_piece),
+            zenoh_api.declare_token(raw, self._place),
+        ]
+        self._beat = zenoh_api.declare_publisher(raw, self._place, "INTERACTIVE_LOW")
+        self._raw.append(self._beat)
+        self._thread = threading.Thread(target=self._run, name=f"transport-heartbeat {key}", daemon=True)
+        self._thread.start()
+
+    def keep(self, number: int, payload: bytes | bytearray, attachment: bytes | None) -> None:
+        """The last message is now this one."""
+        now = time.monotonic()
+        with self._lock:
+            self._last = number
+            self._kept[number] = (payload, attachment, now)
+            old = [other for other in self._kept if other != number]
+            for other in old[: max(0, len(old) - KEPT)]:
+                del self._kept[other]
+            for other in [other for other in old if other in self._kept and now - self._kept[other][2] > KEPT_FOR]:
+                del self._kept[other]
+
+    def announce(self) -> None:
+        """Tell the number of the last message now, not with the next heartbeat."""
+        self._news.set()
+
+    def _on_history(self, query: Any) -> None:
+        self._hand_over(query, self._answer_history)
+
+    def _on_piece(self, query: Any) -> None:
+        # Advanced subscribers ask `KEY/@adv/**`: theirs is the other queryable.
+        if query.parameters.get("piece") is None:
+            query.drop()
+        else:
+            self._hand_over(query, self._answer_piece)
+
+    def _hand_over(self, query: Any, answer: Any) -> None:
+        with self._lock:
+            self._questions += 1
+            lane = str(self._questions)
+        if self._closing.is_set() or self._outbox.pending >= MAXIMUM_ANSWERS:
+            query.drop()
+        else:
+            self._outbox.post(self._key, lambda: answer(query), lane=lane)
+
+    def _answer_history(self, query: Any) -> None:
+        with self._lock:
+            number, (payload, attachment, _) = self._last, self._kept.get(self._last, (b"", None, 0.0))
+        if number >= 0 and _is_within(number, query.parameters.get("_sn")):
+            query.reply(self._key, payload, attachment=attachment)
+        query.drop()
+
+    def _answer_piece(self, query: Any) -> None:
+        begin, size = _whole(query.parameters.get("piece"), 0), _whole(query.parameters.get("size"), 0)
+        with self._lock:
+            number = _whole(query.parameters.get("number"), -1)
+            if number not in self._kept:
+                number, begin = self._last, 0
+            payload, attachment, _ = self._kept.get(number, (b"", None, 0.0))
+            if number >= 0:
+                self._kept[number] = (payload, attachment, time.monotonic())
+        if number >= 0 and begin >= 0:
+            piece = bytes(memoryview(payload)[begin : begin + max(0, min(size, MAXIMUM_PIECE))])
+            query.reply(self._pieces, piece, attachment=PIECE.pack(number, len(payload), begin))
+        query.drop()
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            self._news.wait(HEARTBEAT)
+            self._news.clear()
+            if self._last < 0 or self._closing.is_set():
+                continue
+            number = (self._last & 0xFFFFFFFF).to_bytes(4, "little")
+            try:
+                self._session.attempt(partial(self._beat.put, number), "cannot send a heartbeat")
+            except SessionClosed:
+                return
+            except TransportError as error:
+                logger.error("%s: %s", self._key, error)
+
+    def close(self) -> None:
+        """Take all back."""
+        self._closing.set()
+        self._news.set()
+        self._thread.join(CLOSE_TIMEOUT)
+        self._outbox.close()
+        if not self._session.raw_is_closed:
+            for part in self._raw:
+                part.undeclare()
+
+
+def _whole(text: str | None, default: int) -> int:
+    try:
+        return int(text or default)
+    except ValueError:
+        return default
+
+
+def _is_within(number: int, span: str | None) -> bool:
+    """Whether a number lies in a span of an advanced subscriber, `FIRST..LAST`, either end open."""
+    if span is None:
+        return True
+    first, _, last = span.partition("..")
+    return _whole(first, 0) <= number <= _whole(last, 2**63)
