@@ -11,7 +11,9 @@ from guara_perception.arrays import Float, Index
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.ranging.column_rays import ColumnRays
 from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder
-from guara_perception.ranging.triangulate import plane_depth
+
+# A ray that meets the laser plane at less than about 3 degrees says nothing useful about distance.
+MIN_SINE_TO_PLANE = 0.05
 
 
 class Locator(Protocol):
@@ -94,6 +96,32 @@ class Triangulator:
         directions *= depth
         directions += self._translation.reshape(3, *(1 for _ in depth.shape))
         return directions
+
+
+def plane_depth(rays: Float, plane_in_camera: Float) -> tuple[Float, Float]:
+    """Where rays meet a laser plane.
+
+    Args:
+        rays: (2, n) or (2, s, n) x and y in the camera frame at z = 1, NaN where there is none.
+        plane_in_camera: (4,) n . X + d = 0, or (s, 4).
+
+    Returns:
+        Depth (n,) or (s, n) along the camera's z [m], NaN where the ray meets the plane at a grazing angle or behind
+        the camera; and the rays' products of the same shape with the normal, by which a change of ray changes the
+        depth.
+    """
+    x, y = rays
+    nx, ny, nz, d = plane_in_camera.T[..., None]
+    along_normal = nx * x
+    along_normal += ny * y
+    along_normal += nz
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = -d / along_normal
+        is_grazing = along_normal * along_normal < MIN_SINE_TO_PLANE**2 * (x * x + y * y + 1)
+        unusable = is_grazing | (depth <= 0)
+    if unusable.any():
+        depth[unusable] = np.nan
+    return depth, along_normal
 
 
 def locator(

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from guara_perception.arrays import Float, Float32
-from guara_perception.ranging.scan_surface import scan_surface
 from guara_perception.ranging.stripe_points import StripePoints
+from guara_perception.ranging.surface import scan_surface
 from guara_perception.readonly import readonly
 from guara_perception.terrain.assessment.raster import merge, rasterise
 from guara_perception.terrain.layers.geometry import GridGeometry

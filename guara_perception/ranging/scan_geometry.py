@@ -9,7 +9,6 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.height_rows import plane_in_frame, row_bands
-from guara_perception.ranging.triangulate import laser_origin
 from guara_perception.settings import Settings
 
 # Beyond the height limits, so that a stripe just outside is seen and not taken for no return at all.
@@ -77,3 +76,19 @@ def scan_geometry(
     return ScanGeometry(
         transform, stripes, plane_in_frame(planes, transform), (camera, laser_origin(every_plane, camera))
     )
+
+
+def laser_origin(planes: Float, near: Float) -> Float:
+    """The point of the mirror axis nearest to `near`: all laser planes pass (almost) through that line.
+
+    Args:
+        planes: (s, 4) planes of all stripes in one frame.
+        near: (3,) a point in the same frame, for instance the camera.
+
+    Returns:
+        (3,) point in that frame. The axis is the line that fits all planes in the least-squares sense.
+    """
+    normals, offsets = planes[:, :3], planes[:, 3]
+    axis = np.linalg.svd(normals)[2][-1]
+    rows = np.vstack((normals, axis))
+    return np.linalg.lstsq(rows, np.append(-offsets, axis @ near), rcond=None)[0]

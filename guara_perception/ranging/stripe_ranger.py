@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from guara_perception.arrays import Float, Mask
 from guara_perception.calibration.calibration import Calibration
-from guara_perception.ranging.calibration_variance import calibration_variance
+from guara_perception.calibration.height_sigma import HeightUncertainty
 from guara_perception.ranging.groups import in_groups
 from guara_perception.ranging.locate import Locator
 from guara_perception.ranging.scan_geometry import ScanGeometry
@@ -39,11 +39,12 @@ class StripeRanger:
         Raises:
             FileFormatError: the covariance of the calibration is not as documented.
         """
+        self._calibration = calibration
         self._geometry = geometry
         self._locator = locator
         self._height_limits = height_limits
         self._on_robot = on_robot
-        self._added_variance = calibration_variance(calibration, geometry)
+        self._uncertainty = HeightUncertainty.of(calibration)
 
     def points(self, profiles: Mapping[int, StripeProfile]) -> dict[int, StripePoints]:
         """Points of stripes by index; their frames must not be bad."""
@@ -59,3 +60,19 @@ class StripeRanger:
             )
             found.update(zip(group, points, strict=True))
         return found
+
+    def _added_variance(self, indices: Sequence[int]) -> Callable[[Float], Float] | None:
+        """Variances (s, n) [m^2] of heights at points (3, s, n) by what the calibration does not know exactly.
+
+        None for a calibration without covariance (one made from a drawing).
+        """
+        uncertainty, calibration, geometry = self._uncertainty, self._calibration, self._geometry
+        if uncertainty is None:
+            return None
+        return lambda points: uncertainty.variance_of_scan(
+            indices,
+            np.array([geometry.stripes[index].plane_in_camera for index in indices]),
+            points,
+            geometry.transform_camera_to_footprint,
+            calibration.transform_camera_to_base,
+        )

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from guara_perception.arrays import Float, Float32, Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
-from guara_perception.ranging.triangulate import laser_origin
+from guara_perception.ranging.scan_geometry import laser_origin
 from guara_perception.simulation.body import Body
 from guara_perception.simulation.bounce import Bounce
 from guara_perception.simulation.laser_planes import LaserPlanes

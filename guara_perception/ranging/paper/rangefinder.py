@@ -10,10 +10,18 @@ import numpy.typing as npt
 from guara_perception.arrays import Float, Index
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.calibration.height_rows import plane_in_frame
-from guara_perception.ranging.paper.camera import undistort
-from guara_perception.ranging.paper.height import StripeConstants, depth_from_constants, height, stripe_constants
-from guara_perception.ranging.paper.ortho import ortho_u, ortho_v
-from guara_perception.ranging.paper.surface import surface_coefficients, surface_x, surface_y
+from guara_perception.ranging.paper.equations import (
+    StripeConstants,
+    depth_from_constants,
+    height,
+    ortho_u,
+    ortho_v,
+    stripe_constants,
+    surface_coefficients,
+    surface_x,
+    surface_y,
+    undistort,
+)
 
 # Heights of the plates that the constants of a stripe are taken at [m].
 PLATE_HEIGHTS_M = (0.0, 0.08)

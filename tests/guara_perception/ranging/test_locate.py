@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.ranging.locate import Triangulator, locator
-from guara_perception.ranging.paper.camera import rotation_of_pitch
+from guara_perception.ranging.paper.equations import rotation_of_pitch
 from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder, radial_coefficient
-from guara_perception.ranging.triangulate import laser_origin
+from guara_perception.ranging.scan_geometry import laser_origin
 
 SIZE = (640, 512)
 MATRIX = np.array([[590.0, 0, 322.0], [0, 588.0, 250.0], [0, 0, 1]])

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.ranging.paper.ortho import ortho_u, ortho_v
+from guara_perception.ranging.paper.equations import ortho_u, ortho_v
 from guara_perception.ranging.range_images import COLUMNS, ROWS, range_images, to_floor, to_ortho
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.ranging.scan_surface import scan_surface
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
-from guara_perception.ranging.surface import OPEN_END_M, joined_surface, line_samples, linked_columns
+from guara_perception.ranging.surface import OPEN_END_M, joined_surface, line_samples, linked_columns, scan_surface
 from guara_perception.ranging.surface_raster import SurfaceRaster
 from guara_perception.terrain.assessment.raster import SurfaceSamples
 from guara_perception.terrain.layers.geometry import GridGeometry
