@@ -5,14 +5,13 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 EXTRAS_STAMP := $(VENV)/.installed-extras
 
-.PHONY: help install install-extras demo test test-quick test-all test-chip test-interop test-soak test-robots lint types \
-	docs bench bench-quick lock clean
+.PHONY: help install install-extras demo test test-all lint types docs bench bench-quick lock clean
 
 help:
 	@echo "make demo            install into .venv and run the main job without hardware"
-	@echo "make test            install into .venv and run the tests; make test-quick: those under a second each"
+	@echo "make test            install into .venv and run the tests"
 	@echo "make install         only install; then .venv/bin/guara is there"
-	@echo "make install-extras  also MuJoCo and the browser view; make test-all then runs all tests there are"
+	@echo "make install-extras  also MuJoCo and the browser view; make test-all then runs their tests too"
 	@echo "make docs            the documents and the Python reference as a site in out/site"
 	@echo "make lint types      ruff and mypy"
 	@echo "make bench           every figure of speed and accuracy (minutes); make bench-quick: under a minute"
@@ -37,22 +36,11 @@ install-extras: $(EXTRAS_STAMP)
 demo: install
 	$(BIN)/guara demo --out out/demo
 
-# Two workers to a core (tests/conftest.py): much of a test's time goes by while it waits.
-PYTEST := $(BIN)/python -m pytest -n auto --dist worksteal
-# A group of tests for each of these marks has a target of its own, outside of `make test`.
-GROUPS := chip interop soak robots
-
 test: install
-	$(PYTEST) -m "not (chip or interop or soak or robots)"
-
-test-quick: install
-	$(PYTEST) -m "not (slow or chip or interop or soak or robots)"
+	$(BIN)/python -m pytest
 
 test-all: install-extras
-	$(PYTEST)
-
-$(GROUPS:%=test-%): test-%: install-extras
-	$(PYTEST) -m $*
+	$(BIN)/python -m pytest
 
 # A site of the pages in docs/ with the reference made from the docstrings: out/site/index.html.
 docs: install-extras

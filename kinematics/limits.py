@@ -28,6 +28,9 @@ class OdometryLimits:
         return cls(**{field: table.number(field, above=0.0) for field in cls.__dataclass_fields__})
 
 
+TIME_LIMIT_S = 30.0
+
+
 @dataclass(frozen=True, slots=True)
 class PauseLimits:
     """What counts as a pause (robot.toml, table [pause]).
@@ -38,6 +41,8 @@ class PauseLimits:
         minimum_feet: least number of feet that carry the body.
         camera_translation_limit: how far the camera may move during a scan [m].
         camera_rotation_limit: how far it may turn [rad].
+        time_limit: a pause whose planned end is not announced is over so long after the last word of it [s]; a
+            robot.toml without it takes 30 s.
     """
 
     joint_speed_limit: float
@@ -45,6 +50,7 @@ class PauseLimits:
     minimum_feet: int
     camera_translation_limit: float
     camera_rotation_limit: float
+    time_limit: float = TIME_LIMIT_S
 
     @classmethod
     def from_table(cls, table: Table) -> PauseLimits:
@@ -55,6 +61,7 @@ class PauseLimits:
             minimum_feet=table.integer("minimum_feet", least=1),
             camera_translation_limit=table.number("camera_translation_limit", above=0.0),
             camera_rotation_limit=table.number("camera_rotation_limit", above=0.0),
+            time_limit=table.number("time_limit", above=0.0) if "time_limit" in table.values else TIME_LIMIT_S,
         )
 
 

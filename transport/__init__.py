@@ -21,6 +21,7 @@ from transport.exceptions import (
     SessionClosed,
     StaleTerrain,
     TransportError,
+    UnknownPhase,
     VersionError,
 )
 from transport.grids import grid_map_message, occupancy_message
@@ -97,6 +98,7 @@ __all__ = [
     "TerrainMessage",
     "TransformMessage",
     "TransportError",
+    "UnknownPhase",
     "VersionError",
     "check_security",
     "decode",

@@ -181,9 +181,15 @@ class PerceptionClient:
                 raise ScannerGone(f"{error}; the node of {self.robot!r} went away") from error
             raise self._unavailable() from error
 
-    def wait_for_step(self, step: int, *, timeout: float, extent: str = "footprint") -> TerrainMessage:
+    def wait_for_step(
+        self, step: int, *, timeout: float, extent: str = "footprint", confirmed: bool = False
+    ) -> TerrainMessage:
         """Wait for the grid of stance pause `step` or a later one; errors as of `wait_for`."""
-        return self.wait_for(lambda terrain: terrain.step >= step, timeout=timeout, extent=extent)
+        return self.wait_for(
+            lambda terrain: terrain.step >= step and not (confirmed and terrain.provisional),
+            timeout=timeout,
+            extent=extent,
+        )
 
     def on_terrain(self, callback: Callable[[TerrainMessage], None], *, extent: str = "footprint") -> None:
         """Call `callback` with the newest grid, again and again, on a thread of its own; see `on_newest`."""

@@ -15,6 +15,10 @@ class VersionError(MessageError):
     """A message of another major version than the one this package speaks."""
 
 
+class UnknownPhase(MessageError):
+    """A stance pause of a phase that a later version may know; it says nothing that this one could act on."""
+
+
 class KeyNameError(TransportError, ValueError):
     """A robot or role name that cannot be part of a key."""
 

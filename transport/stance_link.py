@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+import threading
+from collections import deque
 from collections.abc import Callable
 
 from transport.exceptions import MessageError
@@ -10,12 +13,17 @@ from transport.outbox import Outbox
 from transport.publisher import URGENT, Publisher
 from transport.receiver import NewestReceiver
 from transport.resource import Resource
+from transport.seldom import Seldom
 from transport.session import Session
-from transport.stance_pause import StancePause, decode_stance_pause, encode_stance_pause
+from transport.stance_pause import PausePhase, StancePause, decode_stance_pause, encode_stance_pause
+
+logger = logging.getLogger(__name__)
+# Announcements that may wait for whoever follows them; of more, the oldest but BEGIN and END are dropped.
+MAXIMUM_WAITING = 256
 
 
 class StancePublisher(Resource):
-    """The gait controller's side: announces begin and end of each pause, without ever waiting for a receiver.
+    """The gait controller's side: announces the pauses, without ever waiting for a receiver.
 
     Args:
         session: open session.
@@ -26,12 +34,14 @@ class StancePublisher(Resource):
         """Declare the key."""
         self._robot = robot
         self._publisher = Publisher(session, stance_key(robot), priority=URGENT)
+        # Not kept for those who join later: they need the begin.
+        self._holds = Publisher(session, stance_key(robot), latched=False, priority=URGENT)
         self._outbox = Outbox()
         self._count = 0
         super().__init__(session)
 
     def publish(self, pause: StancePause) -> None:
-        """Announce one end of a pause; returns at once. Begin and end are both sent, in order.
+        """Announce; returns at once. All are sent, in order; only of HOLD the newest counts while it waits.
 
         Raises:
             SessionClosed: the session is closed.
@@ -42,6 +52,9 @@ class StancePublisher(Resource):
                 f"a pause of robot {pause.robot!r} on the key of {self._robot!r} reaches nobody; "
                 f"publish it by StancePublisher(session, robot={pause.robot!r})"
             )
+        if pause.phase is PausePhase.HOLD:
+            self._outbox.post(f"{self._holds.key} hold", lambda: self._holds.put(encode_stance_pause(pause)))
+            return
         self._count += 1
         self._outbox.post(f"{self._publisher.key} {self._count}", lambda: self._send(pause))
 
@@ -54,13 +67,14 @@ class StancePublisher(Resource):
 
     def _release(self) -> None:
         self._outbox.close()
+        self._holds.close()
         self._publisher.close()
 
 
 class StanceReceiver(NewestReceiver[StancePause]):
-    """Follows the stance pauses of one robot; the newest announcement counts.
+    """Follows the stance pauses of one robot: `on_pause` gets every announcement, in the order of arrival.
 
-    When a begin and an end come quickly after one another only the end may be seen: the pause is over.
+    `latest` and the waiting methods know the newest only, as of every receiver.
     """
 
     def __init__(
@@ -76,10 +90,61 @@ class StanceReceiver(NewestReceiver[StancePause]):
         Args:
             session: open session.
             robot: instance name.
-            on_pause: called with each newest announcement, on a thread of its own.
+            on_pause: called with each announcement, on a thread of its own.
             on_refused: called on that thread when an announcement is unreadable or holds a joint that is not finite:
-                what the robot does now is then not known.
+                what the robot does now is then not known. Of several in a row it is told once.
         """
+        self._on_pause, self._on_refused = on_pause, on_refused
+        self._waiting: deque[StancePause | MessageError] = deque()
+        self._refusals = Seldom(logger)
         super().__init__(session, stance_key(robot), decode_stance_pause)
         if on_pause is not None:
-            self.on_newest(lambda received: on_pause(received.message), on_refused=on_refused)
+            thread = threading.Thread(target=self._follow, name=f"transport-{self.key}", daemon=True)
+            self._threads.append(thread)
+            thread.start()
+
+    def _take(self, payload: bytes) -> None:
+        super()._take(payload)
+        if self._on_pause is None:
+            return
+        announcement: StancePause | MessageError
+        try:
+            announcement = decode_stance_pause(payload)
+        except MessageError as error:
+            announcement = error
+        with self._changed:
+            if isinstance(announcement, MessageError) and self._waiting:
+                last = self._waiting[-1]
+                if isinstance(last, MessageError) and type(last) is type(announcement):
+                    return
+            if len(self._waiting) >= MAXIMUM_WAITING:
+                self._drop_one()
+            self._waiting.append(announcement)
+            self._changed.notify_all()
+
+    def _drop_one(self) -> None:
+        for index, waiting in enumerate(self._waiting):
+            if isinstance(waiting, MessageError) or waiting.phase is PausePhase.HOLD:
+                del self._waiting[index]
+                return
+        self._waiting.popleft()
+
+    def _follow(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._is_closed)
+                if self._is_closed:
+                    return
+                announcement = self._waiting.popleft()
+            try:
+                self._hand_on(announcement)
+            except Exception:
+                logger.exception("the callback for %s failed", self.key)
+
+    def _hand_on(self, announcement: StancePause | MessageError) -> None:
+        if isinstance(announcement, MessageError):
+            self._refusals.say("announcement on %s refused: %s", self.key, announcement)
+            if self._on_refused is not None:
+                self._on_refused(announcement)
+        elif self._on_pause is not None:
+            self._on_pause(announcement)

@@ -23,6 +23,8 @@ EXTENTS = ("footprint", "map")
 MODES = ("coarse", "standard")
 ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
 # Largest grid; the map of the contract has 44,800 cells.
+# Characters of the identity of a walk or of a run.
+MAXIMUM_IDENTITY = 100
 MAXIMUM_CELLS = 4_000_000
 
 
@@ -110,6 +112,11 @@ class TerrainMessage:
         metadata: JSON text of an object.
         frame_id: frame of the grid.
         version: (major, minor) of the message.
+        epoch: from the metadata: identity of the walk; empty when it does not say.
+        run: from the metadata: identity of the run of the node that sent it; empty when it does not say.
+        provisional: from the metadata: whether the pause has yet to confirm that the robot stood still.
+        scan_end_clock: from the metadata: the end of the scan by a clock of the node that never steps [s]; None when
+            it does not say.
     """
 
     robot: str
@@ -139,6 +146,10 @@ class TerrainMessage:
     metadata: str = "{}"
     frame_id: str = "base_footprint"
     version: tuple[int, int] = (VERSION_MAJOR, VERSION_MINOR)
+    epoch: str = field(init=False, default="")
+    run: str = field(init=False, default="")
+    provisional: bool = field(init=False, default=False)
+    scan_end_clock: float | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         """Check every field, and copy what could still be changed from outside.
@@ -197,11 +208,28 @@ class TerrainMessage:
         except ValueError as error:
             raise MessageError(f"health is {self.health}; allowed: 0 to 3") from error
         try:
-            is_object = isinstance(json.loads(self.metadata), dict)
+            data = json.loads(self.metadata)
         except (TypeError, ValueError, RecursionError) as error:
             raise MessageError(f"metadata is not JSON text: {error}") from error
-        if not is_object:
+        if not isinstance(data, dict):
             raise MessageError("metadata is JSON, but not an object; write it as {...}")
+        self._take_from(data)
+
+    def _take_from(self, data: Mapping[str, Any]) -> None:
+        """Read what the metadata tells of origin and state; old readers find it there and leave it alone."""
+        for name in ("epoch", "run"):
+            text = data.get(name, "")
+            if not isinstance(text, str) or len(text) > MAXIMUM_IDENTITY:
+                raise MessageError(
+                    f"{name} in the metadata is {text!r}; allowed: text up to {MAXIMUM_IDENTITY} characters"
+                )
+            object.__setattr__(self, name, text)
+        provisional = data.get("provisional", False)
+        if not isinstance(provisional, bool):
+            raise MessageError(f"provisional in the metadata is {provisional!r}; allowed: true and false")
+        object.__setattr__(self, "provisional", provisional)
+        if data.get("scan_end_clock") is not None:
+            object.__setattr__(self, "scan_end_clock", finite(data["scan_end_clock"], "scan_end_clock in the metadata"))
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -122,14 +122,23 @@ class TerrainClient:
 
         self._client.on_terrain(hand_over, extent=extent)
 
-    def wait_for_step(self, step: int, timeout: float = 30.0, extent: str = "footprint") -> TerrainGrid:
+    def wait_for_step(
+        self, step: int, timeout: float = 30.0, extent: str = "footprint", *, confirmed: bool = False
+    ) -> TerrainGrid:
         """Wait for the grid of stance pause `step`, or of a later one.
+
+        Args:
+            step: number of the pause.
+            timeout: seconds.
+            extent: "footprint" or "map".
+            confirmed: wait until the gait has said that the robot stood still through the scan; before, a grid is
+                provisional (`TerrainGrid.is_provisional`): it may be used while the robot stands, and may be withdrawn.
 
         Raises:
             transport.ReceiveTimeout: none came in time although the node lives.
             ScannerGone, ScannerUnavailable: none came, and the node went away or was never there.
         """
-        return message_to_terrain(self._client.wait_for_step(step, timeout=timeout, extent=extent))
+        return message_to_terrain(self._client.wait_for_step(step, timeout=timeout, extent=extent, confirmed=confirmed))
 
     def request_scan(
         self,

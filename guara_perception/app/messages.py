@@ -26,6 +26,7 @@ def terrain_to_message(
     sequence: int,
     scan_start: int | None = None,
     scan_end: int | None = None,
+    valid_for: float = math.inf,
 ) -> TerrainMessage:
     """The message of a grid.
 
@@ -34,6 +35,7 @@ def terrain_to_message(
         robot: instance name of the robot.
         sequence: number of this message.
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
+        valid_for: at most so long after `scan_end`, besides the grid's own validity [s].
 
     Raises:
         UnsafeGrid: the grid breaks the safety invariant.
@@ -51,8 +53,9 @@ def terrain_to_message(
         stamp=terrain.stamp,
         scan_start=start,
         scan_end=max(start, terrain.stamp if scan_end is None else scan_end),
-        valid_for=float(data.get("validity_seconds", math.inf)),
-        valid_pauses=int(data.get("validity_pauses", 255)),
+        valid_for=min(float(data.get("validity_seconds", math.inf)), valid_for),
+        # The frame of a scan's own grid ends with its pause.
+        valid_pauses=0 if terrain.extent == "footprint" else int(data.get("validity_pauses", 255)),
         mode=str(data.get("mode", "standard")),
         method=str(data.get("method", "")),
         calibration_hash=str(data.get("calibration_hash", "")),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.terrain.grid import TerrainGrid
 from transport import TerrainMessage
@@ -14,6 +16,7 @@ def publish_terrain(
     *,
     scan_start: int | None = None,
     scan_end: int | None = None,
+    valid_for: float = math.inf,
 ) -> TerrainMessage:
     """Hand one grid over for sending; returns at once.
 
@@ -21,6 +24,7 @@ def publish_terrain(
         server: the node's side of the transport.
         terrain: grid of either extent; of a footprint the occupancy and the grid map go out too.
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
+        valid_for: at most so long after `scan_end`, besides the grid's own validity [s].
 
     Returns:
         The message that is sent.
@@ -34,6 +38,7 @@ def publish_terrain(
         sequence=server.next_sequence(terrain.extent),
         scan_start=scan_start,
         scan_end=scan_end,
+        valid_for=valid_for,
     )
     server.publish(message, occupancy=terrain.to_occupancy() if terrain.extent == "footprint" else None)
     return message

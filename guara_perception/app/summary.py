@@ -46,6 +46,8 @@ def summary(terrain: TerrainGrid) -> str:
         f"traversable {safe:.0%}",
         f"attitude from {terrain.metadata.get('attitude_source', '?')}",
     ]
+    if terrain.is_provisional:
+        parts.append("provisional")
     if most:
         parts.append("hazards " + " ".join(f"{name} {counts[name]}" for name in most))
     reasons = terrain.metadata.get("health", {}).get("reasons", [])

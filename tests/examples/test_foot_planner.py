@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import socket
 import subprocess
 import sys
 import time
@@ -17,7 +18,6 @@ from guara_perception.simulation import SimulatedRangefinder, World, specimen
 from guara_perception.simulation.walk import simulate_walk
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, load_robot
-from tests.ports import free_endpoint
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "foot_planner.py"
@@ -45,7 +45,9 @@ def map_file(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def endpoint() -> str:
-    return free_endpoint()
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ import importlib.util
 import struct
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from transport.scan_messages import (
     encode_scan_reply,
     encode_scan_request,
 )
+from transport.stance_pause import make_stance_pause
 from transport.typestore import (
     dds_type_name,
     message_class,
@@ -37,6 +39,9 @@ _SPEC = importlib.util.spec_from_file_location("independent_cdr", Path(__file__)
 independent = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(independent)
 
+# Of "walk-7" and its length, behind a message that ends on four bytes.
+EPOCH_BYTES = 4 + 7
+
 
 def _pause(peer) -> transport.StancePause:
     ground = transport.GroundPatch(outline=[[0, 0], [1, 0], [1, 1.5]], height=0.01, sigma=0.002)
@@ -48,6 +53,7 @@ def _pause(peer) -> transport.StancePause:
         stance=peer.make_stance(),
         time_available=2.5,
         known_ground=(ground,),
+        epoch="walk-7",
     )
 
 
@@ -125,10 +131,36 @@ def test_stance_pause_round_trip_is_exact(peer) -> None:
     """Every field of a StancePause comes back as it was."""
     pause = _pause(peer)
     back = transport.decode_stance_pause(transport.encode_stance_pause(pause))
-    for name in ("robot", "step", "phase", "stamp", "stance", "time_available", "frame_id"):
+    for name in ("robot", "step", "phase", "stamp", "stance", "time_available", "frame_id", "epoch"):
         assert getattr(back, name) == getattr(pause, name), name
     np.testing.assert_array_equal(back.known_ground[0].outline, pause.known_ground[0].outline)
     assert (back.known_ground[0].height, back.known_ground[0].sigma) == (0.01, 0.002)
+
+
+@pytest.mark.parametrize("byte_order", ["little", "big"])
+def test_pauses_of_a_gait_that_knows_no_walks_are_read(peer, byte_order: str) -> None:
+    """What was sent before walks had an identity ends where `epoch` begins: it is read, and the epoch is empty."""
+    message = make_stance_pause(replace(_pause(peer), epoch=""))
+    whole = bytes(typestore().serialize_cdr(message, message.__msgtype__, little_endian=byte_order == "little"))
+    old = transport.decode_stance_pause(whole[:-5])
+    assert (old.step, old.phase, old.epoch, old.known_ground[0].sigma) == (-3, transport.PausePhase.END, "", 0.002)
+    with pytest.raises(MessageError):
+        transport.decode_stance_pause(whole[:-9])
+
+
+def test_a_phase_of_a_later_version_is_told_apart_from_damage(peer) -> None:
+    """It is refused in words that say what is known, by an error of its own."""
+    message = make_stance_pause(_pause(peer))
+    message.phase = 9
+    with pytest.raises(transport.UnknownPhase, match=r"phase is 9; known: 1 \(BEGIN\), 2 \(END\) and 3 \(HOLD\)"):
+        transport.decode_stance_pause(bytes(transport.encode(message)))
+
+
+@pytest.mark.parametrize("fields", [{"step": 2**53 + 1}, {"step": -(2**63)}, {"epoch": "x" * 101}])
+def test_a_pause_of_absurd_numbers_is_refused(peer, fields: dict[str, object]) -> None:
+    """No step that would overflow what counts pauses, no epoch without end."""
+    with pytest.raises(MessageError, match=next(iter(fields))):
+        replace(_pause(peer), **fields)
 
 
 def test_unknown_gravity_stays_unknown(peer) -> None:
@@ -241,6 +273,10 @@ def test_every_truncation_is_refused(payloads) -> None:
     """A message of which the end is missing is never read, wherever it was cut."""
     for kind, (payload, decode) in payloads.items():
         for length in range(len(payload)):
+            if kind == "guara_msgs/StancePause" and length == len(payload) - EPOCH_BYTES:
+                # The whole message of a gait that knows nothing of walks.
+                assert decode(payload[:length]).epoch == ""
+                continue
             with pytest.raises(MessageError):
                 decode(payload[:length])
                 pytest.fail(f"{kind} cut to {length} of {len(payload)} bytes was read")

@@ -200,8 +200,8 @@ def test_other_parts_refuse_bad_numbers(peer) -> None:
         transport.GroundPatch(outline=[*line, [1, 1]], height=0, sigma=-1)
     with pytest.raises(MessageError, match="hazard of an obstacle is 65536"):
         transport.ObstacleMessage(outline=line, height=0, position=(0, 0, 0), sigma=0, hazard=65536)
-    with pytest.raises(MessageError, match="phase is 3"):
-        transport.StancePause(robot="g", step=0, phase=3, stamp=0, stance=peer.make_stance())
+    with pytest.raises(MessageError, match="phase is 9"):
+        transport.StancePause(robot="g", step=0, phase=9, stamp=0, stance=peer.make_stance())
     with pytest.raises(MessageError, match="time_available is -1"):
         transport.StancePause(robot="g", step=0, phase=1, stamp=0, stance=peer.make_stance(), time_available=-1.0)
     with pytest.raises(MessageError, match="'x' is 'y'; a number is needed"):

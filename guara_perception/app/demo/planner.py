@@ -24,8 +24,9 @@ def main() -> int:
     try:
         with TerrainClient(endpoint, robot=robot) as client:
             print(json.dumps({"ready": True}), flush=True)
+            steps: set[int] = set()
             for line in sys.stdin:
-                print(json.dumps(answer(client, json.loads(line))), flush=True)
+                print(json.dumps(answer(client, json.loads(line), steps)), flush=True)
     except (PerceptionError, TransportError) as error:
         print(f"planner: {error}", file=sys.stderr)
         return 1
@@ -35,16 +36,23 @@ def main() -> int:
     return 0
 
 
-def answer(client: TerrainClient, request: dict[str, Any]) -> dict[str, Any]:
-    """Wait for the grids of the step and choose foothold and swing on the one that is asked for."""
-    client.wait_for_step(request["step"], timeout=GRID_TIMEOUT_S)
-    terrain = client.wait_for_step(request["step"], timeout=GRID_TIMEOUT_S, extent=request["extent"])
+def answer(client: TerrainClient, request: dict[str, Any], steps: set[int]) -> dict[str, Any]:
+    """Wait for the grids of the step, confirmed, and choose foothold and swing on the one that is asked for.
+
+    Args:
+        client: connected.
+        request: as the module says.
+        steps: whose scans were received so far; grows.
+    """
+    step = request["step"]
+    steps.add(client.wait_for_step(step, timeout=GRID_TIMEOUT_S, confirmed=True).step)
+    terrain = client.wait_for_step(step, timeout=GRID_TIMEOUT_S, extent=request["extent"], confirmed=True)
     x, y, leg = request["x"], request["y"], request["leg"]
     found = plan_step(terrain, leg, (x, y))
     reply: dict[str, Any] = {
         "step": terrain.step,
         "leg": leg,
-        "received": client.counts()["received"],
+        "received": len(steps),
         "foothold": None,
         "swing": None,
         "clearance": None,

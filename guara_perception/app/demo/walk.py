@@ -103,8 +103,12 @@ def demo_walk(
         for pause in robot.walk(lambda pause: choices[pause.step], cycles=cycles):
             robot.stand_at(pause)
             gait.begin(pause)
-            fused = client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S, extent="map")
-            terrain = client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S)
+            client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S, extent="map")
+            client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S)
+            # The robot has stood still through the scan: what was provisional is confirmed by this.
+            gait.hold(pause)
+            fused = client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S, extent="map", confirmed=True)
+            terrain = client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S, confirmed=True)
             x, y = pause.nominal
             answer = planner.choose(step=pause.step, leg=pause.next_leg, x=x, y=y, extent="map")
             check.grids_received = answer["received"]

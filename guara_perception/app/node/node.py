@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -19,8 +20,16 @@ from guara_perception.exceptions import InvalidInput, PerceptionError
 from guara_perception.progress import Progress
 from guara_perception.settings import MODES
 from guara_perception.terrain.grid import TerrainGrid
-from kinematics import KinematicsError, RobotModel, Stance
-from transport import PausePhase, ScanFailed, ScanRequest, StancePause, TerrainMessage, TransportError
+from kinematics import KinematicsError, RobotModel, Stance, check_camera_still
+from transport import (
+    PausePhase,
+    ScanFailed,
+    ScanRequest,
+    StancePause,
+    TerrainMessage,
+    TransportError,
+    UnknownPhase,
+)
 from transport.server import PerceptionServer
 
 if TYPE_CHECKING:
@@ -30,6 +39,8 @@ logger = logging.getLogger(__name__)
 
 # How long `close` waits for a scan to notice that it should end.
 STOP_TIMEOUT_S = 5.0
+# A pause is looked at a little after its end, not a little before.
+EXPIRY_SLACK_S = 0.01
 EXPECTED = (PerceptionError, KinematicsError, TransportError)
 
 
@@ -74,12 +85,15 @@ class PerceptionNode:
         if mode not in SWEEPS:
             raise InvalidInput(f"mode is {mode!r}, allowed: {', '.join(SWEEPS)}")
         self.status = status or NodeStatus(calibration)
-        self._mode, self._server = mode, server
+        self._mode, self._server, self._robot = mode, server, robot
+        self._camera = calibration.transform_camera_to_base
         self._scanner = PauseScanner(
             robot, calibration, rangefinder, server, self.status, method=method, recorder=recorder
         )
         self._changed = threading.Condition()
         self._pause: Pause | None = None
+        self._walks = 0
+        self._has_news = False
         self._to_scan: Pause | None = None
         self._job: tuple[ScanJob, list[TerrainMessage | Exception]] | None = None
         self._done = -1
@@ -99,48 +113,95 @@ class PerceptionNode:
         self.close()
 
     def on_pause(self, announcement: StancePause) -> None:
-        """Take note that a stance pause begins or ends; returns at once, the scan runs on the node's own thread.
+        """Take note of what the gait says of a stance pause; returns at once, the scan runs on the node's own thread.
 
         A stance that cannot be used (an unknown foot) ends the pause that it speaks of: what is not known to stand
         still is not scanned, and a scan under way is not used.
         """
+        now = time.monotonic()
+        refusal = self._foreign(announcement)
+        if refusal:
+            self.status.problem("stance", f"step {announcement.step}: {refusal}; nothing was changed by it")
+            return
         try:
-            stance: Stance | None = stance_of(announcement)
+            stance: Stance | None = stance_of(announcement, self._robot)
         except KinematicsError as error:
             self.status.problem("stance", f"step {announcement.step}: {error}")
             stance = None
         with self._changed:
-            current = self._pause
-            if announcement.phase is PausePhase.END or stance is None:
-                if current is not None and not current.ended.is_set():
-                    if current.step == announcement.step:
-                        current.end(stance)
-                    elif announcement.phase is PausePhase.BEGIN or announcement.step > current.step:
-                        # Another pause: the end of this one was never announced.
-                        current.end(None)
-                return
-            if current is not None:
-                if current.step == announcement.step and not current.ended.is_set():
-                    return
-                if not current.ended.is_set():
-                    # Its end was never announced.
-                    current.end(None)
-            self._pause = self._to_scan = Pause(
-                announcement.step, stance, announcement.known_ground, announcement.time_available
-            )
+            begun = self._follow(announcement, stance, now)
+            self._has_news = True
             self._changed.notify_all()
-        self.status.solved("stance")
-        self._server.begin_step(announcement.step)
+        if begun is not None:
+            self.status.solved("stance")
+            self._server.begin_step(begun.step)
+
+    def _foreign(self, announcement: StancePause) -> str:
+        """Why an announcement is not for this node, in words; empty when it is."""
+        if announcement.robot != self._server.robot:
+            return f"the announcement is for robot {announcement.robot!r}, this node is {self._server.robot!r}"
+        return ""
+
+    def _follow(self, announcement: StancePause, stance: Stance | None, now: float) -> Pause | None:
+        """Bring an announcement into the pause that it speaks of; the pause that it begins, if any."""
+        current = self._standing()
+        phase, step = announcement.phase, announcement.step
+        is_same = current is not None and (current.step, current.told_epoch) == (step, announcement.epoch)
+        if current is not None and is_same:
+            if phase is PausePhase.HOLD:
+                current.hold(stance, now, announcement.stamp, announcement.time_available)
+            elif phase is PausePhase.END or stance is None:
+                current.end(stance)
+            elif current.begin_again(stance):
+                return None
+        elif current is not None and (phase is PausePhase.BEGIN or self._is_later(announcement, current)):
+            # Another pause: the end of this one was never told.
+            current.end(None)
+        if phase is not PausePhase.BEGIN or stance is None:
+            return None
+        self._pause = self._to_scan = Pause(
+            step=step,
+            epoch=self._epoch_of(announcement),
+            told_epoch=announcement.epoch,
+            stance=stance,
+            check=self._check_still,
+            begun=now,
+            limit=self._robot.pause_limits.time_limit,
+            known_ground=announcement.known_ground,
+            time_available=announcement.time_available,
+            stamp=announcement.stamp,
+        )
+        return self._pause
+
+    def _is_later(self, announcement: StancePause, current: Pause) -> bool:
+        return announcement.epoch != current.told_epoch or announcement.step > current.step
+
+    def _epoch_of(self, announcement: StancePause) -> str:
+        """The walk that a pause belongs to; where the gait tells none, one that counts anew begins another."""
+        if announcement.epoch:
+            return announcement.epoch
+        last = self._pause
+        if last is None or last.told_epoch or announcement.step < last.step:
+            self._walks += 1
+        return f"walk-{self._walks}"
+
+    def _check_still(self, begin: Stance, now: Stance) -> None:
+        check_camera_still(self._robot, begin, now, transform_camera_to_base=self._camera)
 
     def on_refused(self, error: TransportError) -> None:
         """Take note that the gait announced something that cannot be read, a joint that is NaN for instance.
 
-        It may have been the end of the pause, so that it counts as one.
+        It may have been the end of the pause, so that it counts as one. A phase of a later version changes nothing.
         """
         self.status.problem("stance", f"announcement refused: {error}")
+        if isinstance(error, UnknownPhase):
+            return
         with self._changed:
-            if self._pause is not None and not self._pause.ended.is_set():
-                self._pause.end(None)
+            current = self._standing()
+            if current is not None:
+                current.end(None)
+            self._has_news = True
+            self._changed.notify_all()
 
     @property
     def latest_map(self) -> TerrainGrid | None:
@@ -161,8 +222,12 @@ class PerceptionNode:
             self._thread.join(STOP_TIMEOUT_S)
 
     def _standing(self) -> Pause | None:
+        """The pause that the robot is in."""
         pause = self._pause
-        return None if pause is None or pause.ended.is_set() else pause
+        if pause is None:
+            return None
+        pause.expire(time.monotonic())
+        return None if pause.ended.is_set() else pause
 
     def _admit(self, request: ScanRequest) -> None:
         if self._standing() is None:
@@ -185,11 +250,14 @@ class PerceptionNode:
     def _run(self) -> None:
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._to_scan or self._job or self._closing.is_set())
+                self._changed.wait_for(self._has_work, self._until_expiry())
                 if self._closing.is_set():
                     return
+                self._standing()
+                self._has_news = False
                 pause, self._to_scan = self._to_scan, None
                 job, self._job = (self._job, None) if pause is None else (None, self._job)
+            self._settle()
             if pause is not None:
                 self._scan(pause, self._mode, lambda: False, None)
                 with self._changed:
@@ -197,6 +265,23 @@ class PerceptionNode:
                     self._changed.notify_all()
             elif job is not None:
                 self._run_job(*job)
+
+    def _has_work(self) -> bool:
+        return bool(self._to_scan or self._job or self._has_news or self._closing.is_set())
+
+    def _until_expiry(self) -> float | None:
+        """Until the pause ends by itself [s]; None when there is none that could."""
+        pause = self._pause
+        if pause is None or pause.ended.is_set():
+            return None
+        return pause.time_left(time.monotonic()) + EXPIRY_SLACK_S
+
+    def _settle(self) -> None:
+        try:
+            self._scanner.settle()
+        except Exception as error:
+            self.status.problem("scan", f"the last grid could not be settled: {error}")
+            logger.exception("the last grid could not be settled")
 
     def _run_job(self, job: ScanJob, result: list[TerrainMessage | Exception]) -> None:
         pause = self._standing()
@@ -214,6 +299,7 @@ class PerceptionNode:
         """Scan; whatever goes wrong is logged and stands in the status, and the next pause scans again."""
 
         def should_stop() -> bool:
+            pause.expire(time.monotonic())
             return pause.ended.is_set() or self._closing.is_set() or is_cancelled()
 
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 import time
 from collections.abc import Callable
@@ -66,10 +67,19 @@ class NodeStatus:
                     "coverage": f"{terrain.metadata['coverage']:.3f}",
                     "duration_s": f"{(scan.end - scan.start) * 1e-9:.3f}",
                     "latency_ms": f"{latency * 1e3:.1f}",
+                    "provisional": "true",
                     "scans": str(self._scans),
                     "failures": str(self._failures),
                 },
             )
+        self.on_change()
+
+    def confirmed(self, step: int) -> None:
+        """Take note that the pause has confirmed the last grid."""
+        with self._lock:
+            scanner = self._items.get("scanner")
+            if scanner is not None and scanner.values["step"] == str(step):
+                self._items["scanner"] = dataclasses.replace(scanner, values={**scanner.values, "provisional": "false"})
         self.on_change()
 
     def drift(self, drift: Drift) -> None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from drivers import DriverError
 from guara_perception.app.node.live_scan import LiveScan
@@ -25,7 +26,7 @@ from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.scan.policy import ScanPolicy
-from kinematics import CameraMoved, RobotModel, Stance, check_camera_still
+from kinematics import CameraMoved, RobotModel, Stance
 from transport import TerrainMessage, TransportError
 from transport.server import PerceptionServer
 
@@ -33,6 +34,27 @@ logger = logging.getLogger(__name__)
 
 # Neighbouring columns are smoothed over one another: every eighth says as much of the floor, in a fifth of the time.
 DRIFT_COLUMNS = 8
+
+
+@dataclasses.dataclass(slots=True)
+class Published:
+    """A scan whose grid was published last.
+
+    Attributes:
+        pause: in which it was taken.
+        terrain: its own grid.
+        scan: how it went.
+        fused: the map that it was joined to, None until then.
+        is_provisional: whether the pause has yet to confirm it.
+        was_sent_provisional: whether it was published so.
+    """
+
+    pause: Pause
+    terrain: TerrainGrid
+    scan: LiveScan
+    fused: TerrainGrid | None = None
+    is_provisional: bool = True
+    was_sent_provisional: bool = False
 
 
 class PauseScanner:
@@ -55,6 +77,7 @@ class PauseScanner:
         self._settings = Settings.of(robot)
         self._map = WalkMap(robot, calibration)
         self._sweeper = Sweeper(calibration, rangefinder, self._settings, ScanPolicy(robot))
+        self._published: Published | None = None
 
     @property
     def latest_map(self) -> TerrainGrid | None:
@@ -64,7 +87,7 @@ class PauseScanner:
     def scan(
         self, pause: Pause, mode: str, should_stop: Callable[[], bool], progress: Progress | None = None
     ) -> TerrainMessage:
-        """Scan one pause and publish what came of it.
+        """Scan one pause and publish what came of it, as provisional while the pause has not confirmed it.
 
         Args:
             pause: the gait is in.
@@ -87,19 +110,22 @@ class PauseScanner:
         job = SweepJob(
             processor=lambda of_mode: self._processor(pause, of_mode),
             should_stop=should_stop,
-            time_available=pause.time_available,
+            time_available=pause.time_left(time.monotonic()) if pause.time_available else 0.0,
             progress=progress,
             recording=recording,
         )
         try:
             terrain, scan, processor = self._sweeper.sweep(mode, job)
-            self._check_still(pause)
+            self.settle()
+            if pause.broken and pause.still_until < scan.last_frame:
+                raise CameraMoved(pause.broken)
             terrain = with_problems(terrain, scan)
         except BaseException:
             if recording is not None:
                 recording.abandon()
             raise
-        message = publish_terrain(self._server, terrain, scan_start=scan.start, scan_end=scan.end)
+        self._published = published = Published(pause, terrain, scan)
+        message = self._send(published, terrain)
         self._status.scanned(terrain, scan, time.monotonic() - scan.last_frame)
         if logger.isEnabledFor(logging.INFO):
             logger.info("%s", summary(terrain))
@@ -108,13 +134,74 @@ class PauseScanner:
         try:
             self._check_steps()
         except MirrorSlipped as error:
+            self._published = None
             withdrawn = publish_terrain(self._server, self._nothing_seen(pause, str(error)))
             self._finish(recording, (message, withdrawn), pause.end_stance)
             raise
-        fused = self._map.update(pause.step, pause.stance, terrain, pause.known_ground)
-        fused_message = publish_terrain(self._server, fused, scan_start=scan.start, scan_end=scan.end)
+        published.fused = fused = self._map.update(
+            pause.step, pause.stance, terrain, pause.known_ground, epoch=pause.epoch, time=scan.last_frame
+        )
+        fused_message = self._send(published, fused)
         self._finish(recording, (message, fused_message), pause.end_stance)
+        self.settle()
         return message
+
+    def settle(self) -> None:
+        """Do what the pause has said of the newest grid since: confirm it, or withdraw it."""
+        published = self._published
+        if published is None:
+            return
+        pause = published.pause
+        if published.is_provisional and pause.still_until >= published.scan.last_frame:
+            published.is_provisional = False
+            if published.fused is not None:
+                pause.is_fused = True
+                self._map.keep()
+            if published.was_sent_provisional:
+                self._send(published, published.terrain)
+                if published.fused is not None:
+                    self._send(published, published.fused)
+            self._status.confirmed(pause.step)
+        if not pause.ended.is_set():
+            return
+        self._published = None
+        if pause.broken and (published.is_provisional or pause.moved):
+            self._withdraw(published)
+
+    def _withdraw(self, published: Published) -> None:
+        """Nothing of the grid is known any more; what it gave to the map goes, if no word of the gait had confirmed it.
+
+        A grid that was confirmed before the robot moved is right, but its frame is no longer where the robot stands.
+        """
+        pause = published.pause
+        reason = f"withdrawn: {pause.broken}"
+        self._status.problem("scan", f"step {pause.step}: {reason}")
+        logger.error("step %d: %s", pause.step, reason)
+        nothing = self._nothing_seen(pause, reason)
+        messages = [publish_terrain(self._server, nothing)]
+        if published.fused is not None and not pause.is_fused:
+            fused = self._map.withdraw(nothing, time=published.scan.last_frame)
+            messages.append(publish_terrain(self._server, identified(fused, pause)))
+        if self._recorder is not None:
+            self._recorded(lambda: self._add_terrains(messages))
+
+    def _add_terrains(self, messages: Sequence[TerrainMessage]) -> None:
+        if self._recorder is not None:
+            self._recorder.add_terrains(messages)
+
+    def _send(self, published: Published, terrain: TerrainGrid) -> TerrainMessage:
+        """Publish a grid as what it is now; one that is provisional is valid no longer than its pause may last."""
+        pause, scan = published.pause, published.scan
+        is_provisional = published.is_provisional and pause.still_until < scan.last_frame
+        published.was_sent_provisional |= is_provisional
+        limit = pause.deadline - scan.last_frame if is_provisional else math.inf
+        return publish_terrain(
+            self._server,
+            identified(terrain, pause, is_provisional=is_provisional),
+            scan_start=scan.start,
+            scan_end=scan.end,
+            valid_for=max(limit, 0.0),
+        )
 
     def _processor(self, pause: Pause, mode: str) -> ScanProcessor:
         return ScanProcessor(
@@ -131,22 +218,7 @@ class PauseScanner:
         """The grid that takes another one back: nothing known, and why."""
         empty = self._processor(pause, "standard").finish()
         health = {"level": "failed", "reasons": [reason]}
-        return dataclasses.replace(empty, metadata={**empty.metadata, "health": health})
-
-    def _check_still(self, pause: Pause) -> None:
-        if not pause.ended.is_set():
-            return
-        if pause.end_stance is None:
-            raise CameraMoved(
-                "the pause ended without a stance that can be used: whether the camera stood still during the scan is "
-                "not known. The gait must send joints and support feet with END, all finite"
-            )
-        check_camera_still(
-            self._robot,
-            pause.stance,
-            pause.end_stance,
-            transform_camera_to_base=self._calibration.transform_camera_to_base,
-        )
+        return identified(dataclasses.replace(empty, metadata={**empty.metadata, "health": health}), pause)
 
     def _check_steps(self) -> None:
         """Count the steps that the mirror lost: only now is it known that every stripe lay where it was commanded.
@@ -170,11 +242,13 @@ class PauseScanner:
     def _finish(
         self, recording: ScanRecording | None, terrains: tuple[TerrainMessage, ...], stance_end: Stance | None
     ) -> None:
+        if recording is not None:
+            self._recorded(lambda: recording.finish(terrains, stance_end))
+
+    def _recorded(self, action: Callable[[], None]) -> None:
         """A full disk must not cost the scan: it was published, the status says what failed."""
-        if recording is None:
-            return
         try:
-            recording.finish(terrains, stance_end)
+            action()
             self._status.solved("recording")
         except (OSError, TransportError) as error:
             logger.error("recording failed: %s", error)
@@ -191,3 +265,9 @@ def with_problems(terrain: TerrainGrid, scan: LiveScan) -> TerrainGrid:
         reasons.append("the pause ended before the scan")
     level = "failed" if scan.failed else "degraded"
     return dataclasses.replace(terrain, metadata={**terrain.metadata, "health": {"level": level, "reasons": reasons}})
+
+
+def identified(terrain: TerrainGrid, pause: Pause, *, is_provisional: bool = False) -> TerrainGrid:
+    """The grid, saying to which walk it belongs and whether its pause has yet to confirm it."""
+    metadata = {**terrain.metadata, "epoch": pause.epoch, "provisional": is_provisional}
+    return dataclasses.replace(terrain, metadata=metadata)

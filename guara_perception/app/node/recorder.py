@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -74,6 +74,15 @@ class ScanRecorder:
             calibration_hash=self._hash,
         )
         return ScanRecording(self._writer, record, self._quality)
+
+    def add_terrains(self, terrains: Sequence[TerrainMessage]) -> None:
+        """Add grids that came after their scan had ended, as when it is withdrawn; when this returns they are safe.
+
+        Raises:
+            transport.RecordingError, OSError: as of `ScanRecording.finish`.
+        """
+        for terrain in terrains:
+            self._writer.add_terrain(terrain)
 
 
 class ScanRecording:

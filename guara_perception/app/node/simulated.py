@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -84,11 +85,15 @@ class SimulatedGait:
 
     def __init__(self, publisher: StancePublisher, instance: str) -> None:
         """Send through `publisher` as the robot `instance`."""
-        self._publisher, self._instance = publisher, instance
+        self._publisher, self._instance, self._epoch = publisher, instance, uuid.uuid4().hex
 
     def begin(self, pause: WalkPause) -> None:
         """The robot stands."""
         self._say(pause, PausePhase.BEGIN)
+
+    def hold(self, pause: WalkPause) -> None:
+        """The robot still stands; after the last frame of a scan this confirms it."""
+        self._say(pause, PausePhase.HOLD)
 
     def end(self, pause: WalkPause) -> None:
         """The robot moves on."""
@@ -106,5 +111,6 @@ class SimulatedGait:
                     GroundPatch(outline=ground.outline, height=ground.height, sigma=ground.sigma)
                     for ground in pause.known_ground
                 ),
+                epoch=self._epoch,
             )
         )

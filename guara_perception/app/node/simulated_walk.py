@@ -21,6 +21,8 @@ SCAN_TIMEOUT_S = 60.0
 STOP_POLL_S = 0.2
 # Time to look at a pause before the robot goes on: planners that are slow to subscribe still follow.
 REST_S = 1.0
+# A pause of unknown length is over when nothing is said of it for long: at its end the robot stands, and says so.
+HOLD_PERIOD_S = 1.0
 CYCLES = 11
 
 
@@ -55,11 +57,14 @@ def walk_until_stopped(
             last = pause
             if not _wait_for_scan(node, pause.step, stop):
                 node.status.problem("gait", f"step {pause.step}: no scan within {SCAN_TIMEOUT_S:g} s, the walk goes on")
+            gait.hold(pause)
             if stop.wait(REST_S):
                 return
     except (WalkEnded, OutOfReach) as error:
         logger.error("the walk ended: %s", error)
         node.status.problem("gait", str(error))
+    while last is not None and not stop.wait(HOLD_PERIOD_S):
+        gait.hold(last)
 
 
 def _wait_for_scan(node: PerceptionNode, step: int, stop: threading.Event) -> bool:

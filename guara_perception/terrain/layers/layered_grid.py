@@ -135,6 +135,11 @@ class LayeredGrid:
         self.__post_init__()
 
     @property
+    def is_provisional(self) -> bool:
+        """Whether the pause has yet to confirm that the robot stood still: usable while it stands, may be withdrawn."""
+        return bool(self.metadata.get("provisional", False))
+
+    @property
     def resolution(self) -> float:
         """Edge of a cell [m]."""
         return self.geometry.resolution

@@ -41,6 +41,7 @@ def map_report(
     anchor: HeightAnchor,
     residuals: Mapping[str, float | None],
     known_ground: Sequence[Mapping[str, Any]],
+    reasons: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Metadata of a grid of extent "map".
 
@@ -55,12 +56,14 @@ def map_report(
         anchor: of the walk's height to the map.
         residuals: leg -> height of its sole over the map [m], None where the map does not know the ground there.
         known_ground: patches declared so far, with the number of cells that each filled.
+        reasons: why the map is not what it might be, besides those of the scan.
     """
     hazard = np.asarray(layers["hazard"], np.uint16)
     unknown = (hazard & UNKNOWN_MASK) != 0
-    reasons = [str(reason) for reason in terrain.metadata.get("health", {}).get("reasons", ())]
+    told = [str(reason) for reason in terrain.metadata.get("health", {}).get("reasons", ())]
+    told += reasons
     for leg in anchor.rejected:
-        reasons.append(f"the sole of {leg} stands {1e3 * (residuals[leg] or 0.0):+.1f} mm off the map: not used")
+        told.append(f"the sole of {leg} stands {1e3 * (residuals.get(leg) or 0.0):+.1f} mm off the map: not used")
     return {
         **{name: terrain.metadata[name] for name in FROM_SCAN if name in terrain.metadata},
         "robot": robot,
@@ -78,5 +81,5 @@ def map_report(
         "coverage": float((~unknown).mean()),
         "known": float((~unknown).mean()),
         "hazard_cells": cells_by_flag(hazard),
-        "health": {"level": "ok" if not reasons else "degraded", "reasons": reasons},
+        "health": {"level": "ok" if not told else "degraded", "reasons": told},
     }

@@ -104,6 +104,12 @@ class OdomCells:
             if end > start
         ]
 
+    def remember(self, other: OdomCells) -> None:
+        """Take over all that another window of the same size remembers."""
+        for name, values in other.memory.items():
+            np.copyto(self.memory[name], values)
+        self._first = other._first
+
     def centre_on(self, x: float, y: float) -> None:
         """Move the window so that a point of `odom` is in its middle; forget what falls out."""
         cy, cx = (int(np.floor(value / self.resolution)) - self.side // 2 for value in (y, x))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +34,8 @@ MARGIN_M = 0.2
 LARGEST_TILT = 0.2
 # Two computations of one vertical differ by rounding: a tilt that moves nothing by more than a nanometre is zero.
 LEAST_TURN = 1e-9
+# What a map is besides its cells.
+STATE = ("_centre", "_pause", "_step", "_time", "_drift", "_anchor", "_ground", "_scans", "_reasons")
 
 
 class TerrainMap:
@@ -65,8 +68,8 @@ class TerrainMap:
         self._settings = Settings.of(robot)
         x, y = self._settings.map_x, self._settings.map_y
         self._grid = GridGeometry.over(x, y, self._settings.resolution if resolution is None else float(resolution))
-        reach = float(np.hypot(max(map(abs, x)), max(map(abs, y)))) + MARGIN_M
-        self._cells = OdomCells(self._grid.resolution, reach)
+        self._reach = float(np.hypot(max(map(abs, x)), max(map(abs, y)))) + MARGIN_M
+        self._cells = OdomCells(self._grid.resolution, self._reach)
         self._centre: Float | None = None
         self._pause = 0
         self._step: int | None = None
@@ -74,6 +77,9 @@ class TerrainMap:
         self._anchor = HeightAnchor()
         self._ground: list[dict[str, Any]] = []
         self._scans = 0
+        self._time: int | None = None
+        self._reasons: list[str] = []
+        self._kept: tuple[OdomCells, dict[str, Any]] | None = None
 
     @property
     def grid(self) -> GridGeometry:
@@ -88,6 +94,7 @@ class TerrainMap:
         *,
         known_ground: Sequence[KnownGround] = (),
         metadata: Mapping[str, Any] | None = None,
+        time: float | None = None,
     ) -> TerrainGrid:
         """Fuse one scan and give the map as it is known now.
 
@@ -98,6 +105,8 @@ class TerrainMap:
             covariance: (6, 6) of it, REP-103 order, relative to the start; must not shrink as the walk goes on.
             known_ground: what the gait declares at this pause, in its base_footprint.
             metadata: more fields for the metadata of the result.
+            time: of the scan by a clock that never steps [s], by which cells grow old; None takes the grid's stamp.
+                Time that runs backwards makes all that was seen before STALE: how old it is, is not known.
 
         Returns:
             TerrainGrid of extent "map" in base_footprint of this pause. Ground that only a foot or the gait vouches
@@ -110,6 +119,7 @@ class TerrainMap:
         transform, pose_covariance = self._checked(terrain, transform_footprint_to_odom, covariance)
         self._pause += 1 if self._step is None else terrain.step - self._step
         self._step = terrain.step
+        clock = self._ticked(terrain.stamp if time is None else round(time * 1e9))
         position = transform[:2, 3]
         if self._centre is None or np.abs(position - self._centre).max() > MARGIN_M:
             self._cells.centre_on(float(position[0]), float(position[1]))
@@ -128,26 +138,90 @@ class TerrainMap:
             shift=max(last.shift, float(pose_covariance[0, 0]), float(pose_covariance[1, 1])),
             turn=max(last.turn, float(pose_covariance[5, 5])),
         )
-        now = MapPause(self._pause, terrain.stamp, self._drift, transform)
+        now = MapPause(self._pause, clock, self._drift, transform)
         rejected = self._look(terrain, now)
         for foot in feet:
-            fill_under_foot(self._cells, foot.raised(correction), self._drift, self._pause, terrain.stamp)
+            fill_under_foot(self._cells, foot.raised(correction), self._drift, self._pause, clock)
         for ground in known_ground:
             self._declare(ground, now)
         self._scans += 1
+        residuals = {leg: None if error is None else error.residual for leg, error in errors.items()}
+        return self._snapshot(terrain, now, pose_covariance, rejected, residuals, metadata)
+
+    def view(
+        self,
+        terrain: TerrainGrid,
+        transform_footprint_to_odom: npt.ArrayLike,
+        covariance: npt.ArrayLike,
+        *,
+        metadata: Mapping[str, Any] | None = None,
+        time: float | None = None,
+    ) -> TerrainGrid:
+        """The map as it is known, seen from another pause; nothing of that pause is fused.
+
+        Arguments and errors as of `update`; of `terrain` only stamp, step and metadata count.
+        """
+        transform, pose_covariance = self._checked(terrain, transform_footprint_to_odom, covariance)
+        transform[2, 3] += self._anchor.offset
+        pause = self._pause + (1 if self._step is None else terrain.step - self._step)
+        clock = terrain.stamp if time is None else round(time * 1e9)
+        now = MapPause(pause, clock, self._drift, transform)
+        return self._snapshot(terrain, now, pose_covariance, 0, {}, metadata)
+
+    def keep(self) -> None:
+        """What is fused by now stands: `take_back` comes back to it."""
+        cells = self._kept[0] if self._kept is not None else OdomCells(self._grid.resolution, self._reach)
+        cells.remember(self._cells)
+        self._kept = cells, {name: copy.copy(getattr(self, name)) for name in STATE}
+
+    def take_back(self) -> None:
+        """Undo all that was fused since `keep`, bit for bit.
+
+        Raises:
+            InvalidInput: `keep` was never called.
+        """
+        if self._kept is None:
+            raise InvalidInput("nothing was kept that the map could come back to; call keep() first")
+        cells, state = self._kept
+        self._cells.remember(cells)
+        for name, value in state.items():
+            setattr(self, name, copy.copy(value))
+
+    def _ticked(self, clock: int) -> int:
+        """Take note of the time [ns]; what was seen before it ran backwards is of unknown age."""
+        last, self._time = self._time, clock
+        if last is not None and clock < last:
+            memory = self._cells.memory
+            memory["stamp"][np.isfinite(memory["height"])] = clock - round(2e9 * self._settings.validity_seconds) - 1
+            self._reasons.append(
+                f"the clock of the scans went back by {(last - clock) * 1e-9:.3g} s at step {self._step}: what was "
+                "seen before counts as stale"
+            )
+        return clock
+
+    def _snapshot(
+        self,
+        terrain: TerrainGrid,
+        now: MapPause,
+        pose_covariance: Float,
+        rejected: int,
+        residuals: Mapping[str, float | None],
+        metadata: Mapping[str, Any] | None,
+    ) -> TerrainGrid:
         layers = snapshot_layers(self._cells, self._grid, terrain, now, self._settings)
         report = map_report(
             terrain=terrain,
             robot=self._robot.name,
             settings=self._settings,
             layers=layers,
-            transform_footprint_to_odom=transform,
+            transform_footprint_to_odom=now.transform_footprint_to_odom,
             covariance=pose_covariance,
             scans=self._scans,
             rejected=rejected,
             anchor=self._anchor,
-            residuals={leg: None if error is None else error.residual for leg, error in errors.items()},
+            residuals=residuals,
             known_ground=self._ground,
+            reasons=self._reasons,
         )
         return TerrainGrid(
             layers=layers,

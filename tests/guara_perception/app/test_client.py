@@ -1,5 +1,6 @@
 """The planner's client against a node in another process, over real Zenoh."""
 
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,6 +12,14 @@ import guara_perception as gp
 from transport import ConnectionFailed, KeyNameError, ReceiveTimeout
 
 NODE = Path(__file__).with_name("publishing_node.py")
+
+
+@pytest.fixture(scope="module")
+def module_endpoint() -> str:
+    """One endpoint for the node of this module."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 @pytest.fixture(scope="module")
@@ -77,18 +86,24 @@ def test_old_grid_is_stale(node, client: gp.TerrainClient):
 def test_grid_of_many_pauses_ago_is_stale(node, client: gp.TerrainClient, eventually: Callable):
     """The robot walked on without a scan: the grid's own validity in pauses ends it, a given age does not ask."""
     node.tell("publish 20")
+    node.tell("map 20")
     client.wait_for_step(20, timeout=30)
-    node.tell("pause 70")
+    client.wait_for_step(20, timeout=30, extent="map")
 
-    def is_stale() -> bool:
+    def is_stale(extent: str, words: str) -> bool:
         try:
-            client.latest()
+            client.latest(extent=extent)
         except gp.StaleTerrain as error:
-            return "50 pauses old; allowed: 40" in str(error)
+            return words in str(error)
         return False
 
-    assert eventually(is_stale)
+    node.tell("pause 21")
+    assert eventually(lambda: is_stale("footprint", "1 pauses old; allowed: 0"))
+    assert client.latest(extent="map").step == 20
+    node.tell("pause 70")
+    assert eventually(lambda: is_stale("map", "50 pauses old; allowed: 40"))
     assert client.latest(max_age=1000).step == 20
+    assert client.latest(max_age=1000, extent="map").step == 20
     node.tell("pause 71")
 
 

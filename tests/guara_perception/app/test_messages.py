@@ -36,7 +36,7 @@ def test_message_says_what_the_report_says(paper_terrain: gp.TerrainGrid, messag
     assert (message.mode, message.method) == ("coarse", "precise")
     assert message.attitude_source == "imu" and message.health is Health.OK
     assert message.calibration_hash == report["calibration_hash"]
-    assert (message.valid_for, message.valid_pauses) == (420.0, 40)
+    assert (message.valid_for, message.valid_pauses) == (420.0, 0)
     assert dict(message.stance.joint_positions) == report["stance"]["joint_positions"]
     assert message.stance.support_feet == ("lf", "rf", "lh", "rh")
     assert message.coverage == report["coverage"] and dict(message.point_counts) == report["points"]

@@ -70,6 +70,57 @@ def test_same_input_same_bytes(robot: RobotModel, make_scan: MakeScan) -> None:
     assert ends[0].metadata == ends[1].metadata
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_taken_back_leaves_no_trace(robot: RobotModel, make_scan: MakeScan, seed: int) -> None:
+    """Scans fused after `keep` and taken back: the map goes on bit for bit as if they had never been."""
+    rng = np.random.default_rng(seed)
+    with_trace, without = gp.TerrainMap(robot), gp.TerrainMap(robot)
+    place = [at(0.05 * step, 0.01 * step, 0.03 * step) for step in range(9)]
+    for step in range(9):
+        scan = make_scan(rng.normal(0, 0.003, (108, 90)), step=step, flags=rng.choice([0, 1, 4], p=[0.9, 0.05, 0.05]))
+        ground = [gp.KnownGround([(0, -0.1), (0.4, -0.1), (0.4, 0.1)], 0.0, 0.002)] if step % 3 == 1 else []
+        if step % 3 == 1:
+            # The robot moved during this one.
+            with_trace.keep()
+            with_trace.update(scan, place[step], drift(0.001 * step), known_ground=ground)
+            with_trace.take_back()
+            seen = with_trace.view(scan, place[step], drift(0.001 * step))
+            assert not np.any((seen.hazard == 0) & (seen.looks > step))
+            continue
+        kept = with_trace.update(scan, place[step], drift(0.001 * step))
+        expected = without.update(scan, place[step], drift(0.001 * step))
+        for name, layer in expected.layers.items():
+            assert layer.tobytes() == kept.layer(name).tobytes(), (step, name)
+        assert kept.metadata == expected.metadata
+
+
+def test_nothing_is_taken_back_that_was_not_kept(robot: RobotModel) -> None:
+    """There is nothing to come back to; the message says what to call."""
+    with pytest.raises(gp.InvalidInput, match=r"call keep\(\) first"):
+        gp.TerrainMap(robot).take_back()
+
+
+def test_time_that_runs_backwards_makes_what_was_seen_before_stale(robot: RobotModel, make_scan: MakeScan) -> None:
+    """A clock set back by an hour: how old the cells are, is not known, so they count as old; and it is said."""
+    terrain_map = gp.TerrainMap(robot)
+    terrain_map.update(make_scan(0.0, stamp=10_000 * 10**9), at(), ZERO)
+    away = at(0.3)
+    later = terrain_map.update(make_scan(0.0, step=1, stamp=(10_000 + 1_000 - 3_600) * 10**9), away, ZERO)
+    old = np.isfinite(later.elevation) & (later.age > 0)
+    assert old.any() and ((later.hazard[old] & Hazard.STALE) != 0).all()
+    assert any("went back by 2.6e+03 s" in reason for reason in later.metadata["health"]["reasons"])
+
+
+def test_cells_age_by_the_clock_that_is_given(robot: RobotModel, make_scan: MakeScan) -> None:
+    """The wall clock was set back, a clock that never steps was not: 1,000 s are more than the validity of 420 s."""
+    terrain_map = gp.TerrainMap(robot)
+    terrain_map.update(make_scan(0.0, stamp=10_000 * 10**9), at(), ZERO, time=50.0)
+    later = terrain_map.update(make_scan(0.0, step=1, stamp=7_400 * 10**9), at(0.3), ZERO, time=1_050.0)
+    old = np.isfinite(later.elevation) & (later.age > 0)
+    assert old.any() and ((later.hazard[old] & Hazard.STALE) != 0).all()
+    assert later.metadata["health"]["level"] == "ok"
+
+
 def test_equal_looks_are_averaged_and_the_variance_falls(robot: RobotModel, make_scan: MakeScan) -> None:
     """Many noisy looks end nearer to the truth than one, with a variance that says so."""
     rng = np.random.default_rng(2)

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import guara_perception as gp
 from guara_perception.app.node.node import PerceptionNode
@@ -24,10 +25,18 @@ class Gait:
         self.session = open_client(endpoint)
         self.publisher = StancePublisher(self.session)
         self.stance = stance
+        self.first_stamp = time.time_ns()
 
-    def say(self, step: int, phase: PausePhase, stance: Stance | None = None) -> None:
+    def say(self, step: int, phase: PausePhase, stance: Stance | None = None, **fields: Any) -> None:
         message = stance_message(stance or self.stance)
-        self.publisher.publish(StancePause(robot="guara", step=step, phase=phase, stamp=time.time_ns(), stance=message))
+        told = {"robot": "guara", "step": step, "phase": phase, "stamp": time.time_ns(), "stance": message, **fields}
+        self.first_stamp = min(self.first_stamp, told["stamp"])
+        self.publisher.publish(StancePause(**told))
+
+    def moved(self, angle: float = 0.02) -> Stance:
+        """The stance with all knees bent further: the camera comes down, and forward."""
+        joints = {name: at + angle * ("kfe" in name) for name, at in self.stance.joint_positions.items()}
+        return Stance(joints, self.stance.support_feet, self.stance.gravity_in_base)
 
 
 class Bench:

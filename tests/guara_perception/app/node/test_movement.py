@@ -1,0 +1,206 @@
+"""A robot that moves during its pause: grids are provisional until the gait has confirmed them, and are taken back."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+from kinematics import Stance
+from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, wait_until
+from tests.guara_perception.app.node.test_node_faults import bad_end
+from transport import PausePhase, StanceMessage, StancePause
+from transport.codec import encode
+from transport.stance_pause import make_stance_pause
+
+
+def both(bench: Bench, step: int, *, confirmed: bool = False) -> tuple[gp.TerrainGrid, gp.TerrainGrid]:
+    """Scan and map of a pause."""
+    footprint = bench.client.wait_for_step(step, timeout=TIMEOUT, confirmed=confirmed)
+    return footprint, bench.client.wait_for_step(step, timeout=TIMEOUT, extent="map", confirmed=confirmed)
+
+
+def told(bench: Bench, words: str) -> bool:
+    return wait_until(lambda: any(words in item.message for item in bench.status.items()))
+
+
+def is_withdrawn(terrain: gp.TerrainGrid) -> bool:
+    """All unknown, nothing free in any of its forms, and it says so."""
+    unknown = (terrain.hazard & UNKNOWN_MASK) != 0
+    free = (terrain.traversability > 0) | (terrain.to_occupancy() < 100) | np.isfinite(terrain.elevation)
+    return bool(unknown.all() and not free.any() and terrain.metadata["health"]["level"] == "failed")
+
+
+def wait_for_withdrawal(bench: Bench, extent: str = "footprint") -> gp.TerrainGrid:
+    """The newest grid, once it is one that takes another back."""
+
+    def is_there() -> bool:
+        received = bench.client._client.receiver(extent).latest()
+        return (
+            received is not None
+            and received.message.health_reasons[:1] != ()
+            and ("withdrawn" in received.message.health_reasons[0])
+        )
+
+    assert wait_until(is_there)
+    return bench.client.latest(extent=extent)
+
+
+def test_a_grid_is_provisional_until_end_has_confirmed_it(bench: Bench) -> None:
+    """END comes after the scan, as it does on every walk: before it the grid says provisional, after it not."""
+    bench.gait.say(0, PausePhase.BEGIN)
+    for grid in both(bench, 0):
+        assert grid.is_provisional and "provisional" in repr(grid.metadata)
+    bench.gait.say(0, PausePhase.END)
+    footprint, fused = both(bench, 0, confirmed=True)
+    assert not footprint.is_provisional and not fused.is_provisional
+    np.testing.assert_array_equal(footprint.hazard, bench.rig.reference.hazard)
+    assert np.isfinite(fused.elevation).any()
+
+
+ENDS: dict[str, Callable[[Bench], None]] = {
+    "END with the camera elsewhere": lambda bench: bench.gait.say(0, PausePhase.END, bench.gait.moved()),
+    "HOLD with the camera elsewhere": lambda bench: bench.gait.say(0, PausePhase.HOLD, bench.gait.moved()),
+    "END that cannot be read": lambda bench: bench.gait.publisher._publisher.put(b"\x00\x01nonsense"),
+    "END with a joint that is NaN": lambda bench: bench.gait.publisher._publisher.put(
+        bad_end(bench.gait.stance, "a joint is NaN")
+    ),
+    "a second BEGIN with other joints": lambda bench: bench.gait.say(0, PausePhase.BEGIN, bench.gait.moved()),
+    "BEGIN of the next pause, without END": lambda bench: bench.gait.say(1, PausePhase.BEGIN, bench.gait.moved()),
+}
+
+
+@pytest.mark.parametrize("how", ENDS)
+def test_a_grid_that_the_pause_contradicts_is_withdrawn(bench: Bench, how: str) -> None:
+    """After the scan comes word that the robot moved, or none that says it did not: grid and map know nothing more."""
+    heard: list[tuple[str, gp.TerrainGrid]] = []
+    for extent in ("footprint", "map"):
+        bench.client.on_terrain(lambda grid, extent=extent: heard.append((extent, grid)), extent)
+    bench.gait.say(0, PausePhase.BEGIN)
+    footprint, fused = both(bench, 0)
+    assert (footprint.traversability > 0).any() and np.isfinite(fused.elevation).any()
+    ENDS[how](bench)
+    for extent in ("footprint", "map"):
+        assert wait_until(lambda extent=extent: any(name == extent and is_withdrawn(grid) for name, grid in heard))
+        assert all(is_withdrawn(grid) or grid.is_provisional for name, grid in heard if name == extent)
+    assert told(bench, "withdrawn") or "BEGIN" in how
+
+
+def test_the_part_of_a_withdrawn_scan_in_the_map_is_undone(bench: Bench) -> None:
+    """The map after it knows what the pause before saw, bit for bit and not a cell more; the next pause is whole."""
+    bench.gait.say(0, PausePhase.BEGIN)
+    bench.gait.say(0, PausePhase.END)
+    bench.client.wait_for_step(0, timeout=TIMEOUT)
+    bench.gait.say(1, PausePhase.BEGIN)
+    before = both(bench, 1)[1]
+    bench.gait.say(1, PausePhase.END)
+    confirmed = both(bench, 1, confirmed=True)[1]
+    np.testing.assert_array_equal(confirmed.elevation, before.elevation)
+    bench.gait.say(2, PausePhase.BEGIN)
+    assert both(bench, 2)[1].looks.max() == confirmed.looks.max() + 1
+    bench.gait.say(2, PausePhase.END, bench.gait.moved())
+    assert is_withdrawn(wait_for_withdrawal(bench))
+    after = wait_for_withdrawal(bench, "map")
+    assert after.step == 2 and "withdrawn" in after.metadata["health"]["reasons"][0]
+    np.testing.assert_array_equal(after.elevation, confirmed.elevation)
+    np.testing.assert_array_equal(after.looks, confirmed.looks)
+    assert not np.any((after.hazard == 0) & (confirmed.hazard != 0))
+    bench.gait.say(3, PausePhase.BEGIN)
+    footprint, fused = both(bench, 3)
+    np.testing.assert_array_equal(footprint.hazard, bench.rig.reference.hazard)
+    assert fused.looks.max() == confirmed.looks.max() + 1 and fused.metadata["restarts"] == []
+
+
+def test_a_hold_after_the_last_frame_confirms_and_one_before_it_does_not(bench: Bench) -> None:
+    """The robot still stands; whatever comes after takes the map's part back no more."""
+    bench.gait.say(0, PausePhase.BEGIN)
+    assert wait_until(lambda: bench.rig.board.view().laser_on)
+    bench.gait.say(0, PausePhase.HOLD)
+    assert all(grid.is_provisional for grid in both(bench, 0))
+    # Joints of the time before the last frame, that arrive late.
+    bench.gait.say(0, PausePhase.HOLD, stamp=bench.gait.first_stamp)
+    bench.gait.say(0, PausePhase.HOLD)
+    footprint, fused = both(bench, 0, confirmed=True)
+    assert not footprint.is_provisional and not fused.is_provisional
+    assert bench.client.request_scan("coarse", timeout=TIMEOUT).is_provisional
+    bench.gait.say(0, PausePhase.END, bench.gait.moved())
+    assert is_withdrawn(wait_for_withdrawal(bench))
+    assert np.isfinite(bench.client.latest(extent="map").elevation).any()
+
+
+def test_a_movement_ends_the_scan_at_once(bench: Bench) -> None:
+    """A HOLD with other joints while the mirror turns: laser off, no grid, the next pause is served."""
+    bench.gait.say(0, PausePhase.BEGIN)
+    assert wait_until(lambda: bench.rig.board.view().laser_on)
+    bench.gait.say(0, PausePhase.HOLD, bench.gait.moved())
+    assert told(bench, "camera moved by")
+    assert wait_until(lambda: not bench.rig.board.view().laser_on)
+    with pytest.raises(gp.ScanFailed, match="not in a stance pause"):
+        bench.client.request_scan("coarse", timeout=TIMEOUT)
+    bench.gait.say(1, PausePhase.BEGIN)
+    first = bench.client.wait_for_step(0, timeout=TIMEOUT)
+    assert (first.step, first.metadata["sequence"]) == (1, 1)
+
+
+def test_a_pause_expires_when_its_gait_has_died(bench: Bench) -> None:
+    """It had so many seconds: after them its grid is withdrawn, and no scan can be had."""
+    bench.gait.say(0, PausePhase.BEGIN, time_available=8.0)
+    assert bench.client.wait_for_step(0, timeout=TIMEOUT).is_provisional
+    message = bench.client._client.receiver().latest().message
+    assert message.valid_for <= 8.0
+    bench.gait.session.close()
+    assert told(bench, "no END within its time of 8 s")
+    assert is_withdrawn(wait_for_withdrawal(bench)) and is_withdrawn(wait_for_withdrawal(bench, "map"))
+    with pytest.raises(gp.ScanFailed, match="not in a stance pause"):
+        bench.client.request_scan("coarse", timeout=TIMEOUT)
+
+
+def test_a_second_begin_with_the_same_joints_says_nothing_new(bench: Bench) -> None:
+    """A gait that repeats itself for those who come late costs no scan."""
+    bench.gait.say(0, PausePhase.BEGIN)
+    both(bench, 0)
+    bench.gait.say(0, PausePhase.BEGIN)
+    bench.gait.say(0, PausePhase.END)
+    assert both(bench, 0, confirmed=True)[0].metadata["sequence"] == 2
+
+
+def test_joints_that_no_robot_can_have_are_refused(bench: Bench) -> None:
+    """All at a million radians: told in the status, nothing scanned, the next pause is served."""
+    wild = Stance(dict.fromkeys(bench.gait.stance.joint_positions, 1e6), bench.gait.stance.support_feet, None)
+    bench.gait.say(0, PausePhase.BEGIN, wild)
+    assert told(bench, "joints are where none can be")
+    bench.gait.say(1, PausePhase.BEGIN)
+    assert bench.client.wait_for_step(0, timeout=TIMEOUT).step == 1
+
+
+def test_a_phase_that_is_not_known_changes_nothing(bench: Bench) -> None:
+    """A gait of a later version says more than this node understands: refused in words, the pause goes on."""
+    bench.gait.say(0, PausePhase.BEGIN)
+    both(bench, 0)
+    stance = StanceMessage(joint_positions=bench.gait.stance.joint_positions, support_feet=("lf",))
+    message = make_stance_pause(StancePause(robot="guara", step=0, phase=PausePhase.END, stamp=1, stance=stance))
+    message.phase = 9
+    bench.gait.publisher._publisher.put(bytes(encode(message)))
+    assert told(bench, "phase is 9; known: 1 (BEGIN), 2 (END) and 3 (HOLD)")
+    bench.gait.say(0, PausePhase.END)
+    assert not both(bench, 0, confirmed=True)[0].is_provisional
+
+
+def test_the_frame_of_a_footprint_ends_with_its_pause(bench: Bench) -> None:
+    """Who asks for it after the next BEGIN is told so; the map goes on."""
+    bench.gait.say(0, PausePhase.BEGIN)
+    both(bench, 0)
+    bench.gait.say(0, PausePhase.END)
+    both(bench, 0, confirmed=True)
+    bench.node._server.begin_step(1)
+
+    def is_told() -> bool:
+        try:
+            bench.client.latest()
+        except gp.StaleTerrain as error:
+            return "1 pauses old; allowed: 0" in str(error)
+        return False
+
+    assert wait_until(is_told)
+    assert bench.client.latest(extent="map").step == 0
