@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import logging
 import math
-import time
 from typing import Any
 
+from drivers import timing
 from drivers.board_config import BoardConfig
 from drivers.errors import (
     BoardNotOpen,
@@ -36,7 +36,7 @@ CLOCK_STEP, CLOCK_ERROR = 0.001, 0.01
 class LaserBoard(BoardSession):
     """Driver of the laser board, a context manager. Its methods may be called from any thread.
 
-    Nothing here keeps the laser alight behind the caller's back: after 0.5 s without a command the
+    Nothing here keeps the laser alight behind the caller's back: after 0.4 s without a command the
     board's watchdog puts it out. Whoever wants it longer calls `status()` meanwhile.
     """
 
@@ -194,16 +194,16 @@ class LaserBoard(BoardSession):
             MirrorTimeout: it still moves.
         """
         patience = self.config.motion_timeout if timeout is None else timeout
-        deadline = time.monotonic() + patience
+        deadline = timing.monotonic() + patience
         status = None if self._moving else self.status()
         while status is None or status.moving or status.motion != self._motion:
-            if time.monotonic() > deadline:
+            if timing.monotonic() > deadline:
                 raise MirrorTimeout(f"the mirror did not come to rest within {patience:g} s: check motor and mechanics")
             status = self._read_report(REPORT_SLICE) or self.status()
         self._moving = False
         taken = round((status.device_time - self._board_time) / 1e-3) % CLOCK_WRAP * 1e-3
-        return status, min(time.monotonic(), self._host_time + taken * (1.0 + CLOCK_ERROR) + CLOCK_STEP)
+        return status, min(timing.monotonic(), self._host_time + taken * (1.0 + CLOCK_ERROR) + CLOCK_STEP)
 
     def _begin_motion(self, status: BoardStatus) -> None:
         self._motion, self._moving = status.motion, status.moving
-        self._board_time, self._host_time = status.device_time, time.monotonic()
+        self._board_time, self._host_time = status.device_time, timing.monotonic()

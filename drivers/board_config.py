@@ -16,7 +16,8 @@ class BoardConfig:
         vendor_id: USB vendor id, 0 ... 0xFFFF.
         product_id: USB product id, 0 ... 0xFFFF.
         serial: serial number, needed only when several boards are plugged in.
-        timeout: time one transfer may take [s]. Short, since the watchdog allows 0.5 s of silence.
+        timeout: time one transfer may take [s]. Short, since the watchdog allows 0.4 s of silence; a command is not
+            repeated for longer than half of that.
         attempts: how often a transfer that timed out, stalled or came back damaged is made in all.
         motion_timeout: time a motion may take [s].
         home_timeout: time homing may take [s].

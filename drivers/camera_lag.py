@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from drivers import timing
 from drivers.board import LaserBoard
 from drivers.camera import Camera
 from drivers.errors import CameraTimeout, LaserNotSeen, StripeClipped
@@ -74,11 +74,11 @@ def measure_lag(board: LaserBoard, camera: Camera, *, toggles: int = 24, timeout
         for turn in range(toggles):
             on = not on
             # Steps of the golden section spread the moments evenly over the period.
-            time.sleep(turn * GOLDEN % 1.0 * period)
+            timing.sleep(turn * GOLDEN % 1.0 * period)
             board.status()
-            before = time.monotonic()
+            before = timing.monotonic()
             board.laser_on() if on else board.laser_off()
-            after = time.monotonic()
+            after = timing.monotonic()
             for _ in range(MOST_FRAMES):
                 frame = camera.grab(timeout)
                 board.status()

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
+from drivers import timing
 from drivers.board import LaserBoard
 from drivers.camera import Camera
 from drivers.errors import CameraTimeout
 from drivers.frame import Frame
 from drivers.options import AcquireOptions
 
-# Seconds; between two, the board is spoken to, so that its watchdog (0.5 s) is fed while a frame is awaited.
-SLICE = 0.2
+# Seconds; between two, the board is spoken to, so that its watchdog (0.4 s) is fed while a frame is awaited.
+SLICE = 0.1
 
 
 class FrameGrabber:
@@ -38,7 +38,7 @@ class FrameGrabber:
         self._camera, self._board, self._options, self._check = camera, board, options, check
         self._before: Frame | None = None
         self.used = self.skipped = self.dropped = self.repeated = 0
-        self.last_stamp = time.monotonic()
+        self.last_stamp = timing.monotonic()
 
     def restart(self) -> None:
         """Forget what waits in the camera, and begin to count anew."""
@@ -56,15 +56,15 @@ class FrameGrabber:
         Raises:
             CameraEnded: the camera has no more frames.
         """
-        deadline = time.monotonic() + self._options.frame_timeout
+        deadline = timing.monotonic() + self._options.frame_timeout
         lag = self._camera.lag
         to_skip = self._options.flush_frames if lag is None else 0
         while True:
             self._check()
-            left = deadline - time.monotonic()
+            left = deadline - timing.monotonic()
             if left <= 0:
                 return None
-            asked = time.monotonic()
+            asked = timing.monotonic()
             try:
                 frame = self._camera.grab(min(left, SLICE))
             except CameraTimeout:
@@ -74,7 +74,7 @@ class FrameGrabber:
                 continue
             if proved is not None and frame.stamp - (lag or 0.0) >= ready:
                 ready, proved = max(ready, proved()), None
-                deadline = time.monotonic() + self._options.frame_timeout
+                deadline = timing.monotonic() + self._options.frame_timeout
             if frame.stamp - (lag or 0.0) < ready or to_skip > 0:
                 # With an unknown lag, a frame that arrived before the command says nothing about the pipeline.
                 to_skip -= 1 if frame.stamp >= ready else 0

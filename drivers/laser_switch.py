@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
 
+from drivers import timing
 from drivers.board import LaserBoard
 from drivers.errors import LaserRefused
 
@@ -40,7 +40,7 @@ class LaserSwitch:
     def may_stay_on(self) -> bool:
         """Whether the laser was commanded on, and is far from the board's time limit."""
         since = self._lit_since
-        return since is not None and time.monotonic() - since <= 0.5 * self._board.identity.laser_limit
+        return since is not None and timing.monotonic() - since <= 0.5 * self._board.identity.laser_limit
 
     def on(self) -> None:
         """Switch on; a fault that the board lets one clear is cleared once.
@@ -57,11 +57,11 @@ class LaserSwitch:
             except LaserRefused as refusal:
                 logger.warning("%s; clearing and trying once more", refusal)
                 self.interruptions += 1
-                time.sleep(self._board.identity.laser_rest)
+                timing.sleep(self._board.identity.laser_rest)
                 self._board.clear_faults()
                 self._board.laser_on()
             if self._lit_since is None:
-                self._lit_since = time.monotonic()
+                self._lit_since = timing.monotonic()
 
     def off(self) -> None:
         """Switch off; harmless when off."""
@@ -80,7 +80,7 @@ class LaserSwitch:
             self.off()
         if self.lit and not self.may_stay_on:
             self.off()
-            time.sleep(1.5 * self._board.identity.laser_rest)
+            timing.sleep(1.5 * self._board.identity.laser_rest)
         if not self.lit:
             self.on()
 

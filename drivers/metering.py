@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 
 import numpy as np
 
+from drivers import timing
 from drivers.board import LaserBoard
 from drivers.camera import Camera, CameraSettings
 from drivers.errors import CameraError, CameraTimeout, LaserNotSeen
@@ -118,10 +118,10 @@ class _Levels:
 def _measure(board: LaserBoard, camera: Camera, grabber: FrameGrabber) -> _Levels:
     board.laser_off()
     grabber.restart()
-    off = grabber.after(time.monotonic())
+    off = grabber.after(timing.monotonic())
     try:
         board.laser_on()
-        on = grabber.after(time.monotonic())
+        on = grabber.after(timing.monotonic())
     finally:
         board.laser_off()
     if on is None or off is None:

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
 from pathlib import Path
 from typing import Any
 
+from drivers import timing
 from drivers.camera import Camera, CameraSettings
 from drivers.errors import (
     CameraBackendMissing,
@@ -166,7 +166,7 @@ class OpenCvCamera(Camera):
     def _read(self, capture: Any) -> Frame | None:
         if not capture.grab():
             return None
-        stamp = time.monotonic()
+        stamp = timing.monotonic()
         good, image = capture.retrieve()
         if not good:
             return None

@@ -13,7 +13,7 @@ MANUFACTURER = "Guara"
 PRODUCT = "Guara laser board"
 
 PROTOCOL_MAJOR = 1
-PROTOCOL_MINOR = 0
+PROTOCOL_MINOR = 1
 
 INTERFACE = 0
 REPORT_ENDPOINT = 0x81
@@ -23,6 +23,23 @@ REQUEST_IN = 0xC0
 IDENTITY_MAGIC = b"GUAR"
 IDENTITY_SIZE = 32
 STATUS_SIZE = 26
+STRIPE_SIZE = 32
+MOTION_SIZE = 32
+REPORT_SIZE = 32
+"""Of the interrupt endpoint: what is read at once, so that a longer record of a later 1.x fits too."""
+
+STRIPE_MARK = 0x53
+"""First byte of a stripe's record; that of a status report is its result, 0."""
+SWEEP_STRIPES = 256
+"""Stripes of one sweep at most."""
+SWEEP_PLACES = 512
+"""Places of the table of steps."""
+FLASH_SHORTEST_US = 200
+FLASH_LONGEST_US = 20_000
+PERIOD_LONGEST_US = 1_000_000
+
+MICROSOFT_REQUEST = 0xF0
+"""bRequest with which Windows asks for the Microsoft OS 2.0 descriptors; never a command."""
 
 
 class Request(enum.IntEnum):
@@ -37,6 +54,16 @@ class Request(enum.IntEnum):
     HALT = 0x22
     STATUS = 0x30
     CLEAR_FAULTS = 0x31
+    SWEEP_STEP = 0x40
+    SWEEP_FLASH = 0x41
+    SWEEP_PERIOD = 0x42
+    SWEEP_OFF_FRAMES = 0x43
+    SWEEP = 0x44
+    MOTION = 0x50
+    START_SPEED = 0x51
+    TOP_SPEED = 0x52
+    ACCELERATION = 0x53
+    SETTLE = 0x54
 
 
 # By number: a look-up takes a tenth of the time of the enum's own.
@@ -64,6 +91,24 @@ class BoardFlag(enum.IntFlag):
     MOVING = 8
     HOMED = 16
     HAS_SENSOR = 32
+    COUNTS_EXPOSURES = 64
+    HAS_SWEEP = 128
+    SWEEPING = 256
+
+
+class SweepOffFrames(enum.IntEnum):
+    """Frames with the laser off that a sweep takes."""
+
+    NONE = 0
+    ONE = 1
+    PER_STRIPE = 2
+
+
+class Shot(enum.IntEnum):
+    """What the camera was triggered for."""
+
+    OFF = 0
+    STRIPE = 1
 
 
 class BoardFault(enum.IntFlag):

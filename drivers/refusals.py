@@ -49,15 +49,15 @@ def check_version(identity: BoardIdentity) -> None:
     """Refuse a board whose protocol does not fit this driver.
 
     Raises:
-        ProtocolMismatch: another major, or an older minor, version.
+        ProtocolMismatch: another major version.
     """
     major, minor = identity.protocol
-    if major == PROTOCOL_MAJOR and minor >= PROTOCOL_MINOR:
+    if major == PROTOCOL_MAJOR:
         return
-    too_old = (major, minor) < (PROTOCOL_MAJOR, PROTOCOL_MINOR)
+    too_old = major < PROTOCOL_MAJOR
     advice = "flash a newer firmware to the board" if too_old else "update this software"
     firmware = f"{identity.firmware[0]}.{identity.firmware[1]}"
     raise ProtocolMismatch(
         f"the board speaks protocol {major}.{minor} (firmware {firmware}), "
-        f"this driver needs {PROTOCOL_MAJOR}.{PROTOCOL_MINOR} or a later {PROTOCOL_MAJOR}.x: {advice}"
+        f"this driver speaks {PROTOCOL_MAJOR}.{PROTOCOL_MINOR} and works with any {PROTOCOL_MAJOR}.x: {advice}"
     )

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator
 
+from drivers import timing
 from drivers.camera import Camera, CameraSettings
 from drivers.errors import CameraEnded, CameraNotOpen, CameraSettingRefused, CameraTimeout
 from drivers.frame import Frame, Image, read_only
@@ -44,7 +44,7 @@ class ReplayCamera(Camera):
         if self._iterator is None:
             self._iterator = iter(self._frames)
             self._counter = 0
-            self._due = time.monotonic() + self._period
+            self._due = timing.monotonic() + self._period
 
     def close(self) -> None:
         """Stop."""
@@ -70,21 +70,21 @@ class ReplayCamera(Camera):
         """
         if self._iterator is None:
             raise CameraNotOpen(f"{self.name} is not open: use `with camera:`")
-        wait = self._due - time.monotonic()
+        wait = self._due - timing.monotonic()
         if wait > timeout:
-            time.sleep(timeout)
+            timing.sleep(timeout)
             raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
         if wait > 0:
-            time.sleep(wait)
+            timing.sleep(wait)
         try:
             item = next(self._iterator)
         except StopIteration:
             raise CameraEnded(f"{self.name} has no frame after the {self._counter} it played") from None
-        self._due = max(self._due + self._period, time.monotonic() - self._period)
+        self._due = max(self._due + self._period, timing.monotonic() - self._period)
         counter, self._counter = self._counter, self._counter + 1
         if isinstance(item, Frame):
-            return Frame(item.image, item.counter, time.monotonic())
-        return Frame(read_only(item), counter, time.monotonic())
+            return Frame(item.image, item.counter, timing.monotonic())
+        return Frame(read_only(item), counter, timing.monotonic())
 
     def flush(self) -> None:
         """Do nothing: a frame arrives only when it is grabbed."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 import queue
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from drivers import timing
 from drivers.board import LaserBoard
 from drivers.camera import Camera
 from drivers.errors import CameraTimeout
@@ -68,7 +68,7 @@ class ScanWorker(threading.Thread):
         self.failure: Exception | None = None
         self.stopped_early = False
         self.off_frames_lost = 0
-        self.begun = time.monotonic()
+        self.begun = timing.monotonic()
 
     def cancel(self) -> None:
         """Put the laser out now and end the thread soon; what has not been handed over is forgotten."""
@@ -77,7 +77,7 @@ class ScanWorker(threading.Thread):
 
     def run(self) -> None:
         """Take the scan; the laser is out when this ends, however it ends."""
-        self.begun = time.monotonic()
+        self.begun = timing.monotonic()
         try:
             self.grabber.restart()
             # All at once, not one between frames: after a sleep each costs many times as much.
@@ -105,7 +105,7 @@ class ScanWorker(threading.Thread):
             self.fired.append(stripe.index)
             on = self._frame()
             self.switch.off()
-            dark = time.monotonic()
+            dark = timing.monotonic()
             here, reached = reached, self._move_on(number, reached)
             # The off frame does not care where the mirror is, so the mirror turns meanwhile.
             off = self._off_frame(dark)
@@ -114,7 +114,7 @@ class ScanWorker(threading.Thread):
     def _take_sweep(self) -> None:
         self.switch.off()
         reached = self._board.go_to_step(self._steps[0], wait=False)
-        off = self._off_frame(time.monotonic()) if self._options.off is OffFrames.ONE else None
+        off = self._off_frame(timing.monotonic()) if self._options.off is OffFrames.ONE else None
         for number, stripe in enumerate(self._pattern):
             # A camera that runs freely, with the laser on anyway, takes its next frame meanwhile: one wait instead of
             # two, and the board says afterwards whether the mirror was still. One that waits to be asked must not be
@@ -146,10 +146,10 @@ class ScanWorker(threading.Thread):
         if status.laser_commanded:
             return since
         self.switch.keep_on(False)
-        return time.monotonic()
+        return timing.monotonic()
 
     def _frame(self, proved: Callable[[], float] | None = None) -> Frame | None:
-        frame = self.grabber.after(time.monotonic(), proved)
+        frame = self.grabber.after(timing.monotonic(), proved)
         self._lost_in_row = 0 if frame is not None else self._lost_in_row + 1
         if self._lost_in_row >= self._options.max_lost:
             raise CameraTimeout(

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
-import time
 from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-from drivers import guard
+from drivers import guard, timing
 from drivers.board_config import BoardConfig
 from drivers.errors import (
     BadReply,
@@ -30,6 +30,9 @@ from drivers.usb_link import UsbLink
 _Record = TypeVar("_Record")
 logger = logging.getLogger(__name__)
 WORTH_REPEATING = (BoardTimeout, BoardStalled, BoardTransferFailed, BadReply)
+# Of the board's watchdog: for so long a command is repeated.
+WATCHDOG_SHARE = 0.5
+SWEEPS_SINCE = (1, 1)
 HOST_VERSION = PROTOCOL_MAJOR << 8 | PROTOCOL_MINOR
 # Seconds between two looks at the bus while reconnecting.
 SEARCH_PERIOD = 0.1
@@ -108,7 +111,12 @@ class BoardSession:
             guard.release(self)
             self._link.close()
             raise
-        logger.info("laser board %s speaks protocol %d.%d", self._link.serial, *identity.protocol)
+        logger.info(
+            "laser board %s speaks protocol %d.%d, %s",
+            self._link.serial,
+            *identity.protocol,
+            "with sweeps of its own" if identity.protocol >= SWEEPS_SINCE else "without sweeps of its own",
+        )
 
     def close(self) -> None:
         """Put the laser out, end the session and give the device back; harmless when closed.
@@ -139,15 +147,15 @@ class BoardSession:
             self.close()
         except BoardError as failure:
             logger.warning("closing before reconnecting: %s", failure)
-        deadline = time.monotonic() + timeout
+        deadline = timing.monotonic() + timeout
         while True:
             try:
                 self.open()
                 return
             except (BoardNotFound, BoardUnplugged):
-                if time.monotonic() >= deadline:
+                if timing.monotonic() >= deadline:
                     raise
-            time.sleep(SEARCH_PERIOD)
+            timing.sleep(SEARCH_PERIOD)
 
     def status(self) -> BoardStatus:
         """Ask for the status; this also feeds the watchdog."""
@@ -171,12 +179,15 @@ class BoardSession:
         return status
 
     def _repeat(self, request: Request, argument: int, size: int, read: Callable[[bytes], _Record]) -> _Record:
+        # A bad cable must end in an error before the watchdog ends it in the dark.
+        patience = math.inf if self._identity is None else WATCHDOG_SHARE * self._identity.watchdog
+        deadline = timing.monotonic() + patience
         attempt = 1
         while True:
             try:
-                return read(self._link.request(request, argument, size))
+                return read(self._link.request(request, argument, size, deadline - timing.monotonic()))
             except WORTH_REPEATING as failure:
-                if attempt >= self.config.attempts:
+                if attempt >= self.config.attempts or timing.monotonic() >= deadline:
                     raise type(failure)(f"{failure} (asked {attempt} times)") from failure
                 logger.warning("attempt %d of %d: %s", attempt, self.config.attempts, failure)
             attempt += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -20,7 +21,7 @@ from drivers.errors import (
     BoardUnplugged,
     NoUsbBackend,
 )
-from drivers.protocol import INTERFACE, REPORT_ENDPOINT, REQUEST_IN, STATUS_SIZE, Request, split_argument
+from drivers.protocol import INTERFACE, REPORT_ENDPOINT, REPORT_SIZE, REQUEST_IN, Request, split_argument
 from drivers.udev import udev_instructions
 
 _T = TypeVar("_T")
@@ -107,8 +108,14 @@ class UsbLink:
         if device is not None:
             usb.util.dispose_resources(device)
 
-    def request(self, request: Request, argument: int, size: int) -> bytes:
+    def request(self, request: Request, argument: int, size: int, timeout: float = math.inf) -> bytes:
         """Make one command transfer and return the data stage.
+
+        Args:
+            request: the command.
+            argument: its argument, signed 32 bits.
+            size: length of the answer.
+            timeout: longest wait [s]; the configured one when that is shorter.
 
         Raises:
             BoardNotOpen: no device is held.
@@ -116,9 +123,10 @@ class UsbLink:
         """
         device = self._held()
         value, index = split_argument(argument)
+        timeout_ms = self._timeout_ms if timeout * 1e3 >= self._timeout_ms else max(1, round(timeout * 1e3))
         with self._control_lock:
             data = self._call(
-                lambda: device.ctrl_transfer(REQUEST_IN, request, value, index, size, self._timeout_ms),
+                lambda: device.ctrl_transfer(REQUEST_IN, request, value, index, size, timeout_ms),
                 request,
             )
         return bytes(data)
@@ -137,7 +145,7 @@ class UsbLink:
         device = self._held()
         try:
             data = self._call(
-                lambda: device.read(REPORT_ENDPOINT, STATUS_SIZE, max(1, round(timeout * 1e3))),
+                lambda: device.read(REPORT_ENDPOINT, REPORT_SIZE, max(1, round(timeout * 1e3))),
                 "a report",
             )
         except BoardTimeout:

@@ -16,10 +16,12 @@ import usb.core
 
 from drivers.emulator import descriptors
 from drivers.emulator.board import EmulatedBoard
-from drivers.emulator.bus import Bus, BusError, LocalBus
-from drivers.protocol import REPORT_ENDPOINT
+from drivers.emulator.bus import CLEAR_FEATURE, SET_CONFIGURATION, TO_DEVICE, TO_ENDPOINT, Bus, BusError, LocalBus
 
 _T = TypeVar("_T")
+
+# Seconds that a standard request may take.
+DESCRIPTOR_TIMEOUT = 1.0
 
 # libusb's own codes, so that an error looks the same as from the real backend.
 LIBUSB_CODES = {
@@ -48,23 +50,30 @@ class EmulatedBackend(usb.backend.IBackend):
         return None
 
     def get_device_descriptor(self, dev: int) -> SimpleNamespace:
-        """The device descriptor."""
-        return descriptors.device_descriptor(dev + 1)
+        """The device descriptor, as the device sends it."""
+        return descriptors.parse_device(self._descriptor(dev, descriptors.DEVICE, 18), dev + 1)
 
     def get_configuration_descriptor(self, dev: int, config: int) -> SimpleNamespace:
         """The only configuration; IndexError for another."""
         _only_zero(config)
-        return descriptors.configuration_descriptor()
+        return descriptors.parse_configuration(self._configuration(dev))
 
     def get_interface_descriptor(self, dev: int, intf: int, alt: int, config: int) -> SimpleNamespace:
         """The only interface; IndexError for another."""
         _only_zero(intf, alt, config)
-        return descriptors.interface_descriptor()
+        return descriptors.parse_interface(self._configuration(dev))
 
     def get_endpoint_descriptor(self, dev: int, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
         """The only endpoint; IndexError for another."""
         _only_zero(ep, intf, alt, config)
-        return descriptors.endpoint_descriptor()
+        return descriptors.parse_endpoint(self._configuration(dev))
+
+    def _descriptor(self, dev: int, kind: int, length: int) -> bytes:
+        bus = self._buses[dev]
+        return _translated(lambda: bus.control(0x80, 6, kind << 8, 0, length, DESCRIPTOR_TIMEOUT))
+
+    def _configuration(self, dev: int) -> bytes:
+        return self._descriptor(dev, descriptors.CONFIGURATION, 255)
 
     def open_device(self, dev: int) -> Bus:
         """Open the board; the bus serves as handle."""
@@ -77,13 +86,14 @@ class EmulatedBackend(usb.backend.IBackend):
         dev_handle.release()
 
     def set_configuration(self, dev_handle: Bus, config_value: int) -> None:
-        """Accept the only configuration."""
+        """Set the only configuration."""
         if config_value != 1:
             raise usb.core.USBError("Entity not found", -5, errno.ENOENT)
+        _translated(lambda: dev_handle.command(TO_DEVICE, SET_CONFIGURATION, config_value, 0, DESCRIPTOR_TIMEOUT))
 
     def get_configuration(self, dev_handle: Bus) -> int:
-        """The only configuration: the kernel has set it."""
-        return 1
+        """The configuration that is set."""
+        return _translated(lambda: dev_handle.control(0x80, 8, 0, 0, 1, DESCRIPTOR_TIMEOUT))[0]
 
     def claim_interface(self, dev_handle: Bus, intf: int) -> None:
         """Claim the interface."""
@@ -94,8 +104,8 @@ class EmulatedBackend(usb.backend.IBackend):
         dev_handle.release()
 
     def clear_halt(self, dev_handle: Bus, ep: int) -> None:
-        """Clear a stall; an emulated stall lasts for one transfer only, so nothing is left to clear."""
-        _only_zero(ep - REPORT_ENDPOINT)
+        """Clear a stall of an endpoint; its data toggle begins anew."""
+        _translated(lambda: dev_handle.command(TO_ENDPOINT, CLEAR_FEATURE, 0, ep, DESCRIPTOR_TIMEOUT))
 
     def ctrl_transfer(
         self,
@@ -107,16 +117,19 @@ class EmulatedBackend(usb.backend.IBackend):
         data: array[int],
         timeout: int,
     ) -> int:
-        """Make a control transfer to the host; one from the host stalls, the board knows none."""
+        """Make a control transfer; one with data from the host stalls, the board knows none."""
         if not bmRequestType & 0x80:
-            raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
+            if len(data):
+                raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
+            _translated(lambda: dev_handle.command(bmRequestType, bRequest, wValue, wIndex, timeout / 1e3))
+            return 0
         answer = _translated(
             lambda: dev_handle.control(bmRequestType, bRequest, wValue, wIndex, len(data), timeout / 1e3)
         )
         return _fill(data, answer)
 
     def intr_read(self, dev_handle: Bus, ep: int, intf: int, buff: array[int], timeout: int) -> int:
-        """Read the interrupt endpoint."""
+        """Read the interrupt endpoint; a record longer than what was asked for is an overflow."""
         return _fill(buff, _translated(lambda: dev_handle.interrupt(len(buff), timeout / 1e3)))
 
 
@@ -126,6 +139,8 @@ def emulated_backend(*boards: EmulatedBoard) -> EmulatedBackend:
 
 
 def _fill(buffer: array[int], answer: bytes) -> int:
+    if len(answer) > len(buffer):
+        raise usb.core.USBError("Overflow", -8, errno.EOVERFLOW)
     buffer[: len(answer)] = array("B", answer)
     return len(answer)
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
+from drivers import timing
 from drivers.emulator.config import EmulatorConfig
 from drivers.emulator.faults import Fault, FaultKind, FaultPlan
 from drivers.emulator.laser import Switching
@@ -26,7 +26,7 @@ class EmulatedBoard:
     Nothing runs in the background: timers take effect at the moment they were due, whenever one asks next.
     """
 
-    def __init__(self, config: EmulatorConfig | None = None, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, config: EmulatorConfig | None = None, clock: Callable[[], float] = timing.monotonic) -> None:
         """Power up, with the mirror in the middle of its travel and its home unknown.
 
         Args:
@@ -75,7 +75,7 @@ class EmulatedBoard:
         with self._lock:
             now = self._advance()
             known = REQUESTS.get(request)
-            if known is None:
+            if known is None or (known >= Request.SWEEP_STEP and self.config.identity.protocol[1] < 1):
                 return None
             if known is Request.IDENTIFY:
                 return self._identity()

@@ -5,15 +5,18 @@ from __future__ import annotations
 import errno
 import random
 import threading
-import time
 from typing import Protocol
 
+from drivers import timing
 from drivers.emulator.board import EmulatedBoard
-from drivers.emulator.descriptors import string_descriptor
+from drivers.emulator.descriptors import descriptor
 from drivers.emulator.faults import Fault, FaultKind
-from drivers.protocol import REQUEST_IN, REQUESTS, join_argument
+from drivers.protocol import REPORT_ENDPOINT, REQUEST_IN, REQUESTS, join_argument
 
-GET_DESCRIPTOR_IN, GET_DESCRIPTOR, STRING = 0x80, 6, 3
+# Standard requests of USB: bmRequestType, and bRequest.
+TO_DEVICE, TO_ENDPOINT, FROM_DEVICE = 0x00, 0x02, 0x80
+CLEAR_FEATURE, GET_DESCRIPTOR, GET_CONFIGURATION, SET_CONFIGURATION = 1, 6, 8, 9
+CLEAR_REPORT_HALT = (TO_ENDPOINT, CLEAR_FEATURE, 0, REPORT_ENDPOINT)
 # Seconds between two looks at a board that stands still and has nothing to report.
 REPORT_SLICE = 0.002
 BEFORE = (FaultKind.UNPLUG, FaultKind.STALL, FaultKind.TIMEOUT)
@@ -42,6 +45,9 @@ class Bus(Protocol):
     def control(self, request_type: int, request: int, value: int, index: int, length: int, timeout: float) -> bytes:
         """Make a control transfer to the host, or raise BusError; `timeout` in seconds."""
 
+    def command(self, request_type: int, request: int, value: int, index: int, timeout: float) -> None:
+        """Make a control transfer without data from the host, or raise BusError; `timeout` in seconds."""
+
     def interrupt(self, length: int, timeout: float) -> bytes:
         """Read the interrupt endpoint, or raise BusError; `timeout` in seconds."""
 
@@ -52,7 +58,7 @@ class LocalBus:
     def __init__(self, board: EmulatedBoard) -> None:
         """Plug `board` in."""
         self._board = board
-        self._claimed = False
+        self._claimed = self._halted = False
         self._claim_lock = threading.Lock()
         self._noise = random.Random(1)
 
@@ -80,43 +86,57 @@ class LocalBus:
             self._claimed = False
 
     def control(self, request_type: int, request: int, value: int, index: int, length: int, timeout: float) -> bytes:
-        """Make a control transfer: a command of the board, or a standard string request."""
+        """Make a control transfer: a command of the board, or a standard request."""
         self._check_plugged()
         command = REQUESTS.get(request) if request_type == REQUEST_IN else None
         if command is None:
-            return self._string(request_type, request, value)[:length]
+            return self._standard(request_type, request, value)[:length]
         plan = self._board.plan
         self._strike_before(plan.strike(command, BEFORE), timeout)
         if self._board.config.bus_delay > 0:
-            time.sleep(self._board.config.bus_delay)
+            timing.sleep(self._board.config.bus_delay)
         answer = self._board.serve(request, join_argument(value, index))
         if answer is None:
             raise BusError(errno.EPIPE, "Pipe error")
         return self._strike_after(plan.strike(command, AFTER), answer, timeout)[:length]
 
+    def command(self, request_type: int, request: int, value: int, index: int, timeout: float) -> None:
+        """Make a control transfer without data: set the configuration, or clear the endpoint's halt."""
+        self._check_plugged()
+        sets_configuration = (request_type, request, value) == (TO_DEVICE, SET_CONFIGURATION, 1)
+        if not sets_configuration and (request_type, request, value, index) != CLEAR_REPORT_HALT:
+            raise BusError(errno.EPIPE, "Pipe error")
+        self._halted = False
+
     def interrupt(self, length: int, timeout: float) -> bytes:
-        """Wait for something to report."""
+        """Wait for something to report; an endpoint that has stalled does so until its halt is cleared."""
         plan = self._board.plan
-        self._strike_before(plan.strike("report", BEFORE), timeout)
-        deadline = time.monotonic() + timeout
+        fault = plan.strike("report", BEFORE)
+        self._halted = self._halted or (fault is not None and fault.kind is FaultKind.STALL)
+        if self._halted:
+            raise BusError(errno.EPIPE, "Pipe error")
+        self._strike_before(fault, timeout)
+        deadline = timing.monotonic() + timeout
         while True:
             self._check_plugged()
             report = self._board.next_report()
             if report is not None:
-                return self._strike_after(plan.strike("report", AFTER), report, timeout)[:length]
-            now = time.monotonic()
+                return self._strike_after(plan.strike("report", AFTER), report, timeout)
+            now = timing.monotonic()
             if now >= deadline:
                 raise BusError(errno.ETIMEDOUT, "Operation timed out")
             motion_left = self._board.still_at() - self._board.clock()
-            time.sleep(min(motion_left if motion_left > 0 else REPORT_SLICE, deadline - now))
+            timing.sleep(min(motion_left if motion_left > 0 else REPORT_SLICE, deadline - now))
 
-    def _string(self, request_type: int, request: int, value: int) -> bytes:
-        text = None
-        if (request_type, request, value >> 8) == (GET_DESCRIPTOR_IN, GET_DESCRIPTOR, STRING):
-            text = string_descriptor(value & 0xFF, self._board.config.serial)
-        if text is None:
+    def _standard(self, request_type: int, request: int, value: int) -> bytes:
+        answer = None
+        if (request_type, request) == (FROM_DEVICE, GET_DESCRIPTOR):
+            answer = descriptor(value >> 8, value & 0xFF, self._board.config.serial)
+        elif (request_type, request) == (FROM_DEVICE, GET_CONFIGURATION):
+            answer = b"\x01"
+        if answer is None:
             raise BusError(errno.EPIPE, "Pipe error")
-        return text
+        return answer
 
     def _check_plugged(self) -> None:
         if not self._board.plugged:
@@ -130,7 +150,7 @@ class LocalBus:
             self._check_plugged()
         if fault.kind is FaultKind.STALL:
             raise BusError(errno.EPIPE, "Pipe error")
-        time.sleep(timeout)
+        timing.sleep(timeout)
         raise BusError(errno.ETIMEDOUT, "Operation timed out")
 
     def _strike_after(self, fault: Fault | None, answer: bytes, timeout: float) -> bytes:
@@ -141,7 +161,7 @@ class LocalBus:
                 self._board.unplug()
                 self._check_plugged()
             case FaultKind.TIMEOUT_AFTER:
-                time.sleep(timeout)
+                timing.sleep(timeout)
                 raise BusError(errno.ETIMEDOUT, "Operation timed out")
             case FaultKind.SHORT_READ:
                 return answer[: len(answer) // 2]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from drivers import timing
 from drivers.camera import Camera, CameraSettings
 from drivers.emulator.views import ExposureView
 from drivers.errors import CameraNotOpen, CameraTimeout
@@ -100,7 +100,7 @@ class EmulatedCamera(Camera):
     def open(self) -> None:
         """Begin to expose; harmless when open."""
         if self._start is None:
-            self._start, self._next = time.monotonic(), 0
+            self._start, self._next = timing.monotonic(), 0
 
     def close(self) -> None:
         """Stop."""
@@ -126,17 +126,17 @@ class EmulatedCamera(Camera):
             CameraNotOpen: open it first.
         """
         start = self._started()
-        asked = time.monotonic()
+        asked = timing.monotonic()
         number = max(self._next, self._arrived(asked))
         for fault in sorted(self.faults, key=lambda fault: fault.first):
             if fault.kind in ("drop", "silence") and fault.holds(number):
                 number = fault.first + fault.count
         wait = start + number * self._period + self._delay - asked
         if wait > timeout:
-            time.sleep(timeout)
+            timing.sleep(timeout)
             raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
         if wait > 0:
-            time.sleep(wait)
+            timing.sleep(wait)
         frame = self._expose(number, start)
         self._next = number + 1
         self._last = frame
@@ -145,7 +145,7 @@ class EmulatedCamera(Camera):
     def flush(self) -> None:
         """Forget what has arrived."""
         self._started()
-        self._next = max(self._next, self._arrived(time.monotonic()) + 1)
+        self._next = max(self._next, self._arrived(timing.monotonic()) + 1)
 
     def _started(self) -> float:
         if self._start is None:

@@ -81,6 +81,10 @@ class RemoteBus:
         setup = [request_type, request, value, index, length]
         return bytes.fromhex(self._control.ask(op="control", setup=setup, timeout=timeout)["data"])
 
+    def command(self, request_type: int, request: int, value: int, index: int, timeout: float) -> None:
+        """Make a control transfer without data."""
+        self._control.ask(op="command", setup=[request_type, request, value, index], timeout=timeout)
+
     def interrupt(self, length: int, timeout: float) -> bytes:
         """Read the interrupt endpoint."""
         return bytes.fromhex(self._interrupt.ask(op="interrupt", length=length, timeout=timeout)["data"])

@@ -79,6 +79,9 @@ class EmulatorServer:
                 self._bus.release()
             case "control":
                 return {"data": self._control(message).hex()}
+            case "command":
+                request_type, request, value, index = message["setup"]
+                self._bus.command(request_type, request, value, index, message["timeout"])
             case "interrupt":
                 return {"data": self._bus.interrupt(message["length"], message["timeout"]).hex()}
             case "view":

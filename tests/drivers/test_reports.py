@@ -51,7 +51,7 @@ def test_report_of_a_motion_holds_the_time_at_which_it_had_settled() -> None:
     begun = bench.ask(Request.GO_TO, FAR)
     bench.now += bench.travel_time + 0.5 * SETTLE
     assert bench.fetch() is None
-    bench.now += 0.4
+    bench.now += 0.3
     report = bench.fetch()
     assert report is not None and report.motion == begun.motion and not report.moving and report.step == FAR
     assert report.device_time - begun.device_time == pytest.approx(bench.travel_time + SETTLE, abs=MILLISECOND)

@@ -102,7 +102,10 @@ def test_reconnecting_gives_up_in_time(board: LaserBoard, emulated: EmulatedBoar
 
 @pytest.mark.parametrize(
     ("version", "words"),
-    [(0x0009, r"protocol 0\.9 .*needs 1\.0.*flash a newer firmware"), (0x0200, r"protocol 2\.0.*update this software")],
+    [
+        (0x0009, r"protocol 0\.9 .*speaks 1\.1.*flash a newer firmware"),
+        (0x0200, r"protocol 2\.0.*update this software"),
+    ],
 )
 def test_another_version_of_the_protocol_is_refused(version: int, words: str) -> None:
     """An older board needs a firmware, a newer one a newer driver; nothing is switched meanwhile."""
@@ -115,6 +118,29 @@ def test_another_version_of_the_protocol_is_refused(version: int, words: str) ->
     emulated.mend()
     with board:
         assert board.is_open
+
+
+@pytest.mark.parametrize(("version", "words"), [(0x0100, "without sweeps"), (0x0101, "with sweeps")])
+def test_an_older_minor_version_is_accepted_and_said(
+    version: int, words: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A board of 1.0 works as before; the log says which was found."""
+    caplog.set_level("INFO")
+    emulated = EmulatedBoard()
+    emulated.inject(Fault(FaultKind.WRONG_VERSION, amount=version))
+    with LaserBoard(backend=emulated_backend(emulated)) as board:
+        assert not board.status().faults
+    assert words in caplog.text
+
+
+def test_repeats_end_before_the_watchdog_does() -> None:
+    """However many attempts are configured: after half of the board's time the driver gives up, as it must."""
+    emulated = EmulatedBoard()
+    with LaserBoard(BoardConfig(timeout=0.05, attempts=10), backend=emulated_backend(emulated)) as board:
+        emulated.inject(Fault(FaultKind.TIMEOUT, Request.STATUS, count=10))
+        with pytest.raises(BoardTimeout, match=r"asked [1-4] times"):
+            board.status()
+        emulated.mend()
 
 
 def test_newer_minor_version_is_accepted() -> None:
