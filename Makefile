@@ -5,13 +5,14 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 EXTRAS_STAMP := $(VENV)/.installed-extras
 
-.PHONY: help install install-extras demo test test-all lint types docs bench bench-quick lock clean
+.PHONY: help install install-extras demo test test-all firmware lint types docs bench bench-quick lock clean
 
 help:
 	@echo "make demo            install into .venv and run the main job without hardware"
 	@echo "make test            install into .venv and run the tests"
 	@echo "make install         only install; then .venv/bin/guara is there"
 	@echo "make install-extras  also MuJoCo and the browser view; make test-all then runs their tests too"
+	@echo "make firmware        the laser board's firmware from its source, compared with the committed guara_board.uf2"
 	@echo "make docs            the documents and the Python reference as a site in out/site"
 	@echo "make lint types      ruff and mypy"
 	@echo "make bench           every figure of speed and accuracy (minutes); make bench-quick: under a minute"
@@ -42,6 +43,10 @@ test: install
 test-all: install-extras
 	$(BIN)/python -m pytest
 
+# Needs gcc-arm-none-eabi and libnewlib-arm-none-eabi; without them the committed firmware/guara_board.uf2 serves.
+firmware:
+	$(MAKE) -C firmware PYTHON=$(PYTHON)
+
 # A site of the pages in docs/ with the reference made from the docstrings: out/site/index.html.
 docs: install-extras
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
@@ -61,7 +66,7 @@ bench-quick: install
 
 # Needs uv; writes one resolution for every Python that pyproject.toml allows.
 lock:
-	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev --extra sim --extra view --extra notebook --extra docs -o requirements-extras.lock
+	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev --extra sim --extra view --extra notebook --extra docs --extra firmware -o requirements-extras.lock
 	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev -c requirements-extras.lock -o requirements.lock
 
 clean:

@@ -1,0 +1,12 @@
+"""The laser board's real firmware on an emulated RP2040, with a USB host and what is wired to the pins.
+
+Needs the extra `firmware` (rp2040py). `ChipBus` puts pyusb and the driver on it: `EmulatedBackend(ChipBus(chip))`.
+"""
+
+from __future__ import annotations
+
+from drivers.emulator.chip.bus import ChipBus, ChipClock
+from drivers.emulator.chip.chip import Chip, ChipMissing, load_firmware
+from drivers.emulator.chip.world import Wiring
+
+__all__ = ["Chip", "ChipBus", "ChipClock", "ChipMissing", "Wiring", "load_firmware"]

@@ -1,0 +1,200 @@
+"""An RP2040 that runs the firmware in emulated time: power, resets by its watchdog, a processor that hangs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from drivers.emulator.chip.usb_host import UsbHost
+from drivers.emulator.chip.world import Wiring, World
+from drivers.emulator.views import ExposureView
+from drivers.records import BoardIdentity
+
+UF2_BLOCK = 512
+UF2_MAGIC = (0x0A324655).to_bytes(4, "little")
+BOOT_SIZE = 256
+BOOT_ADDRESS = 0x20041F00
+"""Where the boot ROM puts the second stage, at the end of the memory, and calls it."""
+SRAM_START = 0x20000000
+ALL_BUT_OSCILLATORS = 0x1FFFC
+FROZEN_SLICE = 5e4  # ns of a hung processor's time that pass at once
+
+
+# Where the flash's controller is in the emulator's map; the command for the flash's number, and what goes before it.
+SSI_PAGE = 0x18000
+READ_ID, ID_PREFIX = 0x4B, 5
+FLASH_ID = bytes.fromhex("E66138528361BA31")
+
+
+class ChipMissing(ImportError):
+    """The emulator of the chip is not installed."""
+
+
+def load_firmware(path: str | Path) -> bytes:
+    """Return the flash image that a UF2 file holds.
+
+    Raises:
+        ValueError: it is not a UF2 file.
+    """
+    data = Path(path).read_bytes()
+    blocks = [data[at : at + UF2_BLOCK] for at in range(0, len(data), UF2_BLOCK)]
+    if not blocks or any(len(block) != UF2_BLOCK or block[:4] != UF2_MAGIC for block in blocks):
+        raise ValueError(f"{path} is not a UF2 file: firmware/guara_board.uf2 is one, `make firmware` builds it")
+    return b"".join(block[32 : 32 + int.from_bytes(block[16:20], "little")] for block in blocks)
+
+
+class Chip:
+    """A Pico with its wiring and a USB host. Nothing runs by itself: `run` lets time pass."""
+
+    def __init__(self, firmware: bytes, wiring: Wiring | None = None) -> None:
+        """Plug in; the firmware boots when time passes.
+
+        Args:
+            firmware: flash image, see `load_firmware`.
+            wiring: what is connected to the pins; None for a sound board without EXPOSURE_ACTIVE.
+
+        Raises:
+            ChipMissing: rp2040py is not installed.
+        """
+        try:
+            from rp2040py.execute_batch import execute_batch
+            from rp2040py.rp2040 import RP2040
+            from rp2040py.simulator import Simulator
+            from rp2040py.utils.logging import ConsoleLogger, LogLevel
+        except ImportError as error:
+            raise ChipMissing("the emulated chip needs rp2040py: pip install 'guara-perception[firmware]'") from error
+        self._execute, self._new_machine, self._new_simulator = execute_batch, RP2040, Simulator
+        self._firmware = firmware
+        self._logger = ConsoleLogger(LogLevel.ERROR, throw_on_error=False)
+        self._base = 0.0
+        self.nanos = 0.0
+        """Emulated time since the first power-up [ns]."""
+        self.resets = 0
+        """How often its own watchdog has reset it."""
+        self.frozen = False
+        """Whether the processor hangs: time passes, no instruction is executed."""
+        self.has_watchdog = True
+        self.plugged = True
+        self._bitten = False
+        self._identity: BoardIdentity | None = None
+        self.host: UsbHost
+        self.world = World(wiring or Wiring(), self._time, self._stop)
+        self._boot()
+
+    @property
+    def wiring(self) -> Wiring:
+        """What is connected; call `rewire` after a change."""
+        return self.world.wiring
+
+    def rewire(self) -> None:
+        """Let a change of the wiring take effect."""
+        self.world.rewire()
+        self.world.update()
+
+    def unplug(self) -> None:
+        """Take the power away."""
+        self.plugged = self.world.powered = False
+        self.world.update()
+
+    def replug(self) -> None:
+        """Give power again."""
+        self.plugged = self.world.powered = True
+        self.frozen = False
+        self._boot()
+
+    def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> float:
+        """Let time pass; stop early when `until` says so after something has happened. Return the time passed [s]."""
+        begun = self.nanos
+        end = begun + seconds * 1e9
+        while self.nanos < end and not until():
+            if self._bitten:
+                self._restart()
+            if not self.plugged:
+                self._base += end - self.nanos
+                self.nanos = end
+                break
+            if self.frozen:
+                self._mcu.clock.tick(min(end - self.nanos, FROZEN_SLICE))
+            else:
+                self._simulator.stopped = False
+                self._alarm.schedule(end - self.nanos)
+                while not self._simulator.stopped:
+                    self._execute(self._simulator, 1)
+                self._alarm.cancel()
+            self.nanos = self._time()
+        return (self.nanos - begun) / 1e9
+
+    def exposure(self, start: float, end: float) -> ExposureView:
+        """Return what a camera that exposed from `start` to `end` [s], both past, saw of the board."""
+        identity = self.identity
+        first, last = start * 1e9, end * 1e9
+        angle = [identity.angle_of(self.world.position_at(time)) for time in (first, 0.5 * (first + last), last)]
+        return ExposureView(
+            start=start,
+            end=end,
+            laser_fraction=self.world.lit_during(first, last) / max(last - first, 1.0),
+            mirror_angle=angle[1],
+            mirror_travel=abs(angle[2] - angle[0]),
+        )
+
+    @property
+    def identity(self) -> BoardIdentity:
+        """What the firmware said of itself when it was asked over USB."""
+        if self._identity is None:
+            answers: list[Any] = []
+            self.host.submit(bytes([0xC0, 1, 0, 0, 0, 0, 32, 0]), answers.append)
+            self.run(0.1, lambda: bool(answers))
+            self._identity = BoardIdentity.unpack(answers[0])
+        return self._identity
+
+    def _boot(self) -> None:
+        self._base = self.nanos
+        self._bitten = False
+        self._identity = None
+        mcu: Any = self._new_machine()
+        mcu.logger = self._logger
+        mcu.flash[: len(self._firmware)] = self._firmware
+        start = BOOT_ADDRESS - SRAM_START
+        mcu.sram[start : start + BOOT_SIZE] = self._firmware[:BOOT_SIZE]
+        mcu.core.sp = mcu.core.pc = BOOT_ADDRESS
+        self._mcu = mcu
+        self._give_flash_its_id(mcu.peripherals[SSI_PAGE])
+        self._simulator = self._new_simulator(mcu.clock, mcu)
+        self._alarm = mcu.clock.create_alarm(self._stop)
+        mcu.watchdog.on_watchdog_trigger = self._bite
+        self.host = UsbHost(mcu, self._stop)
+        self.world.connect(mcu)
+
+    @staticmethod
+    def _give_flash_its_id(flash: Any) -> None:
+        """Let the flash chip answer the question for its number, which the emulator's does not know."""
+        as_built = flash._shift_byte
+
+        def shift(byte: int) -> int:
+            answer = int(as_built(byte))
+            place = len(flash._tx_buffer) - 1 - ID_PREFIX
+            if flash._tx_buffer[0] == READ_ID and 0 <= place < len(FLASH_ID):
+                return FLASH_ID[place]
+            return answer
+
+        flash._shift_byte = shift
+
+    def _bite(self) -> None:
+        self._mcu.watchdog.alarm.enable = self._mcu.watchdog.timer.enable = False
+        # What the firmware has not selected would go on as it is.
+        if self.has_watchdog and self._mcu.psm.wdsel == ALL_BUT_OSCILLATORS:
+            self._bitten = True
+            self._stop()
+
+    def _restart(self) -> None:
+        self.resets += 1
+        self.frozen = False
+        self._boot()
+
+    def _time(self) -> float:
+        return float(self._base + self._mcu.clock.nanos) if hasattr(self, "_mcu") else 0.0
+
+    def _stop(self) -> None:
+        if hasattr(self, "_simulator"):
+            self._simulator.stopped = True

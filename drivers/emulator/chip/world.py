@@ -1,0 +1,175 @@
+"""What is wired to the pins of the emulated Pico: laser and photodiode, monostable, motor and home switch, camera."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.emulator.laser import Switching
+
+# Pins of the Pico, as in firmware/pins.h.
+LASER, SUPPLY, HEARTBEAT, LIGHT, STEP, DIRECTION, HOME = 2, 3, 4, 5, 6, 7, 9
+TRIGGER, EXPOSURE, EXPOSURE_WIRED = 10, 11, 12
+SENSOR = 4  # input of the ADC: the thermometer
+
+LIGHT_DELAY = 0.1e6  # ns from the laser to the comparator's output
+START = 700  # steps from the home switch at power-up
+
+
+@dataclass(slots=True)
+class Wiring:
+    """What the tests choose, at any time.
+
+    Attributes:
+        stuck_on: the laser's transistor conducts whatever its pin says.
+        dead: the laser never shines.
+        blind: the photodiode sees nothing.
+        no_home: the home switch never closes.
+        temperature: of the chip [degrees Celsius].
+        monostable: time without an edge of HEARTBEAT after which the supply opens [s]; infinite: not fitted.
+        exposure_wired: the camera's EXPOSURE_ACTIVE is connected, and its jumper set.
+        exposure_delay: from the trigger to the exposure [s].
+        exposure: how long the camera's shutter is open [s].
+        triggers_to_miss: numbers of the triggers, from 0, that the camera does not see.
+        triggers_to_double: numbers of the triggers after which the camera exposes twice.
+    """
+
+    stuck_on: bool = False
+    dead: bool = False
+    blind: bool = False
+    no_home: bool = False
+    temperature: float = 30.0
+    monostable: float = 0.45
+    exposure_wired: bool = False
+    exposure_delay: float = 50e-6
+    exposure: float = 0.004
+    triggers_to_miss: frozenset[int] = frozenset()
+    triggers_to_double: frozenset[int] = frozenset()
+
+
+class World:
+    """The wiring at work. Its times are emulated nanoseconds since the first power-up."""
+
+    def __init__(self, wiring: Wiring, now: Callable[[], float], noticed: Callable[[], None]) -> None:
+        """Prepare.
+
+        Args:
+            wiring: what is connected, and its faults.
+            now: the time [ns].
+            noticed: called when the light has changed.
+        """
+        self.wiring = wiring
+        self._now, self._noticed = now, noticed
+        self.position = START
+        self.powered = True
+        self.lit = False
+        self.switchings: list[tuple[float, bool]] = [(0.0, False)]
+        self.steps: list[tuple[float, int]] = [(0.0, START)]
+        self.triggers: list[float] = []
+        self.exposures: list[tuple[float, float]] = []
+        self._last_beat = -math.inf
+
+    def connect(self, mcu: Any) -> None:
+        """Wire a chip that has just been powered up or reset."""
+        self._mcu = mcu
+        clock = mcu.clock
+        self._sense = clock.create_alarm(self._sensed)
+        self._drop = clock.create_alarm(self.update)
+        self._shutter = clock.create_alarm(self._toggle_shutter)
+        self._open = False
+        self._to_come = 0
+        gpio = mcu.gpio
+        gpio[STEP].add_listener(self._on_step)
+        gpio[LASER].add_listener(lambda now, before: self.update())
+        gpio[SUPPLY].add_listener(lambda now, before: self.update())
+        gpio[HEARTBEAT].add_listener(lambda now, before: self._on_beat())
+        gpio[TRIGGER].add_listener(self._on_trigger)
+        gpio[EXPOSURE].set_input_value(False)
+        self.rewire()
+        self.update()
+
+    def rewire(self) -> None:
+        """Let what was changed in the wiring take effect at the pins."""
+        self._mcu.gpio[HOME].set_input_value(not self._home_closed())
+        self._mcu.gpio[EXPOSURE_WIRED].set_input_value(not self.wiring.exposure_wired)
+        volt = 0.706 - (self.wiring.temperature - 27) * 0.001721
+        self._mcu.adc.channel_values[SENSOR] = round(volt / 3.3 * 4096)
+
+    def update(self) -> None:
+        """Switch the light as pins and faults have it now."""
+        now = self._now()
+        held = now - self._last_beat < self.wiring.monostable * 1e9
+        supply = self.powered and held and self._high(SUPPLY)
+        lit = supply and not self.wiring.dead and (self._high(LASER) or self.wiring.stuck_on)
+        if lit == self.lit:
+            return
+        self.lit = lit
+        self.switchings.append((now, lit))
+        self._sense.schedule(LIGHT_DELAY)
+        self._noticed()
+
+    def switched(self) -> tuple[Switching, ...]:
+        """Return when the laser really went on and off [s]."""
+        return tuple(Switching(time / 1e9, on) for time, on in self.switchings)
+
+    def lit_during(self, start: float, end: float) -> float:
+        """Return for how many of the nanoseconds from `start` to `end` the laser shone."""
+        total, until = 0.0, end
+        for time, on in reversed(self.switchings):
+            if time < until:
+                since = max(time, start)
+                total += (until - since) if on else 0.0
+                until = since
+            if time <= start:
+                break
+        return total
+
+    def position_at(self, time: float) -> int:
+        """Return where the mirror was [steps from the home switch] at a time [ns]."""
+        return self.steps[max(0, bisect.bisect_right(self.steps, (time, math.inf)) - 1)][1]
+
+    def _high(self, pin: int) -> bool:
+        return int(self._mcu.gpio[pin].value) == 1
+
+    def _home_closed(self) -> bool:
+        return self.position < 0 and not self.wiring.no_home
+
+    def _on_step(self, now: Any, before: Any) -> None:
+        if int(now) != 1 or int(before) != 0:
+            return
+        self.position += 1 if self._high(DIRECTION) else -1
+        self.steps.append((self._now(), self.position))
+        self._mcu.gpio[HOME].set_input_value(not self._home_closed())
+
+    def _on_beat(self) -> None:
+        self._last_beat = self._now()
+        if math.isfinite(self.wiring.monostable):
+            self._drop.schedule(self.wiring.monostable * 1e9)
+        self.update()
+
+    def _sensed(self) -> None:
+        self._mcu.gpio[LIGHT].set_input_value(self.lit and not self.wiring.blind)
+
+    def _on_trigger(self, now: Any, before: Any) -> None:
+        if int(now) != 1 or int(before) == 1:
+            return
+        number = len(self.triggers)
+        self.triggers.append(self._now())
+        if number in self.wiring.triggers_to_miss or self._open:
+            return
+        self._to_come = 2 if number in self.wiring.triggers_to_double else 1
+        self._shutter.schedule(self.wiring.exposure_delay * 1e9)
+
+    def _toggle_shutter(self) -> None:
+        self._open = not self._open
+        if self._open:
+            self._to_come -= 1
+            self.exposures.append((self._now(), self._now() + self.wiring.exposure * 1e9))
+            self._shutter.schedule(self.wiring.exposure * 1e9)
+        elif self._to_come:
+            self._shutter.schedule(self.wiring.exposure_delay * 1e9)
+        if self.wiring.exposure_wired:
+            self._mcu.gpio[EXPOSURE].set_input_value(self._open)

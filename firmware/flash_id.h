@@ -1,0 +1,7 @@
+/* The number that the Pico's flash chip was given when it was made: the board's serial number. */
+#pragma once
+
+enum { FLASH_ID_DIGITS = 16 };
+
+void read_flash_id(void);        /* once, before anything else wants the flash */
+const char *flash_id(void);      /* hexadecimal; zeros when the chip gave none */
