@@ -13,6 +13,7 @@ from guara_perception.settings import Settings, limits_to_dict
 from guara_perception.simulation.materials import material_index
 from guara_perception.simulation.world import World
 from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import RobotModel
 
@@ -78,9 +79,8 @@ class TrueGround:
         high, low = samples.max(axis=-1), samples.min(axis=-1)
         on_top = samples > high[..., None] - TOP_LAYER_M
         mean = np.where(on_top, samples, 0.0).sum(axis=-1) / on_top.sum(axis=-1)
-        layers = assess_layers(
-            mean, np.zeros(mean.shape), low, high, np.zeros(mean.shape, np.uint16), geometry.resolution, settings.limits
-        )
+        raster = Raster(mean, np.zeros(mean.shape), low, high)
+        layers = assess_layers(raster, np.zeros(mean.shape, np.uint16), geometry.resolution, settings.limits)
         inner = np.s_[beyond:-beyond, beyond:-beyond]
         cut = {name: np.ascontiguousarray(layer[inner]) for name, layer in layers.items()}
         cut["age"] = np.zeros(geometry.shape, np.uint8)

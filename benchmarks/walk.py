@@ -11,6 +11,7 @@ import numpy.typing as npt
 import guara_perception as gp
 from guara_perception.settings import Settings, limits_to_dict
 from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import RobotModel, Stance
 
@@ -150,15 +151,8 @@ def scan(robot: RobotModel, ground: Ground, pause: Pause, seed: int) -> gp.Terra
         return np.where(unknown, np.nan, values).reshape(grid.shape)
 
     low, high = np.minimum(heights.min(axis=0), mean), np.maximum(top, mean)
-    layers = assess_layers(
-        layer(mean),
-        layer(sigma**2),
-        layer(low),
-        layer(high),
-        flags.reshape(grid.shape),
-        grid.resolution,
-        settings.limits,
-    )
+    raster = Raster(layer(mean), layer(sigma**2), layer(low), layer(high))
+    layers = assess_layers(raster, flags.reshape(grid.shape), grid.resolution, settings.limits)
     layers["age"] = np.where(unknown, 255, 0).astype(np.uint8).reshape(grid.shape)
     layers["looks"] = (~unknown).astype(np.uint8).reshape(grid.shape)
     metadata = {

@@ -265,10 +265,7 @@ class ScanProcessor:
         causes = unknown_causes(
             elevation, self._plan, pair_usable, marks, self._geometry.sensor_origins, self._grid, self._body.hides
         )
-        variance = raster.variance + np.where(np.isfinite(elevation), 0.0, np.nan)
-        layers = assess_layers(
-            elevation, variance, raster.low, raster.high, causes, self._grid.resolution, self._settings.limits
-        )
+        layers = assess_layers(raster, causes, self._grid.resolution, self._settings.limits)
         seen = np.isfinite(elevation)
         layers["age"] = np.where(seen, 0, 255).astype(np.uint8)
         layers["looks"] = seen.astype(np.uint8)

@@ -9,6 +9,7 @@ from guara_perception.arrays import Array, Flags, Float, Float32, Mask
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.disc import Kernel, disc_kernel, fit_disc
 from guara_perception.terrain.assessment.edges import EXTRA_RING_CELLS, clearance, edge_cells, half_cells
+from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
 # A safe cell keeps a positive score however close to its limits it is: 0 is reserved for hazards.
@@ -22,10 +23,7 @@ UNKNOWN = {"traversability": 0.0}
 
 
 def assess_layers(
-    elevation: Float,
-    variance: Float,
-    low: Float,
-    high: Float,
+    raster: Raster,
     hazard: Flags,
     resolution: float,
     limits: TraversabilityLimits,
@@ -36,7 +34,7 @@ def assess_layers(
     known gets EDGE whatever the values say: so losing an observation never makes another cell safe.
 
     Args:
-        elevation, variance, low, high: (ny, nx) heights [m], variances [m^2], lowest and highest sample [m].
+        raster: heights, their variances, lowest and highest samples.
         hazard: (ny, nx) uint16, flags known beforehand (causes of unknown, CONFLICT, STALE).
         resolution: cell edge [m].
         limits: what the feet can bear.
@@ -45,18 +43,13 @@ def assess_layers(
         Layers by name, read-only, in the types of `LAYERS`: elevation, variance, elevation_min, elevation_max,
         slope, step_height, roughness, clearance, traversability, hazard.
     """
-    known = np.isfinite(elevation)
+    known = np.isfinite(raster.elevation)
     flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
     flags[~known & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
     # Beyond the outermost known cells all is unknown, which counts as off the grid does: nothing to judge there.
     window = _extent(known, axis=0), _extent(known, axis=1)
 
-    def within(layer: Array) -> Array:
-        return np.ascontiguousarray(layer[window])
-
-    judged = _judge_in_bands(
-        within(elevation), within(variance), within(low), within(high), within(flags), resolution, limits
-    )
+    judged = _judge_in_bands(raster.window(window), np.ascontiguousarray(flags[window]), resolution, limits)
     layers: dict[str, Array] = {}
     for name, values in judged.items():
         layers[name] = flags if name == "hazard" else np.full(known.shape, UNKNOWN.get(name, np.nan), np.float32)
@@ -75,33 +68,26 @@ def _extent(known: Mask, axis: int) -> slice:
 
 
 def _judge_in_bands(
-    elevation: Float,
-    variance: Float,
-    low: Float,
-    high: Float,
+    raster: Raster,
     flags: Flags,
     resolution: float,
     limits: TraversabilityLimits,
 ) -> dict[str, Array]:
     """All layers but the clearance."""
     kernel = disc_kernel(limits.disc_radius / resolution)
-    ny, nx = elevation.shape
+    ny, nx = flags.shape
     halo = half_cells(limits.sole_width, resolution) + 2 * (kernel.shape[0] // 2) + EXTRA_RING_CELLS
     rows = max(BAND_CELLS // nx, LEAST_HALOS * halo)
     bands = []
     for start in range(0, ny, rows):
         first, end = max(start - halo, 0), min(start + rows + halo, ny)
-        part = slice(first, end)
-        band = _judge(elevation[part], variance[part], low[part], high[part], flags[part], kernel, resolution, limits)
+        band = _judge(raster.window(np.s_[first:end, :]), flags[first:end], kernel, resolution, limits)
         bands.append({name: layer[start - first : start - first + rows] for name, layer in band.items()})
     return bands[0] if len(bands) == 1 else {name: np.concatenate([b[name] for b in bands]) for name in bands[0]}
 
 
 def _judge(
-    elevation: Float,
-    variance: Float,
-    low: Float,
-    high: Float,
+    raster: Raster,
     flags: Flags,
     kernel: Kernel,
     resolution: float,
@@ -111,9 +97,9 @@ def _judge(
     known = (flags & UNKNOWN_MASK) == 0
     # What follows is computed for the known cells alone, often a quarter of a map.
     index = np.flatnonzero(known)
-    rise, fall = rises(low, high, known, kernel)
-    fit = fit_disc(elevation, variance, kernel, resolution)
-    known_variance = variance.take(index)
+    rise, fall = rises(raster.low, raster.high, known, kernel)
+    fit = fit_disc(raster.elevation, raster.variance, kernel, resolution)
+    known_variance = raster.variance.take(index)
     sigma = np.sqrt(known_variance)
     k = limits.confidence
     step_sigma = k * np.sqrt(2.0) * sigma
@@ -144,15 +130,15 @@ def _judge(
     result.reshape(-1)[index] = found
 
     def layer(name: str, values: Float) -> Float32:
-        whole = np.full(elevation.shape, UNKNOWN.get(name, np.nan), dtype=np.float32)
+        whole = np.full(flags.shape, UNKNOWN.get(name, np.nan), dtype=np.float32)
         whole.reshape(-1)[index] = values
         return whole
 
     values_of = {
-        "elevation": elevation.take(index),
+        "elevation": raster.elevation.take(index),
         "variance": known_variance,
-        "elevation_min": low.take(index),
-        "elevation_max": high.take(index),
+        "elevation_min": raster.low.take(index),
+        "elevation_max": raster.high.take(index),
         "slope": fit.slope,
         "step_height": np.maximum(rise, fall),
         "roughness": fit.roughness,

@@ -58,13 +58,23 @@ class SurfaceSamples:
 
 @dataclass(frozen=True, slots=True)
 class Raster:
-    """A grid of heights: all (ny, nx) float64, NaN (count 0) where no sample fell."""
+    """Heights of a grid, all (ny, nx) float64, NaN where no sample fell.
+
+    Attributes:
+        elevation: mean height of the top layer of each cell [m].
+        variance: of it [m^2].
+        low, high: lowest and highest sample [m].
+    """
 
     elevation: Float
     variance: Float
     low: Float
     high: Float
-    count: Float
+
+    def window(self, cells: tuple[slice, slice]) -> Raster:
+        """Some rows and columns of it."""
+        layers = (self.elevation, self.variance, self.low, self.high)
+        return Raster(*(np.ascontiguousarray(layer[cells]) for layer in layers))
 
 
 def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSamples:
@@ -158,7 +168,7 @@ def merge(parts: Iterable[CellSamples], geometry: GridGeometry) -> Raster:
     shape = geometry.shape
     if not parts:
         nothing = np.full(shape, np.nan)
-        return Raster(nothing, nothing, nothing, nothing, np.zeros(shape))
+        return Raster(nothing, nothing, nothing, nothing)
     total, count, variance_total, low, high = (
         np.concatenate([getattr(part, name) for part in parts])
         for name in ("total", "count", "variance_total", "low", "high")
@@ -187,7 +197,6 @@ def merge(parts: Iterable[CellSamples], geometry: GridGeometry) -> Raster:
         variance=of_grid(mean_variance + nan),
         low=of_grid(nan + lowest),
         high=of_grid(nan + highest),
-        count=of_grid(counts),
     )
 
 
@@ -202,7 +211,6 @@ def without_cells(raster: Raster, cells: Mask) -> Raster:
         variance=cut(raster.variance),
         low=cut(raster.low),
         high=cut(raster.high),
-        count=np.where(cells, 0.0, raster.count),
     )
 
 
@@ -210,7 +218,7 @@ def pool(raster: Raster, factor: int) -> Raster:
     """Coarser cells from `factor` x `factor` fine ones, conservatively: one unknown fine cell makes all unknown."""
     if factor == 1:
         return raster
-    ny, nx = (n // factor for n in raster.count.shape)
+    ny, nx = (n // factor for n in raster.elevation.shape)
 
     def blocks(layer: Float) -> Float:
         return layer.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1)
@@ -220,7 +228,6 @@ def pool(raster: Raster, factor: int) -> Raster:
         variance=blocks(raster.variance).mean(axis=-1),
         low=blocks(raster.low).min(axis=-1),
         high=blocks(raster.high).max(axis=-1),
-        count=np.where(np.isfinite(blocks(raster.elevation)).all(axis=-1), blocks(raster.count).sum(axis=-1), 0),
     )
 
 

@@ -172,7 +172,8 @@ class LayeredGrid:
 
     def height_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Any:
         """Elevation of the cell under each point [m]; NaN where unknown or outside. Scalars give a float."""
-        return self._look_up("elevation", x, y, np.float32(np.nan), float)
+        height = look_up(self, "elevation", x, y, np.float32(np.nan))
+        return height if height.ndim else float(height[()])
 
     @overload
     def hazard_at(self, x: float, y: float) -> Hazard: ...
@@ -182,7 +183,8 @@ class LayeredGrid:
 
     def hazard_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Any:
         """Hazard flags of the cell under each point; UNSCANNED outside. Scalars give a Hazard, arrays uint16."""
-        return self._look_up("hazard", x, y, np.uint16(Hazard.UNSCANNED), lambda flags: Hazard(int(flags)))
+        flags = look_up(self, "hazard", x, y, np.uint16(Hazard.UNSCANNED))
+        return flags if flags.ndim else Hazard(int(flags[()]))
 
     @overload
     def is_traversable(self, x: float, y: float) -> bool: ...
@@ -192,8 +194,8 @@ class LayeredGrid:
 
     def is_traversable(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Any:
         """Whether a sole may be centred on the cell under each point. Scalars give a bool; False outside."""
-        score = self._look_up("traversability", x, y, np.float32(0), float)
-        return score > 0
+        score = look_up(self, "traversability", x, y, np.float32(0))
+        return score > 0 if score.ndim else bool(score > 0)
 
     def to_occupancy(self, unknown: int = 100) -> npt.NDArray[np.int8]:
         """Occupancy (ny, nx) int8 as nav_msgs/OccupancyGrid counts it; its data are `.ravel()` of this.
@@ -208,17 +210,35 @@ class LayeredGrid:
             raise InvalidInput(f"unknown is {unknown!r}, allowed: 100 (unknown is a hazard), -1 (unknown is marked)")
         return occupancy_values(self.layers["traversability"], self.layers["hazard"], unknown)
 
-    def _points(self, x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[Float, Float]:
-        try:
-            px, py = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
-        except (ValueError, TypeError):
-            raise InvalidInput("x and y must be numbers or arrays of one shape [m]") from None
-        return px, py
 
-    def _look_up(self, layer: str, x: npt.ArrayLike, y: npt.ArrayLike, outside: Any, scalar: Any) -> Any:
-        px, py = self._points(x, y)
-        iy, ix = self.geometry.indices(px, py)
-        inside = self.geometry.contains(iy, ix)
-        values = np.full(px.shape, outside)
-        values[inside] = self.layers[layer][iy[inside], ix[inside]]
-        return scalar(values[()]) if values.ndim == 0 else values
+def coordinates(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[Float, Float]:
+    """Coordinates that a user gave as numbers or arrays, as arrays of one shape [m].
+
+    Raises:
+        InvalidInput: no numbers, or arrays of different shapes.
+    """
+    try:
+        px, py = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+    except (ValueError, TypeError):
+        raise InvalidInput("x and y must be numbers or arrays of one shape [m]") from None
+    return px, py
+
+
+def look_up(grid: LayeredGrid, layer: str, x: npt.ArrayLike, y: npt.ArrayLike, outside: np.generic) -> Array:
+    """Values of a layer in the cells of points, in the points' shape.
+
+    Args:
+        grid: that holds the layer.
+        layer: its name.
+        x, y: points in base_footprint [m].
+        outside: value for points off the grid, of the layer's type.
+
+    Raises:
+        InvalidInput: see `coordinates`.
+    """
+    px, py = coordinates(x, y)
+    iy, ix = grid.geometry.indices(px, py)
+    inside = grid.geometry.contains(iy, ix)
+    values = np.full(px.shape, outside)
+    values[inside] = grid.layers[layer][iy[inside], ix[inside]]
+    return values

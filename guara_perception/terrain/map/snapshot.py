@@ -10,6 +10,7 @@ import numpy as np
 from guara_perception.arrays import Array, Flags, Float
 from guara_perception.settings import Settings
 from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
@@ -83,15 +84,13 @@ def snapshot_layers(
         layer[known] = values
         return layer.reshape(geometry.shape)
 
-    layers = assess_layers(
+    raster = Raster(
         shaped((memory["height"].take(slot) - drop) / row[2], np.nan),
         shaped(variance, np.nan),
         shaped((squares.joined(low, np.fmin, known) - drop) / row[2], np.nan),
         shaped((squares.joined(high, np.fmax, known) - drop) / row[2], np.nan),
-        flags.reshape(geometry.shape),
-        geometry.resolution,
-        settings.limits,
     )
+    layers = assess_layers(raster, flags.reshape(geometry.shape), geometry.resolution, settings.limits)
     layers["age"] = shaped(pauses.astype(np.uint8), NEVER_SEEN_AGE)
     layers["looks"] = shaped(memory["looks"].take(slot), 0)
     return layers

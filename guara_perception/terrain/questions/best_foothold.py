@@ -10,7 +10,7 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.readonly import readonly
-from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, look_up
 from guara_perception.terrain.layers.limits_of import limits_of
 from guara_perception.terrain.questions.foothold import FootholdVerdicts, check_foothold, enough_clearance
 from guara_perception.terrain.questions.normal import normal_at
@@ -112,9 +112,7 @@ def _candidates(terrain: LayeredGrid, x: float, y: float, radius: float) -> tupl
 
 def _values(terrain: LayeredGrid, verdicts: FootholdVerdicts, distance: Float, radius: float) -> Float:
     enough = enough_clearance(terrain, limits_of(terrain))
-    clearance = np.asarray(
-        terrain._look_up("clearance", verdicts.x, verdicts.y, np.float32(0), float), dtype=np.float64
-    )
+    clearance = np.asarray(look_up(terrain, "clearance", verdicts.x, verdicts.y, np.float32(0)), dtype=np.float64)
     # Between the least clearance that a sole needs and twice of what is always enough the value rises.
     openness = np.clip(clearance / (2 * enough), 0.0, 1.0)
     nearness = 1 - (1 - VALUE_AT_RIM) * (distance / radius) ** 2 if radius > 0 else np.ones(distance.shape)

@@ -15,7 +15,7 @@ from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.disc import disc_kernel
 from guara_perception.terrain.assessment.edges import EXTRA_RING_CELLS, half_cells
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, names
-from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, coordinates, look_up
 from guara_perception.terrain.layers.limits_of import limits_of, other_limits
 from guara_perception.terrain.layers.reason import Reason
 from guara_perception.terrain.questions.leg_reach import beyond_reach
@@ -91,11 +91,11 @@ def check_foothold(
     terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, leg: str | None = None, robot: RobotModel | None = None
 ) -> FootholdVerdict | FootholdVerdicts:
     """See `TerrainGrid.check_foothold`."""
-    px, py = terrain._points(x, y)
+    px, py = coordinates(x, y)
     limits = limits_of(terrain)
     flat_x, flat_y = np.atleast_1d(px).ravel(), np.atleast_1d(py).ravel()
     finite = np.isfinite(flat_x) & np.isfinite(flat_y)
-    score = np.asarray(terrain._look_up("traversability", flat_x, flat_y, np.float32(0), float), np.float64)
+    score = np.asarray(look_up(terrain, "traversability", flat_x, flat_y, np.float32(0)), np.float64)
     flags = np.full(flat_x.size, np.uint16(Hazard.UNSCANNED))
     flags[finite] = sole_flags(terrain.hazard, terrain.geometry, flat_x[finite], flat_y[finite], limits)
     ok = (score > 0) & ((flags & ALL_BUT_EDGE) == 0)
@@ -170,7 +170,7 @@ def _values(terrain: LayeredGrid, layer: str, rows: slice, columns: slice) -> Ar
 
 
 def _clearance_at(terrain: LayeredGrid, x: float, y: float) -> float:
-    return float(terrain._look_up("clearance", x, y, np.float32(np.nan), float))
+    return float(look_up(terrain, "clearance", x, y, np.float32(np.nan))[()])
 
 
 def enough_clearance(terrain: LayeredGrid, limits: TraversabilityLimits) -> float:

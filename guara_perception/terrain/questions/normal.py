@@ -7,13 +7,13 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float
 from guara_perception.terrain.assessment.disc import KNOWN_SHARE, disc_kernel
-from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, coordinates
 from guara_perception.terrain.layers.limits_of import limits_of
 
 
 def normal_at(terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike) -> Float:
     """See `TerrainGrid.normal_at`."""
-    px, py = terrain._points(x, y)
+    px, py = coordinates(x, y)
     return _normals(terrain, px.ravel(), py.ravel()).reshape(*px.shape, 3)
 
 

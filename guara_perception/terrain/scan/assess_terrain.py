@@ -9,6 +9,7 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import TraversabilityLimits, limits_to_dict
 from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
@@ -46,7 +47,7 @@ def assess_terrain(
     hazard = np.where(known, 0, np.uint16(Hazard.UNSCANNED)).astype(np.uint16)
     if limits is None:
         limits = default_limits()
-    layers = assess_layers(heights, variances, heights, heights, hazard, geometry.resolution, limits)
+    layers = assess_layers(Raster(heights, variances, heights, heights), hazard, geometry.resolution, limits)
     layers["age"] = np.where(known, 0, 255).astype(np.uint8)
     layers["looks"] = known.astype(np.uint8)
     return TerrainGrid(layers=layers, geometry=geometry, metadata={"limits": limits_to_dict(limits)})

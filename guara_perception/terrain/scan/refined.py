@@ -9,6 +9,7 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.limits_of import limits_of
@@ -39,15 +40,8 @@ def refined(coarse: TerrainGrid, standard: TerrainGrid) -> TerrainGrid:
     def either(name: str) -> Float:
         return np.where(takes_coarse, coarse.layers[name], standard.layers[name]).astype(np.float64)
 
-    layers = assess_layers(
-        either("elevation"),
-        either("variance"),
-        either("elevation_min"),
-        either("elevation_max"),
-        flags,
-        coarse.resolution,
-        limits_of(standard),
-    )
+    raster = Raster(*(either(name) for name in ("elevation", "variance", "elevation_min", "elevation_max")))
+    layers = assess_layers(raster, flags, coarse.resolution, limits_of(standard))
     seen = np.isfinite(layers["elevation"])
     layers["age"] = np.where(seen, 0, 255).astype(np.uint8)
     layers["looks"] = seen.astype(np.uint8)

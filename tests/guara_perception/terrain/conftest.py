@@ -11,6 +11,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.settings import Settings, TraversabilityLimits, limits_to_dict
 from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import RobotModel
 
@@ -47,7 +48,7 @@ def make_scan(robot: RobotModel, scan_grid: GridGeometry, limits: Traversability
         unknown = (hazard & 0xFF) != 0
         elevation = np.where(unknown, np.nan, np.broadcast_to(np.asarray(heights, np.float64), scan_grid.shape))
         variance = np.where(unknown, np.nan, sigma**2)
-        layers = assess_layers(elevation, variance, elevation, elevation, hazard, scan_grid.resolution, limits)
+        layers = assess_layers(Raster(elevation, variance, elevation, elevation), hazard, scan_grid.resolution, limits)
         layers["age"] = np.where(unknown, 255, 0).astype(np.uint8)
         layers["looks"] = (~unknown).astype(np.uint8)
         return gp.TerrainGrid(

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.disc import disc_kernel, fit_disc
+from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.hazard import Hazard
 
 RESOLUTION = 0.005
@@ -103,7 +104,7 @@ def test_a_step_inside_one_cell_counts() -> None:
 
     flat, high = np.zeros((40, 40)), np.zeros((40, 40))
     high[20, 20] = 0.035
-    layers = assess_layers(flat, flat, flat, high, flat.astype(np.uint16), RESOLUTION, default_limits())
+    layers = assess_layers(Raster(flat, flat, flat, high), flat.astype(np.uint16), RESOLUTION, default_limits())
     assert layers["hazard"][20, 20] & Hazard.STEP
     assert layers["step_height"][20, 20] == np.float32(0.035)
 

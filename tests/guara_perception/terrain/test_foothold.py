@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.settings import TraversabilityLimits as gp_limits
+from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.layers.limits_of import known, limits_of
 from kinematics import KinematicsError, RobotModel, Stance
@@ -116,7 +117,7 @@ def test_uncertain_conflicting_and_stale_ground_is_told(robot: RobotModel) -> No
     limits = Settings.of(robot).limits
     flat = np.zeros((120, 120))
     hazard = np.full(flat.shape, np.uint16(Hazard.CONFLICT | Hazard.STALE))
-    layers = assess_layers(flat, np.full(flat.shape, 1e-4), flat, flat, hazard, 0.005, limits)
+    layers = assess_layers(Raster(flat, np.full(flat.shape, 1e-4), flat, flat), hazard, 0.005, limits)
     layers["age"] = np.full(flat.shape, 77, np.uint8)
     layers["looks"] = np.ones(flat.shape, np.uint8)
     base = grid(flat)
