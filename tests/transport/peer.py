@@ -3,6 +3,7 @@
 Started as `python peer.py COMMAND ENDPOINT ...`; says `ready` when it is, obeys lines on its standard input.
 """
 
+import resource
 import sys
 import threading
 import time
@@ -243,6 +244,35 @@ def run_record(path: str) -> None:
         say("acknowledged", step)
 
 
+def run_record_full(path: str) -> None:
+    """Records scans while the disk is full for some of them, says which are acknowledged, and waits to be killed."""
+    writer = RecordingWriter(path, calibration=b'{"format": "guara-calibration/1"}')
+    rng = np.random.default_rng(0)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    say("ready")
+    for step in range(12):
+        # Full in the middle of the frames of step 4, until step 8.
+        if step == 4:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (writer.path.stat().st_size + 100_000, hard))
+        if step == 8:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        writer.begin_scan(
+            ScanRecord(robot="guara", mode="coarse", stamp=STAMP + step * 10**9, step=step, stance=make_stance())
+        )
+        for index in range(4):
+            pixels = rng.integers(0, 256, (600, 640), np.uint8)
+            writer.add_stripe(2 * index, 0.01 * index, FrameRecord(pixels=pixels), None)
+        try:
+            writer.end_scan(stance_end=make_stance())
+            writer.add_terrain(make_terrain(step + 1, shape=(4, 5)))
+        except transport.TransportError as error:
+            say("refused", step, error)
+        else:
+            say("acknowledged", step)
+    say("waiting")
+    sys.stdin.read()
+
+
 if __name__ == "__main__":
     commands = {
         "node": run_node,
@@ -251,5 +281,6 @@ if __name__ == "__main__":
         "viewer": run_viewer,
         "exit": run_exit,
         "record": run_record,
+        "record_full": run_record_full,
     }
     commands[sys.argv[1]](*sys.argv[2:])

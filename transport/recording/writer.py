@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import threading
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, cast
 
 from transport.codec import encode, make_header, make_time, read_time
 from transport.exceptions import RecordingError
 from transport.keys import DEFAULT_ROBOT
+from transport.recording.growing_file import GrowingFile
 from transport.recording.records import CAMERA_FRAME, FrameRecord, FrameReference, ScanRecord, make_frame
 from transport.recording.topics import CALIBRATION_NAME, SCAN_END, SCAN_START, STRIPE, TYPES, Topics
 from transport.stance_pause import StancePause, encode_stance_pause
@@ -23,6 +24,9 @@ from transport.typestore import message_class, message_definition
 # [byte] Larger chunks compress no better, and a killed process loses the last one.
 CHUNK_SIZE = 1024 * 1024
 
+# [byte] What a full disk refused is kept in memory up to here, about one scan.
+MAXIMUM_PENDING = 64 * 1024 * 1024
+
 NO_STANCE = StanceMessage(joint_positions={}, support_feet=())
 
 
@@ -30,7 +34,8 @@ class RecordingWriter:
     """An MCAP file of ROS 2 messages in the making; use it in a `with` block, from any thread.
 
     A scan is acknowledged when `end_scan` returns, a grid when `add_terrain` returns: from then on it survives
-    the end of the process, whatever ends it.
+    the end of the process, whatever ends it. What a full disk refused is kept, up to `MAXIMUM_PENDING`, and written
+    when there is room again; the file itself never holds a torn piece in its middle.
     """
 
     def __init__(
@@ -71,10 +76,10 @@ class RecordingWriter:
         if self.path.exists():
             raise RecordingError(f"{self.path} exists; give another name, or remove it first")
         try:
-            self._file = self._partial.open("wb")
+            self._file = GrowingFile(self._partial)
         except OSError as error:
             raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
-        self._writer = Writer(self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
+        self._writer = Writer(cast(Any, self._file), chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library="guara-perception")
         if calibration is not None:
             self.add_calibration(calibration)
@@ -98,6 +103,11 @@ class RecordingWriter:
             self._check_open()
             self._writer.add_attachment(0, 0, CALIBRATION_NAME, "application/json", text)
             self.flush()
+
+    @property
+    def is_scan_open(self) -> bool:
+        """Whether a scan was begun and not ended."""
+        return self._scan is not None
 
     def begin_scan(self, scan: ScanRecord) -> None:
         """Start a scan; its stripes are added one by one, whatever `scan.stripes` holds.
@@ -221,10 +231,11 @@ class RecordingWriter:
         """
         with self._lock:
             self._check_open()
+            self._writer.flush()
             try:
-                self._writer.flush()
+                self._file.append()
                 if self._sync:
-                    os.fsync(self._file.fileno())
+                    self._file.sync()
             except OSError as error:
                 raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
 
@@ -240,13 +251,14 @@ class RecordingWriter:
             self._closed = True
             try:
                 self._writer.finish()
-                self._file.flush()
-                os.fsync(self._file.fileno())
-                self._file.close()
+                self._file.append()
+                self._file.sync()
                 if self._atomic:
                     self._partial.replace(self.path)
             except OSError as error:
                 raise RecordingError(f"cannot finish {self.path}: {error.strerror}") from error
+            finally:
+                self._file.close()
 
     def _discard(self) -> None:
         with self._lock:
@@ -268,10 +280,12 @@ class RecordingWriter:
 
     def _add_payload(self, short: str, payload: bytes | bytearray, stamp: int) -> None:
         self._check_open()
-        try:
-            self._writer.add_message(self._channel(short), stamp, bytes(payload), stamp)
-        except OSError as error:
-            raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
+        if len(self._file.pending) > MAXIMUM_PENDING:
+            self.flush()
+        self._writer.add_message(self._channel(short), stamp, bytes(payload), stamp)
+        # Nothing of this is acknowledged yet: an error shows, if it lasts, when it is.
+        with suppress(OSError):
+            self._file.append()
 
     def _channel(self, short: str) -> int:
         if short not in self._channels:

@@ -32,6 +32,7 @@ class NodeStatus:
         self._lock = threading.Lock()
         self._items: dict[str, StatusItem] = {}
         self._problems: dict[str, tuple[float, str]] = {}
+        self._followed: list[Callable[[], StatusItem]] = []
         self._scans = 0
         self._failures = 0
         self.on_change: Callable[[], None] = lambda: None
@@ -111,6 +112,11 @@ class NodeStatus:
         with self._lock:
             self._items[item.name] = item
 
+    def follow(self, item: Callable[[], StatusItem]) -> None:
+        """Ask for an item anew with every status; `item` must be quick."""
+        with self._lock:
+            self._followed.append(item)
+
     def items(self) -> list[StatusItem]:
         """All items, problems as errors of their part."""
         with self._lock:
@@ -123,4 +129,6 @@ class NodeStatus:
                 )
                 for part, (when, message) in self._problems.items()
             ]
-            return [*self._items.values(), *problems]
+            items = [*self._items.values(), *problems]
+            followed = list(self._followed)
+        return [*items, *(item() for item in followed)]

@@ -6,7 +6,7 @@ import dataclasses
 import logging
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from drivers import DriverError
 from guara_perception.app.node.live_scan import LiveScan
@@ -27,7 +27,7 @@ from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.scan.policy import ScanPolicy
 from kinematics import CameraMoved, RobotModel, Stance
-from transport import TerrainMessage, TransportError
+from transport import TerrainMessage
 from transport.server import PerceptionServer
 
 logger = logging.getLogger(__name__)
@@ -74,6 +74,8 @@ class PauseScanner:
         """Wire it up; arguments as of `PerceptionNode`."""
         self._robot, self._calibration, self._rangefinder = robot, calibration, rangefinder
         self._server, self._status, self._method, self._recorder = server, status, method, recorder
+        if recorder is not None:
+            status.follow(recorder.status_item)
         self._settings = Settings.of(robot)
         self._map = WalkMap(robot, calibration)
         self._sweeper = Sweeper(calibration, rangefinder, self._settings, ScanPolicy(robot))
@@ -138,9 +140,13 @@ class PauseScanner:
             withdrawn = publish_terrain(self._server, self._nothing_seen(pause, str(error)))
             self._finish(recording, (message, withdrawn), pause.end_stance)
             raise
-        published.fused = fused = self._map.update(
-            pause.step, pause.stance, terrain, pause.known_ground, epoch=pause.epoch, time=scan.last_frame
-        )
+        try:
+            published.fused = fused = self._map.update(
+                pause.step, pause.stance, terrain, pause.known_ground, epoch=pause.epoch, time=scan.last_frame
+            )
+        except BaseException:
+            self._finish(recording, (message,), pause.end_stance)
+            raise
         fused_message = self._send(published, fused)
         self._finish(recording, (message, fused_message), pause.end_stance)
         self.settle()
@@ -183,11 +189,7 @@ class PauseScanner:
             fused = self._map.withdraw(nothing, time=published.scan.last_frame)
             messages.append(publish_terrain(self._server, identified(fused, pause)))
         if self._recorder is not None:
-            self._recorded(lambda: self._add_terrains(messages))
-
-    def _add_terrains(self, messages: Sequence[TerrainMessage]) -> None:
-        if self._recorder is not None:
-            self._recorder.add_terrains(messages)
+            self._recorder.add_terrains(pause.step, messages)
 
     def _send(self, published: Published, terrain: TerrainGrid) -> TerrainMessage:
         """Publish a grid as what it is now; one that is provisional is valid no longer than its pause may last."""
@@ -242,17 +244,9 @@ class PauseScanner:
     def _finish(
         self, recording: ScanRecording | None, terrains: tuple[TerrainMessage, ...], stance_end: Stance | None
     ) -> None:
+        """Hand the end of a scan to its recording, if there is one; the disk never costs the scan."""
         if recording is not None:
-            self._recorded(lambda: recording.finish(terrains, stance_end))
-
-    def _recorded(self, action: Callable[[], None]) -> None:
-        """A full disk must not cost the scan: it was published, the status says what failed."""
-        try:
-            action()
-            self._status.solved("recording")
-        except (OSError, TransportError) as error:
-            logger.error("recording failed: %s", error)
-            self._status.problem("recording", str(error))
+            recording.finish(terrains, stance_end)
 
 
 def with_problems(terrain: TerrainGrid, scan: LiveScan) -> TerrainGrid:

@@ -1,9 +1,12 @@
-"""Writes live scans, their grids and the stance pauses into one MCAP file."""
+"""Writes live scans, their grids and the stance pauses into one MCAP file, on a thread of its own."""
 
 from __future__ import annotations
 
 import dataclasses
+import logging
+import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -15,13 +18,18 @@ from guara_perception.arrays import Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import to_json
 from kinematics import Stance
-from transport import StanceMessage, TerrainMessage, TransportError
+from transport import Health, StanceMessage, StatusItem, TerrainMessage
 from transport.recording import FrameRecord, FrameReference, RecordingWriter, ScanRecord
 
 if TYPE_CHECKING:
     from drivers import StripeCapture
 
+logger = logging.getLogger(__name__)
 JPEG_444 = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
+# Frames that wait for a slow disk take at most so many bytes: two scans of one channel, half of one of three.
+MAXIMUM_WAITING = 192 * 1024 * 1024
+# How long the end of the program waits for the disk [s].
+CLOSE_TIMEOUT_S = 30.0
 
 
 def stance_message(stance: Stance) -> StanceMessage:
@@ -34,7 +42,11 @@ def stance_message(stance: Stance) -> StanceMessage:
 
 
 class ScanRecorder:
-    """An MCAP file that grows with every scan; what was acknowledged survives the end of the process."""
+    """An MCAP file that grows with every scan; what was acknowledged survives the end of the process.
+
+    Nothing here waits for the disk: frames and grids are copied and written on a thread of its own. What the disk is
+    too slow for, or too full, is lost to the recording, never to the scan; `status_item` says what.
+    """
 
     def __init__(
         self, path: str | Path, *, robot: str, calibration: Calibration, jpeg_quality: int | None = None
@@ -51,7 +63,16 @@ class ScanRecorder:
             transport.RecordingError: it exists, or cannot be written.
         """
         self._robot, self._hash, self._quality = robot, calibration.hash, jpeg_quality
+        self._path = Path(path)
         self._writer = RecordingWriter(path, robot=robot, calibration=to_json(calibration).encode())
+        self._changed = threading.Condition()
+        self._tasks: deque[tuple[int, Callable[[], None]]] = deque()
+        self._waiting = 0
+        self._is_busy = self._is_closing = False
+        self._recorded = self._lost = 0
+        self._problem = ""
+        self._thread = threading.Thread(target=self._run, name="guara-recorder", daemon=True)
+        self._thread.start()
 
     def __enter__(self) -> Self:
         """The recorder itself."""
@@ -60,7 +81,15 @@ class ScanRecorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Write the index."""
+        """Write what waits, and the index."""
+        is_done = self.flush(CLOSE_TIMEOUT_S)
+        with self._changed:
+            self._is_closing = True
+            self._changed.notify_all()
+        if not is_done:
+            logger.error("%s: the disk is too slow, what waited is lost; `guara recover` restores the rest", self._path)
+            return
+        self._thread.join()
         self._writer.close()
 
     def begin(self, step: int, mode: str, stance: Stance) -> ScanRecording:
@@ -73,35 +102,105 @@ class ScanRecorder:
             stance=stance_message(stance),
             calibration_hash=self._hash,
         )
-        return ScanRecording(self._writer, record, self._quality)
+        return ScanRecording(self, self._writer, record, self._quality)
 
-    def add_terrains(self, terrains: Sequence[TerrainMessage]) -> None:
-        """Add grids that came after their scan had ended, as when it is withdrawn; when this returns they are safe.
+    def add_terrains(self, step: int, terrains: Sequence[TerrainMessage]) -> None:
+        """Add grids that came after their scan had ended, as when it is withdrawn; returns at once."""
 
-        Raises:
-            transport.RecordingError, OSError: as of `ScanRecording.finish`.
-        """
-        for terrain in terrains:
-            self._writer.add_terrain(terrain)
+        def add() -> None:
+            try:
+                for terrain in terrains:
+                    self._writer.add_terrain(terrain)
+            except Exception as error:
+                self.ended(step, str(error))
+
+        self.post(0, add)
+
+    def flush(self, timeout: float) -> bool:
+        """Wait until all that was handed over is written or lost; False when `timeout` [s] passed before."""
+        with self._changed:
+            return self._changed.wait_for(lambda: not self._tasks and not self._is_busy, timeout)
+
+    def status_item(self) -> StatusItem:
+        """How many scans were recorded and how many lost, and why the last."""
+        with self._changed:
+            return StatusItem(
+                name="recording",
+                level=Health.ERROR if self._problem else Health.OK,
+                message=self._problem or f"recording to {self._path}",
+                values={
+                    "recorded": str(self._recorded),
+                    "lost": str(self._lost),
+                    "waiting_mb": f"{self._waiting / 1e6:.1f}",
+                },
+            )
+
+    def post(self, size: int, task: Callable[[], None]) -> bool:
+        """Hand over a task that takes `size` bytes of memory; False when too much waits already."""
+        with self._changed:
+            if self._is_closing or (size and self._waiting + size > MAXIMUM_WAITING):
+                return False
+            self._tasks.append((size, task))
+            self._waiting += size
+            self._changed.notify_all()
+            return True
+
+    def ended(self, step: int, problem: str) -> None:
+        """Count a scan as recorded, or as lost when there is a problem."""
+        with self._changed:
+            self._recorded += not problem
+            self._lost += bool(problem)
+            self._problem = problem and f"step {step} is not, or not wholly, recorded: {problem}"
+        if problem:
+            logger.error("recording failed: step %d: %s", step, problem)
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._tasks or self._is_closing)
+                if not self._tasks:
+                    return
+                size, task = self._tasks.popleft()
+                self._is_busy = True
+            try:
+                task()
+            except Exception:
+                logger.exception("recording failed")
+            with self._changed:
+                self._waiting -= size
+                self._is_busy = False
+                self._changed.notify_all()
 
 
 class ScanRecording:
-    """One scan being recorded; an error of the disk is kept until `finish`, so that the scan itself goes on."""
+    """One scan being recorded; an error of the disk ends its recording, not the scan."""
 
-    def __init__(self, writer: RecordingWriter, record: ScanRecord, jpeg_quality: int | None) -> None:
+    def __init__(
+        self, recorder: ScanRecorder, writer: RecordingWriter, record: ScanRecord, jpeg_quality: int | None
+    ) -> None:
         """Begin; made by `ScanRecorder.begin`."""
-        self._writer, self._record, self._quality = writer, record, jpeg_quality
-        self._error: Exception | None = None
-        self._last_off: tuple[int, FrameReference] | None = None
+        self._recorder, self._writer, self._record, self._quality = recorder, writer, record, jpeg_quality
+        # Of the thread that scans.
+        self._last_off: tuple[Image, tuple[object, Image]] | None = None
+        self._is_full = self._is_done = False
+        # Of the thread that writes.
+        self._problem = ""
+        self._is_open = False
+        self._offs: tuple[object, FrameReference] | None = None
         self._stripes: list[tuple[int, float, FrameReference | None, FrameReference | None, int]] = []
-        self._is_open = self._is_full = False
-        self._guarded(lambda: writer.begin_scan(record))
-        self._is_open = self._error is None
+        self._post(0, self._begin)
 
     def add(self, capture: StripeCapture) -> None:
-        """Record one stripe; an off frame that several stripes share is written once."""
-        if self._error is None and self._is_open and not self._is_full:
-            self._guarded(lambda: self._add(capture))
+        """Record one stripe; an off frame that several stripes share is written once. Returns at once."""
+        if self._is_full:
+            return
+        on = None if capture.on is None else capture.on.copy()
+        off, size = self._shared(capture.off)
+        size += 0 if on is None else on.nbytes
+        index, angle, now = capture.index, capture.mirror_angle, time.time_ns()
+        if not self._recorder.post(size, lambda: self._guarded(lambda: self._add(index, angle, on, off, now))):
+            self._is_full = True
+            self._post(0, lambda: self._fail("the disk is too slow, frames were left out"))
 
     def extend(self, mode: str | None) -> None:
         """The scan goes on with the stripes between.
@@ -110,10 +209,41 @@ class ScanRecording:
             mode: of the whole scan, which is then recorded as a second one of this pause over the frames that are
                 already there; None when it will not be whole: what follows is then not recorded as frames.
         """
-        if mode is None or self._error is not None:
+        if mode is None:
             self._is_full = True
-            return
-        self._guarded(lambda: self._begin_again(mode))
+        else:
+            self._post(0, lambda: self._begin_again(mode))
+
+    def finish(self, terrains: tuple[TerrainMessage, ...], stance_end: Stance | None) -> None:
+        """End the scan and add its grids; returns at once, the recorder's status tells what became of it."""
+        if not self._is_done:
+            self._is_done = True
+            end = None if stance_end is None else stance_message(stance_end)
+            now = time.time_ns()
+            self._recorder.post(0, lambda: self._finish(terrains, end, now))
+
+    def abandon(self) -> None:
+        """End a scan that came to nothing."""
+        self.finish((), None)
+
+    def _post(self, size: int, action: Callable[[], None]) -> None:
+        self._recorder.post(size, lambda: self._guarded(action))
+
+    def _shared(self, image: Image | None) -> tuple[tuple[object, Image] | None, int]:
+        """A copy of an off frame, with a key that it shares with the stripes that share it; bytes that it takes."""
+        if image is None:
+            return None, 0
+        if self._last_off is not None and self._last_off[0] is image:
+            return self._last_off[1], 0
+        self._last_off = (image, (object(), image.copy()))
+        return self._last_off[1], image.nbytes
+
+    def _begin(self) -> None:
+        if self._writer.is_scan_open:
+            # Nobody ended the scan before: what is there of it stays, and this one is not lost for it.
+            self._writer.end_scan(stamp=time.time_ns())
+        self._writer.begin_scan(self._record)
+        self._is_open = True
 
     def _begin_again(self, mode: str) -> None:
         self._writer.end_scan(stamp=time.time_ns())
@@ -121,25 +251,32 @@ class ScanRecording:
         for index, angle, on, off, stamp in self._stripes:
             self._writer.add_stripe(index, angle, on, off, stamp=stamp)
 
-    def _add(self, capture: StripeCapture) -> None:
-        now = time.time_ns()
-        off: FrameReference | None = None
-        if capture.off is not None:
-            if self._last_off is None or self._last_off[0] != id(capture.off):
-                reference = self._writer.add_frame(self._frame(capture.off, now), laser_on=False)
-                self._last_off = (id(capture.off), reference)
-            off = self._last_off[1]
-        on = None
-        if capture.on is not None:
-            on = self._writer.add_frame(self._frame(capture.on, now), laser_on=True)
-        self._writer.add_stripe(capture.index, capture.mirror_angle, on, off, stamp=now)
-        self._stripes.append((capture.index, capture.mirror_angle, on, off, now))
+    def _add(
+        self,
+        index: int,
+        angle: float,
+        on: Image | None,
+        off: tuple[object, Image] | None,
+        stamp: int,
+    ) -> None:
+        off_at: FrameReference | None = None
+        if off is not None:
+            if self._offs is None or self._offs[0] is not off[0]:
+                self._offs = (off[0], self._writer.add_frame(self._frame(off[1], stamp), laser_on=False))
+            off_at = self._offs[1]
+        on_at = None if on is None else self._writer.add_frame(self._frame(on, stamp), laser_on=True)
+        self._writer.add_stripe(index, angle, on_at, off_at, stamp=stamp)
+        self._stripes.append((index, angle, on_at, off_at, stamp))
 
     def _guarded(self, action: Callable[[], None]) -> None:
-        try:
-            action()
-        except (TransportError, OSError) as error:
-            self._error = error
+        if not self._problem:
+            try:
+                action()
+            except Exception as error:
+                self._fail(str(error))
+
+    def _fail(self, problem: str) -> None:
+        self._problem = self._problem or problem
 
     def _frame(self, pixels: Image, stamp: int) -> FrameRecord:
         if self._quality is None:
@@ -148,23 +285,14 @@ class ScanRecording:
         options = (cv2.IMWRITE_JPEG_QUALITY, self._quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, JPEG_444)
         return FrameRecord(data=cv2.imencode(".jpg", pixels, options)[1].tobytes(), format="jpeg", stamp=stamp)
 
-    def finish(self, terrains: tuple[TerrainMessage, ...], stance_end: Stance | None) -> None:
-        """End the scan and add its grids; when this returns they are safe.
-
-        Raises:
-            transport.RecordingError, OSError: what went wrong meanwhile, a full disk for instance.
-        """
-        if self._is_open:
-            self._is_open = False
-            end = None if stance_end is None else stance_message(stance_end)
-            self._writer.end_scan(stance_end=end, stamp=time.time_ns())
-        if self._error is not None:
-            raise self._error
-        for terrain in terrains:
-            self._writer.add_terrain(terrain)
-
-    def abandon(self) -> None:
-        """End a scan that came to nothing, so that the next can begin."""
-        if self._is_open:
-            self._is_open = False
-            self._guarded(lambda: self._writer.end_scan(stamp=time.time_ns()))
+    def _finish(self, terrains: tuple[TerrainMessage, ...], end: StanceMessage | None, stamp: int) -> None:
+        try:
+            if self._is_open:
+                # Also after an error: the next scan must find none open.
+                self._is_open = False
+                self._writer.end_scan(stance_end=end, stamp=stamp)
+            for terrain in terrains:
+                self._writer.add_terrain(terrain)
+        except Exception as error:
+            self._fail(str(error))
+        self._recorder.ended(self._record.step, self._problem)

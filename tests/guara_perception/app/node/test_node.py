@@ -89,6 +89,8 @@ def test_a_stance_that_is_no_stance_is_not_scanned(bench: Bench) -> None:
 
 def test_a_grid_scanned_with_a_slipped_mirror_is_withdrawn(bench: Bench) -> None:
     """Lost steps come out at homing: a grid in which nothing is known follows, and the map gets nothing."""
+    # Subscribes: an extent is received from when it is first asked for.
+    assert bench.client.counts()["received"] == 0
     bench.rig.board.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=10, amount=40))
     bench.gait.say(0, PausePhase.BEGIN)
     assert wait_until(lambda: any("lost" in item.message for item in bench.status.items()))
@@ -139,7 +141,8 @@ def test_a_full_disk_costs_the_recording_and_not_the_scan(
         try:
             bench.gait.say(0, PausePhase.BEGIN)
             terrain = bench.client.wait_for_step(0, timeout=TIMEOUT)
-            assert wait_until(lambda: any(item.name == "recording" for item in bench.status.items()))
+            told = "step 0 is not, or not wholly, recorded: cannot write"
+            assert wait_until(lambda: any(told in item.message for item in bench.status.items()))
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
     np.testing.assert_array_equal(terrain.hazard, rig.reference.hazard)

@@ -1,0 +1,72 @@
+"""A file that grows by whole records only: what a full disk tore is cut off before anything follows it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+
+class GrowingFile:
+    """Collects what is written and appends it when told to, all or nothing; what could not be written is kept.
+
+    Attributes:
+        pending: what was not appended yet.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Create the file, or empty it.
+
+        Raises:
+            OSError: it cannot be created.
+        """
+        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+        self._size = 0
+        self.pending = bytearray()
+
+    def write(self, data: bytes) -> int:
+        """Collect; never fails."""
+        self.pending += data
+        return len(data)
+
+    def tell(self) -> int:
+        """Where the next byte will stand."""
+        return self._size + len(self.pending)
+
+    def flush(self) -> None:
+        """Do nothing: `append` says when, and is told of errors."""
+
+    def append(self) -> None:
+        """Append all that was collected.
+
+        Raises:
+            OSError: the disk is full or gone. The file then ends where it ended before, and everything is still there
+                for the next attempt.
+        """
+        if not self.pending:
+            return
+        written = 0
+        try:
+            with memoryview(self.pending) as view:
+                while written < len(view):
+                    written += os.write(self._descriptor, view[written:])
+        except OSError:
+            # The torn piece must go: a reader stops at it, and would never see what follows.
+            os.ftruncate(self._descriptor, self._size)
+            os.lseek(self._descriptor, self._size, os.SEEK_SET)
+            raise
+        self._size += written
+        self.pending.clear()
+
+    def sync(self) -> None:
+        """Wait for the disk.
+
+        Raises:
+            OSError: the disk is gone.
+        """
+        os.fsync(self._descriptor)
+
+    def close(self) -> None:
+        """Close the file; what was not appended is lost. Safe to call twice."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
