@@ -26,11 +26,11 @@ from benchmarks.truth import truth_calibration
 from benchmarks.yardstick import Yardstick, beside
 from drivers import LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
+from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorded_rig import RecordedView
-from guara_perception.app.node.recorder import stance_message
 from kinematics import load_robot
 from transport import PausePhase, StancePause, open_node
 from transport.server import PerceptionServer
@@ -49,7 +49,7 @@ class Bench:
 
     def pause(self, step: int) -> tuple[float, float, float]:
         """One pause: seconds of the sweep, milliseconds from last frame to published, processor seconds."""
-        message = stance_message(self.scan.stance)
+        message = stance_to_message(self.scan.stance)
         before = time.process_time()
         self.node.on_pause(
             StancePause(robot="guara", step=step, phase=PausePhase.BEGIN, stamp=time.time_ns(), stance=message)

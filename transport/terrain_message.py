@@ -22,9 +22,9 @@ VERSION_MINOR = 0
 EXTENTS = ("footprint", "map")
 MODES = ("coarse", "standard")
 ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
-# Largest grid; the map of the contract has 44,800 cells.
 # Characters of the identity of a walk or of a run.
 MAXIMUM_IDENTITY = 100
+# Largest grid; the default map has 44,800 cells.
 MAXIMUM_CELLS = 4_000_000
 
 

@@ -1,4 +1,7 @@
-"""Terrain grids as transport messages and back; a grid that breaks the safety invariant is refused on both sides."""
+"""Grids and stances as messages and back, for all of the program.
+
+A grid that breaks the safety invariant is refused on both sides.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from guara_perception.exceptions import UnsafeGrid
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.invariant import check_invariant
+from kinematics import Stance
 from transport import Health, ObstacleMessage, StanceMessage, TerrainMessage, TransformMessage
 
 HEALTH = {"ok": Health.OK, "degraded": Health.WARN, "failed": Health.ERROR}
@@ -104,6 +108,24 @@ def message_to_terrain(message: TerrainMessage) -> TerrainGrid:
         )
     except UnsafeGrid as error:
         raise UnsafeGrid(f"grid received from {message.robot!r}, step {message.step}: {error}") from None
+
+
+def stance_to_message(stance: Stance) -> StanceMessage:
+    """The message of a stance."""
+    return StanceMessage(
+        joint_positions=stance.joint_positions,
+        support_feet=stance.support_feet,
+        gravity_in_base=stance.gravity_in_base,
+    )
+
+
+def message_to_stance(message: StanceMessage) -> Stance:
+    """The stance of a message.
+
+    Raises:
+        kinematics.KinematicsError: it cannot be one: a foot twice, gravity that points up.
+    """
+    return Stance(message.joint_positions, message.support_feet, message.gravity_in_base)
 
 
 def restamped(terrain: TerrainGrid, stamp: int, step: int | None = None) -> TerrainGrid:

@@ -7,7 +7,7 @@ from pathlib import Path
 from guara_perception.app.files.open_scan import open_scan, open_scans
 from guara_perception.app.files.scan_calibration import carried_calibration
 from guara_perception.app.files.scan_folder_writer import ScanFolderWriter
-from guara_perception.app.node.recorder import stance_message
+from guara_perception.app.messages import stance_to_message
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import to_json
 from guara_perception.exceptions import InvalidInput
@@ -55,7 +55,7 @@ def _write_recording(
                     mode=scan.mode,
                     stamp=scan.stamp,
                     step=scan.step,
-                    stance=stance_message(scan.stance),
+                    stance=stance_to_message(scan.stance),
                     calibration_hash=scan.calibration_hash or "",
                 )
             )
@@ -70,7 +70,7 @@ def _write_recording(
                 )
                 if progress is not None:
                     progress(done, len(scan.stripes))
-            end = None if scan.stance_end is None else stance_message(scan.stance_end)
+            end = None if scan.stance_end is None else stance_to_message(scan.stance_end)
             writer.end_scan(stance_end=end, stamp=scan.stamp)
 
 

@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.app.messages import message_to_stance
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.scan import Scan, ScanStripe
-from kinematics import KinematicsError, Stance
-from transport import StanceMessage, TransportError
+from kinematics import KinematicsError
+from transport import TransportError
 from transport.recording import FrameReference, Recording, ScanRecord, open_recording
 
 
@@ -69,15 +70,11 @@ def _scan(recording: Recording, record: ScanRecord, path: Path) -> Scan:
             stamp=record.stamp,
             step=record.step,
             stripes=stripes,
-            stance=_stance(record.stance),
-            stance_end=None if record.stance_end is None else _stance(record.stance_end),
+            stance=message_to_stance(record.stance),
+            stance_end=None if record.stance_end is None else message_to_stance(record.stance_end),
             calibration_hash=record.calibration_hash or None,
             source=source,
             read_frame=read_frame,
         )
     except (InvalidInput, KinematicsError) as error:
         raise FileFormatError(f"{source}: {error}") from None
-
-
-def _stance(message: StanceMessage) -> Stance:
-    return Stance(message.joint_positions, message.support_feet, message.gravity_in_base)

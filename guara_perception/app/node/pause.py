@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from guara_perception.app.messages import message_to_stance
 from kinematics import KinematicsError, RobotModel, Stance, StanceError
 from kinematics.joint_positions import checked_positions
 from transport import GroundPatch, StancePause
@@ -18,7 +19,7 @@ BEYOND_LIMITS_RAD = 0.5
 # Of a joint without limits: sixteen turns.
 LARGEST_POSITION_RAD = 100.0
 
-# Raises KinematicsError when the camera stood elsewhere at the second stance, or nobody can tell.
+# Raises KinematicsError when the camera stood elsewhere at the second stance, or that is not known.
 StillCheck = Callable[[Stance, Stance], None]
 
 UNKNOWN_END = (
@@ -36,7 +37,7 @@ class Pause:
     Attributes:
         step: number of the pause.
         epoch: identity of its walk.
-        told_epoch: the same as the gait told it, empty when it did not.
+        told_epoch: the same as the gait gave it, empty when it did not.
         stance: at its beginning.
         check: whether a stance is the same as at the beginning.
         begun: when BEGIN came.
@@ -145,8 +146,7 @@ def stance_of(announcement: StancePause, robot: RobotModel) -> Stance:
     Raises:
         kinematics.KinematicsError: it is not a stance of this robot, or a joint is where no joint can be.
     """
-    told = announcement.stance
-    stance = Stance(told.joint_positions, told.support_feet, told.gravity_in_base)
+    stance = message_to_stance(announcement.stance)
     for foot in stance.support_feet:
         robot.tree.leg(foot)
     _check_plausible(robot, stance.joint_positions)

@@ -1,4 +1,4 @@
-"""Writes live scans, their grids and the stance pauses into one MCAP file, on a thread of its own."""
+"""Writes live scans, with the stance before and after each, and their grids into one MCAP file, on its own thread."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Self
 
 import cv2
 
+from guara_perception.app.messages import stance_to_message
 from guara_perception.arrays import Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import to_json
@@ -26,19 +27,10 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 JPEG_444 = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
-# Frames that wait for a slow disk take at most so many bytes: two scans of one channel, half of one of three.
+# Frames that wait for a slow disk take at most this many bytes: two scans of one channel, half of one of three.
 MAXIMUM_WAITING = 192 * 1024 * 1024
 # How long the end of the program waits for the disk [s].
 CLOSE_TIMEOUT_S = 30.0
-
-
-def stance_message(stance: Stance) -> StanceMessage:
-    """A stance as it stands in messages."""
-    return StanceMessage(
-        joint_positions=stance.joint_positions,
-        support_feet=stance.support_feet,
-        gravity_in_base=stance.gravity_in_base,
-    )
 
 
 class ScanRecorder:
@@ -99,7 +91,7 @@ class ScanRecorder:
             mode=mode,
             stamp=time.time_ns(),
             step=step,
-            stance=stance_message(stance),
+            stance=stance_to_message(stance),
             calibration_hash=self._hash,
         )
         return ScanRecording(self, self._writer, record, self._quality)
@@ -215,10 +207,10 @@ class ScanRecording:
             self._post(0, lambda: self._begin_again(mode))
 
     def finish(self, terrains: tuple[TerrainMessage, ...], stance_end: Stance | None) -> None:
-        """End the scan and add its grids; returns at once, the recorder's status tells what became of it."""
+        """End the scan and add its grids; returns at once, the recorder's status says what became of it."""
         if not self._is_done:
             self._is_done = True
-            end = None if stance_end is None else stance_message(stance_end)
+            end = None if stance_end is None else stance_to_message(stance_end)
             now = time.time_ns()
             self._recorder.post(0, lambda: self._finish(terrains, end, now))
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from drivers import LaserBoard
 from drivers.emulator import EmulatedBoard, emulated_backend
+from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.rangefinder import Rangefinder
-from guara_perception.app.node.recorder import stance_message
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import load_calibration
 from guara_perception.simulation.camera import simulated_camera
@@ -106,7 +106,7 @@ class SimulatedGait:
                 step=pause.step,
                 phase=phase,
                 stamp=time.time_ns(),
-                stance=stance_message(pause.stance),
+                stance=stance_to_message(pause.stance),
                 known_ground=tuple(
                     GroundPatch(outline=ground.outline, height=ground.height, sigma=ground.sigma)
                     for ground in pause.known_ground

@@ -6,9 +6,10 @@ from contextlib import contextmanager
 from typing import Any
 
 import guara_perception as gp
+from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
-from guara_perception.app.node.recorder import ScanRecorder, stance_message
+from guara_perception.app.node.recorder import ScanRecorder
 from kinematics import RobotModel, Stance
 from tests.guara_perception.app.node.conftest import Rig
 from transport import PausePhase, Session, StancePause, open_client, open_node
@@ -28,7 +29,7 @@ class Gait:
         self.first_stamp = time.time_ns()
 
     def say(self, step: int, phase: PausePhase, stance: Stance | None = None, **fields: Any) -> None:
-        message = stance_message(stance or self.stance)
+        message = stance_to_message(stance or self.stance)
         told = {"robot": "guara", "step": step, "phase": phase, "stamp": time.time_ns(), "stance": message, **fields}
         self.first_stamp = min(self.first_stamp, told["stamp"])
         self.publisher.publish(StancePause(**told))

@@ -11,9 +11,9 @@ import pytest
 import guara_perception as gp
 from drivers import LaserBoard, StripeStream
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
+from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorded_rig import RecordedView
-from guara_perception.app.node.recorder import stance_message
 from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.scan import Scan, ScanStripe
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
@@ -127,7 +127,7 @@ def test_a_standard_scan_cut_at_any_stripe_leaves_the_rest_unscanned(standard_be
 def bad_end(stance: Stance, what: str) -> bytes:
     """The END of step 0 as another program may send it, joints lost."""
     message = make_stance_pause(
-        StancePause(robot="guara", step=0, phase=PausePhase.END, stamp=1, stance=stance_message(stance))
+        StancePause(robot="guara", step=0, phase=PausePhase.END, stamp=1, stance=stance_to_message(stance))
     )
     told = message.stance
     if what == "a joint is NaN":

@@ -1,0 +1,28 @@
+"""The layers of a grid are one table: in Python, on the wire and in the documents."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import transport
+from guara_perception.settings import MODES
+from guara_perception.terrain.layers.layered_grid import EXTENTS
+from guara_perception.terrain.layers.layers import LAYERS
+from transport import terrain_message
+
+DOCS = Path(__file__).parents[3] / "docs"
+
+
+def test_the_wire_carries_the_same_layers() -> None:
+    """Names in the same order, types and units; and the same extents and modes."""
+    ours = [(layer.name, np.dtype(layer.dtype), layer.unit) for layer in LAYERS]
+    assert ours == [(name, kind.dtype, kind.unit) for name, kind in transport.LAYERS.items()]
+    assert (EXTENTS, MODES) == (terrain_message.EXTENTS, terrain_message.MODES)
+
+
+@pytest.mark.parametrize("page", ["files.md", "messages.md"])
+def test_the_documents_list_the_same_layers(page: str) -> None:
+    """Each page has one table with a row for every layer, in the same order, with its type, unit and meaning."""
+    rows = [f"| `{layer.name}` | {np.dtype(layer.dtype)} | {layer.unit} | {layer.meaning} |" for layer in LAYERS]
+    assert "\n".join(rows) in (DOCS / page).read_text()
