@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -163,24 +163,9 @@ def sample_count(difference: Array, is_line: Mask, resolution: float) -> list[in
     return [min(max(math.ceil(SAMPLES_PER_CELL * length / resolution), 2), 64) for length in longest]
 
 
-def scan_surface(
-    stripes: Mapping[int, StripePoints], pattern: range, join_height: float, resolution: float
-) -> Iterator[tuple[Key, SurfaceSamples]]:
-    """Surface of every stripe and of every pair of neighbouring stripes.
-
-    Args:
-        stripes: points by index.
-        pattern: indices of the stripes of the scan's mode; neighbours are those next to each other in it.
-        join_height: largest height difference of one surface [m].
-        resolution: edge of the cells that will be filled [m].
-
-    Yields:
-        ((index, index), surface of that stripe's own points) and ((index, next index), surface between the two).
-    """
-    for index in sorted(stripes):
-        for key in ((index, index), (index, index + pattern.step)):
-            if key[1] in stripes:
-                yield key, surface_of(stripes, [key], pattern, join_height, resolution)
+def surface_keys(stripes: Collection[int], pattern: range) -> list[Key]:
+    """(index, index) of every stripe and (index, next index) of every pair of neighbours of the pattern, in order."""
+    return [key for k in sorted(stripes) for key in ((k, k), (k, k + pattern.step)) if key[1] in stripes]
 
 
 def surface_of(

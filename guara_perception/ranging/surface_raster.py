@@ -9,7 +9,7 @@ import numpy as np
 from guara_perception.arrays import Flags
 from guara_perception.ranging.groups import TOGETHER, in_groups
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.ranging.surface import Key, line_samples, surface_of
+from guara_perception.ranging.surface import Key, line_samples, surface_keys, surface_of
 from guara_perception.terrain.assessment.raster import (
     CellSamples,
     Raster,
@@ -60,8 +60,7 @@ class SurfaceRaster:
         A return below them says only why a cell is unknown: from under a surface that was seen nothing can return, so
         there it is a stray reflection.
         """
-        stride = self._pattern.step
-        keys = [key for k in self._stripes for key in ((k, k), (k, k + stride)) if self._is_there(key)]
+        keys = surface_keys(self._stripes, self._pattern)
         parts = self._final | self._parts([key for key in keys if key not in self._final])
         merged = merge((parts[key] for key in sorted(parts)), self._geometry)
         return without_cells(merged, self._too_high)

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import guara_perception as gp
+from guara_perception.process import run_scan
 from guara_perception.ranging.paper.equations import ortho_u, ortho_v
-from guara_perception.ranging.range_images import COLUMNS, ROWS, range_images, to_floor, to_ortho
+from guara_perception.ranging.range_images import COLUMNS, ROWS, range_images, to_floor
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
+from guara_perception.ranging.surface import surface_keys, surface_of
+from guara_perception.terrain.assessment.raster import merge, rasterise
+from guara_perception.terrain.layers.geometry import GridGeometry
+from kinematics import RobotModel
 
 EYE = np.array([0.4, 0.02, 0.5])
 X, Y = (0.50, 0.95), (-0.27, 0.27)
@@ -18,21 +27,16 @@ X, Y = (0.50, 0.95), (-0.27, 0.27)
 @settings(max_examples=60, deadline=None, derandomize=True)
 def test_ortho_undoes_the_central_projection(x: float, y: float, z: float) -> None:
     """A point projected onto the floor from the optical centre comes back by eqs. 20 and 21, exactly."""
-    point = np.array([[x, y, z]])
-    projected = to_floor(point, EYE)
-    np.testing.assert_allclose(to_ortho(projected, EYE), point, atol=1e-9)
-    by_equations = (
-        ortho_v(projected[:, 0], projected[:, 2], EYE[2], EYE[0]),
-        ortho_u(projected[:, 1], projected[:, 2], EYE[2], EYE[1]),
-    )
-    np.testing.assert_allclose(np.ravel(by_equations), (x, y), atol=1e-9)
+    u, v = to_floor(*np.array([[x], [y], [z]]), EYE)
+    np.testing.assert_allclose(ortho_v(u, z, EYE[2], EYE[0]), x, atol=1e-9)
+    np.testing.assert_allclose(ortho_u(v, z, EYE[2], EYE[1]), y, atol=1e-9)
 
 
 def test_projection_lies_on_the_ray_from_the_eye() -> None:
     """Eye, point and its projection are on one line."""
-    point = np.array([[0.7, -0.1, 0.08]])
-    floor = np.append(to_floor(point, EYE)[0, :2], 0.0)
-    np.testing.assert_allclose(np.cross(point[0] - EYE, floor - EYE), 0, atol=1e-12)
+    point = np.array([0.7, -0.1, 0.08])
+    floor = np.append(np.ravel(to_floor(*point[:, None], EYE)), 0.0)
+    np.testing.assert_allclose(np.cross(point - EYE, floor - EYE), 0, atol=1e-12)
 
 
 def block(x0: float, x1: float, y0: float, y1: float, h: float) -> dict[int, StripePoints]:
@@ -75,3 +79,25 @@ def test_nothing_seen_gives_unknown_pictures() -> None:
     images = range_images({}, range(3), EYE, X, Y, 0.008)
     assert np.isnan(images.ortho_image_mm).all() and np.isnan(images.range_image_mm).all()
     assert not images.ortho_image_mm.flags.writeable
+
+
+@pytest.mark.parametrize("name", ["paper", "dark", "tilt"])
+def test_pictures_are_those_of_all_samples_at_once(
+    name: str, data: Path, calibration: gp.Calibration, robot: RobotModel
+) -> None:
+    """Recorded scans: the same pixels known, and the same heights, as from one cloud rasterised like a grid."""
+    processor = run_scan(gp.open_scan(data / "scans" / name), calibration, robot)
+    pattern, eye = processor.settings.pattern(processor.mode), processor.camera_position
+    images = range_images(processor.points, pattern, eye, X, Y, processor.settings.join_height)
+    keys = surface_keys(processor.points, pattern)
+    pixel = min((X[1] - X[0]) / ROWS, (Y[1] - Y[0]) / COLUMNS)
+    cloud = surface_of(processor.points, keys, pattern, processor.settings.join_height, pixel).points
+    floor = np.stack([*to_floor(*cloud, eye), cloud[2]])
+    for picture, points in ((images.ortho_image_mm, cloud), (images.range_image_mm, floor)):
+        scale = np.array([ROWS / (X[1] - X[0]), COLUMNS / (Y[1] - Y[0]), 1.0])
+        unit = GridGeometry((0.0, 0.0), 1.0, (COLUMNS, ROWS))
+        scaled = (points.T - (X[0], Y[0], 0.0)) * scale
+        whole = merge([rasterise(scaled, np.zeros(len(scaled)), unit)], unit).elevation.T * 1e3
+        np.testing.assert_array_equal(np.isnan(picture), np.isnan(whole))
+        np.testing.assert_allclose(picture, whole, atol=1e-5)
+        assert np.isfinite(picture).mean() > 0.3

@@ -8,7 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
-from guara_perception.ranging.surface import OPEN_END_M, joined_surface, line_samples, linked_columns, scan_surface
+from guara_perception.ranging.surface import (
+    OPEN_END_M,
+    joined_surface,
+    line_samples,
+    linked_columns,
+    surface_keys,
+    surface_of,
+)
 from guara_perception.ranging.surface_raster import SurfaceRaster
 from guara_perception.terrain.assessment.raster import SurfaceSamples
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -119,6 +126,12 @@ def test_variance_between_two_stripes_is_that_of_the_interpolation() -> None:
     np.testing.assert_allclose(variance[middle], 0.5e-8, rtol=0.01)
 
 
+def surfaces(stripes: dict[int, StripePoints]) -> dict[tuple[int, int], set[tuple[float, ...]]]:
+    """The known samples of each stripe and each pair by itself."""
+    keys = surface_keys(stripes, range(8))
+    return {key: known_points(surface_of(stripes, [key], range(8), JOIN, 0.005)) for key in keys}
+
+
 @given(data=st.data())
 @settings(max_examples=40, deadline=None, derandomize=True)
 def test_losing_stripes_never_adds_a_sample(data: st.DataObject) -> None:
@@ -130,10 +143,10 @@ def test_losing_stripes_never_adds_a_sample(data: st.DataObject) -> None:
         z[random.random(COLUMNS) < 0.2] = np.nan
         stripes[k] = stripe(0.01 * k, z, random.uniform(10, 100, COLUMNS))
     lost = data.draw(st.frozensets(st.integers(0, 7), min_size=1, max_size=4))
-    whole = {key: known_points(part) for key, part in scan_surface(stripes, range(8), JOIN, 0.005)}
+    whole = surfaces(stripes)
     rest = {k: each for k, each in stripes.items() if k not in lost}
-    for key, part in scan_surface(rest, range(8), JOIN, 0.005):
-        assert known_points(part) <= whole[key], key
+    for key, part in surfaces(rest).items():
+        assert part <= whole[key], key
 
 
 def test_raster_does_not_depend_on_the_order_of_the_stripes() -> None:
