@@ -5,10 +5,16 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Array, Flags, Float, Float32, Mask
+from guara_perception.arrays import Array, Flags, Float, Float32, Index, Mask
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.disc import Kernel, disc_kernel, fit_disc
-from guara_perception.terrain.assessment.edges import EXTRA_RING_CELLS, clearance, edge_cells, half_cells
+from guara_perception.terrain.assessment.edges import (
+    EXTRA_RING_CELLS,
+    LARGEST_DRIFT_CELLS,
+    clearance,
+    edge_cells,
+    half_cells,
+)
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
@@ -27,6 +33,7 @@ def assess_layers(
     hazard: Flags,
     resolution: float,
     limits: TraversabilityLimits,
+    drift: Index | None = None,
 ) -> dict[str, Array]:
     """Judge every cell; return all layers of a grid that follow from the heights.
 
@@ -38,6 +45,7 @@ def assess_layers(
         hazard: (ny, nx) uint16, flags known beforehand (causes of unknown, CONFLICT, STALE).
         resolution: cell edge [m].
         limits: what the feet can bear.
+        drift: (ny, nx) how far each cell may have drifted sideways, in cells (the fused map); None for a single scan.
 
     Returns:
         Layers by name, read-only, in the types of `LAYERS`: elevation, variance, elevation_min, elevation_max,
@@ -49,7 +57,8 @@ def assess_layers(
     # Beyond the outermost known cells all is unknown, which counts as off the grid does: nothing to judge there.
     window = _extent(known, axis=0), _extent(known, axis=1)
 
-    judged = _judge_in_bands(raster.window(window), np.ascontiguousarray(flags[window]), resolution, limits)
+    drift = None if drift is None else np.ascontiguousarray(drift[window])
+    judged = _judge_in_bands(raster.window(window), np.ascontiguousarray(flags[window]), resolution, limits, drift)
     layers: dict[str, Array] = {}
     for name, values in judged.items():
         layers[name] = flags if name == "hazard" else np.full(known.shape, UNKNOWN.get(name, np.nan), np.float32)
@@ -72,16 +81,19 @@ def _judge_in_bands(
     flags: Flags,
     resolution: float,
     limits: TraversabilityLimits,
+    drift: Index | None,
 ) -> dict[str, Array]:
     """All layers but the clearance."""
     kernel = disc_kernel(limits.disc_radius / resolution)
     ny, nx = flags.shape
-    halo = half_cells(limits.sole_width, resolution) + 2 * (kernel.shape[0] // 2) + EXTRA_RING_CELLS
+    halo = half_cells(limits.sole_width, resolution) + 2 * (kernel.shape[0] // 2)
+    halo += max(EXTRA_RING_CELLS, LARGEST_DRIFT_CELLS)
     rows = max(BAND_CELLS // nx, LEAST_HALOS * halo)
     bands = []
     for start in range(0, ny, rows):
         first, end = max(start - halo, 0), min(start + rows + halo, ny)
-        band = _judge(raster.window(np.s_[first:end, :]), flags[first:end], kernel, resolution, limits)
+        drifted = None if drift is None else drift[first:end]
+        band = _judge(raster.window(np.s_[first:end, :]), flags[first:end], kernel, resolution, limits, drifted)
         bands.append({name: layer[start - first : start - first + rows] for name, layer in band.items()})
     return bands[0] if len(bands) == 1 else {name: np.concatenate([b[name] for b in bands]) for name in bands[0]}
 
@@ -92,6 +104,7 @@ def _judge(
     kernel: Kernel,
     resolution: float,
     limits: TraversabilityLimits,
+    drift: Index | None,
 ) -> dict[str, Array]:
     """All layers but the clearance for a band of rows; within a halo of its first and last row they are not valid."""
     known = (flags & UNKNOWN_MASK) == 0
@@ -126,7 +139,7 @@ def _judge(
         )
     result = flags.copy()
     result.reshape(-1)[index] = found
-    found |= edge_cells(result, kernel, resolution, limits).take(index) * np.uint16(Hazard.EDGE)
+    found |= edge_cells(result, kernel, resolution, limits, drift).take(index) * np.uint16(Hazard.EDGE)
     result.reshape(-1)[index] = found
 
     def layer(name: str, values: Float) -> Float32:

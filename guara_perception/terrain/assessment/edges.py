@@ -5,29 +5,67 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Codes, Flags, Float, Mask
+from guara_perception.arrays import Codes, Flags, Float, Index, Mask
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.disc import Kernel
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK
 
-# The value of a cell may change when something is lost beside it, so one more ring must be known.
+# A height of a single scan may change when a stripe beside it is lost, so one more ring must be known.
 EXTRA_RING_CELLS = 1
+# How far the ground of the fused map may lie aside of where it is told [cells]; more is not told apart.
+LARGEST_DRIFT_CELLS = 6
 
 
-def edge_cells(flags: Flags, kernel: Kernel, resolution: float, limits: TraversabilityLimits) -> Mask:
-    """Cells where the sole would cover, or a test would read, something unknown, hazardous or off the grid."""
-    half_x = half_cells(limits.sole_length, resolution)
-    half_y = half_cells(limits.sole_width, resolution)
-    sole = np.ones((2 * half_y + 1, 2 * half_x + 1), np.uint8)
-    reach = kernel.shape[0] // 2 + EXTRA_RING_CELLS
-    window = np.ones((2 * (half_y + reach) + 1, 2 * (half_x + reach) + 1), np.uint8)
+def edge_cells(
+    flags: Flags, kernel: Kernel, resolution: float, limits: TraversabilityLimits, drift: Index | None = None
+) -> Mask:
+    """Cells where the sole would cover, or a test would read, something unknown, hazardous or off the grid.
+
+    Every cell under the sole must be free of hazards, and all that its tests read (its disc) be known: then no test
+    under the sole depends on anything that is not known. The window is exactly that, corners rounded as the disc is.
+
+    So whatever is unknown, rises or falls lies a disc's radius beside the sole at least, and may lie as much aside of
+    where the map says without coming under it. Where a cell may have drifted further the sole is widened by the rest:
+    all that its tests read is still known, so that losing cells makes no other cell safe.
+
+    Args:
+        flags: (ny, nx).
+        kernel: the disc of the tests.
+        resolution: cell edge [m].
+        limits: with the sole's size.
+        drift: (ny, nx) cells by which the ground may lie aside of where each cell is, a property of that cell alone
+            (the fused map). None: a single scan, where nothing has drifted but heights may change with the stripe
+            beside them: one ring more around the discs must be known.
+    """
+    half = [half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length)]
     bad = ((flags & ALL_BUT_EDGE) != 0).astype(np.uint8)
     unknown = ((flags & UNKNOWN_MASK) != 0).astype(np.uint8)
 
-    def reaches(cells: Codes, area: Codes) -> Mask:
-        return np.asarray(cv2.dilate(cells, area, borderType=cv2.BORDER_CONSTANT, borderValue=(1,)), dtype=bool)
+    def reaches(cells: Codes, area: Codes) -> Codes:
+        return np.asarray(cv2.dilate(cells, area, borderType=cv2.BORDER_CONSTANT, borderValue=(1,)))
 
-    return reaches(bad, sole) | reaches(unknown, window)
+    def under_sole(cells: Codes, beside: int) -> Mask:
+        return np.asarray(reaches(cells, np.ones([2 * (n + beside) + 1 for n in half], np.uint8)), dtype=bool)
+
+    read = reaches(unknown, kernel)
+    if drift is None:
+        side = 2 * EXTRA_RING_CELLS + 1
+        return under_sole(bad | reaches(read, np.ones((side, side), np.uint8)), 0)
+    result = np.zeros(flags.shape, dtype=bool)
+    beyond = np.maximum(drift - kernel.shape[0] // 2, 0)
+    for cells in np.unique(beyond).tolist():
+        result |= (beyond == cells) & under_sole(bad | read, cells)
+    return result
+
+
+def widest_window(kernel: Kernel, resolution: float, limits: TraversabilityLimits, *, is_map: bool) -> float:
+    """From the centre of a cell to the farthest corner of what `edge_cells` reads around it [m]."""
+    half_y, half_x = (half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length))
+    iy, ix = np.nonzero(kernel)
+    radius = kernel.shape[0] // 2
+    more = max(LARGEST_DRIFT_CELLS - radius, 0) if is_map else EXTRA_RING_CELLS
+    reach_y, reach_x = np.abs(iy - radius) + more, np.abs(ix - radius) + more
+    return float(np.hypot(half_y + reach_y + 0.5, half_x + reach_x + 0.5).max()) * resolution
 
 
 def clearance(flags: Flags, resolution: float) -> Float:

@@ -59,9 +59,21 @@ def drift_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, distance
     """
     memory = cells.memory
     rise = np.maximum(drift.rise - memory["rise"][slot], 0.0)
-    shift = np.maximum(drift.shift - memory["shift"][slot], 0.0)
-    turn = np.maximum(drift.turn - memory["turn"][slot], 0.0)
-    return np.asarray(rise + memory["steepness"][slot] * (shift + turn * distance**2))
+    return np.asarray(rise + memory["steepness"][slot] * sideways_variance(cells, slot, drift, distance))
+
+
+def sideways_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, distance: Float) -> Float:
+    """Variance of where cells lie sideways that odometry has added since they were last seen [m^2].
+
+    Args:
+        cells: the memory.
+        slot: (n,) cells.
+        drift: of the odometry now.
+        distance: (n,) of the cells from the robot [m], the lever of a wrong heading.
+    """
+    shift = np.maximum(drift.shift - cells.memory["shift"][slot], 0.0)
+    turn = np.maximum(drift.turn - cells.memory["turn"][slot], 0.0)
+    return np.asarray(shift + turn * distance**2)
 
 
 def fuse_heights(

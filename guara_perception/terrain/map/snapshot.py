@@ -11,10 +11,11 @@ from guara_perception.arrays import Array, Flags, Float
 from guara_perception.settings import Settings
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
+from guara_perception.terrain.assessment.edges import LARGEST_DRIFT_CELLS
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.map.fuse_heights import OdometryDrift, drift_variance
+from guara_perception.terrain.map.fuse_heights import OdometryDrift, drift_variance, sideways_variance
 from guara_perception.terrain.map.look import tilt_variance
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.touched import Squares
@@ -76,6 +77,9 @@ def snapshot_layers(
     # While looks disagree, lowest and highest sample are those of both; so the larger variance goes with them.
     variance = np.maximum(memory["variance"].take(slot), memory["other_variance"].take(slot))
     variance += drift_variance(cells, slot, now.drift, np.sqrt(x * x + y * y))
+    # Depends on the tested cell alone, never on whether others are known: so losing those makes none safe.
+    sideways = settings.limits.confidence * np.sqrt(sideways_variance(cells, slot, now.drift, np.sqrt(x * x + y * y)))
+    drifted = np.clip(np.ceil(sideways / geometry.resolution), 1, LARGEST_DRIFT_CELLS).astype(np.intp)
     # What was seen at this very pause shares its tilt; older heights do not.
     variance += np.where(pauses > 0, tilt_variance(terrain, x, y), 0.0)
 
@@ -90,7 +94,9 @@ def snapshot_layers(
         shaped((squares.joined(low, np.fmin, known) - drop) / row[2], np.nan),
         shaped((squares.joined(high, np.fmax, known) - drop) / row[2], np.nan),
     )
-    layers = assess_layers(raster, flags.reshape(geometry.shape), geometry.resolution, settings.limits)
+    layers = assess_layers(
+        raster, flags.reshape(geometry.shape), geometry.resolution, settings.limits, shaped(drifted, 0)
+    )
     layers["age"] = shaped(pauses.astype(np.uint8), NEVER_SEEN_AGE)
     layers["looks"] = shaped(memory["looks"].take(slot), 0)
     return layers

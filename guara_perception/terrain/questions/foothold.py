@@ -13,7 +13,7 @@ from guara_perception.arrays import Array, Float, Mask
 from guara_perception.readonly import readonly
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.disc import disc_kernel
-from guara_perception.terrain.assessment.edges import EXTRA_RING_CELLS, half_cells
+from guara_perception.terrain.assessment.edges import widest_window
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, names
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, coordinates, look_up
 from guara_perception.terrain.layers.limits_of import limits_of, other_limits
@@ -175,7 +175,5 @@ def _clearance_at(terrain: LayeredGrid, x: float, y: float) -> float:
 
 def enough_clearance(terrain: LayeredGrid, limits: TraversabilityLimits) -> float:
     """Clearance from which on a cell is never EDGE [m]: the corner of the window that its tests read."""
-    resolution = terrain.resolution
-    reach = disc_kernel(limits.disc_radius / resolution).shape[0] // 2 + EXTRA_RING_CELLS
-    half = [half_cells(length, resolution) + reach for length in (limits.sole_length, limits.sole_width)]
-    return float(np.hypot(half[0] + 0.5, half[1] + 0.5) * resolution)
+    kernel = disc_kernel(limits.disc_radius / terrain.resolution)
+    return widest_window(kernel, terrain.resolution, limits, is_map=terrain.extent == "map")

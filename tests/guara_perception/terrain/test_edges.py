@@ -1,0 +1,148 @@
+"""The window around the sole: as wide as the tests read, and no filling of the unknown can make a free cell unsafe."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import guara_perception as gp
+from guara_perception.settings import TraversabilityLimits
+from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.assessment.disc import disc_kernel
+from guara_perception.terrain.assessment.edges import LARGEST_DRIFT_CELLS, edge_cells, half_cells, widest_window
+from guara_perception.terrain.assessment.raster import Raster
+from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, Hazard
+
+RESOLUTION = 0.005
+GRIDS, FILLINGS = 300, 8
+
+
+def assessed(heights: np.ndarray, limits: TraversabilityLimits, drift: np.ndarray | None) -> np.ndarray:
+    """Hazards of heights (NaN unknown) with a little variance."""
+    variance = np.where(np.isfinite(heights), 1e-7, np.nan)
+    nothing = np.zeros(heights.shape, np.uint16)
+    return assess_layers(Raster(heights, variance, heights, heights), nothing, RESOLUTION, limits, drift)["hazard"]
+
+
+def ground(rng: np.random.Generator) -> np.ndarray:
+    """Tilted, a little rough ground with a box or a trench, 60 x 64 cells."""
+    y, x = np.mgrid[:60, :64] * RESOLUTION
+    heights = rng.uniform(-0.1, 0.1) * x + rng.uniform(-0.1, 0.1) * y + rng.normal(0, 2e-4, x.shape)
+    iy, ix = rng.integers(0, 55, 2)
+    heights[iy : iy + 6, ix : ix + 8] += rng.choice([0.0, 0.03, -0.03])
+    return heights
+
+
+def holes(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
+    """Patches of a cell to a quarter of the grid, some at the rim."""
+    mask = np.zeros(shape, dtype=bool)
+    for _ in range(rng.integers(1, 5)):
+        iy, ix = rng.integers(0, shape[0]), rng.integers(0, shape[1])
+        height, width = rng.integers(1, 15, 2)
+        mask[iy : iy + height, ix : ix + width] = True
+    return mask
+
+
+def fillings(rng: np.random.Generator, heights: np.ndarray, lost: np.ndarray) -> list[np.ndarray]:
+    """What might be there: the truth, a pit, a wall, needles, chequers, slopes, noise, ground carried on and bent."""
+    y, x = np.mgrid[: heights.shape[0], : heights.shape[1]]
+    candidates = [
+        heights,
+        heights - 0.5,
+        heights + 0.5,
+        heights + 0.1 * (rng.random(heights.shape) < 0.2),
+        heights + 0.03 * ((x + y) % 2),
+        heights + 0.01 * x,
+        heights + rng.normal(0, 0.02, heights.shape),
+        heights - 0.0005 * (x - 30) ** 2,
+    ]
+    return [np.where(lost, other, heights) for other in candidates]
+
+
+@pytest.mark.parametrize("is_map", [False, True], ids=["scan", "map"])
+def test_no_filling_of_the_unknown_makes_a_free_cell_unsafe(limits: TraversabilityLimits, is_map: bool) -> None:
+    """300 random grids, 8 fillings each: where the grid says free, no filling puts a hazard under the sole."""
+    rng = np.random.default_rng(11)
+    sole = np.ones([2 * half_cells(n, RESOLUTION) + 1 for n in (limits.sole_width, limits.sole_length)], np.uint8)
+    free_cells = 0
+    for _ in range(GRIDS):
+        heights = ground(rng)
+        lost = holes(rng, heights.shape)
+        drift = rng.integers(1, LARGEST_DRIFT_CELLS + 1, heights.shape) if is_map else None
+        free = assessed(np.where(lost, np.nan, heights), limits, drift) == 0
+        free_cells += int(free.sum())
+        for filled in fillings(rng, heights, lost):
+            hazard = assessed(filled, limits, drift)
+            bad = ((hazard & ALL_BUT_EDGE) != 0).astype(np.uint8)
+            assert not (free & (cv2.dilate(bad, sole) > 0)).any()
+            # Nor is it called anything else then: losing cells (the filling taken away) frees none.
+            assert not (free & (hazard != 0)).any()
+    assert free_cells > 20_000
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(st.integers(0, 10_000))
+def test_losing_cells_never_frees_another_whatever_the_drift(seed: int) -> None:
+    """As on a single scan, exactly, with any drift of each cell: the margin depends on the tested cell alone."""
+    rng = np.random.default_rng(seed)
+    heights = ground(rng)
+    heights[holes(rng, heights.shape) & (rng.random(heights.shape) < 0.5)] = np.nan
+    drift = rng.integers(1, LARGEST_DRIFT_CELLS + 1, heights.shape)
+    limits = dataclasses.replace(gp.TraversabilityLimits(**gp.assess_terrain([[0.0]], 1.0).metadata["limits"]))
+    before = assessed(heights, limits, drift)
+    after = assessed(np.where(holes(rng, heights.shape), np.nan, heights), limits, drift)
+    assert not ((after == 0) & (before != 0)).any()
+
+
+def test_a_narrower_window_would_be_broken(limits: TraversabilityLimits) -> None:
+    """The adversary is no straw man: with the discs of the rim left out of the window he finds free cells to break."""
+    rng = np.random.default_rng(11)
+    broken = 0
+    sole = np.ones([2 * half_cells(n, RESOLUTION) + 1 for n in (limits.sole_width, limits.sole_length)], np.uint8)
+    for _ in range(10):
+        heights = ground(rng)
+        lost = holes(rng, heights.shape)
+        flags = assessed(np.where(lost, np.nan, heights), limits, None) & ALL_BUT_EDGE
+        around = cv2.dilate((flags != 0).astype(np.uint8), sole, borderType=cv2.BORDER_CONSTANT, borderValue=(1,))
+        for filled in fillings(rng, heights, lost):
+            bad = ((assessed(filled, limits, None) & ALL_BUT_EDGE) != 0).astype(np.uint8)
+            broken += int(((around == 0) & (cv2.dilate(bad, sole) > 0)).sum())
+    assert broken > 1000
+
+
+@pytest.mark.parametrize("drift", [None, 1, 3, 4, 6])
+def test_the_window_of_one_unknown_cell(limits: TraversabilityLimits, drift: int | None) -> None:
+    """Exactly the sole, the disc, and for a scan one ring, for a map what drift goes beyond the disc's radius."""
+    flags = np.zeros((81, 81), np.uint16)
+    flags[40, 40] = Hazard.UNSCANNED
+    kernel = disc_kernel(limits.disc_radius / RESOLUTION)
+    cells = None if drift is None else np.full(flags.shape, drift)
+    edge = edge_cells(flags, kernel, RESOLUTION, limits, cells)[25:56, 25:56]
+    more = 1 if drift is None else max(drift - kernel.shape[0] // 2, 0)
+    half = [half_cells(n, RESOLUTION) + more for n in (limits.sole_width, limits.sole_length)]
+    expected = np.zeros(edge.shape, dtype=bool)
+    for dy, dx in zip(*np.nonzero(kernel), strict=True):
+        iy, ix = 15 + dy - kernel.shape[0] // 2, 15 + dx - kernel.shape[1] // 2
+        expected[iy - half[0] : iy + half[0] + 1, ix - half[1] : ix + half[1] + 1] = True
+    np.testing.assert_array_equal(edge, expected)
+    iy, ix = np.nonzero(expected)
+    farthest = np.hypot(np.abs(iy - 15) + 0.5, np.abs(ix - 15) + 0.5).max() * RESOLUTION
+    assert farthest <= widest_window(kernel, RESOLUTION, limits, is_map=drift is not None) + 1e-12
+
+
+def test_a_cell_that_drifted_far_keeps_further_from_a_hazard(limits: TraversabilityLimits) -> None:
+    """Beyond what the disc already keeps, hazards and unknown cells are kept away alike."""
+    for flag in (Hazard.STEP, Hazard.UNSCANNED):
+        flags = np.zeros((81, 81), np.uint16)
+        flags[40, 40] = flag
+        kernel = disc_kernel(limits.disc_radius / RESOLUTION)
+        sizes = [
+            int(edge_cells(flags, kernel, RESOLUTION, limits, np.full(flags.shape, cells)).sum())
+            for cells in range(1, LARGEST_DRIFT_CELLS + 1)
+        ]
+        assert sizes[0] == sizes[1] == sizes[2] < sizes[3] < sizes[4] < sizes[5]
