@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from guara_perception.terrain.questions.foothold import FootholdVerdict, FootholdVerdicts
     from guara_perception.terrain.questions.obstacles import Obstacle
     from guara_perception.terrain.questions.path import PathVerdict
+    from guara_perception.terrain.questions.steppable import SteppableRegion
     from guara_perception.terrain.questions.swing import Swing
     from guara_perception.terrain.scan.assess_terrain import assess_terrain
     from guara_perception.terrain.scan.policy import ScanDecision, ScanPolicy
@@ -102,6 +103,7 @@ __all__ = [
     "ScannerUnavailable",
     "StaleTerrain",
     "Stance",
+    "SteppableRegion",
     "StripePlane",
     "StripeProfile",
     "StripeStatus",
@@ -164,6 +166,7 @@ _MODULES = {
     "ScannerUnavailable": "transport.exceptions",
     "StaleTerrain": "transport.exceptions",
     "Stance": "kinematics",
+    "SteppableRegion": "guara_perception.terrain.questions.steppable",
     "StripePlane": "guara_perception.calibration.calibration",
     "StripeProfile": "guara_perception.stripes.profile",
     "StripeStatus": "guara_perception.stripes.profile",

@@ -21,6 +21,7 @@ from guara_perception.terrain.questions.obstacles import Obstacle, obstacles
 from guara_perception.terrain.questions.path import PathVerdict, check_path, check_polygon
 from guara_perception.terrain.questions.points import points, to_xarray
 from guara_perception.terrain.questions.save import save_terrain
+from guara_perception.terrain.questions.steppable import SteppableRegion, steppable_region, steppable_regions
 from guara_perception.terrain.questions.swing import Swing, swing
 
 if TYPE_CHECKING:
@@ -153,6 +154,42 @@ class TerrainGrid(LayeredGrid):
             kinematics.KinematicsError: no such leg or robot.
         """
         return swing(self, start, end, clearance, leg, robot)
+
+    def steppable_region(
+        self,
+        x: float,
+        y: float,
+        radius: float,
+        leg: str | None = None,
+        previous: SteppableRegion | None = None,
+        robot: RobotModel | None = None,
+    ) -> SteppableRegion | None:
+        """A convex area of places for a sole around a wish, for planners that optimise; None where there is none.
+
+        It grows from the safe cell nearest to the wish, over ground that lies on one plane to 6 mm. Every point inside
+        passes `check_foothold`.
+
+        Args:
+            x, y: the wish in base_footprint [m].
+            radius: the region lies within so much of the wish along x and y each [m].
+            leg, robot: as in `check_foothold`: the leg reaches every point.
+            previous: the last choice, in base_footprint of this grid: the region around its centre is kept while that
+                is safe and within the radius, and the other one is not a third larger.
+
+        Raises:
+            InvalidInput: a value that is not finite, a radius above 1 m; as `check_foothold`.
+        """
+        return steppable_region(self, x, y, radius, leg, previous, robot)
+
+    def steppable_regions(self, leg: str | None = None, robot: RobotModel | None = None) -> list[SteppableRegion]:
+        """Convex areas of places for a sole over the whole grid, the roomiest first; they may overlap.
+
+        Each is as `steppable_region` gives it, of 4 cm^2 or more; small rests of safe ground are left out.
+
+        Raises:
+            InvalidInput: as `check_foothold`, where a leg is given.
+        """
+        return steppable_regions(self, leg, robot)
 
     def check_polygon(self, corners: npt.ArrayLike) -> PathVerdict:
         """Whether every cell that a polygon (n, 2) [m] touches is known and free of hazards (EDGE does not count).

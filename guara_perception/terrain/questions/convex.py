@@ -1,0 +1,109 @@
+"""Large convex polygons between squares that may not be entered.
+
+Half-planes and an ellipse take turns, as in IRIS (Deits and Tedrake, Computing large convex regions of obstacle-free
+space through semidefinite programming, WAFR 2014): each half-plane keeps out the square that is nearest in the
+ellipse's metric, the next ellipse follows the polygon that they leave. Here the ellipse is that of the polygon's
+second moments, in place of the largest inscribed one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial import HalfspaceIntersection
+
+from guara_perception.arrays import Float
+
+MOST_ROUNDS = 4
+# A round that gains less is the last one.
+LEAST_GAIN = 0.01
+# So far half-planes stay off the squares: rounding, and cells that belong to their lower edges.
+OFF_M = 2e-6
+
+
+@dataclass(frozen=True, slots=True)
+class ConvexPolygon:
+    """A convex polygon in the plane.
+
+    Attributes:
+        halfspaces: (n, 3) a, b, c of a x + b y <= c, (a, b) of length 1; none is redundant.
+        vertices: (n, 2) counter-clockwise.
+        area: [m^2].
+    """
+
+    halfspaces: Float
+    vertices: Float
+    area: float
+
+
+def grow_polygon(seed: Float, bounds: Float, squares: Float, half: float) -> ConvexPolygon:
+    """A large convex polygon around a seed that enters no square.
+
+    Args:
+        seed: (2,) inside `bounds` and outside all squares.
+        bounds: (k, 3) half-planes that bound the polygon in any case.
+        squares: (n, 2) middles of squares along the axes.
+        half: half the edge of each.
+    """
+    best = _polygon(np.vstack((bounds, _cuts(seed, seed, np.eye(2), squares, half))), seed)
+    for _ in range(MOST_ROUNDS - 1):
+        centre, metric = _ellipse(best.vertices)
+        grown = _polygon(np.vstack((bounds, _cuts(seed, centre, metric, squares, half))), seed)
+        if grown.area < best.area * (1 + LEAST_GAIN):
+            break
+        best = grown
+    return best
+
+
+def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float) -> Float:
+    """Half-planes (n, 3) that keep out every square, the nearest one in the metric first; the seed stays inside."""
+    rest, cuts = squares, []
+    reach = half + OFF_M
+    while len(rest):
+        way = np.clip(centre, rest - reach, rest + reach) - centre
+        nearest = int(np.einsum("ni,ij,nj->n", way, metric, way).argmin())
+        normal = metric @ way[nearest]
+        length = float(np.linalg.norm(normal))
+        edge = -np.inf
+        if length > 0:
+            normal = normal / length
+            edge = float(rest[nearest] @ normal - reach * np.abs(normal).sum())
+        if not normal @ seed < edge:
+            # That would cut the seed off: across the way from the seed to the square's nearest point instead.
+            way_from_seed = np.clip(seed, rest[nearest] - reach, rest[nearest] + reach) - seed
+            normal = way_from_seed / np.linalg.norm(way_from_seed)
+            edge = float(rest[nearest] @ normal - reach * np.abs(normal).sum())
+        cuts.append([*normal, edge])
+        beyond = rest @ normal - reach * np.abs(normal).sum() >= edge - 1e-12
+        beyond[nearest] = True
+        rest = rest[~beyond]
+    return np.array(cuts).reshape(-1, 3)
+
+
+def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
+    # About the inner point the numbers are small, and Qhull's tolerances with them.
+    around = halfspaces.copy()
+    around[:, 2] -= halfspaces[:, :2] @ inside
+    found = HalfspaceIntersection(np.column_stack((around[:, :2], -around[:, 2])), np.zeros(2))
+    corners = found.intersections
+    corners = corners[np.argsort(np.arctan2(corners[:, 1], corners[:, 0]), kind="stable")]
+    apart = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > 1e-9
+    corners = corners[apart] if apart.sum() >= 3 else corners
+    x, y = corners.T
+    area = 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    return ConvexPolygon(halfspaces[np.sort(found.dual_vertices)], corners + inside, area)
+
+
+def _ellipse(vertices: Float) -> tuple[Float, Float]:
+    """Centre of a polygon, and the metric in which the ellipse of its second moments is a circle."""
+    middle = vertices.mean(axis=0)
+    # In millimetres about the middle, for OpenCV takes float32.
+    moments = cv2.moments((1e3 * (vertices - middle)).astype(np.float32)[:, None, :])
+    area = moments["m00"]
+    if not area > 0:
+        return middle, np.eye(2)
+    centre = middle + 1e-3 * np.array([moments["m10"], moments["m01"]]) / area
+    spread = np.array([[moments["mu20"], moments["mu11"]], [moments["mu11"], moments["mu02"]]]) / area
+    return centre, np.asarray(np.linalg.inv(spread + 1e-3 * np.eye(2)), dtype=np.float64)

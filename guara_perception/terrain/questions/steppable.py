@@ -1,0 +1,247 @@
+"""`steppable_region` and `steppable_regions`: convex areas of places for a sole, for planners that optimise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from guara_perception.arrays import Float, Mask
+from guara_perception.exceptions import InvalidInput
+from guara_perception.readonly import readonly
+from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.questions.convex import ConvexPolygon, grow_polygon
+from guara_perception.terrain.questions.leg_reach import beyond_reach
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+# Ground that lies further off the plane of a region does not belong to it.
+PLANE_TOLERANCE_M = 0.006
+# The first plane is that of the ground so near to the seed.
+SEED_RADIUS_M = 0.03
+# A new region must be a third larger than the one around the previous choice, or the choice flips.
+HYSTERESIS = 1 / 3
+# Where a leg's reach ends inside a cell its corners tell it, taken so far outside.
+CORNER_OUTSIDE_M = 1e-4
+# The whole map: how far a region may reach, the smallest one worth telling, and how many at most.
+REGION_REACH_M = 0.4
+LEAST_AREA_M2 = 4e-4
+MOST_REGIONS = 100
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SteppableRegion:
+    """A convex area of places for the centre of a sole; every point inside passes `check_foothold`.
+
+    Attributes:
+        halfspaces: (n, 3) a, b, c of a x + b y <= c, with (a, b) of length 1, in base_footprint [m].
+        vertices: (m, 3) counter-clockwise, on the plane [m].
+        plane: (3,) p of z = p[0] x + p[1] y + p[2].
+        sigma: standard deviation of the ground about the plane, errors of measurement included [m].
+        area: seen from above [m^2].
+        leg: that reaches all of it with the body where it stood, or None.
+    """
+
+    halfspaces: Float
+    vertices: Float
+    plane: Float
+    sigma: float
+    area: float
+    leg: str | None
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("halfspaces", "vertices", "plane"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @property
+    def centre(self) -> Float:
+        """(2,) mean of the vertices, which lies inside [m]."""
+        return np.asarray(self.vertices[:, :2].mean(axis=0))
+
+    def contains(self, x: float, y: float) -> bool:
+        """Whether a point lies inside or on the border."""
+        return bool((self.halfspaces[:, :2] @ (x, y) <= self.halfspaces[:, 2] + 1e-12).all())
+
+
+def steppable_region(
+    terrain: LayeredGrid,
+    x: float,
+    y: float,
+    radius: float,
+    leg: str | None = None,
+    previous: SteppableRegion | None = None,
+    robot: RobotModel | None = None,
+) -> SteppableRegion | None:
+    """See `TerrainGrid.steppable_region`."""
+    if not np.isfinite([x, y]).all():
+        raise InvalidInput(f"the wish is ({x}, {y}), it must be finite [m]")
+    if not (np.isfinite(radius) and 0 < radius <= 1):
+        raise InvalidInput(f"radius is {radius}, it must be above 0 and at most 1 m")
+    if previous is not None and not isinstance(previous, SteppableRegion):
+        raise InvalidInput(f"previous is {type(previous).__name__}, it must be a SteppableRegion or None")
+    window = _Window.about(terrain, float(x), float(y), float(radius), leg, robot)
+    seeds = window.free & (np.abs(window.x - x) < radius) & (np.abs(window.y[:, None] - y) < radius)
+    if not seeds.any():
+        return None
+    distance = np.where(seeds, np.hypot(window.x - x, window.y[:, None] - y), np.inf)
+    found = _grow(window, np.unravel_index(int(distance.argmin()), distance.shape), leg)
+    if previous is not None:
+        px, py = previous.centre
+        iy, ix = int(np.abs(window.y - py).argmin()), int(np.abs(window.x - px).argmin())
+        is_here = max(abs(window.x[ix] - px), abs(window.y[iy] - py)) <= terrain.resolution / 2 + 1e-9
+        if is_here and seeds[iy, ix]:
+            kept = _grow(window, (iy, ix), leg)
+            if found.area < kept.area * (1 + HYSTERESIS):
+                return kept
+    return found
+
+
+def steppable_regions(
+    terrain: LayeredGrid, leg: str | None = None, robot: RobotModel | None = None
+) -> list[SteppableRegion]:
+    """See `TerrainGrid.steppable_regions`."""
+    (x0, y0), (ny, nx) = terrain.origin, terrain.shape
+    middle = x0 + nx * terrain.resolution / 2, y0 + ny * terrain.resolution / 2
+    whole = _Window.about(terrain, *middle, max(ny, nx) * terrain.resolution, leg, robot)
+    left = whole.free.copy()
+    found: list[SteppableRegion] = []
+    while len(found) < MOST_REGIONS:
+        depth = cv2.distanceTransform(np.pad(left, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+        seed = np.unravel_index(int(depth.argmax()), depth.shape)
+        if (2 * depth[seed] * terrain.resolution) ** 2 < LEAST_AREA_M2:
+            break
+        region = _grow(whole.around(seed, REGION_REACH_M), None, leg)
+        a, b, c = region.halfspaces.T[:, :, None, None]
+        inside = (a * whole.x + b * whole.y[:, None] <= c + 1e-9).all(axis=0)
+        inside[seed] = True
+        left &= ~inside
+        if region.area >= LEAST_AREA_M2:
+            found.append(region)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Window:
+    """Cells of a part of a grid: their centres, whether a sole may be set on every point of each, and their heights.
+
+    `bounds` are the half-planes of the part's rectangle, `seed` its cell in the middle where it was made around one.
+    """
+
+    x: Float
+    y: Float
+    free: Mask
+    height: Float
+    variance: Float
+    bounds: Float
+    resolution: float
+    seed: tuple[int, int] | None = None
+
+    @staticmethod
+    def about(
+        terrain: LayeredGrid, x: float, y: float, radius: float, leg: str | None, robot: RobotModel | None
+    ) -> _Window:
+        cx, cy = terrain.geometry.centres()
+        reach = radius + terrain.resolution / 2
+        columns, rows = (np.flatnonzero(np.abs(axis - at) < reach) for axis, at in ((cx, x), (cy, y)))
+        part = np.ix_(rows, columns)
+        free = np.asarray(terrain.traversability)[part] > 0
+        height = np.asarray(terrain.elevation, np.float64)[part]
+        if leg is not None:
+            free &= _reached(terrain, cx[columns], cy[rows], free, height, leg, robot)
+        bounds = np.array([[1, 0, x + radius], [-1, 0, radius - x], [0, 1, y + radius], [0, -1, radius - y]])
+        variance = np.asarray(terrain.variance, np.float64)[part]
+        return _Window(cx[columns], cy[rows], free, height, variance, bounds, terrain.resolution)
+
+    def around(self, seed: tuple[np.intp, ...], reach: float) -> _Window:
+        iy, ix = (int(i) for i in seed)
+        n = int(reach / self.resolution)
+        rows, columns = slice(max(iy - n, 0), iy + n + 1), slice(max(ix - n, 0), ix + n + 1)
+        part = rows, columns
+        return _Window(
+            self.x[columns],
+            self.y[rows],
+            self.free[part],
+            self.height[part],
+            self.variance[part],
+            np.empty((0, 3)),
+            self.resolution,
+            (iy - rows.start, ix - columns.start),
+        )
+
+
+def _reached(
+    terrain: LayeredGrid, cx: Float, cy: Float, free: Mask, height: Float, leg: str, robot: RobotModel | None
+) -> Mask:
+    """Free cells of which a leg reaches all corners."""
+    iy, ix = np.nonzero(free)
+    half = terrain.resolution / 2 + CORNER_OUTSIDE_M
+    reached = np.ones(iy.size, dtype=bool)
+    for sx, sy in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+        corners = np.column_stack((cx[ix] + sx * half, cy[iy] + sy * half, height[iy, ix]))
+        reached &= beyond_reach(terrain, leg, corners, robot) == 0
+    result = np.zeros(free.shape, dtype=bool)
+    result[iy, ix] = reached
+    return result
+
+
+def _grow(window: _Window, seed: tuple[np.intp, ...] | tuple[int, int] | None, leg: str | None) -> SteppableRegion:
+    """The region around a free cell of a window."""
+    iy, ix = (int(i) for i in (seed if seed is not None else window.seed or (0, 0)))
+    plane, ground = _plane_of(window, iy, ix)
+    # What borders on the ground bounds it, the rim of the window too; what lies behind is behind these.
+    padded = np.pad(ground, 1).astype(np.uint8)
+    border = (cv2.dilate(padded, np.ones((3, 3), np.uint8)) > 0) & (padded == 0)
+    by, bx = np.nonzero(border)
+    step = window.resolution
+    squares = np.column_stack((window.x[0] + (bx - 1) * step, window.y[0] + (by - 1) * step))
+    at = np.array([window.x[ix], window.y[iy]])
+    far = np.array([[1, 0, at[0] + 2], [-1, 0, 2 - at[0]], [0, 1, at[1] + 2], [0, -1, 2 - at[1]]])
+    polygon = grow_polygon(at, np.vstack((far, window.bounds)), squares, step / 2)
+    return _region(window, polygon, plane, ground, leg)
+
+
+def _plane_of(window: _Window, iy: int, ix: int) -> tuple[Float, Mask]:
+    """Plane of the ground around a free cell, and the free cells that belong to it and hang together with it."""
+    x, y = np.meshgrid(window.x, window.y)
+    near = window.free & (np.hypot(x - window.x[ix], y - window.y[iy]) < max(SEED_RADIUS_M, 2 * window.resolution))
+    plane = _fitted(x[near], y[near], window.height[near])
+    ground = near
+    for _ in range(2):
+        off = np.abs(window.height - (plane[0] * x + plane[1] * y + plane[2]))
+        ground = window.free & (off <= PLANE_TOLERANCE_M)
+        ground[iy, ix] = True
+        _, labels = cv2.connectedComponents(ground.astype(np.uint8), connectivity=4)
+        ground = labels == labels[iy, ix]
+        plane = _fitted(x[ground], y[ground], window.height[ground])
+    return plane, ground
+
+
+def _fitted(x: Float, y: Float, z: Float) -> Float:
+    """Least squares plane (3,) through points; level where they are too few or in a line."""
+    design = np.column_stack((x - x[0], y - y[0], np.ones(x.size)))
+    solution, _, rank, _ = np.linalg.lstsq(design, z, rcond=1e-9)
+    if rank < 3:
+        return np.array([0.0, 0.0, float(z.mean())])
+    a, b, c = solution
+    return np.array([a, b, c - a * x[0] - b * y[0]])
+
+
+def _region(window: _Window, polygon: ConvexPolygon, plane: Float, ground: Mask, leg: str | None) -> SteppableRegion:
+    x, y = np.meshgrid(window.x, window.y)
+    a, b, c = polygon.halfspaces.T[:, :, None, None]
+    inside = ground & (a * x + b * y <= c).all(axis=0)
+    cells = inside if inside.any() else ground
+    off = window.height[cells] - (plane[0] * x[cells] + plane[1] * y[cells] + plane[2])
+    vertices = np.column_stack((polygon.vertices, polygon.vertices @ plane[:2] + plane[2]))
+    return SteppableRegion(
+        halfspaces=polygon.halfspaces,
+        vertices=vertices,
+        plane=plane,
+        sigma=float(np.sqrt(np.mean(off**2) + np.mean(window.variance[cells]))),
+        area=polygon.area,
+        leg=leg,
+    )
