@@ -14,7 +14,6 @@ from guara_perception.simulation.materials import material_index
 from guara_perception.simulation.world import World
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
-from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import RobotModel
 

@@ -10,8 +10,8 @@ import numpy as np
 from guara_perception.arrays import Array, Flags, Float
 from guara_perception.settings import Settings
 from guara_perception.terrain.assessment.assess import assess_layers
-from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.assessment.edges import LARGEST_DRIFT_CELLS
+from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
