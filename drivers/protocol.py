@@ -37,6 +37,8 @@ SWEEP_PLACES = 512
 FLASH_SHORTEST_US = 200
 FLASH_LONGEST_US = 20_000
 PERIOD_LONGEST_US = 1_000_000
+WAIT_UNIT_US = 500
+WAIT_UNITS = 127
 
 MICROSOFT_REQUEST = 0xF0
 """bRequest with which Windows asks for the Microsoft OS 2.0 descriptors; never a command."""

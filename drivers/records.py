@@ -69,7 +69,7 @@ class BoardIdentity:
             round(self.laser_rest * 1e3),
             0,
         )
-        return _seal(head)
+        return seal(head)
 
     @classmethod
     def unpack(cls, data: bytes) -> BoardIdentity:
@@ -78,7 +78,7 @@ class BoardIdentity:
         Raises:
             BadReply: wrong length, wrong magic or damaged.
         """
-        fields = IDENTITY.unpack(_checked(data, IDENTITY_SIZE, "identity"))
+        fields = IDENTITY.unpack(checked(data, IDENTITY_SIZE, "identity"))
         if fields[0] != IDENTITY_MAGIC:
             raise BadReply(
                 f"the identity begins with {fields[0]!r}, a laser board's with {IDENTITY_MAGIC!r}: "
@@ -173,7 +173,7 @@ class BoardStatus:
         Raises:
             BadReply: wrong length, damaged, or with a result that the protocol does not know.
         """
-        fields = STATUS.unpack(_checked(data, STATUS_SIZE, "status"))
+        fields = STATUS.unpack(checked(data, STATUS_SIZE, "status"))
         try:
             result = Result(fields[0])
         except ValueError:
@@ -223,15 +223,21 @@ def pack_status(
         round(device_time * 1e3) & 0xFFFFFFFF,
         0,
     )
-    return _seal(head)
+    return seal(head)
 
 
-def _seal(record: bytes) -> bytes:
+def seal(record: bytes) -> bytes:
+    """Return a record with its checksum in the last two bytes."""
     body = record[:-2]
     return body + checksum(body).to_bytes(2, "little")
 
 
-def _checked(data: bytes, size: int, what: str) -> bytes:
+def checked(data: bytes, size: int, what: str) -> bytes:
+    """Return the record if its length and its checksum are right.
+
+    Raises:
+        BadReply: they are not; `what` names the record.
+    """
     if len(data) != size:
         raise BadReply(f"the {what} has {len(data)} bytes, {size} are due: check cable and firmware")
     if int.from_bytes(data[-2:], "little") != checksum(data[:-2]):

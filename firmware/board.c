@@ -202,7 +202,7 @@ static uint8_t in_session(uint8_t request, int32_t argument, uint64_t now) {
     case REQUEST_CLEAR_FAULTS:
         return clear_faults((uint16_t)bits, now);
     case REQUEST_SWEEP_STEP:
-        return sweep_set_step((uint16_t)(bits >> 16), (int16_t)(bits & 0xFFFF));
+        return sweep_set_step(bits >> 16 & (SWEEP_PLACES - 1), (uint16_t)(bits >> 25), (int16_t)(bits & 0xFFFF));
     case REQUEST_SWEEP_FLASH:
         return sweep_set_flash(argument);
     case REQUEST_SWEEP_PERIOD:

@@ -17,6 +17,7 @@ typedef struct {
     bool stuck_on, dead, no_home, no_exposure, wired;
     uint32_t exposure_delay_us, exposure_us;
     uint32_t triggers, beats, switchings;
+    uint32_t miss_from;       /* number of the first trigger that the camera does not see */
 } world_t;
 
 world_t world;
@@ -54,8 +55,7 @@ bool hal_exposure_wired(void) { return world.wired; }
 
 void hal_trigger(bool high) {
     if (high && !world.trigger) {
-        world.triggers++;
-        if (!world.no_exposure && !world.exposure) {
+        if (!world.no_exposure && !world.exposure && world.triggers++ < world.miss_from) {
             world.exposure_at = world.now + world.exposure_delay_us;
         }
     }
@@ -63,7 +63,7 @@ void hal_trigger(bool high) {
 }
 
 void host_power_up(uint64_t now, int32_t position) {
-    world = (world_t){.now = now, .position = position, .temperature = 300, .exposure_delay_us = 50, .exposure_us = 4000};
+    world = (world_t){.now = now, .position = position, .temperature = 300, .miss_from = UINT32_MAX, .exposure_delay_us = 50, .exposure_us = 4000};
     world.tick_at = now + 1000;
     board_power_up();
 }

@@ -21,6 +21,7 @@ enum phase { IDLE, READY, TRIGGERED, LIT, OFF_FRAME, LAST };
 
 static struct {
     int16_t table[SWEEP_PLACES];
+    uint8_t waits[SWEEP_PLACES]; /* before the trigger, in WAIT_UNIT_US */
     uint32_t flash_us, period_us;
     uint8_t off_frames;
     bool knows_number; /* of the sweep last begun in this session */
@@ -32,6 +33,7 @@ static struct {
     bool shot_is_off;  /* the shot under way or next is an off frame */
     bool shot_open;    /* its record is not written yet */
     bool has_shone;
+    bool has_waited;   /* the time that its place asks for */
     uint64_t triggered, lit_since, dark_since, ready_since;
     stripe_record_t shot;
 
@@ -50,7 +52,7 @@ void sweep_forget(uint64_t now) {
     sweep.first_report = sweep.report_count = 0;
 }
 
-uint8_t sweep_set_step(uint16_t place, int16_t step) {
+uint8_t sweep_set_step(uint16_t place, uint16_t wait, int16_t step) {
     if (place >= SWEEP_PLACES || step < MIN_STEP || step > MAX_STEP) {
         return RESULT_OUT_OF_RANGE;
     }
@@ -58,6 +60,7 @@ uint8_t sweep_set_step(uint16_t place, int16_t step) {
         return RESULT_BUSY;
     }
     sweep.table[place] = step;
+    sweep.waits[place] = (uint8_t)wait;
     return RESULT_OK;
 }
 
@@ -172,7 +175,7 @@ uint8_t sweep_begin(uint32_t argument, uint64_t now) {
     sweep.place = (uint16_t)place;
     sweep.left = (uint16_t)count;
     sweep.shot_is_off = sweep.off_frames == OFF_FRAMES_ONE;
-    sweep.shot_open = sweep.ended = sweep.has_shone = false;
+    sweep.shot_open = sweep.ended = sweep.has_shone = sweep.has_waited = false;
     sweep.first_report = sweep.report_count = 0;
     sweep.triggered = now - sweep.period_us;
     sweep.ready_since = now;
@@ -201,7 +204,7 @@ static void fire(uint64_t now) {
     sweep.shot_open = true;
     sweep.shot.kind = sweep.shot_is_off ? SHOT_OFF : SHOT_STRIPE;
     sweep.shot.place = sweep.place;
-    sweep.shot.left = (uint16_t)(sweep.left - (sweep.shot_is_off && sweep.off_frames == OFF_FRAMES_ONE ? 0 : 1));
+    sweep.shot.left = (uint16_t)(sweep.left - (sweep.shot_is_off ? 0 : 1));
     sweep.shot.exposures = 0;
     sweep.shot.clock_us = (uint32_t)now;
     sweep.shot.lit_us = 0;
@@ -226,6 +229,7 @@ static void next_shot(uint64_t now) {
     if (was_stripe) {
         sweep.left--;
         sweep.place++;
+        sweep.has_waited = false;
         if (sweep.left > 0) {
             turn_mirror();
         }
@@ -258,6 +262,13 @@ static void try_to_fire(uint64_t now) {
     if (!sweep.shot_is_off && mirror_is_moving()) {
         hal_sweep_in(0);
         return; /* called again when it is still */
+    }
+    if (!sweep.shot_is_off && !sweep.has_waited) {
+        sweep.has_waited = true;
+        if (sweep.waits[sweep.place]) {
+            hal_sweep_in(sweep.waits[sweep.place] * (uint32_t)WAIT_UNIT_US);
+            return;
+        }
     }
     uint64_t earliest = sweep.triggered + sweep.period_us;
     if (now < earliest) {

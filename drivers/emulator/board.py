@@ -13,8 +13,10 @@ from drivers.emulator.faults import Fault, FaultKind, FaultPlan
 from drivers.emulator.laser import Switching
 from drivers.emulator.light import LightUnit
 from drivers.emulator.mirror import MirrorUnit
+from drivers.emulator.shutter import Opening, Shutter
+from drivers.emulator.sweep import SweepUnit
 from drivers.emulator.views import BoardView, ExposureView
-from drivers.protocol import PROTOCOL_MAJOR, REQUESTS, BoardFault, BoardFlag, Request, Result
+from drivers.protocol import PROTOCOL_MAJOR, REQUESTS, SWEEP_PLACES, BoardFault, BoardFlag, Request, Result
 from drivers.records import pack_status
 
 REPORTS_KEPT = 4
@@ -41,6 +43,9 @@ class EmulatedBoard:
         now = clock()
         self._mirror = MirrorUnit(self.config, self.plan, now)
         self._light = LightUnit(self.config.identity, self.plan, self.config.temperature, now)
+        self.shutter = Shutter()
+        """Of the camera that waits for this board's trigger."""
+        self._sweep = SweepUnit(self._mirror, self._light, self.shutter)
         self._power_on(now)
 
     def inject(self, fault: Fault) -> None:
@@ -61,6 +66,7 @@ class EmulatedBoard:
         with self._lock:
             now = self._advance()
             self._plugged = False
+            self._sweep.end(now)
             self._light.power_off(now)
             self._mirror.halt(now)
 
@@ -79,6 +85,8 @@ class EmulatedBoard:
                 return None
             if known is Request.IDENTIFY:
                 return self._identity()
+            if known is Request.MOTION:
+                return self._mirror.profile.pack()
             if self._session:
                 self._light.feed(now)
             self._sequence += 1
@@ -89,6 +97,8 @@ class EmulatedBoard:
         """The oldest record for the interrupt endpoint that was not fetched, None when there is none."""
         with self._lock:
             self._advance()
+            if self._sweep.records:
+                return self._sweep.records.popleft().pack()
             return self._reports.popleft() if self._reports else None
 
     def still_at(self) -> float:
@@ -125,6 +135,18 @@ class EmulatedBoard:
                 mirror_travel=abs(angle(end) - angle(start)),
             )
 
+    def triggers(self) -> tuple[float, ...]:
+        """When the camera was triggered [s], oldest first (the last few thousand)."""
+        with self._lock:
+            self._advance()
+            return tuple(self._sweep.triggers)
+
+    def openings(self) -> tuple[Opening, ...]:
+        """When the shutter of the triggered camera opened and closed [s], oldest first (the last few thousand)."""
+        with self._lock:
+            self._advance()
+            return tuple(self._sweep.openings)
+
     def switchings(self) -> tuple[Switching, ...]:
         """When the laser really went on and off, oldest first (the last few thousand)."""
         with self._lock:
@@ -140,9 +162,11 @@ class EmulatedBoard:
         self._faults_reported = BoardFault(0)
         self._mirror.power_on(now)
         self._light.power_on(now)
+        self._sweep.forget(now)
 
     def _advance(self) -> float:
         now = self.clock()
+        self._run_sweep(now)
         ended = self._mirror.ended(now)
         if ended is not None:
             # Made as things were at that moment, however late one looks.
@@ -152,6 +176,22 @@ class EmulatedBoard:
         if self._faults() != self._faults_reported:
             self._report(now)
         return now
+
+    def _run_sweep(self, now: float) -> None:
+        while self._sweep.running:
+            moment = min(self._sweep.due, self._light.silent_at)
+            if moment > now:
+                break
+            self._light.advance(moment)
+            if self._light.silent_at <= moment:
+                self._light.cut(BoardFault.WATCHDOG, moment)
+            if self._light.may_shine:
+                self._sweep.act()
+            else:
+                self._sweep.end(moment)
+        ended, self._sweep.ended_at = self._sweep.ended_at, None
+        if ended is not None and not self._mirror.moving(ended):
+            self._report(ended)
 
     def _report(self, moment: float) -> None:
         self._light.advance(moment)
@@ -177,19 +217,27 @@ class EmulatedBoard:
                 if argument >> 8 != PROTOCOL_MAJOR:
                     return Result.VERSION
                 self._session = True
+                self._sweep.forget(now)
+                self._mirror.reset_motion()
                 self._light.begin(now)
                 self._mirror.halt(now)
                 return Result.OK
             case Request.GOODBYE:
                 self._session = False
+                self._sweep.end(now)
                 self._light.command(False, now)
                 self._mirror.halt(now)
                 return Result.OK
             case Request.LASER if not argument:
+                self._sweep.end(now)
                 self._light.command(False, now)
                 return Result.OK
         if not self._session:
             return Result.NO_SESSION
+        if request >= Request.SWEEP_STEP:
+            return self._do_sweep(request, argument & 0xFFFFFFFF, argument, now)
+        if self._sweep.running and request in (Request.LASER, Request.HOME, Request.GO_TO):
+            return Result.BUSY
         match request:
             case Request.LASER:
                 return Result.OK if self._light.command(True, now) else Result.LASER_REFUSED
@@ -198,6 +246,7 @@ class EmulatedBoard:
             case Request.GO_TO:
                 return self._mirror.go_to(argument, now)
             case Request.HALT:
+                self._sweep.end(now)
                 self._mirror.halt(now)
             case Request.CLEAR_FAULTS:
                 faults = BoardFault(argument & 0x7F)
@@ -205,13 +254,35 @@ class EmulatedBoard:
                 self._light.clear(faults, now)
         return Result.OK
 
+    def _do_sweep(self, request: Request, bits: int, argument: int, now: float) -> Result:
+        match request:
+            case Request.SWEEP_STEP:
+                step = (bits & 0xFFFF ^ 0x8000) - 0x8000
+                return self._sweep.set_step(bits >> 16 & (SWEEP_PLACES - 1), bits >> 25, step)
+            case Request.SWEEP_FLASH:
+                return self._sweep.set_flash(argument)
+            case Request.SWEEP_PERIOD:
+                return self._sweep.set_period(argument)
+            case Request.SWEEP_OFF_FRAMES:
+                return self._sweep.set_off_frames(argument)
+            case Request.SWEEP:
+                return self._sweep.begin(bits, self._power_up, now)
+        return Result.BUSY if self._sweep.running else self._mirror.set_motion(request, argument, now)
+
+    def _sweep_flags(self) -> int:
+        if self.config.identity.protocol < (1, 1):
+            return 0
+        flags = int(BoardFlag.HAS_SWEEP)
+        flags |= int(BoardFlag.COUNTS_EXPOSURES) if self.shutter.wired else 0
+        return flags | (int(BoardFlag.SWEEPING | BoardFlag.MOVING) if self._sweep.running else 0)
+
     def _status(self, result: Result, request: int, moment: float) -> bytes:
         session = int(BoardFlag.SESSION) if self._session else 0
         return pack_status(
             result,
             request,
             self._sequence,
-            session | self._light.flags() | self._mirror.flags(moment),
+            session | self._light.flags() | self._mirror.flags(moment) | self._sweep_flags(),
             self._faults(),
             self._mirror.step(moment),
             self._mirror.motions,

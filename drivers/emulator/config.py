@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from drivers.protocol import PROTOCOL_MAJOR
+from drivers.protocol import PROTOCOL_MAJOR, PROTOCOL_MINOR
 from drivers.records import BoardIdentity
 
 # A 1.8 degree stepper with 256 microsteps that turns the mirror directly: 0.00703 degrees a step. The travel,
@@ -17,7 +17,7 @@ STEP = STEP_NANORAD * 1e-9
 def _default_identity() -> BoardIdentity:
     min_step = 64
     return BoardIdentity(
-        protocol=(PROTOCOL_MAJOR, 0),
+        protocol=(PROTOCOL_MAJOR, PROTOCOL_MINOR),
         firmware=(1, 0),
         step_angle=STEP,
         min_step=min_step,

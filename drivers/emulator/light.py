@@ -59,11 +59,38 @@ class LightUnit:
         if not on:
             self._commanded = False
         self._update(now)
-        if on and not self._sensed():
+        if on and not self.sensed:
             self.faults |= BoardFault.LASER_DEAD
             self._commanded = False
-        if not on and self._sensed():
-            self._cut(BoardFault.LASER_STUCK_ON, now + SENSE_DELAY)
+        if not on and self.sensed:
+            self.cut(BoardFault.LASER_STUCK_ON, now + SENSE_DELAY)
+        return True
+
+    @property
+    def may_shine(self) -> bool:
+        """Whether no fault forbids the laser."""
+        return not self.faults & BLOCKING
+
+    @property
+    def silent_at(self) -> float:
+        """When the watchdog is due if nobody feeds it [s]."""
+        return self._fed + self._identity.watchdog
+
+    def flash(self, now: float, goes_on: bool) -> bool:
+        """Switch on in a sweep, which feeds no watchdog; return whether the firmware was willing.
+
+        Args:
+            now: [s].
+            goes_on: a further flash of the sweep: the time lit adds up, whatever the pause before it.
+        """
+        if not self.may_shine:
+            return False
+        if goes_on:
+            self._run_start += now - self._run_end
+        elif now - self._run_end >= self._identity.laser_rest:
+            self._run_start = now
+        self._commanded = True
+        self._update(now)
         return True
 
     def clear(self, faults: BoardFault, now: float) -> None:
@@ -81,20 +108,20 @@ class LightUnit:
     def advance(self, now: float) -> None:
         """Let the hardware timers act at the moments they are due."""
         if self.temperature() >= TOO_HOT and BoardFault.OVER_TEMPERATURE not in self.faults:
-            self._cut(BoardFault.OVER_TEMPERATURE, now)
+            self.cut(BoardFault.OVER_TEMPERATURE, now)
         if not self.laser.on:
             return
         watchdog = self._fed + self._identity.watchdog
         limit = self._run_start + self._identity.laser_limit
         if min(watchdog, limit) <= now:
-            self._cut(BoardFault.WATCHDOG if watchdog <= limit else BoardFault.LASER_TIME, min(watchdog, limit))
+            self.cut(BoardFault.WATCHDOG if watchdog <= limit else BoardFault.LASER_TIME, min(watchdog, limit))
 
     def flags(self) -> int:
         """The bits of the flags that tell of the laser."""
         # As numbers: an operator of an enum takes longer than all else that a transfer does here.
         flags = int(BoardFlag.HAS_SENSOR)
         flags |= int(BoardFlag.LASER_COMMANDED) if self._commanded else 0
-        flags |= int(BoardFlag.LASER_SENSED) if self._sensed() else 0
+        flags |= int(BoardFlag.LASER_SENSED) if self.sensed else 0
         return flags
 
     def temperature(self) -> float:
@@ -106,10 +133,13 @@ class LightUnit:
         """For how long the laser has been on in one go [s]."""
         return now - self._run_start if self.laser.on else 0.0
 
-    def _sensed(self) -> bool:
+    @property
+    def sensed(self) -> bool:
+        """Whether the photodiode sees the laser."""
         return self._commanded if self._plan.holds(FaultKind.BLIND_SENSOR) else self.laser.on
 
-    def _cut(self, fault: BoardFault, now: float) -> None:
+    def cut(self, fault: BoardFault, now: float) -> None:
+        """Set a fault, put the laser out and open its supply."""
         self.faults |= fault
         self._supply = self._commanded = False
         self._update(now)

@@ -8,9 +8,12 @@ from drivers.emulator.config import EmulatorConfig
 from drivers.emulator.faults import FaultKind, FaultPlan
 from drivers.emulator.motion import Motor
 from drivers.protocol import BoardFault, BoardFlag, Request, Result
+from drivers.sweep_records import MotionProfile
 
 # Period of a stepper's error: 8 full steps of 256 microsteps.
 PERIODIC_STEPS = 8 * 256
+# Steps/s^2: the acceleration of a motor that starts at its top speed.
+FREE = 4e9
 
 
 class MirrorUnit:
@@ -26,6 +29,7 @@ class MirrorUnit:
 
     def power_on(self, now: float) -> None:
         """Start as after a reset."""
+        self.reset_motion()
         self._motor.halt(now)
         self.faults = BoardFault(0)
         self.motions = 0
@@ -33,6 +37,28 @@ class MirrorUnit:
         self._homed = self._homing = False
         self._target: int | None = None
         self._under_way = False
+
+    @property
+    def profile(self) -> MotionProfile:
+        """How the motor moves: it starts at its top speed."""
+        return MotionProfile(self._motor.speed, self._motor.speed, FREE, self._motor.settle, self._config.overshoot)
+
+    def reset_motion(self) -> None:
+        """Move as configured."""
+        self._motor.speed = self._config.mirror_speed / self._identity.step_angle
+        self._motor.settle = self._config.settle
+
+    def set_motion(self, request: Request, value: int, now: float) -> Result:
+        """Set the top speed [steps/s] or the time to settle [us]; an emulated motor needs no ramp, so it has none."""
+        if value < 1 or request not in (Request.TOP_SPEED, Request.SETTLE):
+            return Result.OUT_OF_RANGE
+        if self.moving(now):
+            return Result.BUSY
+        if request is Request.TOP_SPEED:
+            self._motor.speed = float(value)
+        else:
+            self._motor.settle = value * 1e-6
+        return Result.OK
 
     def ended(self, now: float) -> float | None:
         """When the motion last begun had ended and settled [s], once; None at all other times."""
@@ -81,6 +107,30 @@ class MirrorUnit:
         self._begin(step)
         self._motor.move(step, now)
         return Result.OK
+
+    def sweep_to(self, step: int, now: float) -> None:
+        """Begin a leg of a sweep, which is no motion of its own."""
+        self._target = step
+        self._motor.move(step, now)
+
+    def count_motion(self) -> None:
+        """Count a motion that is about to begin."""
+        self.motions += 1
+        self._under_way = False
+
+    def halt_sweep(self, now: float) -> None:
+        """Stop within a sweep; reported when it has settled."""
+        self._under_way = self.moving(now)
+        self.halt(now)
+
+    def reaches(self, step: int) -> bool:
+        """Whether a step lies in the travel."""
+        return self._identity.min_step <= step <= self._identity.max_step
+
+    @property
+    def homed(self) -> bool:
+        """Whether the home is known."""
+        return self._homed
 
     def halt(self, now: float) -> None:
         """Stop where the mirror is."""

@@ -37,7 +37,7 @@ class Motor:
             position: true position [steps from the home switch].
             now: [s].
         """
-        self._speed, self._settle, self._overshoot = speed, settle, overshoot
+        self.speed, self.settle, self._overshoot = speed, settle, overshoot
         self._legs: deque[Leg] = deque([Leg(now, now, position, position)], maxlen=4096)
         self.still_at = now
         self.lost = 0.0
@@ -50,12 +50,12 @@ class Motor:
         if goal < origin:
             start = self._add(start, origin, goal - self._overshoot)
             origin = goal - self._overshoot
-        self.still_at = self._add(start, origin, goal) + self._settle
+        self.still_at = self._add(start, origin, goal) + self.settle
 
     def move_on(self, target: float) -> None:
         """Add a further leg to the believed position `target` after the motion under way."""
         last = self._legs[-1]
-        self.still_at = self._add(last.end, last.target, target + self.lost) + self._settle
+        self.still_at = self._add(last.end, last.target, target + self.lost) + self.settle
 
     def lose(self, steps: float) -> None:
         """Let the motions to come fall short by `steps`, unknown to the firmware."""
@@ -66,7 +66,7 @@ class Motor:
         position = self.true_position(now)
         self._cut(now)
         self._legs.append(Leg(now, now, position, position))
-        self.still_at = now + self._settle
+        self.still_at = now + self.settle
 
     def true_position(self, time: float) -> float:
         """Where the mirror really is at `time` [steps from the home switch]."""
@@ -81,7 +81,7 @@ class Motor:
 
     def _add(self, start: float, origin: float, target: float) -> float:
         self._cut(start)
-        end = start + abs(target - origin) / self._speed
+        end = start + abs(target - origin) / self.speed
         self._legs.append(Leg(start, end, origin, target))
         return end
 

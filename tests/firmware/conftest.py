@@ -46,6 +46,9 @@ class Board(Protocol):
     def break_part(self, part: str, amount: float = 0.0) -> None:
         """`stuck_on`, `dead`, `no_home`, `hot` (amount: degrees), `lost_steps` (amount: steps)."""
 
+    def wire(self, *, exposure: float, miss_from: int | None = None) -> None:
+        """Connect EXPOSURE_ACTIVE of a camera with this exposure [s] that misses triggers from a number on."""
+
     def mend(self) -> None:
         """Undo every `break_part`, steps lost excepted."""
 
@@ -138,6 +141,11 @@ class PythonBoard:
         request = Request.GO_TO if part == "lost_steps" else None
         self.emulated.inject(Fault(kinds[part], request, amount=round(amount)))
 
+    def wire(self, *, exposure: float, miss_from: int | None = None) -> None:
+        shutter = self.emulated.shutter
+        shutter.wired, shutter.exposure = True, exposure
+        shutter.missed = frozenset() if miss_from is None else frozenset(range(miss_from, 1000))
+
     def mend(self) -> None:
         self.emulated.mend()
 
@@ -158,7 +166,10 @@ class World(ctypes.Structure):
         ("temperature", ctypes.c_int16),
         *[(name, ctypes.c_bool) for name in ("laser", "supply", "lit", "seen", "trigger", "exposure")],
         *[(name, ctypes.c_bool) for name in ("stuck_on", "dead", "no_home", "no_exposure", "wired")],
-        *[(name, ctypes.c_uint32) for name in ("exposure_delay_us", "exposure_us", "triggers", "beats", "switchings")],
+        *[
+            (name, ctypes.c_uint32)
+            for name in ("exposure_delay_us", "exposure_us", "triggers", "beats", "switchings", "miss_from")
+        ],
     ]
 
 
@@ -202,6 +213,10 @@ class HostBoard:
             self.world.position -= round(amount)
         else:
             setattr(self.world, part, True)
+
+    def wire(self, *, exposure: float, miss_from: int | None = None) -> None:
+        self.world.wired, self.world.exposure_us = True, round(exposure * 1e6)
+        self.world.miss_from = 0xFFFFFFFF if miss_from is None else self.world.triggers + miss_from
 
     def mend(self) -> None:
         self.world.temperature = 300
@@ -250,6 +265,12 @@ class ChipBoard:
             self.chip.world.position -= round(amount)
         else:
             setattr(self.chip.wiring, part, True)
+        self.chip.rewire()
+
+    def wire(self, *, exposure: float, miss_from: int | None = None) -> None:
+        shutter = self.chip.wiring.shutter
+        shutter.wired, shutter.exposure = True, exposure
+        shutter.missed = frozenset() if miss_from is None else frozenset(range(miss_from, 1000))
         self.chip.rewire()
 
     def mend(self) -> None:

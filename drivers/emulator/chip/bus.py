@@ -9,6 +9,7 @@ from typing import Any
 from drivers import timing
 from drivers.emulator.bus import BusError
 from drivers.emulator.chip.chip import Chip
+from drivers.emulator.shutter import Opening
 from drivers.emulator.views import ExposureView
 
 BOOT_TIME = 1.0  # s in which the firmware must have been enumerated
@@ -102,6 +103,11 @@ class ChipBus:
         """Return what a camera that exposed from `start` to `end` [s] saw of the board."""
         with self.lock:
             return self.chip.exposure(start, end)
+
+    def openings(self) -> tuple[Opening, ...]:
+        """When the shutter of the triggered camera opened and closed [s]."""
+        with self.lock:
+            return tuple(self.chip.world.openings)
 
     def _check(self) -> None:
         if not self.present():

@@ -5,10 +5,11 @@ from __future__ import annotations
 import bisect
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from drivers.emulator.laser import Switching
+from drivers.emulator.shutter import Opening, Shutter
 
 # Pins of the Pico, as in firmware/pins.h.
 LASER, SUPPLY, HEARTBEAT, LIGHT, STEP, DIRECTION, HOME = 2, 3, 4, 5, 6, 7, 9
@@ -30,11 +31,7 @@ class Wiring:
         no_home: the home switch never closes.
         temperature: of the chip [degrees Celsius].
         monostable: time without an edge of HEARTBEAT after which the supply opens [s]; infinite: not fitted.
-        exposure_wired: the camera's EXPOSURE_ACTIVE is connected, and its jumper set.
-        exposure_delay: from the trigger to the exposure [s].
-        exposure: how long the camera's shutter is open [s].
-        triggers_to_miss: numbers of the triggers, from 0, that the camera does not see.
-        triggers_to_double: numbers of the triggers after which the camera exposes twice.
+        shutter: of the camera on TRIGGER; where it is wired, the jumper is set too.
     """
 
     stuck_on: bool = False
@@ -43,11 +40,7 @@ class Wiring:
     no_home: bool = False
     temperature: float = 30.0
     monostable: float = 0.45
-    exposure_wired: bool = False
-    exposure_delay: float = 50e-6
-    exposure: float = 0.004
-    triggers_to_miss: frozenset[int] = frozenset()
-    triggers_to_double: frozenset[int] = frozenset()
+    shutter: Shutter = field(default_factory=Shutter)
 
 
 class World:
@@ -69,7 +62,7 @@ class World:
         self.switchings: list[tuple[float, bool]] = [(0.0, False)]
         self.steps: list[tuple[float, int]] = [(0.0, START)]
         self.triggers: list[float] = []
-        self.exposures: list[tuple[float, float]] = []
+        self.openings: list[Opening] = []
         self._last_beat = -math.inf
 
     def connect(self, mcu: Any) -> None:
@@ -80,7 +73,7 @@ class World:
         self._drop = clock.create_alarm(self.update)
         self._shutter = clock.create_alarm(self._toggle_shutter)
         self._open = False
-        self._to_come = 0
+        self._to_come: list[Opening] = []
         gpio = mcu.gpio
         gpio[STEP].add_listener(self._on_step)
         gpio[LASER].add_listener(lambda now, before: self.update())
@@ -94,7 +87,7 @@ class World:
     def rewire(self) -> None:
         """Let what was changed in the wiring take effect at the pins."""
         self._mcu.gpio[HOME].set_input_value(not self._home_closed())
-        self._mcu.gpio[EXPOSURE_WIRED].set_input_value(not self.wiring.exposure_wired)
+        self._mcu.gpio[EXPOSURE_WIRED].set_input_value(not self.wiring.shutter.wired)
         volt = 0.706 - (self.wiring.temperature - 27) * 0.001721
         self._mcu.adc.channel_values[SENSOR] = round(volt / 3.3 * 4096)
 
@@ -156,20 +149,22 @@ class World:
     def _on_trigger(self, now: Any, before: Any) -> None:
         if int(now) != 1 or int(before) == 1:
             return
-        number = len(self.triggers)
+        number, time = len(self.triggers), self._now() / 1e9
         self.triggers.append(self._now())
-        if number in self.wiring.triggers_to_miss or self._open:
-            return
-        self._to_come = 2 if number in self.wiring.triggers_to_double else 1
-        self._shutter.schedule(self.wiring.exposure_delay * 1e9)
+        closed_since = self.openings[-1][1] if self.openings else -math.inf
+        found = self.wiring.shutter.openings(number, time, closed_since)
+        self.openings.extend(found)
+        self._to_come.extend(found)
+        if found and not self._open:
+            self._shutter.schedule(max(0.0, self._to_come[0][0] * 1e9 - self._now()))
 
     def _toggle_shutter(self) -> None:
         self._open = not self._open
         if self._open:
-            self._to_come -= 1
-            self.exposures.append((self._now(), self._now() + self.wiring.exposure * 1e9))
-            self._shutter.schedule(self.wiring.exposure * 1e9)
-        elif self._to_come:
-            self._shutter.schedule(self.wiring.exposure_delay * 1e9)
-        if self.wiring.exposure_wired:
+            self._shutter.schedule((self._to_come[0][1] - self._to_come[0][0]) * 1e9)
+        else:
+            self._to_come.pop(0)
+            if self._to_come:
+                self._shutter.schedule(max(0.0, self._to_come[0][0] * 1e9 - self._now()))
+        if self.wiring.shutter.wired:
             self._mcu.gpio[EXPOSURE].set_input_value(self._open)

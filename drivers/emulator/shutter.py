@@ -1,0 +1,47 @@
+"""The shutter of an emulated camera that waits for its trigger: when it opens, and how it fails to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+Opening = tuple[float, float]
+"""When a shutter opens and closes [s]."""
+
+
+@dataclass(slots=True)
+class Shutter:
+    """How the camera on the board's TRIGGER behaves; may be changed at any time.
+
+    Attributes:
+        wired: its EXPOSURE_ACTIVE is connected to the board.
+        delay: from the trigger to the opening [s].
+        exposure: how long it is open [s].
+        missed: numbers of the triggers, from 0, that it does not see.
+        doubled: numbers of those after which it opens twice.
+        late: for the numbers of others, by how much later it opens [s].
+    """
+
+    wired: bool = False
+    delay: float = 50e-6
+    exposure: float = 0.004
+    missed: frozenset[int] = frozenset()
+    doubled: frozenset[int] = frozenset()
+    late: Mapping[int, float] = field(default_factory=dict)
+
+    def openings(self, number: int, trigger: float, closed_since: float) -> tuple[Opening, ...]:
+        """Return when the shutter opens for a trigger.
+
+        Args:
+            number: of the trigger, from 0.
+            trigger: when it came [s].
+            closed_since: when the last opening ended [s]; a trigger before that is not seen.
+        """
+        if number in self.missed or trigger < closed_since:
+            return ()
+        start = trigger + self.delay + self.late.get(number, 0.0)
+        first = (start, start + self.exposure)
+        if number not in self.doubled:
+            return (first,)
+        again = first[1] + self.delay
+        return (first, (again, again + self.exposure))

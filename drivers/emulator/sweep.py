@@ -1,0 +1,252 @@
+"""The sweep of the emulated firmware: turn, settle, trigger, shine while the camera exposes, report; event by event."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections import deque
+from dataclasses import replace
+
+from drivers.emulator.light import LightUnit
+from drivers.emulator.mirror import MirrorUnit
+from drivers.emulator.shutter import Opening, Shutter
+from drivers.protocol import (
+    FLASH_LONGEST_US,
+    FLASH_SHORTEST_US,
+    PERIOD_LONGEST_US,
+    SWEEP_PLACES,
+    SWEEP_STRIPES,
+    WAIT_UNIT_US,
+    BoardFault,
+    Result,
+    Shot,
+    SweepOffFrames,
+)
+from drivers.sweep_records import StripeRecord
+
+# Seconds after a trigger in which an exposure must begin, and after the last one in which too many are counted.
+EXPOSURE_WAIT, LAST_WAIT = 0.005, 0.002
+# Seconds of light after which the photodiode must have seen it.
+SEEN_AFTER = 0.0002
+
+
+class Phase(enum.Enum):
+    """What is due next."""
+
+    IDLE = 0
+    FIRE = 1
+    SHINE = 2
+    DARKEN = 3
+    GO_ON = 4
+    FINISH = 5
+
+
+class SweepUnit:
+    """The board's own sweep. `due` is when `act` must be called; the caller lets no event pass by."""
+
+    def __init__(self, mirror: MirrorUnit, light: LightUnit, shutter: Shutter) -> None:
+        """Prepare, with nothing set."""
+        self._mirror, self._light, self.shutter = mirror, light, shutter
+        self.triggers: deque[float] = deque(maxlen=8192)
+        self.openings: deque[Opening] = deque(maxlen=8192)
+        self._triggered_ever = 0
+        self.forget(0.0)
+
+    def forget(self, now: float) -> None:
+        """Begin a session: end what runs, nothing set."""
+        self._phase = getattr(self, "_phase", Phase.IDLE)
+        self.end(now)
+        self.due = math.inf
+        self.ended_at: float | None = None
+        self.records: deque[StripeRecord] = deque()
+        self._table: dict[int, tuple[int, float]] = {}
+        self._flash = self._period = 0.0
+        self._off_frames = SweepOffFrames.NONE
+        self._number: int | None = None
+        self._closed = -math.inf
+        self._shot: StripeRecord | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether a sweep is under way."""
+        return self._phase is not Phase.IDLE
+
+    def set_step(self, place: int, wait: int, step: int) -> Result:
+        """Put a step into the table."""
+        if place >= SWEEP_PLACES or not self._mirror.reaches(step):
+            return Result.OUT_OF_RANGE
+        if self.running:
+            return Result.BUSY
+        self._table[place] = (step, wait * WAIT_UNIT_US * 1e-6)
+        return Result.OK
+
+    def set_flash(self, microseconds: int) -> Result:
+        """Set the longest time of light for a stripe."""
+        result = self._allows(microseconds, FLASH_SHORTEST_US, FLASH_LONGEST_US)
+        if result is Result.OK:
+            self._flash = microseconds * 1e-6
+        return result
+
+    def set_period(self, microseconds: int) -> Result:
+        """Set the shortest time between two triggers."""
+        result = self._allows(microseconds, 0, PERIOD_LONGEST_US)
+        if result is Result.OK:
+            self._period = microseconds * 1e-6
+        return result
+
+    def set_off_frames(self, mode: int) -> Result:
+        """Set which frames are taken in the dark."""
+        result = self._allows(mode, 0, max(SweepOffFrames))
+        if result is Result.OK:
+            self._off_frames = SweepOffFrames(mode)
+        return result
+
+    def begin(self, argument: int, power_up: float, now: float) -> Result:
+        """Begin a sweep; `argument` as of SWEEP, unsigned."""
+        count, place, number = argument & 0xFFFF, argument >> 16 & (SWEEP_PLACES - 1), argument >> 25
+        if number == self._number:
+            return Result.OK
+        if self.running or self._mirror.moving(now):
+            return Result.BUSY
+        if not self._mirror.homed:
+            return Result.NOT_HOMED
+        if not self._light.may_shine:
+            return Result.LASER_REFUSED
+        places = range(place, place + count)
+        if not 1 <= count <= SWEEP_STRIPES or self._flash == 0.0 or any(at not in self._table for at in places):
+            return Result.OUT_OF_RANGE
+        self._light.command(False, now)
+        self._number, self._place, self._left = number, place, count
+        self._power_up = power_up
+        self._is_off = self._off_frames is SweepOffFrames.ONE
+        self._has_shone = False
+        self._last_trigger = -math.inf
+        self.records.clear()
+        self._mirror.count_motion()
+        self._turn(now)
+        self._plan(now)
+        return Result.OK
+
+    def end(self, now: float) -> None:
+        """End in the dark, the mirror halted; harmless when none runs."""
+        if self.running:
+            self._mirror.halt_sweep(now)
+            self._finish(now)
+
+    def act(self) -> None:
+        """Do what is due, at its time."""
+        now = self.due
+        match self._phase:
+            case Phase.FIRE:
+                self._fire(now)
+            case Phase.SHINE:
+                self._shine(now)
+            case Phase.DARKEN:
+                self._darken(now)
+            case Phase.GO_ON:
+                self._next(now)
+            case Phase.FINISH:
+                self._finish(now)
+
+    def _allows(self, value: int, lowest: int, highest: int) -> Result:
+        if not lowest <= value <= highest:
+            return Result.OUT_OF_RANGE
+        return Result.BUSY if self.running else Result.OK
+
+    def _wait_for(self, phase: Phase, due: float) -> None:
+        self._phase, self.due = phase, due
+
+    def _turn(self, now: float) -> None:
+        self._mirror.sweep_to(self._table[self._place][0], now)
+
+    def _plan(self, now: float) -> None:
+        due = max(now, self._last_trigger + self._period)
+        if not self._is_off:
+            due = max(due, self._mirror.still_at + self._table[self._place][1])
+        if self.shutter.wired:
+            due = max(due, self._closed)
+        self._wait_for(Phase.FIRE, due)
+
+    def _fire(self, now: float) -> None:
+        self._write(now)
+        if not self._is_off and self._light.laser.on:
+            self._light.cut(BoardFault.LASER_STUCK_ON, now)
+            self.end(now)
+            return
+        openings = self.shutter.openings(self._triggered_ever, now, self._closed)
+        self._triggered_ever += 1
+        self.triggers.append(now)
+        self.openings.extend(openings)
+        self._last_trigger, self._current = now, openings
+        if openings:
+            self._closed = openings[-1][1]
+        self._shot = StripeRecord(
+            shot=Shot.OFF if self._is_off else Shot.STRIPE,
+            motion=self._mirror.motions & 0xFFFF,
+            place=self._place,
+            left=self._left - (0 if self._is_off else 1),
+            clock=now - self._power_up,
+            exposures=0,
+            delay=0.0,
+            exposure=0.0,
+            lit=0.0,
+            faults=BoardFault(0),
+            step=self._mirror.step(now) if self._is_off else self._table[self._place][0],
+        )
+        self._lit = 0.0
+        if not self.shutter.wired:
+            self._wait_for(Phase.GO_ON if self._is_off else Phase.SHINE, now + (self._flash if self._is_off else 0.0))
+        elif not openings or openings[0][0] > now + EXPOSURE_WAIT:
+            self._wait_for(Phase.GO_ON, now + EXPOSURE_WAIT)
+        else:
+            self._wait_for(*((Phase.GO_ON, openings[0][1]) if self._is_off else (Phase.SHINE, openings[0][0])))
+
+    def _shine(self, now: float) -> None:
+        if not self._light.flash(now, goes_on=self._has_shone):
+            self.end(now)
+            return
+        self._has_shone, self._lit_since = True, now
+        closes = self._current[0][1] if self.shutter.wired else math.inf
+        self._wait_for(Phase.DARKEN, min(now + self._flash, closes))
+
+    def _darken(self, now: float) -> None:
+        seen = self._light.sensed
+        self._light.command(False, now)
+        self._lit = now - self._lit_since
+        if not seen and self._lit >= SEEN_AFTER:
+            self._light.faults |= BoardFault.LASER_DEAD
+            self.end(now)
+            return
+        self._next(now)
+
+    def _next(self, now: float) -> None:
+        if not self._is_off:
+            self._left -= 1
+            self._place += 1
+            if self._left:
+                self._turn(now)
+            self._is_off = self._off_frames is SweepOffFrames.PER_STRIPE
+        else:
+            self._is_off = False
+        if self._left == 0 and not self._is_off:
+            self._wait_for(Phase.FINISH, now + LAST_WAIT)
+        else:
+            self._plan(now)
+
+    def _finish(self, now: float) -> None:
+        self._light.command(False, now)
+        self._write(now)
+        self._wait_for(Phase.IDLE, math.inf)
+        self.ended_at = now
+
+    def _write(self, now: float) -> None:
+        shot, self._shot = self._shot, None
+        if shot is None:
+            return
+        seen = [opening for opening in self._current if opening[0] <= now] if self.shutter.wired else []
+        delay = seen[0][0] - self._last_trigger if seen else 0.0
+        exposure = seen[0][1] - seen[0][0] if seen and seen[0][1] <= now else 0.0
+        faults = self._light.faults | self._mirror.faults
+        self.records.append(
+            replace(shot, exposures=len(seen), delay=delay, exposure=exposure, lit=self._lit, faults=faults)
+        )
