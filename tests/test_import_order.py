@@ -60,6 +60,57 @@ def test_packages_import_in_one_direction(graph: dict[str, set[str]]):
             assert not [u for u in used if u.startswith(above)], f"{name} imports {sorted(used)}"
 
 
+TERRAIN = {"terrain", *(f"terrain.{room}" for room in ("layers", "assessment", "questions", "map", "scan", "drawing"))}
+CORE = {"stripes", "calibration", "ranging", *TERRAIN}
+# Room of guara_perception -> the other rooms that it may import; the files beside the rooms are free.
+MAY_IMPORT = {
+    "stripes": set(),
+    "calibration": {"stripes"},
+    "ranging": {"stripes", "calibration", "terrain.layers", "terrain.assessment"},
+    "terrain.layers": set(),
+    "terrain.assessment": {"terrain.layers"},
+    "terrain.drawing": {"terrain.layers"},
+    "terrain.questions": {"terrain.layers", "terrain.assessment"},
+    "terrain": {"terrain.layers", "terrain.questions", "terrain.drawing"},
+    "terrain.map": {"terrain", "terrain.layers", "terrain.assessment"},
+    "terrain.scan": {"terrain", "terrain.layers", "terrain.assessment", "terrain.map"},
+    "view": TERRAIN,
+    "simulation": CORE,
+    "app": {*CORE, "view", "simulation"},
+}
+
+
+def room_of(name: str) -> str | None:
+    """Room of a file of guara_perception, None for a file beside the rooms and for other packages."""
+    package, *parts = name.split(".")
+    if package != "guara_perception" or not parts or parts[0] not in {room.split(".")[0] for room in MAY_IMPORT}:
+        return None
+    inner = ".".join(parts[:2])
+    return inner if inner in MAY_IMPORT else parts[0]
+
+
+def test_rooms_import_in_one_direction(graph: dict[str, set[str]]):
+    """Each room imports the rooms below it and no other, and every folder is a room or lies in one."""
+    for name, used in graph.items():
+        room = room_of(name)
+        if room is not None:
+            above = {other for other in used if room_of(other) not in (None, room, *MAY_IMPORT[room])}
+            assert not above, f"{name} of {room!r} imports {sorted(above)}"
+    folders = {path.parent.name for path in (ROOT / "guara_perception").glob("*/__init__.py")}
+    assert folders == {room.split(".")[0] for room in MAY_IMPORT}
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "guara_perception").rglob("*/__init__.py")), ids=lambda p: p.parent.name
+)
+def test_each_folder_says_what_lives_there_and_who_imports_it(path: Path):
+    """One line for what, then who imports it, or what it imports; at most six lines in all."""
+    text = ast.get_docstring(ast.parse(path.read_text())) or ""
+    what, _, who = text.partition("\n\n")
+    assert what and "\n" not in what, f"{path}: the first paragraph is one line that says what lives there"
+    assert "import" in who.lower() and len(text.splitlines()) <= 6, f"{path}: then two or three lines say who may import it"
+
+
 @pytest.mark.parametrize(
     "text",
     ["import a.b", "from a.b import c", "from a import b", "def f():\n    from a import b", "if T:\n    import a.b"],

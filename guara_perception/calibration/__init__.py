@@ -1,4 +1,7 @@
-"""Calibration: the model, its file, and how it is made from pictures."""
+"""Calibration: the model, its file, and how it is made from pictures.
+
+Imports `stripes`; `ranging`, `simulation`, `app` and the scan processor use it. It reads and writes its own file only.
+"""
 
 from __future__ import annotations
 

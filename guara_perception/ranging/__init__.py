@@ -1,1 +1,5 @@
-"""Ranging: from stripe positions to points in the robot's frame and to range images."""
+"""Ranging: from stripe positions to points in the robot's frame, to surface and to range images.
+
+Imports `stripes`, `calibration` and the grids' `layers` and `assessment`; the scan processor, `simulation` and `app`
+use it. It does no input or output.
+"""

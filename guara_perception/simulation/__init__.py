@@ -1,4 +1,7 @@
-"""A simulated robot on simulated terrain: world, rangefinder, walk; the test bench of everything above it."""
+"""A simulated robot on simulated terrain: world, rangefinder, walk; the test bench of everything above it.
+
+Imports `calibration`, `ranging`, `terrain` and, for the emulated camera, `drivers`; `app`, tests and benchmarks use it.
+"""
 
 from __future__ import annotations
 

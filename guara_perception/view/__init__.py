@@ -1,1 +1,4 @@
-"""What a person sees: pictures in one style, and a view in the browser."""
+"""The view in the browser: grids, stripes and footholds on the robot, in three dimensions.
+
+Imports grids and their `drawing`; only `app` imports it. viser is loaded when a view is opened.
+"""

@@ -9,11 +9,11 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.readonly import readonly
+from guara_perception.terrain.layers.polygon import inside_polygon
 from guara_perception.terrain.map.fuse_heights import Heights
 from guara_perception.terrain.map.look import LOOKED_AT
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.touched import SHRUNK_M
-from guara_perception.terrain.questions.polygon import inside_polygon
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,9 +12,9 @@ from guara_perception.arrays import Float, Index
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, names
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.polygon import touched_cells
 from guara_perception.terrain.layers.reason import Reason
 from guara_perception.terrain.questions.corridor import confidences, corridor_of, distances, sampled
-from guara_perception.terrain.questions.polygon import touched_cells
 
 # At its ends a swing touches the ground: there it may lie so much lower than the map.
 TOUCH_M = 0.005

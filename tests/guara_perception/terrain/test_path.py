@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.terrain.questions.polygon import distance_to_segment, inside_polygon, touched_cells
+from guara_perception.terrain.layers.polygon import distance_to_segment, inside_polygon, touched_cells
 from kinematics import RobotModel
 
 MakeScan = Callable[..., gp.TerrainGrid]
