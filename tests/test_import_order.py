@@ -108,7 +108,9 @@ def test_each_folder_says_what_lives_there_and_who_imports_it(path: Path):
     text = ast.get_docstring(ast.parse(path.read_text())) or ""
     what, _, who = text.partition("\n\n")
     assert what and "\n" not in what, f"{path}: the first paragraph is one line that says what lives there"
-    assert "import" in who.lower() and len(text.splitlines()) <= 6, f"{path}: then two or three lines say who may import it"
+    assert "import" in who.lower() and len(text.splitlines()) <= 6, (
+        f"{path}: then who imports it, in two or three lines"
+    )
 
 
 @pytest.mark.parametrize(

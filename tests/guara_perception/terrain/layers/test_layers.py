@@ -11,7 +11,7 @@ from guara_perception.terrain.layers.layered_grid import EXTENTS
 from guara_perception.terrain.layers.layers import LAYERS
 from transport import terrain_message
 
-DOCS = Path(__file__).parents[3] / "docs"
+DOCS = Path(__file__).parents[4] / "docs"
 
 
 def test_the_wire_carries_the_same_layers() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-NODE = Path(__file__).with_name("publishing_node.py")
+NODE = Path(__file__).parent.parent / "publishing_node.py"
 GUARA = ("-m", "guara_perception.app.main")
 
 
