@@ -144,7 +144,7 @@ class _Reader:
             principal = np.full(3, -1.0)
         is_possible = principal[0] > 0.0 and principal[0] + principal[1] >= principal[2] * (1.0 - TRIANGLE_TOLERANCE)
         if not is_possible:
-            if mass > 0.0:
+            if mass > 0.0 and np.any(principal != 0.0):
                 self.findings.unused("<inertia> that belongs to no body")
             return np.zeros((3, 3))
         return np.asarray(transform[:3, :3] @ tensor @ transform[:3, :3].T)

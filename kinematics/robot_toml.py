@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import cast
 
 from kinematics.exceptions import RobotFileError
@@ -33,7 +34,10 @@ class PostureConfig:
 
 @dataclass(frozen=True, slots=True)
 class RobotToml:
-    """What robot.toml says of the robot itself; tables for readers above stay raw in `tables`."""
+    """What robot.toml says of the robot itself; tables for readers above stay raw in `root`.
+
+    `assumed` is the table [assumed]: values that nobody has measured -> how to measure them.
+    """
 
     path: Path
     name: str
@@ -46,6 +50,7 @@ class RobotToml:
     legs: tuple[LegConfig, ...]
     postures: tuple[PostureConfig, ...]
     root: Table
+    assumed: Mapping[str, str] = field(default_factory=dict)
 
     def section(self, name: str) -> Mapping[str, object]:
         """One top-level table, read-only all the way down.
@@ -82,6 +87,7 @@ def read_robot_toml(path: Path) -> RobotToml:
         legs=tuple(_leg(name, legs.table(name)) for name in legs.values),
         postures=tuple(_posture(name, postures.table(name)) for name in postures.values),
         root=root,
+        assumed=_assumed(root),
     )
     if len(config.legs) < 3:
         raise RobotFileError(f"{path}: {len(config.legs)} tables [legs.<name>]; a support plane needs three legs")
@@ -89,6 +95,13 @@ def read_robot_toml(path: Path) -> RobotToml:
         raise root.refuse("scan_posture", "the name of a table [postures.<name>]")
     _check_joints_once(config)
     return config
+
+
+def _assumed(root: Table) -> Mapping[str, str]:
+    if "assumed" not in root.values:
+        return MappingProxyType({})
+    table = root.table("assumed")
+    return MappingProxyType({key: table.text(key) for key in table.values})
 
 
 def _leg(name: str, table: Table) -> LegConfig:

@@ -47,6 +47,16 @@ def read_srdf(path: Path, urdf: Urdf) -> tuple[Posture, ...]:
     return postures
 
 
+def allowed_pairs(path: Path) -> list[tuple[str, str]]:
+    """Pairs of links that an SRDF says may touch.
+
+    Raises:
+        RobotFileError: the file cannot be read.
+    """
+    root, _ = read_xml(path)
+    return [(str(pair.get("link1")), str(pair.get("link2"))) for pair in root.iter("disable_collisions")]
+
+
 def _check_links(root: Element, urdf: Urdf) -> None:
     links = {link.name for link in urdf.links}
     for element, attributes in (

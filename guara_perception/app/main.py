@@ -24,6 +24,7 @@ COMMANDS = {
         "process",
         "recover",
         "replay",
+        "robot",
         "run",
         "scan",
         "security",

@@ -22,7 +22,7 @@ class WaveGait:
 
     Attributes:
         lift_order: legs in the order in which they swing.
-        hips: (x, y) of each leg's hip in base_link, by leg [m].
+        hips: (x, y) in base_link of the place above which each foot stands in the middle of its stride, by leg [m].
         cycle_length: advance of the body in one cycle, all legs once [m].
         speed: mean speed without pauses [m/s].
         hip_height: of the body's origin over the plane of the soles [m].
@@ -51,16 +51,17 @@ class WaveGait:
     @staticmethod
     def of(robot: RobotModel, *, cycle_length: float = 0.140, speed: float = 0.60 / 60) -> WaveGait:
         """The gait of a robot in its scan posture; RH, RF, LH, LF for a robot with four legs."""
+        # The soles of the scan posture: on most robots they lie beside the first joint of the leg, not below it.
         state = robot.state(robot.posture(robot.config.scan_posture))
-        hips = {leg: state.position_in_base(robot.tree.leg(leg).hip) for leg in robot.legs}
+        soles = state.soles_in_base()
+        hips = {leg: np.round(sole, 6) for leg, sole in zip(robot.legs, soles, strict=True)}
         order = sorted(hips, key=lambda leg: (hips[leg][1] > 0, hips[leg][0]))
-        height = next(p.hip_height for p in robot.config.postures if p.name == robot.config.scan_posture)
         return WaveGait(
             lift_order=tuple(order),
             hips={leg: (float(hip[0]), float(hip[1])) for leg, hip in hips.items()},
             cycle_length=cycle_length,
             speed=speed,
-            hip_height=height,
+            hip_height=round(-float(soles[:, 2].mean()), 6),
         )
 
     @property

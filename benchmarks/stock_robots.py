@@ -1,0 +1,46 @@
+"""Stock quadruped URDFs of the package index: where each lies in the packages of the extra `robots-test`."""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+
+# Package and the file's place in it.
+EXAMPLES, BULLET = "example-robot-data", "pybullet"
+FOLDERS = {EXAMPLES: "cmeel.prefix/share/example-robot-data/robots", BULLET: "pybullet_data"}
+FILES = {
+    "a1": (EXAMPLES, "a1_description/urdf/a1.urdf"),
+    "a1_bullet": (BULLET, "a1/a1.urdf"),
+    "aliengo": (BULLET, "aliengo/aliengo.urdf"),
+    "mini_cheetah": (BULLET, "mini_cheetah/mini_cheetah.urdf"),
+    "laikago": (EXAMPLES, "laikago_description/urdf/laikago.urdf"),
+    "vision60": (BULLET, "quadruped/vision60.urdf"),
+    "spirit40": (BULLET, "quadruped/spirit40.urdf"),
+    "go1": (EXAMPLES, "go1_description/urdf/go1.urdf"),
+    "go2": (EXAMPLES, "go2_description/urdf/go2.urdf"),
+    "b1": (EXAMPLES, "b1_description/urdf/b1.urdf"),
+    "hyq": (EXAMPLES, "hyq_description/robots/hyq_no_sensors.urdf"),
+    "anymal_b": (EXAMPLES, "anymal_b_simple_description/robots/anymal.urdf"),
+    "anymal_c": (EXAMPLES, "anymal_c_simple_description/urdf/anymal.urdf"),
+    "solo12": (EXAMPLES, "solo_description/robots/solo12.urdf"),
+}
+
+
+class StockRobotsMissing(RuntimeError):
+    """The packages that hold the URDFs are not installed."""
+
+
+def stock_urdf(name: str) -> Path:
+    """The URDF file of one robot.
+
+    Raises:
+        StockRobotsMissing: its package is not installed.
+    """
+    package, file = FILES[name]
+    try:
+        path = Path(str(distribution(package).locate_file(f"{FOLDERS[package]}/{file}")))
+    except PackageNotFoundError:
+        raise StockRobotsMissing(f"{package} is not installed; it comes with the extra `robots-test`") from None
+    if not path.is_file():
+        raise StockRobotsMissing(f"{package} holds no {file}; the version of the extra `robots-test` does")
+    return path

@@ -1,0 +1,99 @@
+"""`guara robot`: a folder for any robot, made from its URDF and checked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.group(name="robot")
+def command() -> None:
+    """Make a folder for a robot from its URDF, and check one.
+
+    \b
+    Example:
+      guara robot new my_robot.urdf -o robots/mine
+      guara robot check robots/mine --picture mine.png
+    """
+
+
+@command.command(name="new")
+@click.argument("urdf", type=click.Path(path_type=Path))
+@click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="folder to make")
+@click.option("--name", help="of the robot; default: the folder's")
+@click.option("--height", type=click.FloatRange(0.02, 5.0), help="of the hips over the soles when it scans [m]")
+def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
+    """Write robot.toml, URDF, SRDF and README for a robot, from its URDF alone.
+
+    Legs, feet, soles, postures, camera and laser mounts, scan pattern and limits are proposed, each with its reason.
+    What nobody has measured stands in the table [assumed] of robot.toml.
+
+    \b
+    Example:
+      guara robot new a1.urdf -o robots/mine
+    """
+    from guara_perception.app.robot_folder.new_robot import new_robot
+    from guara_perception.app.robot_folder.propose import kind_of
+    from guara_perception.app.robot_folder.toml_text import assumed, camera_height
+
+    made = new_robot(urdf, out, name=name, hip_height=height)
+    for leg, found in zip(made.leg_configs, made.legs, strict=True):
+        click.echo(f"{leg.name}: {kind_of(found.leg, found.foot)}, hip {leg.hip}, joints {', '.join(leg.joints)}")
+    x, y, camera = made.mounts.area_x, made.mounts.area_y, camera_height(made, made.scan)
+    click.echo(
+        f"scans from hips at {made.scan.hip_height:.3f} m, camera at {camera:.3f} m: "
+        f"x {x[0]:.2f} ... {x[1]:.2f}, y {y[0]:.2f} ... {y[1]:.2f} m; soles {made.sole[0]:.3f} x {made.sole[1]:.3f} m"
+    )
+    for text in made.urdf.notes:
+        click.echo(f"not used: {text}", err=True)
+    click.echo(f"{out}: {len(assumed(made))} values are assumed; its README.md says how to measure them")
+    click.echo(f"next: guara robot check {out}")
+
+
+@command.command(name="check")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--picture", type=click.Path(path_type=Path), help="draw robot, scanned area, camera and laser (.png)")
+@click.option("--walk", is_flag=True, help="also walk it for ten pauses in simulation, scanning")
+@click.option("--view", is_flag=True, help="show it in a browser until Ctrl-C (extra `view`)")
+@click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="of the page of --view")
+@click.pass_context
+def check(context: click.Context, folder: Path, picture: Path | None, walk: bool, view: bool, port: int) -> None:
+    """Say all that is wrong or doubtful about a robot folder (or a robot by name).
+
+    Exit 0: sound; 1: something is wrong; 2: it does not load. Notes do not count.
+
+    \b
+    Example:
+      guara robot check robots/mine --picture mine.png
+    """
+    from guara_perception.app.progress import progress
+    from guara_perception.app.robot_folder.check import check_robot, walk_findings
+    from guara_perception.app.robot_folder.finding import Weight
+    from guara_perception.app.robot_folder.trial_walk import trial_walk
+
+    checked = check_robot(folder)
+    findings = list(checked.findings)
+    if checked.robot is not None and checked.worst is not Weight.UNUSABLE:
+        if walk:
+            with progress("Walking") as advance:
+                walked = trial_walk(checked.robot, progress=advance)
+            click.echo(f"simulated walk: {walked.pauses} pauses, {walked.feet} footholds, known {walked.known:.0%}")
+            findings += walk_findings(walked)
+        if picture is not None:
+            from guara_perception.app.robot_folder.picture import draw_robot
+
+            draw_robot(checked.robot, picture)
+            click.echo(f"picture: {picture}")
+    for weight in Weight:
+        for finding in findings:
+            if finding.weight is weight:
+                click.echo(str(finding))
+    weights = [finding.weight for finding in findings]
+    bad = weights.count(Weight.UNUSABLE) + weights.count(Weight.WRONG)
+    click.echo(f"{folder}: {f'{bad} findings' if bad else 'sound'}, {weights.count(Weight.NOTE)} notes")
+    if view and checked.robot is not None and Weight.UNUSABLE not in weights:
+        from guara_perception.app.robot_folder.show import show_robot
+
+        show_robot(checked.robot, port)
+    context.exit(2 if Weight.UNUSABLE in weights else 1 if bad else 0)

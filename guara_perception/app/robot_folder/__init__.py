@@ -1,0 +1,1 @@
+"""Makes a robot folder from a URDF, and checks one: `guara robot new` and `guara robot check`."""

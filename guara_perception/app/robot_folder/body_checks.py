@@ -1,0 +1,129 @@
+"""Checks of the robot as it stands: soles, reach, balance, level, self-collision, shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from guara_perception.app.robot_folder.collisions import touching
+from guara_perception.app.robot_folder.finding import Finding, note, wrong
+from guara_perception.app.robot_folder.postures import PLACES
+from kinematics import RobotModel, Stance, stability_margin
+from kinematics.model_checks import sole_above_foot
+from kinematics.srdf import allowed_pairs
+from kinematics.state import RobotState
+from kinematics.urdf import Link
+
+# A sole frame off the foot by more sets footholds too high or too low by a grid cell's noise [m].
+SOLE_OFF_M = 0.002
+# A joint nearer to its limit cannot follow the tilt of the body on uneven ground [rad].
+LIMIT_MARGIN = 0.05
+# The body's weight this far inside the polygon of the soles stands safely [m].
+BALANCE_M = 0.020
+# The body tilted by more than this in its scan posture [rad].
+LEVEL = 0.0175
+
+
+def body_findings(robot: RobotModel) -> Iterator[Finding]:
+    """All findings of how the robot stands."""
+    for name in robot.posture_names:
+        state = robot.state(robot.posture(name))
+        yield from _collisions(robot, name, state)
+        yield from _limits(robot, name, state)
+    state = robot.state(robot.posture(robot.config.scan_posture))
+    yield from _soles(robot, state)
+    yield from _reach(robot, state)
+    yield from _balance(robot)
+    yield from _shapes(robot)
+
+
+def _collisions(robot: RobotModel, posture: str, state: RobotState) -> Iterator[Finding]:
+    srdf = robot.folder / "srdf" / f"{robot.name}.srdf"
+    for first, second in touching(state, allowed_pairs(srdf)):
+        yield wrong(
+            f"posture {posture!r}",
+            f"links {first!r} and {second!r} touch: choose another posture, or name the pair in "
+            "<disable_collisions> of the SRDF if they touch by construction",
+        )
+
+
+def _limits(robot: RobotModel, posture: str, state: RobotState) -> Iterator[Finding]:
+    tree = robot.tree
+    room = np.minimum(state.positions - tree.lower_limits, tree.upper_limits - state.positions)
+    leg_joints = {joint for leg in tree.legs.values() for joint in leg.joints}
+    for joint, margin in zip(robot.joint_names, room.tolist(), strict=True):
+        if margin < LIMIT_MARGIN and joint in leg_joints:
+            yield wrong(
+                f"posture {posture!r}",
+                f"joint {joint!r} is {margin:.3f} rad from its limit; {LIMIT_MARGIN} are needed to follow a tilting "
+                "body: choose another height",
+            )
+
+
+def _soles(robot: RobotModel, state: RobotState) -> Iterator[Finding]:
+    for name, leg in robot.tree.legs.items():
+        above = sole_above_foot(robot.tree, leg, state)
+        if above is None:
+            yield note(
+                f"legs.{name}", "its foot has no collision shape: whether the sole frame is right was not checked"
+            )
+        elif abs(above) > SOLE_OFF_M:
+            where = "above" if above > 0 else "below"
+            yield wrong(
+                f"legs.{name}.sole",
+                f"{leg.sole!r} is {1e3 * abs(above):.1f} mm {where} the lowest point of the foot in the scan posture: "
+                "every foothold is so much off; move the frame to where the foot touches the ground",
+            )
+
+
+def _reach(robot: RobotModel, state: RobotState) -> Iterator[Finding]:
+    for name in robot.legs:
+        sole = state.soles_in_base([name])[0]
+        missed = PLACES[~robot.reachable(name, sole + PLACES)]
+        if len(missed):
+            x, y, z = (1e3 * value for value in missed[0])
+            yield wrong(
+                f"legs.{name}",
+                f"does not reach {len(missed)} of {len(PLACES)} places that the gait asks for around where it stands, "
+                f"such as {x:+.0f} mm ahead, {y:+.0f} mm to the left, {z:+.0f} mm up: choose another scan height",
+            )
+
+
+def _balance(robot: RobotModel) -> Iterator[Finding]:
+    pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs), find_unloaded=False)
+    tilt = float(np.arccos(np.clip(pose.up_in_base[2], -1.0, 1.0)))
+    if tilt > LEVEL:
+        yield wrong(
+            f"posture {robot.config.scan_posture!r}",
+            f"the body is tilted by {np.degrees(tilt):.1f} degrees against its soles: heights would be measured askew",
+        )
+    margin = stability_margin(pose)
+    if margin < BALANCE_M:
+        yield wrong(
+            f"posture {robot.config.scan_posture!r}",
+            f"the centre of mass is {1e3 * margin:.0f} mm inside the polygon of the soles, not {1e3 * BALANCE_M:.0f}: "
+            "are the masses of the URDF right, and do the feet stand below the body?",
+        )
+    if robot.config.imu_frame is None:
+        yield note(
+            "frames.imu", "none: gravity comes from the gait's message or from odometry; without both from the soles"
+        )
+
+
+def _shapes(robot: RobotModel) -> Iterator[Finding]:
+    tree = robot.tree
+    for name, leg in tree.legs.items():
+        links = [joint.child for joint in tree.urdf.path_to(leg.sole)]
+        if not any(tree.links[link].shapes for link in links):
+            yield wrong(
+                f"legs.{name}", "no link of it has a collision shape: the self-filter cannot tell it from terrain"
+            )
+    # Links fixed to one another are one body: one shape tells of it.
+    bodies: dict[tuple[str, ...], list[Link]] = {}
+    for link in tree.urdf.links:
+        carriers = tuple(joint.name for joint in tree.urdf.path_to(link.name) if joint.kind != "fixed")
+        bodies.setdefault(carriers, []).append(link)
+    bare = [links[0].name for links in bodies.values() if not any(link.shapes for link in links)]
+    if bare:
+        yield note("urdf", f"the self-filter does not know {', '.join(bare)}: no collision shape")

@@ -1,0 +1,106 @@
+"""Finds the legs of a robot in the tree of its URDF."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guara_perception.arrays import Float
+from guara_perception.exceptions import InvalidInput
+from kinematics.urdf import Joint, Urdf
+
+# A leg needs so many joints to place its foot anywhere.
+LEAST_JOINTS = 3
+LEAST_LEGS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class FoundLeg:
+    """A chain of joints that ends in a foot.
+
+    Attributes:
+        name: lf, rf, lh, rh where there are four; else the name of its foot.
+        joints: moving joints from the body to the foot.
+        foot: the link at its end.
+        start: (3,) origin of the first joint in the base [m].
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    foot: str
+    start: tuple[float, float, float]
+
+
+def find_legs(urdf: Urdf) -> tuple[FoundLeg, ...]:
+    """The legs: chains of three moving joints or more of their own, in pairs left and right.
+
+    Raises:
+        InvalidInput: fewer than three, or legs that share joints; the message says what was found.
+    """
+    below: dict[str, list[Joint]] = {}
+    for joint in urdf.joints:
+        below.setdefault(joint.parent, []).append(joint)
+    ends = [joint for joint in urdf.joints if joint.kind != "fixed" and not _moving_below(joint.child, below)]
+    chains = []
+    for end in ends:
+        moving = tuple(joint for joint in urdf.path_to(end.child) if joint.kind != "fixed")
+        if len(moving) >= LEAST_JOINTS:
+            chains.append(moving)
+    counts: dict[str, int] = {}
+    for chain in chains:
+        for joint in chain:
+            counts[joint.name] = counts.get(joint.name, 0) + 1
+    shared = sorted(name for name, count in counts.items() if count > 1)
+    if shared:
+        raise InvalidInput(
+            f"{urdf.path}: joint {shared[0]!r} moves more than one leg (a body that bends, or fingers): make "
+            "it a fixed joint in a copy of the URDF"
+        )
+    legs = [_leg(urdf, chain, below) for chain in chains]
+    paired = [leg for leg in legs if _has_twin(leg, legs)]
+    if len(paired) < LEAST_LEGS:
+        names = ", ".join(repr(leg.foot) for leg in legs) or "none"
+        raise InvalidInput(
+            f"{urdf.path}: {len(paired)} legs found (chains of {LEAST_JOINTS} moving joints or more with one like "
+            f"it on the other side of the x axis); three are needed. Ends of chains: {names}"
+        )
+    return _named(paired)
+
+
+def _moving_below(link: str, below: dict[str, list[Joint]]) -> bool:
+    return any(joint.kind != "fixed" or _moving_below(joint.child, below) for joint in below.get(link, []))
+
+
+def _leg(urdf: Urdf, chain: tuple[Joint, ...], below: dict[str, list[Joint]]) -> FoundLeg:
+    transform: Float = np.eye(4)
+    for joint in urdf.path_to(chain[0].child):
+        transform = transform @ joint.transform_child_to_parent
+    x, y, z = (float(v) for v in transform[:3, 3])
+    # Down the fixed links: a foot is the last of them that has a shape, or that has no more below it.
+    foot, link = chain[-1].child, chain[-1].child
+    links = {item.name: item for item in urdf.links}
+    while len(below.get(link, [])) == 1:
+        link = below[link][0].child
+        foot = link if links[link].shapes else foot
+    for joint in below.get(chain[-1].child, []) if foot == chain[-1].child else []:
+        if links[joint.child].shapes and any(word in joint.child.lower() for word in ("foot", "toe", "tip")):
+            foot = joint.child
+    return FoundLeg(foot, tuple(joint.name for joint in chain), foot, (x, y, z))
+
+
+def _has_twin(leg: FoundLeg, legs: list[FoundLeg]) -> bool:
+    image = np.array(leg.start) * (1.0, -1.0, 1.0)
+    return any(
+        other is not leg
+        and len(other.joints) == len(leg.joints)
+        and float(np.linalg.norm(np.array(other.start) - image)) < 0.01
+        for other in legs
+    )
+
+
+def _named(legs: list[FoundLeg]) -> tuple[FoundLeg, ...]:
+    """Front to hind, left before right; four legs get the usual names."""
+    ordered = sorted(legs, key=lambda leg: (-round(leg.start[0], 2), -leg.start[1]))
+    names = ("lf", "rf", "lh", "rh") if len(ordered) == 4 else tuple(leg.foot for leg in ordered)
+    return tuple(FoundLeg(name, leg.joints, leg.foot, leg.start) for name, leg in zip(names, ordered, strict=True))

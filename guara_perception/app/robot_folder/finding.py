@@ -1,0 +1,43 @@
+"""One thing that `guara robot check` has to say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Weight(Enum):
+    """How much a finding matters."""
+
+    UNUSABLE = "unusable"
+    WRONG = "wrong"
+    NOTE = "note"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What was found at one place of a robot folder.
+
+    Attributes:
+        weight: unusable: it does not load; wrong: it loads, but should be mended; note: to know.
+        place: file, table, leg or link.
+        text: what is wrong, and what to do about it.
+    """
+
+    weight: Weight
+    place: str
+    text: str
+
+    def __str__(self) -> str:
+        """In one line."""
+        return f"{self.weight.value}: {self.place}: {self.text}"
+
+
+def wrong(place: str, text: str) -> Finding:
+    """Something to mend."""
+    return Finding(Weight.WRONG, place, text)
+
+
+def note(place: str, text: str) -> Finding:
+    """Something to know."""
+    return Finding(Weight.NOTE, place, text)

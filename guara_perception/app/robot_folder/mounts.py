@@ -1,0 +1,144 @@
+"""Where camera and laser mirror go: the lowest place outside the robot from which both see the area."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from guara_perception.app.robot_folder.postures import FoundPosture
+from guara_perception.arrays import Float, Mask
+from kinematics import SelfFilter
+from kinematics.state import RobotState
+from kinematics.tree import KinematicTree
+
+# The Guará's: the area begins so far ahead of the front feet, since the ground up to there is known from before.
+AREA_AHEAD_M = 0.20
+AREA_DEPTH_M, AREA_WIDTH_M = 0.45, 0.54
+# Beside the tracks of the soles: what the planner may step aside.
+BESIDE_M = 0.06
+# Its camera stands at 0.5 m, 0.1 m before the area, the mirror 0.2 m ahead of it and 0.03 m lower.
+CAMERA_HEIGHT_M, CAMERA_BEFORE_M, BASELINE_M, MIRROR_LOWER_M = 0.5, 0.10, 0.20, 0.03
+# A lens of 3.2 mm before a sensor 3.5 mm wide, 5:4: tangents of half the view across and along, less 5 %.
+VIEW_ACROSS, VIEW_ALONG = 0.95 * 0.5 / 0.921, 0.95 * 0.4 / 0.921
+# Nearer than this to a shape of the robot nothing is mounted.
+MOUNT_MARGIN_M = 0.03
+# A share of the area hidden by the robot itself that is as good as none.
+HIDDEN_ENOUGH = 0.01
+HIGHEST_M = 1.4
+SAMPLES = (10, 12)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundMounts:
+    """Camera, mirror and the area that they scan, with the robot in its scan posture.
+
+    Attributes:
+        area_x, area_y: in base_footprint [m].
+        camera: (3,) in the base [m].
+        camera_pitch: from straight down, forward [rad].
+        mirror: (3,) in the base [m].
+        camera_height: over the floor [m].
+        hidden: share of the area that the robot itself hides from camera or laser.
+    """
+
+    area_x: tuple[float, float]
+    area_y: tuple[float, float]
+    camera: Float
+    camera_pitch: float
+    mirror: Float
+    camera_height: float
+    hidden: float
+
+    @property
+    def transform_camera_to_base(self) -> Float:
+        """transform_camera_optical_to_base (4, 4): image v grows forward, u to the left, as the paper's eq. 5."""
+        sine, cosine = np.sin(self.camera_pitch), np.cos(self.camera_pitch)
+        transform = np.eye(4)
+        transform[:3, :3] = [[0.0, cosine, sine], [1.0, 0.0, 0.0], [0.0, sine, -cosine]]
+        transform[:3, 3] = self.camera
+        return transform
+
+
+def find_mounts(
+    tree: KinematicTree, posture: FoundPosture, sole: tuple[float, float], others: tuple[Mapping[str, float], ...] = ()
+) -> FoundMounts:
+    """Propose area, camera and mirror for a robot that stands.
+
+    Args:
+        tree: the robot; its shapes are what may be in the way.
+        posture: in which it scans.
+        sole: length and width [m].
+        others: joint positions of further stances from which the area should be seen: feet elsewhere in their stride.
+    """
+    soles = np.array(list(posture.soles.values()))
+    front, track = float(soles[:, 0].max()), float(np.abs(soles[:, 1]).max())
+    half = max(AREA_WIDTH_M / 2.0, float(np.ceil((track + sole[1] / 2.0 + BESIDE_M) * 100.0)) / 100.0)
+    near = round(front + AREA_AHEAD_M, 2)
+    area_x, area_y = (near, round(near + AREA_DEPTH_M, 2)), (-round(half, 2), round(half, 2))
+    everywhere = _samples(area_x, area_y, -posture.base_height)
+    stances = [posture.joint_positions, *others]
+    filters = [SelfFilter(RobotState(tree, joints), margin=0.01, ignore=()) for joints in stances]
+    body = SelfFilter(RobotState(tree, posture.joint_positions), margin=MOUNT_MARGIN_M, ignore=())
+    best: FoundMounts | None = None
+    for height, camera_x, mirror_x in _candidates(near):
+        z = height - posture.base_height
+        camera, mirror = np.array([camera_x, 0.0, z]), np.array([mirror_x, 0.0, z - MIRROR_LOWER_M])
+        if np.any(body.contains(np.array([camera, mirror]))):
+            continue
+        pitch = _pitch(area_x, camera_x, height)
+        if not _in_view(everywhere, camera, pitch):
+            continue
+        hidden = np.mean([np.mean(_hidden(robot, (camera, mirror), everywhere)) for robot in filters])
+        if best is None or hidden < best.hidden - HIDDEN_ENOUGH:
+            best = FoundMounts(area_x, area_y, camera, pitch, mirror, height, float(hidden))
+        if best.hidden <= HIDDEN_ENOUGH:
+            break
+    if best is None:
+        # The Guará's place, for the check to find fault with.
+        camera = np.array([near - CAMERA_BEFORE_M, 0.0, CAMERA_HEIGHT_M - posture.base_height])
+        mirror = camera + (BASELINE_M, 0.0, -MIRROR_LOWER_M)
+        pitch = _pitch(area_x, float(camera[0]), CAMERA_HEIGHT_M)
+        best = FoundMounts(area_x, area_y, camera, pitch, mirror, CAMERA_HEIGHT_M, 1.0)
+    return best
+
+
+def _candidates(near: float) -> Iterator[tuple[float, float, float]]:
+    """Height over the floor, x of the camera and of the mirror: low ones first, and those most like the Guará's."""
+    for height in np.arange(CAMERA_HEIGHT_M, HIGHEST_M, 0.05):
+        scale = float(height) / CAMERA_HEIGHT_M
+        for ahead in (0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30, 0.35):
+            camera_x = near - CAMERA_BEFORE_M * scale + ahead
+            for baseline in (BASELINE_M * scale, BASELINE_M):
+                yield round(float(height), 3), round(camera_x, 3), round(camera_x + baseline, 3)
+
+
+def _samples(area_x: tuple[float, float], area_y: tuple[float, float], z: float) -> Float:
+    x, y = np.meshgrid(np.linspace(*area_x, SAMPLES[0]), np.linspace(*area_y, SAMPLES[1]))
+    return np.column_stack((x.ravel(), y.ravel(), np.full(x.size, z)))
+
+
+def _pitch(area_x: tuple[float, float], camera_x: float, height: float) -> float:
+    near, far = (np.arctan2(x - camera_x, height) for x in area_x)
+    return round(float(near + far) / 2.0, 3)
+
+
+def _in_view(points: Float, camera: Float, pitch: float) -> bool:
+    """Whether a camera pitched forward from straight down sees all points (n, 3)."""
+    ways = points - camera
+    ahead = np.array([np.sin(pitch), 0.0, -np.cos(pitch)])
+    along = np.array([np.cos(pitch), 0.0, np.sin(pitch)])
+    depth = ways @ ahead
+    return bool(
+        np.all(np.abs(ways[:, 1]) <= VIEW_ACROSS * depth) and np.all(np.abs(ways @ along) <= VIEW_ALONG * depth)
+    )
+
+
+def _hidden(robot: SelfFilter, eyes: tuple[Float, Float], points: Float) -> Mask:
+    hidden = np.zeros(len(points), dtype=bool)
+    for eye in eyes:
+        if np.any(robot.contains(eye[None])):
+            return np.ones(len(points), dtype=bool)
+        hidden |= robot.blocks(eye, points)
+    return hidden

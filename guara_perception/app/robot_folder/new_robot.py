@@ -1,0 +1,59 @@
+"""Writes a robot folder from a URDF, whole or not at all."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tempfile
+from pathlib import Path
+
+from guara_perception.app.robot_folder.propose import Proposal, propose
+from guara_perception.app.robot_folder.readme_text import readme_text
+from guara_perception.app.robot_folder.srdf_text import srdf_text
+from guara_perception.app.robot_folder.toml_text import toml_text
+from guara_perception.exceptions import InvalidInput
+from kinematics.plain_urdf import plain_urdf
+from kinematics.read_urdf import read_urdf
+from kinematics.urdf_checks import check_urdf
+
+
+def new_robot(source: Path, folder: Path, *, name: str | None = None, hip_height: float | None = None) -> Proposal:
+    """Make a robot folder.
+
+    Args:
+        source: URDF file.
+        folder: to make; must not exist, or be empty.
+        name: of the robot; None = the folder's.
+        hip_height: of the scan posture [m]; None = chosen.
+
+    Raises:
+        InvalidInput: the folder holds something, the name cannot be one, or no robot that walks is found in the URDF.
+        kinematics.RobotFileError: the URDF is broken; the message names all findings with their lines.
+    """
+    name = name or re.sub(r"[^A-Za-z0-9_-]", "_", folder.resolve().name)
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
+        raise InvalidInput(f"the name of the robot is {name!r}; letters, digits, '_' and '-' are allowed: give --name")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InvalidInput(f"{folder} exists; give another name, nothing is overwritten")
+    urdf = read_urdf(source)
+    check_urdf(urdf)
+    proposal = propose(urdf, name, hip_height)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    made = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    try:
+        for file, text in (
+            (f"urdf/{name}.urdf", plain_urdf(proposal.urdf)),
+            (f"srdf/{name}.srdf", srdf_text(proposal)),
+            ("robot.toml", toml_text(proposal, source.name)),
+            ("README.md", readme_text(proposal, source.name, urdf.notes)),
+        ):
+            (made / file).parent.mkdir(exist_ok=True)
+            (made / file).write_text(text, encoding="utf-8")
+        made.chmod(0o755)
+        if folder.is_dir():
+            folder.rmdir()
+        made.rename(folder)
+    except BaseException:
+        shutil.rmtree(made, ignore_errors=True)
+        raise
+    return proposal

@@ -1,0 +1,130 @@
+"""Postures in which a robot stands level over its feet, and the height from which its feet reach what a gait asks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guara_perception.app.robot_folder.leg_solver import LegSolver
+from guara_perception.arrays import Float
+from guara_perception.exceptions import InvalidInput
+from kinematics.numeric_ik import NumericLeg
+from kinematics.tree import KinematicTree
+
+# What the wave gait asks of a foot around the place where it stands [m]: on the level half a stride fore and aft and
+# the search of the planner beyond; half a stride a step lower; more on its way over an obstacle. All 40 mm aside.
+PLACES = np.array(
+    [
+        (x, y, z)
+        for reach, z in ((0.13, 0.0), (0.07, -0.02), (0.10, 0.06))
+        for x in (-reach, 0.0, reach)
+        for y in (-0.04, 0.04)
+    ]
+)
+# Heights that are tried, of the stretched leg.
+SHARES = np.arange(0.86, 0.48, -0.02)
+ROUNDS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundPosture:
+    """The robot standing.
+
+    Attributes:
+        hip_height: of the pitch joints over the plane of the soles [m].
+        base_height: of the base's origin over it [m].
+        joint_positions: by joint [rad].
+        soles: by leg, (3,) where the foot touches the ground, in the base [m].
+    """
+
+    hip_height: float
+    base_height: float
+    joint_positions: dict[str, float]
+    soles: dict[str, Float]
+
+
+def stand(legs: tuple[LegSolver, ...], hip_height: float) -> FoundPosture | None:
+    """The posture with the hips at a height over the soles, which lie below the hips; None = out of reach."""
+    top = float(np.mean([leg.pitch_joint[2] for leg in legs]))
+    floor = top - hip_height
+    joints: dict[str, float] = {}
+    soles = {}
+    for leg in legs:
+        below = float(leg.foot.size.min()) / 2.0
+        positions: Float | None = None
+        for _ in range(ROUNDS):
+            tip = np.array([leg.pitch_joint[0], leg.side, floor + below])
+            if positions is not None:
+                again = leg.solver(positions).solve(tip[None], np.zeros(1))[0]
+                positions = None if np.any(np.isnan(again)) else again
+            else:
+                positions = leg.stand_over(tip)
+            if positions is None:
+                return None
+            found = leg.foot.lowest(leg.foot_rotation(positions))
+            if abs(found - below) < 1e-9:
+                break
+            below = found
+        assert positions is not None
+        joints.update(zip(leg.leg.joints, positions.tolist(), strict=True))
+        soles[leg.leg.name] = np.array([tip[0], tip[1], floor])
+    return FoundPosture(hip_height, -floor, joints, soles)
+
+
+def choose_height(legs: tuple[LegSolver, ...]) -> tuple[float, float]:
+    """The hip height from which the feet reach what the gait asks, and the share of it that they reach (1 = all).
+
+    The highest one that reaches all; else the one that reaches most.
+
+    Raises:
+        InvalidInput: the robot cannot stand at any height.
+    """
+    pair = (legs[0], legs[-1])
+    length = min(leg.length for leg in legs)
+    best = (0.0, 0.0)
+    for share in SHARES:
+        height = round(float(share) * length + float(legs[0].foot.size.min()) / 2.0, 3)
+        posture = stand(pair, height)
+        if posture is None:
+            continue
+        part = float(np.mean([reach_share(leg, posture) for leg in pair]))
+        if part > best[1] + 1e-9:
+            best = (height, part)
+        if part == 1.0:
+            break
+    if best[0] == 0.0:
+        raise InvalidInput(
+            "the robot cannot stand level over its feet at any height: does x of its base point forward, z up, and can "
+            "each foot be below its hip within the joint limits?"
+        )
+    return best
+
+
+def reach_share(leg: LegSolver, posture: FoundPosture) -> float:
+    """The share of the places that the gait asks for, around where a foot stands, that it reaches."""
+    start = np.array([posture.joint_positions[joint] for joint in leg.leg.joints])
+    tip = posture.soles[leg.leg.name] + (0.0, 0.0, leg.foot.lowest(leg.foot_rotation(start)))
+    found = leg.solver(start).solve(tip + PLACES, np.zeros(len(PLACES)))
+    return float(np.mean(~np.isnan(found[:, 0])))
+
+
+def raised(tree: KinematicTree, legs: tuple[LegSolver, ...], posture: FoundPosture, lift: float) -> FoundPosture | None:
+    """A posture with the body `lift` [m] higher over the same sole frames; None = out of reach.
+
+    Args:
+        tree: the robot with its sole frames.
+        legs: of it.
+        posture: from which to rise.
+        lift: [m].
+    """
+    joints, soles = dict(posture.joint_positions), {}
+    for leg in legs:
+        start = np.array([joints[joint] for joint in leg.leg.joints])
+        target = posture.soles[leg.leg.name] - (0.0, 0.0, lift)
+        found = NumericLeg(tree, leg.leg.name, start).solve(target[None], np.zeros(1))[0]
+        if np.any(np.isnan(found)):
+            return None
+        joints.update(zip(leg.leg.joints, found.tolist(), strict=True))
+        soles[leg.leg.name] = target
+    return FoundPosture(posture.hip_height + lift, posture.base_height + lift, joints, soles)

@@ -1,0 +1,215 @@
+"""All that a robot folder says beyond the URDF, proposed from the URDF alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from guara_perception.app.robot_folder.feet import Foot, find_foot
+from guara_perception.app.robot_folder.find_legs import FoundLeg, find_legs
+from guara_perception.app.robot_folder.leg_solver import LegSolver
+from guara_perception.app.robot_folder.mounts import FoundMounts, find_mounts
+from guara_perception.app.robot_folder.postures import FoundPosture, choose_height, raised, stand
+from guara_perception.arrays import Float
+from guara_perception.exceptions import InvalidInput
+from kinematics.robot_toml import LegConfig, RobotToml
+from kinematics.scan_pattern import mirror_angle_for
+from kinematics.toml_table import Table
+from kinematics.tree import KinematicTree
+from kinematics.urdf import Joint, Link, Urdf, rotation_from_rpy, rpy_from_rotation
+from kinematics.urdf_checks import root_link
+
+STANDING_HIGHER = (1.05, 1.03, 1.01)
+STRIPES_PER_M = 70 / 0.45
+# The first and the last stripe fall so far outside the area [m].
+PATTERN_MARGIN_M = 0.006
+# A sole without any shape to measure [m].
+UNKNOWN_SOLE_M = 0.030
+LEAST_SOLE_M = 0.020
+STRIDE_M = 0.07
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposal:
+    """A robot as it will stand in its folder.
+
+    Attributes:
+        urdf: the source with frames for soles, camera and laser.
+        name: of the robot.
+        base: its root link.
+        legs: as found, with the foot and the solver of each.
+        soles: name of the sole's frame, by leg.
+        sole: length and width [m].
+        scan, standing: postures; others joints at the nearest to zero that their limits allow.
+        reach: share of what the gait asks that the feet reach, 1 = all.
+        mounts: camera, laser, area.
+        mirror_angles: first and last of the scan pattern [rad].
+        stripes: of the pattern.
+        camera_frame, laser_frame: names in the URDF.
+    """
+
+    urdf: Urdf
+    name: str
+    base: str
+    legs: tuple[LegSolver, ...]
+    soles: dict[str, str]
+    sole: tuple[float, float]
+    scan: FoundPosture
+    standing: FoundPosture
+    reach: float
+    mounts: FoundMounts
+    mirror_angles: tuple[float, float]
+    stripes: int
+    camera_frame: str
+    laser_frame: str
+
+    @property
+    def leg_configs(self) -> tuple[LegConfig, ...]:
+        """The legs as robot.toml names them."""
+        return tuple(LegConfig(leg.leg.name, leg.hip, self.soles[leg.leg.name], leg.leg.joints) for leg in self.legs)
+
+
+def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
+    """Propose a robot folder.
+
+    Args:
+        urdf: read and checked.
+        name: of the robot.
+        hip_height: of the scan posture [m]; None = chosen for the reach of the feet.
+
+    Raises:
+        InvalidInput: no legs are found, or they cannot stand.
+    """
+    found = find_legs(urdf)
+    legs = tuple(LegSolver(urdf, leg, find_foot(urdf, leg)) for leg in found)
+    height, reach = choose_height(legs) if hip_height is None else (hip_height, 1.0)
+    scan = stand(legs, height)
+    if scan is None:
+        raise InvalidInput(f"the legs cannot stand with the hips {height} m over the soles: give another --height")
+    rest = {
+        joint.name: float(np.clip(0.0, joint.lower, joint.upper))
+        for joint in urdf.joints
+        if joint.kind != "fixed" and joint.name not in scan.joint_positions
+    }
+    scan = replace(scan, joint_positions={**scan.joint_positions, **rest})
+    extended, soles = _with_soles(replace(urdf, name=name), legs, scan)
+    sole = _sole([leg.foot for leg in legs])
+    tree = _tree(extended, legs, soles, sole)
+    higher = (raised(tree, legs, scan, round(height * share - height, 3)) for share in STANDING_HIGHER)
+    standing = next((posture for posture in higher if posture is not None), scan)
+    mounts = find_mounts(tree, scan, sole, _strides(legs, scan))
+    camera_frame, laser_frame = (_free(extended, word) for word in ("rangefinder_camera", "rangefinder_laser"))
+    placed = np.eye(4)
+    placed[:3, 3] = mounts.mirror
+    extended = _with_frame(extended, root_link(urdf), camera_frame, mounts.transform_camera_to_base)
+    extended = _with_frame(extended, root_link(urdf), laser_frame, placed)
+    mirror_height = float(mounts.mirror[2]) + scan.base_height
+    first, last = (
+        round(mirror_angle_for(float(mounts.mirror[0]), mirror_height, x), 5)
+        for x in (mounts.area_x[0] - PATTERN_MARGIN_M, mounts.area_x[1] + PATTERN_MARGIN_M)
+    )
+    return Proposal(
+        urdf=extended,
+        name=name,
+        base=root_link(urdf),
+        legs=legs,
+        soles=soles,
+        sole=sole,
+        scan=scan,
+        standing=standing,
+        reach=reach,
+        mounts=mounts,
+        mirror_angles=(first, last),
+        stripes=round(STRIPES_PER_M * (mounts.area_x[1] - mounts.area_x[0])),
+        camera_frame=camera_frame,
+        laser_frame=laser_frame,
+    )
+
+
+def _free(urdf: Urdf, word: str) -> str:
+    """A name that no link and no joint has."""
+    taken = {link.name for link in urdf.links} | {joint.name for joint in urdf.joints}
+    names = [word, *(f"{word}_{number}" for number in range(2, 100))]
+    return next(name for name in names if name not in taken and f"{name}_joint" not in taken)
+
+
+def _with_frame(urdf: Urdf, parent: str, name: str, transform: Float) -> Urdf:
+    """The URDF with one more link fixed to another, its rotation as the written file will give it back."""
+    placed = np.array(transform)
+    placed[:3, :3] = rotation_from_rpy(*rpy_from_rotation(placed[:3, :3]))
+    link = Link(name, None, np.zeros(3), np.zeros((3, 3)), ())
+    joint = Joint(f"{name}_joint", "fixed", parent, name, placed, np.array([1.0, 0.0, 0.0]), 0.0, 0.0)
+    return replace(urdf, links=(*urdf.links, link), joints=(*urdf.joints, joint))
+
+
+def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[Urdf, dict[str, str]]:
+    """Sole frames where each foot touches the ground in the scan posture, with the axes that the base has there."""
+    names = {}
+    for leg in legs:
+        name = _free(urdf, f"{leg.leg.name}_sole")
+        positions = np.array([scan.joint_positions[joint] for joint in leg.leg.joints])
+        to_base = leg.transforms(positions)[-1]
+        placed = np.eye(4)
+        placed[:3, 3] = scan.soles[leg.leg.name]
+        urdf = _with_frame(urdf, leg.foot.link, name, np.linalg.inv(to_base) @ placed)
+        names[leg.leg.name] = name
+    return urdf, names
+
+
+def _sole(feet: list[Foot]) -> tuple[float, float]:
+    """The rectangle that must lie on known ground: the whole of a round foot, seen from above."""
+    lengths = []
+    for foot in feet:
+        if not foot.shapes:
+            lengths.append((UNKNOWN_SOLE_M, UNKNOWN_SOLE_M))
+        elif foot.is_round:
+            lengths.append((float(foot.size.min()), float(foot.size.min())))
+        else:
+            across = np.sort(foot.size)[1:]
+            lengths.append((float(across[1]), float(across[0])))
+    length, width = np.array(lengths).min(axis=0)
+    return max(round(float(length) - 0.0005, 3), LEAST_SOLE_M), max(round(float(width) - 0.0005, 3), LEAST_SOLE_M)
+
+
+def _strides(legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[dict[str, float], ...]:
+    """Joint positions with the front feet half a stride ahead, and half a stride back."""
+    front = max(float(sole[0]) for sole in scan.soles.values())
+    found = []
+    for way in (STRIDE_M, -STRIDE_M):
+        joints = dict(scan.joint_positions)
+        for leg in legs:
+            sole = scan.soles[leg.leg.name]
+            if sole[0] < front - 0.05:
+                continue
+            start = np.array([scan.joint_positions[joint] for joint in leg.leg.joints])
+            tip = sole + (way, 0.0, leg.foot.lowest(leg.foot_rotation(start)))
+            moved = leg.solver(start).solve(tip[None], np.zeros(1))[0]
+            if not np.any(np.isnan(moved)):
+                joints.update(zip(leg.leg.joints, moved.tolist(), strict=True))
+        found.append(joints)
+    return tuple(found)
+
+
+def _tree(urdf: Urdf, legs: tuple[LegSolver, ...], soles: dict[str, str], sole: tuple[float, float]) -> KinematicTree:
+    """The robot with its soles, before camera and laser are placed."""
+    root = root_link(urdf)
+    config = RobotToml(
+        path=urdf.path,
+        name=urdf.name,
+        sole=sole,
+        scan_posture="",
+        base_frame=root,
+        camera_frame=root,
+        laser_frame=root,
+        imu_frame=None,
+        legs=tuple(LegConfig(leg.leg.name, leg.hip, soles[leg.leg.name], leg.leg.joints) for leg in legs),
+        postures=(),
+        root=Table(urdf.path, "", {"self_filter": {"margin": 0.01, "ignore": []}}),
+    )
+    return KinematicTree(urdf, config)
+
+
+def kind_of(leg: FoundLeg, foot: Foot) -> str:
+    """A leg in words."""
+    return f"{len(leg.joints)} joints, {'point foot' if foot.is_round else 'flat sole'}"

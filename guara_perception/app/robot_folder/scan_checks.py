@@ -1,0 +1,125 @@
+"""Checks of camera, laser and scan pattern against the scanned area, with the robot in its scan posture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from guara_perception.app.robot_folder.finding import Finding, wrong
+from guara_perception.arrays import Float, Mask
+from guara_perception.settings import Settings
+from guara_perception.simulation.specimen import specimen
+from kinematics import RobotModel, SelfFilter, Stance
+from kinematics.scan_pattern import sheet_on_floor
+
+PICTURE_PX = (640, 512)
+CELLS = (46, 55)
+# Shares of the area that may be hidden or out of view before it is worth a word.
+HIDDEN_SHARE, UNSEEN_SHARE = 0.02, 0.005
+# The pattern may miss the area's ends by so much [m]: a cell.
+PATTERN_M = 0.005
+# The mirror's axis may be off the y axis by so much [rad].
+AXIS = 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coverage:
+    """What camera and laser see of a flat floor, from the scan posture.
+
+    Attributes:
+        x, y: centres of the cells in base_footprint [m].
+        in_view: (ny, nx) the nominal camera sees the cell.
+        hidden: (ny, nx) the robot itself hides it from camera or laser.
+        lit: (ny, nx) between the first and the last sheet.
+        inside: links whose shape encloses camera or laser.
+    """
+
+    x: Float
+    y: Float
+    in_view: Mask
+    hidden: Mask
+    lit: Mask
+    inside: tuple[str, ...]
+
+
+def coverage(robot: RobotModel) -> Coverage:
+    """Look at the scanned area with the nominal camera, lens and laser."""
+    settings = Settings.of(robot)
+    pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs), find_unloaded=False)
+    x, y = np.linspace(*settings.footprint_x, CELLS[0]), np.linspace(*settings.footprint_y, CELLS[1])
+    every_x, every_y = np.meshgrid(x, y)
+    floor = np.column_stack((every_x.ravel(), every_y.ravel(), np.zeros(every_x.size), np.ones(every_x.size)))
+    in_base = (floor @ pose.transform_footprint_to_base.T)[:, :3]
+    camera, laser = robot.transform_camera_to_base, robot.transform_laser_to_base[:3, 3]
+    body = SelfFilter(pose.state)
+    eyes = np.array([camera[:3, 3], laser])
+    inside = tuple(dict.fromkeys(shape.link for shape in body.shapes if np.any(shape.contains(eyes))))
+    hidden = np.zeros(len(floor), dtype=bool)
+    if not inside:
+        hidden = body.blocks(camera[:3, 3], in_base) | body.blocks(laser, in_base)
+    in_camera = (in_base - camera[:3, 3]) @ camera[:3, :3]
+    first, last = _sheets(robot)
+    shape = every_x.shape
+    return Coverage(
+        x,
+        y,
+        _in_picture(robot, in_camera).reshape(shape),
+        hidden.reshape(shape),
+        ((every_x >= first - PATTERN_M) & (every_x <= last + PATTERN_M)),
+        inside,
+    )
+
+
+def _in_picture(robot: RobotModel, in_camera: Float) -> Mask:
+    """Which points (n, 3) in the camera frame fall into the picture of the nominal camera."""
+    model = specimen(robot, PICTURE_PX, None).camera
+    ahead = in_camera[:, 2] > 0.01
+    pixels = np.full((len(in_camera), 2), -1.0)
+    if ahead.any():
+        pixels[ahead] = model.project(in_camera[ahead])
+    return np.asarray(np.all((pixels >= 0) & (pixels <= np.array(PICTURE_PX) - 1), axis=1))
+
+
+def _sheets(robot: RobotModel) -> tuple[float, float]:
+    """Where the first and the last sheet of the pattern fall on the floor, x in base_footprint [m]."""
+    settings = Settings.of(robot)
+    pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs), find_unloaded=False)
+    mirror = pose.transform_base_to_footprint @ np.append(robot.transform_laser_to_base[:3, 3], 1.0)
+    first, last = (sheet_on_floor(float(mirror[0]), float(mirror[2]), angle) for angle in settings.mirror_angles)
+    return first, last
+
+
+def scan_findings(robot: RobotModel) -> Iterator[Finding]:
+    """All findings of camera, laser and pattern."""
+    settings = Settings.of(robot)
+    axis = robot.transform_laser_to_base[:3, 1]
+    if abs(axis[1]) < np.cos(AXIS):
+        yield wrong("frames.laser", "its y axis, the mirror's, is not parallel to y of the base")
+    first, last = _sheets(robot)
+    near, far = settings.footprint_x
+    if first > near + PATTERN_M or last < far - PATTERN_M:
+        yield wrong(
+            "robot.toml [scan]",
+            f"the pattern sweeps the floor from x {first:.3f} to {last:.3f} m, the area of [grid.footprint] from "
+            f"{near:g} to {far:g}: set mirror_angle_first and _last to atan((x - mirror x) / mirror height) / 2",
+        )
+    seen = coverage(robot)
+    for link in seen.inside:
+        yield wrong(
+            "frames",
+            f"camera or laser lies inside the shape of link {link!r}: move it, or name it in [self_filter] ignore",
+        )
+    unseen, hidden = float(np.mean(~seen.in_view)), float(np.mean(seen.hidden))
+    if unseen > UNSEEN_SHARE:
+        yield wrong(
+            "frames.camera",
+            f"{unseen:.0%} of the scanned area is out of view of a lens of 57 x 47 degrees: mount it higher or turn it",
+        )
+    if hidden > HIDDEN_SHARE:
+        yield wrong(
+            "frames.camera, frames.laser",
+            f"the robot itself hides {hidden:.0%} of the scanned area from camera or laser (legs, body): mount them "
+            "further ahead or higher",
+        )

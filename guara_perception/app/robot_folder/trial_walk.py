@@ -1,0 +1,156 @@
+"""A short simulated walk of a robot, scanned pause by pause, over ground laid out for its own tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from guara_perception.exceptions import InvalidInput, PerceptionError
+from guara_perception.settings import Settings
+from guara_perception.simulation.features import Box, Patch, Pit
+from guara_perception.simulation.gait import WaveGait
+from guara_perception.simulation.materials import material_index
+from guara_perception.simulation.planner import plan_foothold
+from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.specimen import specimen
+from guara_perception.simulation.walk import Choice, WalkPause, simulate_walk
+from guara_perception.simulation.world import World
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+from kinematics import KinematicsError, LegOdometry, RobotModel
+
+PAUSES = 10
+PICTURE_PX = (640, 512)
+SOLE_SAMPLES = 7
+
+
+@dataclass(frozen=True, slots=True)
+class TrialWalk:
+    """What came of a walk.
+
+    Attributes:
+        pauses: that were scanned.
+        unknown_called_safe: cells of all grids that are unknown and traversable; must be 0.
+        feet: footholds that were chosen.
+        feet_on_hazard: of them, those that the map or the true ground calls a hazard; must be 0.
+        known: share of the area known in the scans, mean.
+        ended: why the walk ended early, None when it did not.
+    """
+
+    pauses: int
+    unknown_called_safe: int
+    feet: int
+    feet_on_hazard: int
+    known: float
+    ended: str | None
+
+    @property
+    def is_passed(self) -> bool:
+        """Whether all pauses were walked, and nothing unknown or hazardous was taken for safe."""
+        return self.ended is None and self.unknown_called_safe == 0 and self.feet_on_hazard == 0
+
+
+def trial_world(robot: RobotModel) -> World:
+    """Ground for ten pauses: a small box in the left track, a dark patch in the right one, a pit and a box beside."""
+    gait = WaveGait.of(robot)
+    places = np.array(list(gait.hips.values()))
+    front, track = float(places[:, 0].max()), float(np.abs(places[:, 1]).max())
+    return World(
+        x=(-2.0, 4.0),
+        y=(-1.5, 1.5),
+        undulation=0.001,
+        flat_until=front + 0.25,
+        seed=3,
+        features=(
+            Box(x=front + 0.36, y=track + 0.03, size=(0.04, 0.04), height=0.04),
+            Patch(x=front + 0.34, y=-track - 0.02, size=(0.05, 0.05), material="dark"),
+            Pit(x=front + 0.30, y=track + 0.17, size=(0.10, 0.10), depth=0.05),
+            Box(x=front + 0.50, y=0.0, size=(0.06, 0.06), height=0.05, yaw=0.4, material="brick"),
+        ),
+    )
+
+
+def trial_walk(
+    robot: RobotModel, *, pauses: int = PAUSES, mode: str = "coarse", progress: Callable[[int, int], None] | None = None
+) -> TrialWalk:
+    """Walk a robot over the trial ground with its own planner, map and odometry.
+
+    Args:
+        robot: that walks.
+        pauses: how many stance pauses are scanned.
+        mode: of the scans.
+        progress: called after each pause with those that are done and all.
+    """
+    world = trial_world(robot)
+    counts = _Counts(robot, world)
+    try:
+        counts.walk(pauses, mode, progress)
+        ended = None
+    except (PerceptionError, KinematicsError) as error:
+        ended = f"{type(error).__name__}: {error}"
+    known = float(np.mean(counts.known)) if counts.known else 0.0
+    return TrialWalk(len(counts.known), counts.unknown_called_safe, counts.feet, counts.on_hazard, known, ended)
+
+
+class _Counts:
+    """Walks, and counts on the way."""
+
+    def __init__(self, robot: RobotModel, world: World) -> None:
+        self.robot, self.world = robot, world
+        self.known: list[float] = []
+        self.unknown_called_safe = self.feet = self.on_hazard = 0
+        self._map: TerrainGrid | None = None
+
+    def walk(self, pauses: int, mode: str, progress: Callable[[int, int], None] | None) -> None:
+        """Walk to the end, or until an error of the walk."""
+        from guara_perception.scan_processor import ScanProcessor
+        from guara_perception.terrain.map.terrain_map import TerrainMap
+
+        robot, settings = self.robot, Settings.of(self.robot)
+        calibration = specimen(robot, PICTURE_PX, 0)
+        rangefinder = SimulatedRangefinder(self.world, calibration, robot, 0)
+        odometry = LegOdometry(robot, transform_camera_to_base=calibration.transform_camera_to_base)
+        fused = TerrainMap(robot)
+        cycles = (pauses - 1) / len(robot.legs)
+        for pause in simulate_walk(self.world, robot, self._choose, cycles=cycles, seed=0):
+            rangefinder.set_pose(pause.transform_base_to_world, pause.joint_positions)
+            processor = ScanProcessor(calibration, robot, pause.stance, mode, step=pause.step)
+            for index, on, off in rangefinder.frames(settings.pattern(mode)):
+                processor.add(index, on, off)
+            terrain = processor.finish()
+            pose = odometry.update(pause.stance)
+            to_footprint = np.array(terrain.metadata["transform_base_to_footprint"], dtype=np.float64)
+            self._map = fused.update(
+                terrain,
+                pose.transform_base_to_odom @ np.linalg.inv(to_footprint),
+                pose.covariance,
+                known_ground=pause.known_ground,
+            )
+            self.known.append(float(np.isfinite(terrain.elevation).mean()))
+            for grid in (terrain, self._map):
+                unknown = (grid.hazard & UNKNOWN_MASK) != 0
+                self.unknown_called_safe += int(np.count_nonzero(unknown & (grid.traversability > 0)))
+            if progress is not None:
+                progress(len(self.known), pauses)
+
+    def _choose(self, pause: WalkPause) -> Choice:
+        if self._map is None:
+            raise InvalidInput("a foothold is asked for before the first scan")
+        found = plan_foothold(self._map, pause.next_leg, pause.nominal, robot=self.robot)
+        if found is None:
+            return None
+        self.feet += 1
+        is_hazard = self._map.hazard_at(found.x, found.y) != 0 or self._is_bad_ground(*pause.to_world(found.x, found.y))
+        self.on_hazard += int(is_hazard)
+        return found.x, found.y
+
+    def _is_bad_ground(self, x: float, y: float) -> bool:
+        """Whether the true ground under a sole swallows the laser or is no plane of less than the limits."""
+        length, width = self.robot.sole
+        u, v = np.meshgrid(np.linspace(-0.5, 0.5, SOLE_SAMPLES) * length, np.linspace(-0.5, 0.5, SOLE_SAMPLES) * width)
+        heights = self.world.height(x + u, y + v)
+        limits = Settings.of(self.robot).limits
+        is_dark = bool(np.any(self.world.material_at(x + u, y + v) == material_index("dark")))
+        return is_dark or float(np.ptp(heights)) > min(limits.step, limits.drop)

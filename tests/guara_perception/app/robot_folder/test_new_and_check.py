@@ -1,0 +1,299 @@
+"""`guara robot new` and `guara robot check` on the robots of this repository, from their URDF alone."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import shutil
+import tomllib
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from guara_perception.app.main import run
+from guara_perception.app.robot_folder.check import check_robot, walk_findings
+from guara_perception.app.robot_folder.finding import Weight
+from guara_perception.app.robot_folder.show import robot_moment
+from guara_perception.app.robot_folder.trial_walk import TrialWalk, trial_walk
+from guara_perception.settings import Settings
+from kinematics import RobotModel, load_robot
+from kinematics.model_checks import sole_above_foot
+
+ROOT = Path(__file__).parents[4]
+SOURCES = {
+    "guara": ROOT / "robots" / "guara" / "urdf" / "guara.urdf",
+    "tapir": ROOT / "tests" / "robots" / "tapir" / "urdf" / "tapir.urdf",
+}
+
+
+@pytest.fixture(scope="module", params=SOURCES)
+def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[RobotModel, RobotModel]:
+    """The robot that `robot new` makes of a URDF, and the one that was written by hand."""
+    folder = tmp_path_factory.mktemp("robots") / "mine"
+    assert run(["robot", "new", str(SOURCES[request.param]), "-o", str(folder)]) == 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return load_robot(folder), load_robot(SOURCES[request.param].parents[1])
+
+
+def test_it_loads_under_the_folder_s_name_and_is_sound(
+    made: tuple[RobotModel, RobotModel], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without a warning, by the name of its folder; `robot check` exits with 0 and lists what is to be measured."""
+    robot, _ = made
+    assert robot.name == "mine"
+    assert sorted(path.name for path in robot.folder.iterdir()) == ["README.md", "robot.toml", "srdf", "urdf"]
+    assert run(["robot", "check", str(robot.folder)]) == 0
+    printed = capsys.readouterr().out
+    assert f"{robot.folder}: sound" in printed
+    assert "note: robot.toml [assumed] sole: nobody has measured it" in printed
+
+
+def test_legs_are_those_written_by_hand(made: tuple[RobotModel, RobotModel]) -> None:
+    """The same joints from hip to foot, left and right, front and hind as they stand."""
+    robot, by_hand = made
+    found = {leg.joints for leg in robot.config.legs}
+    assert found == {leg.joints for leg in by_hand.config.legs}
+    assert robot.legs == ("lf", "rf", "lh", "rh")
+    soles = dict(zip(robot.legs, robot.state(robot.posture("scan")).soles_in_base(), strict=True))
+    for leg, sole in soles.items():
+        assert (sole[1] > 0) == leg.startswith("l") and (sole[0] > 0) == leg.endswith("f")
+
+
+def test_soles_lie_under_the_feet(made: tuple[RobotModel, RobotModel]) -> None:
+    """In the scan posture each sole frame is the lowest point of its foot, level, below the joint that swings it."""
+    robot, _ = made
+    state = robot.state(robot.posture("scan"))
+    for leg in robot.tree.legs.values():
+        assert sole_above_foot(robot.tree, leg, state) == pytest.approx(0.0, abs=1e-6)
+        np.testing.assert_allclose(state.transform_to_base(leg.sole)[:3, :3], np.eye(3), atol=1e-6)
+        np.testing.assert_allclose(state.position_in_base(leg.sole)[:2], state.position_in_base(leg.hip)[:2], atol=1e-6)
+
+
+def test_every_value_has_its_reason(made: tuple[RobotModel, RobotModel]) -> None:
+    """Each line of robot.toml below [stance] that gives a number says why; each assumed key names a value."""
+    robot, _ = made
+    text = (robot.folder / "robot.toml").read_text()
+    content = tomllib.loads(text)
+    for table in ("traversability", "heights", "scan"):
+        lines = text.split(f"[{table}]")[1].split("\n\n")[0].splitlines()[1:]
+        assert len(lines) == len(content[table])
+        assert all("#" in line for line in lines if not line.startswith("coarse_every"))
+    for key in content["assumed"]:
+        value = content
+        for part in key.split("."):
+            value = value[part]
+    readme = (robot.folder / "README.md").read_text()
+    assert all(f"| `{key}` |" in readme for key in content["assumed"])
+
+
+def test_the_pattern_sweeps_the_area_and_the_camera_sees_it(made: tuple[RobotModel, RobotModel]) -> None:
+    """By the rule that the hand-written folders are tested with: just before the area to just past it."""
+    robot, _ = made
+    state, settings = robot.state(robot.posture("scan")), Settings.of(robot)
+    mirror = state.position_in_base(robot.config.laser_frame)
+    height = mirror[2] - state.soles_in_base()[:, 2].mean()
+    first, last = (mirror[0] + height * np.tan(2.0 * angle) for angle in settings.mirror_angles)
+    near, far = settings.footprint_x
+    assert near - 0.02 < first < near and far < last < far + 0.02
+
+
+def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A folder that holds something is refused, and stays as it was."""
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("mine")
+    assert run(["robot", "new", str(SOURCES["guara"]), "-o", str(tmp_path / "mine")]) == 2
+    assert "nothing is overwritten" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("<axis xyz", "<axes xyz", "<axis> meant?"),
+        ('type="revolute"', 'type="fixed"', "legs found (chains of 3 moving joints or more"),
+        ('<joint name="', '<joint nam="', "a <joint> has no name"),
+    ],
+)
+def test_a_urdf_that_is_no_walking_robot_is_refused(
+    old: str, new: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit 2, one line, no folder."""
+    source = tmp_path / "bad.urdf"
+    source.write_text(SOURCES["guara"].read_text().replace(old, new))
+    assert run(["robot", "new", str(source), "-o", str(tmp_path / "mine")]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.urdf"]
+
+
+def test_a_missing_urdf_and_a_bad_name_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit 2, saying what is allowed."""
+    assert run(["robot", "new", str(tmp_path / "no.urdf"), "-o", str(tmp_path / "mine")]) == 2
+    assert "no.urdf: cannot be read" in capsys.readouterr().err
+    assert run(["robot", "new", str(SOURCES["guara"]), "-o", str(tmp_path / "mine"), "--name", "a b"]) == 2
+    assert "letters, digits, '_' and '-' are allowed" in capsys.readouterr().err
+
+
+def test_a_height_may_be_asked_for(tmp_path: Path) -> None:
+    """The hips stand where they are told to."""
+    assert run(["robot", "new", str(SOURCES["tapir"]), "-o", str(tmp_path / "mine"), "--height", "0.30"]) == 0
+    robot = load_robot(tmp_path / "mine")
+    assert next(p.hip_height for p in robot.config.postures if p.name == "scan") == 0.30
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A copy of the Guará's folder that may be spoiled."""
+    return Path(shutil.copytree(ROOT / "robots" / "guara", tmp_path / "guara"))
+
+
+# What is changed in which file, and what is said about it; WRONG and more exits with 1, UNUSABLE with 2.
+SPOILED = {
+    "sole frame 20 mm too high": (
+        "urdf/guara.urdf",
+        r'<origin xyz="0 0 -0.100"',
+        '<origin xyz="0 0 -0.080"',
+        "mm above the lowest point of its foot",
+        Weight.UNUSABLE,
+    ),
+    "pattern off the area": (
+        "robot.toml",
+        r"mirror_angle_last = 0\.325",
+        "mirror_angle_last = 0.200",
+        "the pattern sweeps the floor from x 0.495 to",
+        Weight.WRONG,
+    ),
+    "camera that looks backwards": (
+        "urdf/guara.urdf",
+        r'rpy="3.141592653589793 1.029744258676654 0"',
+        'rpy="3.141592653589793 1.9 0"',
+        "of the scanned area is out of view",
+        Weight.WRONG,
+    ),
+    "camera behind the body": (
+        "robot.toml",
+        r'camera = "camera_optical_frame"',
+        'camera = "imu_link"',
+        "camera_height comes out at",
+        Weight.UNUSABLE,
+    ),
+    "laser across": (
+        "urdf/guara.urdf",
+        r'<origin xyz="0.600 0 0.110" rpy="0 0 0"/>',
+        '<origin xyz="0.600 0 0.110" rpy="0 0 1.57"/>',
+        "is not parallel to y of the base",
+        Weight.WRONG,
+    ),
+    "a body that hides the area": (
+        "urdf/guara.urdf",
+        r'<geometry><box size="0.60 0.40 0.05"/></geometry>\s*</collision>',
+        '<geometry><box size="1.02 0.40 0.05"/></geometry></collision>',
+        "hides",
+        Weight.WRONG,
+    ),
+    "camera inside a shape": (
+        "urdf/guara.urdf",
+        r'<geometry><box size="0.60 0.40 0.05"/></geometry>\s*</collision>',
+        '<geometry><box size="1.00 0.40 0.30"/></geometry></collision>',
+        "lies inside the shape of link 'base_link'",
+        Weight.WRONG,
+    ),
+    "short joints": (
+        "urdf/guara.urdf",
+        r'lower="0" upper="2.2"',
+        'lower="0.7" upper="1.2"',
+        "places that the gait asks for",
+        Weight.WRONG,
+    ),
+    "a heavy camera": (
+        "urdf/guara.urdf",
+        r'<link name="laser_link">',
+        '<link name="laser_link"><inertial><mass value="20"/></inertial>',
+        "inside the polygon of the soles",
+        Weight.WRONG,
+    ),
+    "legs that touch": (
+        "urdf/guara.urdf",
+        r'<box size="0.08 0.06 0.02"/></geometry>\s*</collision>',
+        '<box size="0.70 0.06 0.02"/></geometry></collision>',
+        "touch: choose another posture",
+        Weight.WRONG,
+    ),
+    "a mesh that is not there": (
+        "urdf/guara.urdf",
+        r'<box size="0.60 0.40 0.05"/></geometry>\s*</collision>',
+        '<mesh filename="body.stl"/></geometry></collision>',
+        "link 'base_link' is left without its shape",
+        Weight.WRONG,
+    ),
+    "limits of nothing": (
+        "robot.toml",
+        r"slope_limit = 0\.35",
+        "slope_limit = 9.0",
+        "limit slope is 9.0",
+        Weight.UNUSABLE,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", SPOILED)
+def test_what_is_wrong_is_found(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One thing spoiled in a sound folder: the check names it, with the exit code of its weight."""
+    file, old, new, message, weight = SPOILED[case]
+    text, count = re.subn(old, new, (folder / file).read_text())
+    assert count
+    (folder / file).write_text(text)
+    assert run(["robot", "check", str(folder)]) == (2 if weight is Weight.UNUSABLE else 1)
+    printed = capsys.readouterr().out
+    assert any(line.startswith(f"{weight.value}: ") and message in line for line in printed.splitlines()), printed
+
+
+def test_the_robots_of_this_repository_are_sound(folder: Path) -> None:
+    """The Guará has no finding; the tapir's round feet are off by 4 mm: frames along the shanks."""
+    assert check_robot(folder).worst is Weight.NOTE
+    found = check_robot(ROOT / "tests" / "robots" / "tapir").findings
+    wrong = [finding for finding in found if finding.weight is not Weight.NOTE]
+    assert len(wrong) == 4 and all("4.0 mm above the lowest point" in finding.text for finding in wrong)
+
+
+def test_a_folder_without_robot_is_unusable(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit 2, and the names of the robots there are."""
+    assert run(["robot", "check", str(tmp_path)]) == 2
+    assert "one of the names guara" in capsys.readouterr().out
+
+
+def test_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A picture of robot, area, camera and laser."""
+    picture = tmp_path / "guara.png"
+    assert run(["robot", "check", "guara", "--picture", str(picture)]) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG") and f"picture: {picture}" in capsys.readouterr().out
+
+
+def test_the_view_shows_the_area_the_cone_and_the_sheets() -> None:
+    """A grid of the scanned area, known where it is seen, and the lines from camera and mirror to its corners."""
+    robot = load_robot("guara")
+    moment = robot_moment(robot)
+    grid, lines = moment.grids["footprint"], moment.stripes()
+    assert float(np.isfinite(grid.elevation).mean()) > 0.98
+    assert moment.joint_positions == robot.posture("scan")
+    assert len(lines) == 4 + 2 * 3
+    np.testing.assert_allclose(lines[0][0], [0.400, 0.0, 0.500], atol=1e-6)
+    np.testing.assert_allclose(lines[0][-1], [0.50, -0.27, 0.0], atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_walk_of_two_pauses(guara_walk: TrialWalk) -> None:
+    """It scans, steps, and takes nothing unknown or hazardous for safe; a walk that fails gives findings."""
+    assert guara_walk.is_passed and guara_walk.pauses == 2 and guara_walk.feet >= 1 and guara_walk.known > 0.9
+    assert list(walk_findings(guara_walk)) == []
+    bad = dataclasses.replace(guara_walk, ended="OutOfReach: leg 'lf'", unknown_called_safe=3, feet_on_hazard=1)
+    assert [str(finding).split(": ")[0] for finding in walk_findings(bad)] == ["wrong"] * 3
+
+
+@pytest.fixture(scope="module")
+def guara_walk() -> TrialWalk:
+    """Two pauses of the Guará over its trial ground."""
+    return trial_walk(load_robot("guara"), pauses=2)
