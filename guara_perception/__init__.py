@@ -46,11 +46,13 @@ if TYPE_CHECKING:
     from guara_perception.terrain.questions.best_foothold import Foothold
     from guara_perception.terrain.questions.compare import GridComparison, compare
     from guara_perception.terrain.questions.foothold import FootholdVerdict, FootholdVerdicts
+    from guara_perception.terrain.questions.height_scan import HeightScan
     from guara_perception.terrain.questions.obstacles import Obstacle
     from guara_perception.terrain.questions.path import PathVerdict
     from guara_perception.terrain.questions.steppable import SteppableRegion
     from guara_perception.terrain.questions.swing import Swing
     from guara_perception.terrain.scan.assess_terrain import assess_terrain
+    from guara_perception.terrain.scan.from_points import terrain_from_points
     from guara_perception.terrain.scan.policy import ScanDecision, ScanPolicy
     from guara_perception.terrain.scan.refined import refined
     from kinematics import KinematicsError, RobotModel, Stance, load_robot
@@ -80,6 +82,7 @@ __all__ = [
     "FootholdVerdicts",
     "GridComparison",
     "Hazard",
+    "HeightScan",
     "InvalidInput",
     "KinematicsError",
     "KnownGround",
@@ -128,6 +131,7 @@ __all__ = [
     "process_scan",
     "refined",
     "save_calibration",
+    "terrain_from_points",
 ]
 
 _MODULES = {
@@ -143,6 +147,7 @@ _MODULES = {
     "FootholdVerdicts": "guara_perception.terrain.questions.foothold",
     "GridComparison": "guara_perception.terrain.questions.compare",
     "Hazard": "guara_perception.terrain.layers.hazard",
+    "HeightScan": "guara_perception.terrain.questions.height_scan",
     "InvalidInput": "guara_perception.exceptions",
     "KinematicsError": "kinematics",
     "KnownGround": "guara_perception.terrain.map.known_ground",
@@ -191,6 +196,7 @@ _MODULES = {
     "process_scan": "guara_perception.process",
     "refined": "guara_perception.terrain.scan.refined",
     "save_calibration": "guara_perception.calibration.file",
+    "terrain_from_points": "guara_perception.terrain.scan.from_points",
 }
 
 

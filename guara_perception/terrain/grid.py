@@ -16,6 +16,7 @@ from guara_perception.terrain.questions.best_foothold import Foothold, best_foot
 from guara_perception.terrain.questions.coarser import coarser
 from guara_perception.terrain.questions.explain import explain
 from guara_perception.terrain.questions.foothold import FootholdVerdict, FootholdVerdicts, check_foothold
+from guara_perception.terrain.questions.height_scan import HeightScan, height_scan
 from guara_perception.terrain.questions.normal import normal_at
 from guara_perception.terrain.questions.obstacles import Obstacle, obstacles
 from guara_perception.terrain.questions.path import PathVerdict, check_path, check_polygon
@@ -48,6 +49,20 @@ class TerrainGrid(LayeredGrid):
     def _repr_html_(self) -> str:
         """The same with small pictures of heights and hazards, for notebooks."""
         return describe_as_html(self)
+
+    def height_scan(self, points: npt.ArrayLike, frame: str = "base_footprint") -> HeightScan:
+        """Heights of the ground under points, as locomotion policies take them, with a mask of what is known.
+
+        Unknown heights are NaN and are never filled: what stands in their place is the policy's decision.
+
+        Args:
+            points: (n, 2) or (n, 3) in `frame` [m]; points without z lie in its plane z = 0.
+            frame: "base_footprint", or "base_link" by the pose of the pause.
+
+        Raises:
+            InvalidInput: points of another shape, an unknown frame, or base_link without the pose in the metadata.
+        """
+        return height_scan(self, points, frame)
 
     def normal_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Float:
         """Unit normals (..., 3) of the plane fitted around the cell under each point; NaN where no slope is known."""

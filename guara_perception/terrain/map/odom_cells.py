@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,17 @@ class OdomCells:
             for start, end in runs
             if end > start
         ]
+
+    @property
+    def first(self) -> tuple[int, int] | None:
+        """Lowest cell (cy, cx) of the window, None before it was placed."""
+        return self._first
+
+    def restore(self, memory: Mapping[str, Array], first: tuple[int, int] | None) -> None:
+        """Take over what was saved: every array of MEMORY in its type and shape, and the window's lowest cell."""
+        for name, values in self.memory.items():
+            np.copyto(values, memory[name])
+        self._first = first
 
     def remember(self, other: OdomCells) -> None:
         """Take over all that another window of the same size remembers."""

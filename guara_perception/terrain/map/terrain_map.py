@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Float
-from guara_perception.exceptions import InvalidInput
+from guara_perception.exceptions import FileFormatError, InvalidInput
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -19,6 +20,7 @@ from guara_perception.terrain.map.fuse_heights import OdometryDrift, forget_heig
 from guara_perception.terrain.map.height_anchor import HeightAnchor
 from guara_perception.terrain.map.known_ground import KnownGround, declared_heights
 from guara_perception.terrain.map.look import LOOKED_AT, look_at
+from guara_perception.terrain.map.map_file import read_map, write_map
 from guara_perception.terrain.map.map_report import map_report
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.snapshot import MapPause, snapshot_layers
@@ -167,6 +169,47 @@ class TerrainMap:
         clock = terrain.stamp if time is None else round(time * 1e9)
         now = MapPause(pause, clock, self._drift, transform)
         return self._snapshot(terrain, now, pose_covariance, 0, {}, metadata)
+
+    def save(self, path: str | Path) -> None:
+        """Write the whole map to an .npz file, from which `load` goes on as if there had been no break.
+
+        The map lies in the `odom` of its walk: go on with the same odometry.
+
+        Raises:
+            MissingFile: the folder does not exist.
+        """
+        write_map(path, self._robot.name, self._cells, {name: getattr(self, name) for name in STATE})
+
+    @classmethod
+    def load(cls, path: str | Path, robot: RobotModel | None = None) -> TerrainMap:
+        """The map that `save` wrote.
+
+        Args:
+            path: of the file.
+            robot: its model; None = the one of that name that comes with the package.
+
+        Raises:
+            MissingFile: no such file.
+            FileFormatError: not such a file, damaged, or of a robot with another map.
+            kinematics.KinematicsError: no such robot.
+        """
+        from kinematics import load_robot
+
+        saved = read_map(path)
+        if robot is None:
+            robot = load_robot(saved.robot)
+        elif robot.name != saved.robot:
+            raise FileFormatError(f"{path}: a map of robot {saved.robot!r}, the model given is {robot.name!r}")
+        terrain_map = cls(robot, resolution=saved.resolution)
+        if terrain_map._cells.side != saved.side:
+            raise FileFormatError(
+                f"{path}: the map has {saved.side} cells a side, that of {robot.name} has {terrain_map._cells.side}: "
+                "it was saved with another robot.toml"
+            )
+        terrain_map._cells.restore(saved.memory, saved.first)
+        for name, value in saved.state.items():
+            setattr(terrain_map, name, value)
+        return terrain_map
 
     def keep(self) -> None:
         """What is fused by now stands: `take_back` comes back to it."""

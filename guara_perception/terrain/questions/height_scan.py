@@ -1,0 +1,70 @@
+"""`height_scan`: heights of the ground at points around the robot, as locomotion policies take them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.arrays import Float, Mask
+from guara_perception.exceptions import InvalidInput
+from guara_perception.readonly import readonly
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, look_up
+
+FRAMES = ("base_footprint", "base_link")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeightScan:
+    """Heights of the ground under points, and which of them are known.
+
+    Attributes:
+        heights: (n,) of the ground in base_footprint [m]; NaN where unknown.
+        known: (n,) bool.
+        sigma: (n,) standard deviation of the heights [m]; NaN where unknown.
+        points: (n, 3) the points that were asked, in base_footprint [m].
+    """
+
+    heights: Float
+    known: Mask
+    sigma: Float
+    points: Float
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in self.__slots__:
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    def __len__(self) -> int:
+        """Number of points."""
+        return int(self.heights.size)
+
+    @property
+    def below(self) -> Float:
+        """(n,) how far the ground lies below each point [m]; NaN where unknown."""
+        return np.asarray(self.points[:, 2] - self.heights)
+
+
+def height_scan(terrain: LayeredGrid, points: npt.ArrayLike, frame: str = "base_footprint") -> HeightScan:
+    """See `TerrainGrid.height_scan`."""
+    if frame not in FRAMES:
+        raise InvalidInput(f"frame is {frame!r}, allowed: {', '.join(FRAMES)}")
+    try:
+        given = np.array(points, dtype=np.float64)
+    except (ValueError, TypeError):
+        raise InvalidInput("points are no array of numbers, (n, 2) or (n, 3) is needed") from None
+    if given.ndim != 2 or given.shape[1] not in (2, 3):
+        raise InvalidInput(f"points have shape {given.shape}, (n, 2) or (n, 3) is needed")
+    placed = np.zeros((len(given), 3))
+    placed[:, : given.shape[1]] = given
+    if frame == "base_link":
+        transform = terrain.metadata.get("transform_base_to_footprint")
+        if transform is None:
+            raise InvalidInput("the grid's metadata holds no transform_base_to_footprint: ask in base_footprint")
+        matrix = np.asarray(transform, dtype=np.float64)
+        placed = placed @ matrix[:3, :3].T + matrix[:3, 3]
+    x, y = placed[:, 0], placed[:, 1]
+    heights = np.asarray(terrain.height_at(x, y), dtype=np.float64)
+    variance = np.asarray(look_up(terrain, "variance", x, y, np.float32(np.nan)), dtype=np.float64)
+    return HeightScan(heights, np.isfinite(heights), np.sqrt(variance), placed)

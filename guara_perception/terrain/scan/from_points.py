@@ -1,0 +1,168 @@
+"""`terrain_from_points`: points of another sensor, a depth camera for instance, as a grid like that of a scan."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.arrays import Flags, Float, Mask
+from guara_perception.exceptions import InvalidInput
+from guara_perception.settings import Settings, limits_to_dict
+from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.assessment.raster import Raster, merge, rasterise, without_cells
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+# A line of sight passes over a cell that reaches no higher than so much above it.
+SIGHT_TOLERANCE_M = 0.002
+
+
+def terrain_from_points(
+    points: npt.ArrayLike,
+    sigma: npt.ArrayLike,
+    sensor_origin: npt.ArrayLike,
+    robot: RobotModel | None = None,
+    *,
+    no_returns: npt.ArrayLike | None = None,
+    resolution: float | None = None,
+    stamp: int = 0,
+    step: int = 0,
+    metadata: Mapping[str, Any] | None = None,
+) -> TerrainGrid:
+    """A grid of extent "footprint" from measured points, judged by the same rules as a scan; `TerrainMap` takes it.
+
+    A cell is known where a point fell into it, and nowhere else: nothing is interpolated between points, so cells must
+    not be smaller than the points lie apart. What hides behind something higher, seen from the sensor, is OCCLUDED;
+    where only points outside the robot's height gates fell, OUT_OF_RANGE; where the sensor looked and nothing
+    came back, DROPOUT; all else UNSCANNED.
+
+    Args:
+        points: (n, 3) in base_footprint [m]; rows with NaN are left out. Take points of the robot's own body out first.
+        sigma: standard deviation of the heights, one number or (n,) [m].
+        sensor_origin: (3,) where the sensor looks from, in base_footprint [m].
+        robot: gives the area, the height gates and the limits; None = the Guará.
+        no_returns: (m, 3) directions in base_footprint in which the sensor looked and measured nothing, for instance
+            the rays of a depth camera's pixels without a depth. What the map knew there is then forgotten. None = it
+            is not known where it looked in vain; then what the map knew there stays and ages.
+        resolution: cell edge [m]; None = the robot's default.
+        stamp: time of the measurement [ns since the epoch].
+        step: number of the stance pause.
+        metadata: more fields, for instance the `stance` and `transform_base_to_footprint` of the pause.
+
+    Raises:
+        InvalidInput: arrays of other shapes, a sigma or origin that is not finite, a resolution that does not divide
+            the area.
+    """
+    if robot is None:
+        from kinematics import load_robot
+
+        robot = load_robot("guara")
+    settings = Settings.of(robot)
+    cell = settings.resolution if resolution is None else float(resolution)
+    geometry = GridGeometry.over(settings.footprint_x, settings.footprint_y, cell)
+    cloud = _rows(points, "points")
+    spread = _numbers(sigma, "sigma")
+    if spread.shape not in ((), (len(cloud),)) or not (np.isfinite(spread) & (spread >= 0)).all():
+        raise InvalidInput("sigma must be one number or one for each point, finite and 0 or more [m]")
+    spread = np.broadcast_to(spread, (len(cloud),))
+    origin = _numbers(sensor_origin, "sensor_origin")
+    if origin.shape != (3,) or not np.isfinite(origin).all():
+        raise InvalidInput(f"sensor_origin has shape {origin.shape}, it must be three finite numbers [m]")
+    finite = np.isfinite(cloud).all(axis=1)
+    cloud, spread = cloud[finite], spread[finite]
+    within = (cloud[:, 2] >= settings.minimum_height) & (cloud[:, 2] <= settings.maximum_height)
+    raster = merge([rasterise(cloud[within], spread[within] ** 2, geometry)], geometry)
+    beyond = _cells_of(cloud[~within], geometry)
+    # A cell that something rises out of the gates from is not to be stepped on for the sake of its foot.
+    raster = without_cells(raster, beyond)
+    looked = _rows(no_returns, "no_returns") if no_returns is not None else np.empty((0, 3))
+    hazard = _causes(raster, geometry, origin, beyond, looked)
+    raster = without_cells(raster, (hazard & UNKNOWN_MASK) != 0)
+    layers = assess_layers(raster, hazard, geometry.resolution, settings.limits)
+    seen = np.isfinite(layers["elevation"])
+    layers["age"] = np.where(seen, 0, 255).astype(np.uint8)
+    layers["looks"] = seen.astype(np.uint8)
+    report = {
+        "robot": robot.name,
+        "method": "points",
+        "limits": limits_to_dict(settings.limits),
+        "validity_pauses": settings.validity_pauses,
+        "validity_seconds": settings.validity_seconds,
+        "points_used": int(within.sum()),
+        "coverage": float(seen.mean()),
+        "known": float(seen.mean()),
+        "hazard_cells": cells_by_flag(np.asarray(layers["hazard"], np.uint16)),
+        "health": {"level": "ok" if seen.any() else "degraded", "reasons": [] if seen.any() else ["no point was used"]},
+    }
+    return TerrainGrid(
+        layers=layers, geometry=geometry, stamp=stamp, step=step, metadata={**report, **(metadata or {})}
+    )
+
+
+def _causes(raster: Raster, geometry: GridGeometry, origin: Float, beyond: Mask, looked: Float) -> Flags:
+    """Why each unknown cell is unknown; 0 where it is known and nothing speaks against it."""
+    unknown = np.isnan(raster.elevation)
+    flags = np.zeros(geometry.shape, np.uint16)
+    known = ~unknown
+    flags[unknown] = np.uint16(Hazard.UNSCANNED)
+    if known.any():
+        # Ground that is not known is taken to be as low as the lowest that is, which light has least chance to reach.
+        level = float(np.min(raster.low[known]))
+        flags[unknown & _hidden(raster.high, geometry, origin, level)] = np.uint16(Hazard.OCCLUDED)
+        empty = looked[np.isfinite(looked).all(axis=1)]
+        empty = empty[empty[:, 2] < 0]
+        # Where a line of sight comes down to the ground, wherever between its lowest and highest that is.
+        for height in np.unique((level, float(np.median(raster.elevation[known])), float(np.max(raster.high[known])))):
+            way = (height - origin[2]) / empty[:, 2]
+            hit = np.column_stack((origin[:2] + way[:, None] * empty[:, :2], np.full(len(empty), height)))
+            mask = _cells_of(hit[way > 0], geometry) & unknown
+            flags[mask] = (flags[mask] & ~np.uint16(Hazard.UNSCANNED)) | np.uint16(Hazard.DROPOUT)
+    flags[beyond] = np.uint16(Hazard.OUT_OF_RANGE)
+    return flags
+
+
+def _hidden(high: Float, geometry: GridGeometry, origin: Float, level: float) -> Mask:
+    """Cells at a level that something known hides from the sensor."""
+    x, y = geometry.centres()
+    px, py = (axis.ravel() for axis in np.meshgrid(x, y))
+    away = np.hypot(px - origin[0], py - origin[1])
+    count = int(np.ceil(away.max() / (geometry.resolution / 2)))
+    hidden = np.zeros(px.size, dtype=bool)
+    for share in np.arange(1, count + 1) / (count + 1):
+        qx, qy = px + share * (origin[0] - px), py + share * (origin[1] - py)
+        iy, ix = geometry.indices(qx, qy)
+        inside = geometry.contains(iy, ix)
+        between = np.full(px.size, -np.inf)
+        between[inside] = high[iy[inside], ix[inside]]
+        with np.errstate(invalid="ignore"):
+            hidden |= between > level + share * (origin[2] - level) + SIGHT_TOLERANCE_M
+    return hidden.reshape(geometry.shape)
+
+
+def _cells_of(points: Float, geometry: GridGeometry) -> Mask:
+    mask = np.zeros(geometry.shape, dtype=bool)
+    iy, ix = geometry.indices(points[:, 0], points[:, 1])
+    inside = geometry.contains(iy, ix)
+    mask[iy[inside], ix[inside]] = True
+    return mask
+
+
+def _rows(values: npt.ArrayLike, name: str) -> Float:
+    array = _numbers(values, name)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InvalidInput(f"{name} have shape {array.shape}, (n, 3) is needed")
+    return array
+
+
+def _numbers(values: npt.ArrayLike, name: str) -> Float:
+    try:
+        return np.array(values, dtype=np.float64)
+    except (ValueError, TypeError):
+        raise InvalidInput(f"{name}: an array of numbers is needed") from None

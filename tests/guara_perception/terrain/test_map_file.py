@@ -1,0 +1,94 @@
+"""A map saved in the middle of a walk goes on as if there had been no break; damaged files are refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from kinematics import RobotModel
+
+MakeScan = Callable[..., gp.TerrainGrid]
+
+
+def step_on(terrain_map: gp.TerrainMap, make_scan: MakeScan, step: int) -> gp.TerrainGrid:
+    """One pause of a walk over rough ground with an unknown patch, half a stride further each time."""
+    rng = np.random.default_rng(step)
+    transform = np.eye(4)
+    transform[:2, 3] = 0.07 * step, 0.003 * step
+    flags = np.zeros((108, 90), np.uint16)
+    flags[40:44, 30:50] = gp.Hazard.DROPOUT
+    scan = make_scan(rng.normal(0, 0.0005, (108, 90)), flags=flags, step=step)
+    ground = [gp.KnownGround([[-0.4, -0.3], [0.5, -0.3], [0.5, 0.3], [-0.4, 0.3]], 0.0, 0.001)] if step == 0 else []
+    return terrain_map.update(scan, transform, step * 1e-6 * np.eye(6), known_ground=ground)
+
+
+def test_a_loaded_map_goes_on_bit_for_bit(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
+    """Four pauses, saved, loaded, four more: the same bytes and metadata as eight pauses in one go."""
+    whole, first = gp.TerrainMap(robot), gp.TerrainMap(robot)
+    for step in range(4):
+        step_on(whole, make_scan, step)
+        step_on(first, make_scan, step)
+    first.save(tmp_path / "map.npz")
+    again = gp.TerrainMap.load(tmp_path / "map.npz")
+    for step in range(4, 8):
+        expected, found = step_on(whole, make_scan, step), step_on(again, make_scan, step)
+        for name, layer in expected.layers.items():
+            np.testing.assert_array_equal(layer, found.layer(name), err_msg=name)
+        assert dict(expected.metadata) == dict(found.metadata)
+
+
+def test_a_map_of_no_scan_can_be_saved(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
+    """Before the first pause there is nothing, and it comes back."""
+    gp.TerrainMap(robot).save(tmp_path / "map.npz")
+    fused = step_on(gp.TerrainMap.load(tmp_path / "map.npz", robot), make_scan, 0)
+    assert (fused.traversability > 0).any()
+
+
+def test_what_is_no_map_is_refused(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
+    """A missing file, a text, a grid, a cut file, a map whose memory was tampered with."""
+    terrain_map = gp.TerrainMap(robot)
+    step_on(terrain_map, make_scan, 0)
+    good = tmp_path / "map.npz"
+    terrain_map.save(good)
+    with pytest.raises(gp.MissingFile, match="no such file"):
+        gp.TerrainMap.load(tmp_path / "none.npz")
+    (tmp_path / "text.npz").write_text("hello")
+    with pytest.raises(gp.FileFormatError, match="not a map file"):
+        gp.TerrainMap.load(tmp_path / "text.npz")
+    (tmp_path / "cut.npz").write_bytes(good.read_bytes()[:-2000])
+    with pytest.raises(gp.FileFormatError, match="not a map file"):
+        gp.TerrainMap.load(tmp_path / "cut.npz")
+    gp.assess_terrain(np.zeros((9, 9)), 0.01).save(tmp_path / "grid.npz")
+    with pytest.raises(gp.FileFormatError, match="missing, it is not a map file"):
+        gp.TerrainMap.load(tmp_path / "grid.npz")
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("height", lambda a: np.where(np.isnan(a), 0.0, a), "contradict each other"),
+        ("variance", lambda a: a - 1.0, "negative or NaN"),
+        ("looks", lambda a: a.astype(np.int64), "looks is int64 of shape"),
+        ("cause", lambda a: a[:-1], "cause is uint16 of shape"),
+        ("state", lambda a: np.array(json.dumps({**json.loads(str(a)), "side": 4})), "it must be"),
+        ("state", lambda a: np.array(json.dumps({**json.loads(str(a)), "format": "guara-map/9"})), "guara-map/9"),
+        ("state", lambda a: np.array(json.dumps({**json.loads(str(a)), "pause": -3})), "pause is -3"),
+    ],
+)
+def test_a_damaged_map_is_refused(
+    robot: RobotModel, tmp_path: Path, name: str, change: Callable[[np.ndarray], np.ndarray], message: str
+) -> None:
+    """What could make unknown ground known does not get in."""
+    path = tmp_path / "map.npz"
+    gp.TerrainMap(robot).save(path)
+    with np.load(path) as content:
+        data = {key: content[key] for key in content.files}
+    data[name] = change(data[name])
+    np.savez(path, **data)
+    with pytest.raises(gp.FileFormatError, match=message):
+        gp.TerrainMap.load(path, robot)
