@@ -78,7 +78,7 @@ def parts_of_the_node() -> Iterator[ProcessorParts]:
     try:
         for part, owner, name in places:
             setattr(owner, name, parts.clocked(part, getattr(owner, name)))
-        Outbox.post = lambda box, key, action: post(box, key, parts.clocked("messages sent", action))  # type: ignore
+        Outbox.post = lambda box, key, action: post(box, key, parts.clocked("messages sent", action))  # type: ignore[method-assign]
         yield parts
     finally:
         for owner, name, function in before:

@@ -48,7 +48,7 @@ def parse_json(content: bytes, source: str) -> Fields:
 
 
 def refuse_not_finite(data: Any, source: str, path: str = "") -> None:
-    """Refuse NaN and infinity anywhere in parsed JSON, also in fields that nobody reads yet.
+    """Refuse NaN and infinity anywhere in parsed JSON, also in fields that are not read yet.
 
     Raises:
         FileFormatError: naming `source`, the path and the value.

@@ -10,7 +10,7 @@ from guara_perception.arrays import Array
 
 
 def readonly(array: Array) -> Array:
-    """The same values in an array that nobody can write, not even through another name of its memory.
+    """The same values in an array that cannot be written, not even through another name of its memory.
 
     An array whose memory is read-only already is returned as it is; of any other a copy is frozen, so the caller's
     own array stays writable.

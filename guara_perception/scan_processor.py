@@ -135,7 +135,7 @@ class ScanProcessor:
     def camera_position(self) -> Float:
         """Optical centre (3,) in base_footprint: its height is the paper's H, its x and y the nadir.
 
-        With `paper-literal-ortho` its x and y are the middle of the picture, about which that method orthorectifies.
+        With `paper-literal-ortho` its x and y are the centre of the picture, about which that method orthorectifies.
         """
         return self._locator.view_point
 

@@ -39,7 +39,7 @@ def terrain_to_message(
         robot: instance name of the robot.
         sequence: number of this message.
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
-        valid_for: at most so long after `scan_end`, besides the grid's own validity [s].
+        valid_for: at most this long after `scan_end`, besides the grid's own validity [s].
 
     Raises:
         UnsafeGrid: the grid breaks the safety invariant.

@@ -1,4 +1,4 @@
-"""A progress bar for people, silent where nobody watches."""
+"""A progress bar for people, silent without a terminal."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def progress(what: str) -> Iterator[Progress]:
     if not sys.stderr.isatty() or not sys.stdout.isatty():
 
         def ignore(done: int, total: int) -> None:
-            """Nobody watches."""
+            """There is no terminal."""
 
         yield ignore
         return

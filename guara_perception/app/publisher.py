@@ -24,7 +24,7 @@ def publish_terrain(
         server: the node's side of the transport.
         terrain: grid of either extent; of a footprint the occupancy and the grid map go out too.
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
-        valid_for: at most so long after `scan_end`, besides the grid's own validity [s].
+        valid_for: at most this long after `scan_end`, besides the grid's own validity [s].
 
     Returns:
         The message that is sent.

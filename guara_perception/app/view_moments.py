@@ -61,7 +61,7 @@ def live_moment(robot: RobotModel, grids: dict[str, TerrainGrid]) -> Moment:
 
 
 def planned_footholds(robot: RobotModel, terrain: TerrainGrid) -> dict[str, tuple[float, float, float]]:
-    """Where a simple planner would set each foot next on this grid, where it finds a place.
+    """Where a simple planner would set each foot next on this grid, where it finds one.
 
     Empty for a grid that does not say how the robot stands.
     """

@@ -1,4 +1,4 @@
-"""Tells from an ordinary scan, with no target, whether a calibration still holds."""
+"""Checks with an ordinary scan, with no target, whether a calibration still holds."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ def _reasons(
     elif abs(distance) > MAX_STRIPE_M:
         reasons.append(
             f"stripe index {worst} lies {1e3 * distance:+.2f} mm off the floor of the others, "
-            f"{1e3 * MAX_STRIPE_M:.2f} mm are allowed: the mirror did not reach its place"
+            f"{1e3 * MAX_STRIPE_M:.2f} mm are allowed: the mirror did not reach its position"
         )
     return reasons
 

@@ -114,7 +114,7 @@ def check_extent(points: Float) -> None:
     if extent[1] < MIN_EXTENT_RATIO * extent[0]:
         raise CalibrationRefused(
             f"fiducials: the points are collinear (extent {extent[1] * 1e3:.0f} mm across a line of "
-            f"{extent[0] * 1e3:.0f} mm): place them at the corners of the area"
+            f"{extent[0] * 1e3:.0f} mm): put them at the corners of the area"
         )
 
 

@@ -13,7 +13,7 @@ END_COLUMNS = 2
 # A run as short as this and weaker throughout than this share of the stripe is what an edge left of a cut stripe.
 SHORT_RUN_COLUMNS = 12
 WEAK_OF_STRIPE = 0.5
-# A run that fades towards its end is cut by a shadow edge: what is left of the stripe there lies in the wrong place.
+# A run that fades towards its end is cut by a shadow edge: what is left of the stripe there lies in the wrong position.
 FADED_OF_LEVEL = 0.6
 LEVEL_COLUMNS = 12
 # Speckle makes a single column bright in the middle of a shadow.

@@ -33,7 +33,7 @@ OPEN_END_M = 0.0005
 def linked_columns(heights: tuple[Array, Array], strengths: tuple[Array, Array], join_height: float) -> Mask:
     """Columns in which two neighbouring stripes lie on one surface.
 
-    A stripe that is cut off by an edge or a shadow is weak and lies in the wrong place: where one of the two returns
+    A stripe that is cut off by an edge or a shadow is weak and lies in the wrong position: where one of the two returns
     is much weaker than the other, they must agree in height.
 
     Args:

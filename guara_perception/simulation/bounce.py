@@ -11,7 +11,7 @@ from guara_perception.simulation.scene_view import SceneView
 # Bounced light is smooth: pixels per receiver each way, and sources per stripe.
 RECEIVER_PX_OF_WIDTH = 1 / 64
 SOURCES = 32
-# Level ground cannot light level ground; only where one of the two leans by more than this is it worth looking.
+# Level ground cannot light level ground; only where one of the two leans by more than this is anything computed.
 LEVEL_COSINE = 0.97
 NEAREST_M = 0.004
 FAINTEST_LEVEL = 0.2
@@ -32,7 +32,7 @@ class Bounce:
         self._view = view
 
     def light(self, pixels: Index, level: Float32, strength: float) -> Float32 | None:
-        """Levels (h, w) of bounced light, or None when there is none worth adding.
+        """Levels (h, w) of bounced light, or None when there is too little of it.
 
         Args:
             pixels: (n,) lit pixels, flat.

@@ -1,4 +1,4 @@
-"""What stands, lies and gapes on the simulated ground: boxes, rocks, ramps, steps, stairs, pits, patches.
+"""What shapes the simulated ground: boxes, rocks, ramps, steps, stairs, pits, patches.
 
 Each feature turns the heights that are there before it into those after it, exactly, at any points.
 """

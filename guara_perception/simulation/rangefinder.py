@@ -32,7 +32,7 @@ MAX_FOOTPRINT_M = 0.002
 # Pixels from one sample to the next: enough to find the rows that a laser plane passes, when those within
 # this distance count.
 THINNING_PX = 4
-NEAR_SHEET_M = 0.020
+NEAR_PLANE_M = 0.020
 # A camera this close to the ground, or below, has hit it.
 LEAST_CLEARANCE_M = 0.05
 
@@ -197,7 +197,7 @@ class SimulatedRangefinder:
         """First and end row of all pixels that may lie in a laser plane."""
         thin = self._thin_points
         distance = thin.reshape(-1, 3) @ normal.astype(np.float32) + np.float32(offset)
-        rows = np.flatnonzero((np.abs(distance) < NEAR_SHEET_M).reshape(thin.shape[:2]).any(axis=1))
+        rows = np.flatnonzero((np.abs(distance) < NEAR_PLANE_M).reshape(thin.shape[:2]).any(axis=1))
         if not rows.size:
             return 0, 0
         return int(rows[0] - 2) * THINNING_PX if rows[0] > 2 else 0, min(int(rows[-1] + 3) * THINNING_PX, height)

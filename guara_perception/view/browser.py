@@ -178,9 +178,9 @@ class BrowserView:
             return
         length, width = self._robot.sole
         for leg, (x, y, z) in moment.footholds.items():
-            place = (x, y, z + SOLE_THICKNESS_M)
+            position = (x, y, z + SOLE_THICKNESS_M)
             size = (length, width, SOLE_THICKNESS_M)
-            self._server.scene.add_box(f"/footholds/{leg}", FOOTHOLD_COLOUR, size, position=place, opacity=0.8)
+            self._server.scene.add_box(f"/footholds/{leg}", FOOTHOLD_COLOUR, size, position=position, opacity=0.8)
             self._server.scene.add_label(f"/footholds/{leg}/name", leg, position=(0.0, 0.0, 0.02))
 
 

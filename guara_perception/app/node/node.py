@@ -146,7 +146,7 @@ class PerceptionNode:
         """Bring an announcement into the pause that it speaks of; the pause that it begins, if any."""
         current = self._standing()
         phase, step = announcement.phase, announcement.step
-        is_same = current is not None and (current.step, current.told_epoch) == (step, announcement.epoch)
+        is_same = current is not None and (current.step, current.given_epoch) == (step, announcement.epoch)
         if current is not None and is_same:
             if phase is PausePhase.HOLD:
                 current.hold(stance, now, announcement.stamp, announcement.time_available)
@@ -155,14 +155,14 @@ class PerceptionNode:
             elif current.begin_again(stance):
                 return None
         elif current is not None and (phase is PausePhase.BEGIN or self._is_later(announcement, current)):
-            # Another pause: the end of this one was never told.
+            # Another pause: the end of this one was never announced.
             current.end(None)
         if phase is not PausePhase.BEGIN or stance is None:
             return None
         self._pause = self._to_scan = Pause(
             step=step,
             epoch=self._epoch_of(announcement),
-            told_epoch=announcement.epoch,
+            given_epoch=announcement.epoch,
             stance=stance,
             check=self._check_still,
             begun=now,
@@ -174,14 +174,14 @@ class PerceptionNode:
         return self._pause
 
     def _is_later(self, announcement: StancePause, current: Pause) -> bool:
-        return announcement.epoch != current.told_epoch or announcement.step > current.step
+        return announcement.epoch != current.given_epoch or announcement.step > current.step
 
     def _epoch_of(self, announcement: StancePause) -> str:
-        """The walk that a pause belongs to; where the gait tells none, one that counts anew begins another."""
+        """The walk that a pause belongs to; where the gait gives none, one that counts anew begins another."""
         if announcement.epoch:
             return announcement.epoch
         last = self._pause
-        if last is None or last.told_epoch or announcement.step < last.step:
+        if last is None or last.given_epoch or announcement.step < last.step:
             self._walks += 1
         return f"walk-{self._walks}"
 

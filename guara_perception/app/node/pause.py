@@ -37,15 +37,15 @@ class Pause:
     Attributes:
         step: number of the pause.
         epoch: identity of its walk.
-        told_epoch: the same as the gait gave it, empty when it did not.
+        given_epoch: the same as the gait gave it, empty when it did not.
         stance: at its beginning.
         check: whether a stance is the same as at the beginning.
         begun: when BEGIN came.
-        limit: without a word from the gait the pause ends so long after BEGIN [s].
+        limit: without a word from the gait the pause ends this long after BEGIN [s].
         known_ground: what the gait declares, in base_footprint of this pause.
         time_available: from its beginning to its planned end [s]; 0 when not known.
         stamp: of BEGIN, by the gait's clock [ns].
-        ended: set when the gait moves on, or the robot, or nobody knows.
+        ended: set when the gait moves on, or the robot, or that is not known.
         end_stance: read again at the end, None until then and when it could not be used.
         still_until: the robot is known to have stood as BEGIN said until then; infinite when END said so.
         broken: why it is not known to have stood any longer; empty while it is.
@@ -59,7 +59,7 @@ class Pause:
     check: StillCheck
     begun: float
     limit: float
-    told_epoch: str = ""
+    given_epoch: str = ""
     known_ground: tuple[GroundPatch, ...] = ()
     time_available: float = 0.0
     stamp: int = 0

@@ -126,7 +126,7 @@ def ruler() -> Sheet:
     def draw(axes: Axes) -> None:
         for across in (False, True):
             _tick(axes, across, 0, length, None)
-            for mark in range(0, int(length) + 1):
+            for mark in range(int(length) + 1):
                 size = 8.0 if mark % 10 == 0 else 5.0 if mark % 5 == 0 else 3.0
                 _tick(axes, across, mark, size, f"{mark}" if mark % 10 == 0 else None)
         axes.text(60, 90, "Measure 0 to 150 mm on both rulers.", fontsize=9)
@@ -146,8 +146,8 @@ def _tick(axes: Axes, across: bool, mark: float, size: float, text: str | None) 
         ends = ends if across else ((offset, offset + mark), (offset + size, offset + mark))
     axes.plot([ends[0][0], ends[1][0]], [ends[0][1], ends[1][1]], color=INK, linewidth=0.3)
     if text is not None:
-        place = (offset + mark, offset + size + 1) if across else (offset + size + 1, offset + mark)
-        axes.text(*place, text, fontsize=5, ha="center" if across else "left", va="bottom" if across else "center")
+        position = (offset + mark, offset + size + 1) if across else (offset + size + 1, offset + mark)
+        axes.text(*position, text, fontsize=5, ha="center" if across else "left", va="bottom" if across else "center")
 
 
 def _cross(axes: Axes, x: float, y: float) -> None:

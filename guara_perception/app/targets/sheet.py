@@ -28,7 +28,7 @@ class Sheet:
     """A drawing to scale.
 
     Attributes:
-        title: told on every page.
+        title: printed on every page.
         width_mm, height_mm: of the drawing.
         draw: draws it on axes whose units are millimetres, from (0, 0) at the bottom left.
     """
@@ -48,7 +48,7 @@ class Page:
         paper_mm: width and height of the paper, turned as the page is.
         corner_mm: of the sheet, at the bottom left of what the page shows.
         size_mm: width and height of what it shows.
-        row, column: its place, from the bottom left.
+        row, column: its position, from the bottom left.
         rows, columns: how many pages the sheet has each way.
     """
 
@@ -89,10 +89,10 @@ def figure_of(page: Page) -> Figure:
     axes.set_axis_off()
     page.sheet.draw(axes)
     _joining_marks(axes, page)
-    place = "" if page.rows * page.columns == 1 else f", row {page.row + 1} of {page.rows} from the bottom"
-    place += "" if page.rows * page.columns == 1 else f", column {page.column + 1} of {page.columns} from the left"
+    where = "" if page.rows * page.columns == 1 else f", row {page.row + 1} of {page.rows} from the bottom"
+    where += "" if page.rows * page.columns == 1 else f", column {page.column + 1} of {page.columns} from the left"
     figure.text(
-        0.5, 3.5 / paper_height, f"{page.sheet.title}{place}; print at 100 %", ha="center", va="center", fontsize=6
+        0.5, 3.5 / paper_height, f"{page.sheet.title}{where}; print at 100 %", ha="center", va="center", fontsize=6
     )
     return figure
 
@@ -117,8 +117,8 @@ def _joining_marks(axes: Axes, page: Page) -> None:
     half = OVERLAP_MM / 2
     along_x = [x + half] * (page.column > 0) + [x + width - half] * (page.column < page.columns - 1)
     along_y = [y + half] * (page.row > 0) + [y + height - half] * (page.row < page.rows - 1)
-    places = [(px, y + share * height) for px in along_x for share in (0.1, 0.9)]
-    places += [(x + share * width, py) for py in along_y for share in (0.1, 0.9)]
-    for px, py in places:
+    positions = [(px, y + share * height) for px in along_x for share in (0.1, 0.9)]
+    positions += [(x + share * width, py) for py in along_y for share in (0.1, 0.9)]
+    for px, py in positions:
         axes.plot([px - MARK_MM / 2, px + MARK_MM / 2], [py, py], color="#3366cc", linewidth=0.3)
         axes.plot([px, px], [py - MARK_MM / 2, py + MARK_MM / 2], color="#3366cc", linewidth=0.3)

@@ -71,12 +71,12 @@ class PaperRangefinder:
         self._coefficients = surface_coefficients(self._seen_by_pinhole(marks), marks)
         self.camera_height = float(transform_camera_to_footprint[2, 3])
         self.nadir = transform_camera_to_footprint[:2, 3].copy()
-        self.middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
+        self.centre = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
 
     @property
     def view_point(self) -> Float:
         """(3,) the point about which heights are moved, at the height of the optical centre."""
-        return np.append(self.middle if self._literal.ortho else self.nadir, self.camera_height)
+        return np.append(self.centre if self._literal.ortho else self.nadir, self.camera_height)
 
     def stripe(self, plane_in_camera: Float) -> tuple[StripeConstants, Float]:
         """Constants of stripes and the horizontal directions (..., 2) across them, in which their v is measured.

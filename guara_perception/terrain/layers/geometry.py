@@ -1,4 +1,4 @@
-"""Where the cells of a grid are: the one place that knows axis order and half cells."""
+"""Where the cells of a grid are: the one module that knows axis order and half cells."""
 
 from __future__ import annotations
 

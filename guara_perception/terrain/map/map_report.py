@@ -60,10 +60,12 @@ def map_report(
     """
     hazard = np.asarray(layers["hazard"], np.uint16)
     unknown = (hazard & UNKNOWN_MASK) != 0
-    told = [str(reason) for reason in terrain.metadata.get("health", {}).get("reasons", ())]
-    told += reasons
+    all_reasons = [str(reason) for reason in terrain.metadata.get("health", {}).get("reasons", ())]
+    all_reasons += reasons
     for leg in anchor.rejected:
-        told.append(f"the sole of {leg} stands {1e3 * (residuals.get(leg) or 0.0):+.1f} mm off the map: not used")
+        all_reasons.append(
+            f"the sole of {leg} stands {1e3 * (residuals.get(leg) or 0.0):+.1f} mm off the map: not used"
+        )
     return {
         **{name: terrain.metadata[name] for name in FROM_SCAN if name in terrain.metadata},
         "robot": robot,
@@ -81,5 +83,5 @@ def map_report(
         "coverage": float((~unknown).mean()),
         "known": float((~unknown).mean()),
         "hazard_cells": cells_by_flag(hazard),
-        "health": {"level": "ok" if not told else "degraded", "reasons": told},
+        "health": {"level": "ok" if not all_reasons else "degraded", "reasons": all_reasons},
     }

@@ -105,5 +105,5 @@ def _ellipse(vertices: Float) -> tuple[Float, Float]:
     if not area > 0:
         return middle, np.eye(2)
     centre = middle + 1e-3 * np.array([moments["m10"], moments["m01"]]) / area
-    spread = np.array([[moments["mu20"], moments["mu11"]], [moments["mu11"], moments["mu02"]]]) / area
-    return centre, np.asarray(np.linalg.inv(spread + 1e-3 * np.eye(2)), dtype=np.float64)
+    covariance = np.array([[moments["mu20"], moments["mu11"]], [moments["mu11"], moments["mu02"]]]) / area
+    return centre, np.asarray(np.linalg.inv(covariance + 1e-3 * np.eye(2)), dtype=np.float64)

@@ -16,7 +16,7 @@ FARTHEST = 2**32
 
 @dataclass(frozen=True, slots=True)
 class Corridor:
-    """Cells within the clearance of each sample, (samples, cells of the window); `used` tells which of them count."""
+    """Cells within the clearance of each sample, (samples, cells of the window); `used` says which of them count."""
 
     iy: Index
     ix: Index
@@ -36,7 +36,7 @@ def corridor_of(terrain: LayeredGrid, samples: Float, clearance: float) -> Corri
     geometry = terrain.geometry
     resolution = geometry.resolution
     iy, ix = geometry.indices(samples[:, 0], samples[:, 1])
-    # The geometry clips far indices; positions tell the distance, so that nothing far off counts as near.
+    # The geometry clips far indices; positions give the distance, so that nothing far off counts as near.
     reach = int(np.ceil(clearance / resolution)) + 1
     dy, dx = (a.ravel() for a in np.mgrid[-reach : reach + 1, -reach : reach + 1])
     jy, jx = iy[:, None] + dy, ix[:, None] + dx
@@ -55,8 +55,8 @@ def corridor_of(terrain: LayeredGrid, samples: Float, clearance: float) -> Corri
 def confidences(terrain: LayeredGrid, cells: Corridor) -> Float:
     """How uncertain the ground of each cell of the corridor is: the confidence in sigmas [m]; 0 where none counts."""
     at = np.where(cells.used, cells.iy, 0), np.where(cells.used, cells.ix, 0)
-    spread = limits_of(terrain).confidence * np.sqrt(terrain.variance[at].astype(np.float64))
-    return np.where(cells.used, spread, 0.0)
+    margin = limits_of(terrain).confidence * np.sqrt(terrain.variance[at].astype(np.float64))
+    return np.where(cells.used, margin, 0.0)
 
 
 def distances(terrain: LayeredGrid, samples: Float, cells: Corridor, confidence: Float) -> Float:

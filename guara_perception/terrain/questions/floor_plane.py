@@ -1,4 +1,4 @@
-"""The floor under everything that stands on it or gapes in it: a plane that most of the heights agree with."""
+"""The floor under what stands on it and beside its holes: a plane that most of the heights agree with."""
 
 from __future__ import annotations
 

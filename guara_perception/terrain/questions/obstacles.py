@@ -28,7 +28,7 @@ TOP_BAND_M = 0.004
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Obstacle:
-    """Something that stands on the floor or gapes in it, in base_footprint.
+    """Something that stands on the floor, or a hole in it, in base_footprint.
 
     Attributes:
         outline: (n, 2) corners of its outline on the cells' edges [m], counter-clockwise seen from above, not closed.

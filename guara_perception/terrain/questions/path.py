@@ -116,9 +116,9 @@ def _unreliable(terrain: LayeredGrid, iy: Index, ix: Index) -> list[Reason]:
     return [Reason("hazard", bad, 0.0, "cells", ", ".join(names(int(np.bitwise_or.reduce(flags)))))] if bad else []
 
 
-def _at(test: str, value: float, limit: float, place: Float, words: str) -> Reason:
+def _at(test: str, value: float, limit: float, point: Float, words: str) -> Reason:
     return Reason(
-        test, float(value), float(limit), "m", f"{words}, at x={place[0]:.3f} y={place[1]:.3f} z={place[2]:.3f} m"
+        test, float(value), float(limit), "m", f"{words}, at x={point[0]:.3f} y={point[1]:.3f} z={point[2]:.3f} m"
     )
 
 

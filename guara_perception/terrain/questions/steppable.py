@@ -24,9 +24,9 @@ PLANE_TOLERANCE_M = 0.006
 SEED_RADIUS_M = 0.03
 # A new region must be a third larger than the one around the previous choice, or the choice flips.
 HYSTERESIS = 1 / 3
-# Where a leg's reach ends inside a cell its corners tell it, taken so far outside.
+# Where a leg's reach ends inside a cell its corners decide, taken this far outside.
 CORNER_OUTSIDE_M = 1e-4
-# The whole map: how far a region may reach, the smallest one worth telling, and how many at most.
+# The whole map: how far a region may reach, the smallest one that is given, and how many at most.
 REGION_REACH_M = 0.4
 LEAST_AREA_M2 = 4e-4
 MOST_REGIONS = 100

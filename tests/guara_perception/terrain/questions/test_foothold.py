@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.settings import TraversabilityLimits as gp_limits
+from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.layers.limits_of import known, limits_of
@@ -220,7 +220,7 @@ def test_a_limit_of_a_newer_version_is_left_out_and_its_flag_stays_a_hazard() ->
 def test_a_grid_of_an_older_version_lacks_the_limits_that_came_later() -> None:
     """Limits with one more than the grid holds: the newer one keeps its default, by which nothing is judged."""
     later = dataclasses.make_dataclass(
-        "Later", [(name, float) for name in gp_limits.__slots__] + [("softness", float, np.inf)], slots=True
+        "Later", [(name, float) for name in TraversabilityLimits.__slots__] + [("softness", float, np.inf)], slots=True
     )
     plain = grid(np.zeros((120, 120)))
     limits = later(**known(plain.metadata["limits"], later))
