@@ -1,0 +1,158 @@
+"""`devices.toml`: the camera and the board of one robot, with what was measured of them."""
+
+from __future__ import annotations
+
+import importlib
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.fields import Fields
+from guara_perception.whole_file import whole_file
+
+if TYPE_CHECKING:
+    from drivers import BoardConfig, Camera, CameraSettings
+
+FORMAT = "guara-devices/1"
+# A file of devices has a dozen lines.
+LARGEST_BYTES = 64 * 1024
+SETTINGS = ("exposure", "gain", "white_balance", "gamma")
+KNOWN = {
+    "": {"format", "camera", "board"},
+    "camera": {"source", "size", "fps", "lag", *SETTINGS},
+    "board": {"vendor_id", "product_id", "serial"},
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Devices:
+    """What the commands need to open the devices and to hold them as they were when calibrated.
+
+    Attributes:
+        source: of the camera: number, device path, GStreamer pipeline, or "package.module:Class" of a `drivers.Camera`.
+        size: picture width and height [px], or None for the camera's own.
+        fps: frames per second to ask for, or None.
+        lag: measured [s], or None.
+        settings: exposure [s], gain, white_balance [K], gamma: locked when the camera is opened and read back.
+        board: vendor_id, product_id, serial of the laser board; missing ones are the protocol's.
+    """
+
+    source: str = "0"
+    size: tuple[int, int] | None = None
+    fps: float | None = None
+    lag: float | None = None
+    settings: dict[str, float] = field(default_factory=dict)
+    board: dict[str, int | str] = field(default_factory=dict)
+
+    def camera(self) -> Camera:
+        """The camera, not yet open.
+
+        Raises:
+            InvalidInput: "package.module:Class" cannot be imported, or is no `drivers.Camera`.
+        """
+        from drivers import Camera, OpenCvCamera
+
+        module, between, name = self.source.partition(":")
+        if between and name.isidentifier() and all(part.isidentifier() for part in module.split(".")):
+            made = _own_camera(module, name)
+            if not isinstance(made, Camera):
+                raise InvalidInput(f"camera source {self.source!r} is no drivers.Camera: derive the class from it")
+            if self.lag is not None:
+                made.lag = self.lag
+            return made
+        source: int | str = int(self.source) if self.source.isdigit() else self.source
+        return OpenCvCamera(source, size=self.size, fps=self.fps, lag=self.lag)
+
+    def camera_settings(self) -> CameraSettings:
+        """What is locked when the camera is opened."""
+        from drivers import CameraSettings
+
+        return CameraSettings(**self.settings)
+
+    def board_config(self) -> BoardConfig:
+        """Ids of the laser board."""
+        from drivers import BoardConfig
+
+        return BoardConfig(**self.board)  # type: ignore[arg-type]
+
+
+def load_devices(path: str | Path) -> Devices:
+    """Read and check a file of devices.
+
+    Raises:
+        MissingFile: no such file.
+        FileFormatError: the message names the field, what was given and what is allowed.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise MissingFile(f"{path}: no such file; `guara record` writes one")
+    if path.stat().st_size > LARGEST_BYTES:
+        raise FileFormatError(f"{path} has {path.stat().st_size} bytes, {LARGEST_BYTES} are allowed")
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise FileFormatError(f"{path}: no valid TOML: {error}") from None
+    for table, known in KNOWN.items():
+        given = data if not table else data.get(table, {})
+        unknown = sorted(set(given) - known) if isinstance(given, dict) else [table]
+        if unknown:
+            raise FileFormatError(f"{path}: unknown {', '.join(unknown)}; allowed: {', '.join(sorted(known))}")
+    fields = Fields(data, str(path))
+    fields.text("format", (FORMAT,))
+    camera = fields.sub("camera")
+    board: dict[str, int | str] = {}
+    if fields.has("board"):
+        ids = fields.sub("board")
+        board.update({name: ids.integer(name, 0, 0xFFFF) for name in ("vendor_id", "product_id") if ids.has(name)})
+        if ids.has("serial"):
+            board["serial"] = ids.text("serial")
+    size = None
+    if camera.has("size"):
+        width, height = (int(v) for v in camera.array("size", (2,)))
+        if not (64 <= width <= 16384 and 64 <= height <= 16384):
+            raise FileFormatError(f"{camera.path_to('size')} is [{width}, {height}], allowed: 64 ... 16384 px each way")
+        size = (width, height)
+    limits = {"exposure": (1e-6, 10.0), "gain": (-100.0, 1e4), "white_balance": (500.0, 20_000.0), "gamma": (0.01, 1e4)}
+    return Devices(
+        source=camera.text("source"),
+        size=size,
+        fps=camera.number("fps", 0.1, 10_000) if camera.has("fps") else None,
+        lag=camera.number("lag", 0.0, 10.0) if camera.has("lag") else None,
+        settings={name: camera.number(name, *limits[name]) for name in SETTINGS if camera.has(name)},
+        board=board,
+    )
+
+
+def save_devices(devices: Devices, path: str | Path) -> None:
+    """Write a file of devices, whole or not at all.
+
+    Raises:
+        MissingFile: the folder does not exist.
+    """
+    lines = ["# Camera and laser board as `guara record` found them; every command takes it as --devices.", ""]
+    lines += [f'format = "{FORMAT}"', "", "[camera]", f"source = {_quoted(devices.source)}"]
+    if devices.size is not None:
+        lines.append(f"size = [{devices.size[0]}, {devices.size[1]}]")
+    for name, value in (("fps", devices.fps), ("lag", devices.lag), *devices.settings.items()):
+        if value is not None:
+            lines.append(f"{name} = {float(value)!r}")
+    if devices.board:
+        lines += ["", "[board]"]
+        for name, entry in devices.board.items():
+            lines.append(f"{name} = {_quoted(entry) if isinstance(entry, str) else entry}")
+    with whole_file(path) as temporary:
+        temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+
+def _own_camera(module: str, name: str) -> Any:
+    try:
+        return getattr(importlib.import_module(module), name)()
+    except (ImportError, AttributeError, TypeError) as error:
+        raise InvalidInput(f"camera source {module}:{name} cannot be made: {error}") from None
+
+
+def _quoted(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'

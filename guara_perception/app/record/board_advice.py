@@ -1,0 +1,101 @@
+"""Which pictures of the board a calibration still needs, and what to do to get them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import cv2
+import numpy as np
+
+from guara_perception.arrays import Float, Image
+from guara_perception.calibration.board import BoardSpec, BoardView, find_board, to_grey
+
+ZONES: Final = 3
+WANTED_PICTURES: Final = 12
+# Tilts below this tell focal length from distance badly.
+TILT: Final = float(np.deg2rad(15))
+# A board that stands still moves by less than this from frame to frame; one shown before lies nearer than the second.
+STILL_PX: Final = 0.5
+SAME_OF_WIDTH: Final = 0.04
+CLIPPED_SHARE: Final = 0.02
+# A common lens, to judge tilts before the real one is known: focal length as a share of the picture's width.
+FOCAL_OF_WIDTH: Final = 0.92
+SIDES: Final = ("left", "right", "top", "bottom")
+
+
+@dataclass
+class BoardAdvice:
+    """What the pictures taken so far show, and what is missing.
+
+    Attributes:
+        board: the checkerboard.
+        views: those accepted.
+    """
+
+    board: BoardSpec
+    views: list[BoardView] = field(default_factory=list)
+    _zones: set[tuple[int, int]] = field(default_factory=set)
+    _tilts: set[str] = field(default_factory=set)
+
+    def judge(self, picture: Image, before: Image | None = None, name: str = "") -> tuple[BoardView, str]:
+        """Whether a picture can be used: its view, and why not (empty when it can)."""
+        grey = to_grey(picture)
+        if float(np.mean(grey >= 254)) > CLIPPED_SHARE:
+            share = 100 * float(np.mean(grey >= 254))
+            return BoardView(name, np.empty((0, 2)), np.nan), f"too bright: {share:.0f} % of the picture is clipped"
+        view = find_board(picture, self.board, name)
+        if not view.is_usable:
+            return view, view.reason
+        if before is not None:
+            earlier = find_board(before, self.board, name)
+            if not earlier.is_usable or np.abs(view.corners_px - earlier.corners_px).max() > STILL_PX:
+                return view, "hold the board still"
+        width = grey.shape[1]
+        for other in self.views:
+            if np.abs(view.corners_px - other.corners_px).mean() < SAME_OF_WIDTH * width:
+                return view, f"shown before; {self.missing(picture.shape[:2])}"
+        return view, ""
+
+    def take(self, view: BoardView, shape: tuple[int, ...]) -> None:
+        """Count an accepted view."""
+        self.views.append(view)
+        height, width = shape[:2]
+        zone = np.clip((view.corners_px / np.array([width, height]) * ZONES).astype(int), 0, ZONES - 1)
+        self._zones.update((int(row), int(column)) for column, row in zone)
+        self._tilts.update(tilted_sides(view, self.board, (height, width)))
+
+    def is_complete(self) -> bool:
+        """Whether enough pictures show every zone and every tilt."""
+        return len(self.views) >= WANTED_PICTURES and len(self._zones) == ZONES**2 and len(self._tilts) == len(SIDES)
+
+    def missing(self, shape: tuple[int, ...]) -> str:
+        """What to show next, in words."""
+        words = []
+        empty = [(r, c) for r in range(ZONES) for c in range(ZONES) if (r, c) not in self._zones]
+        if empty:
+            row, column = empty[0]
+            place = f"{('top', 'middle', 'bottom')[row]} {('left', 'centre', 'right')[column]}"
+            words.append(f"bring it to the {place} of the picture ({len(empty)} of {ZONES**2} parts not yet seen)")
+        sides = [side for side in SIDES if side not in self._tilts]
+        if sides:
+            words.append(f"tilt its {sides[0]} side away from the camera")
+        if not words:
+            words.append("show it in another place or tilt")
+        return f"{len(self.views)} of {WANTED_PICTURES} pictures: " + ", and ".join(words)
+
+
+def tilted_sides(view: BoardView, board: BoardSpec, shape: tuple[int, int]) -> set[str]:
+    """Which sides of the picture the board leans away at, by TILT or more; judged with a common lens."""
+    height, width = shape
+    focal = FOCAL_OF_WIDTH * width
+    matrix = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+    found, turn, _ = cv2.solvePnP(board.points, view.corners_px.reshape(-1, 1, 2), matrix, None)
+    if not found:
+        return set()
+    normal: Float = np.asarray(cv2.Rodrigues(turn)[0][:, 2], dtype=np.float64)
+    normal = normal if normal[2] > 0 else -normal
+    # A normal that points right in the picture means that the right side is the farther one: z grows along -x there.
+    lean_x, lean_y = np.arctan2(-normal[0], normal[2]), np.arctan2(-normal[1], normal[2])
+    tests = {"right": lean_x > TILT, "left": lean_x < -TILT, "bottom": lean_y > TILT, "top": lean_y < -TILT}
+    return {side for side, holds in tests.items() if holds}

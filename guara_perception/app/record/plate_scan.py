@@ -1,0 +1,75 @@
+"""Scans a plate without a calibration: the pattern of robot.toml, whole frames kept."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from guara_perception.app.files.scan_folder_writer import ScanFolderWriter
+from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
+from guara_perception.exceptions import MirrorSlipped, PerceptionError
+from guara_perception.settings import Settings
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel, Stance
+
+
+class PlateScanFailed(PerceptionError, RuntimeError):
+    """A plate could not be scanned whole; the message says what to mend."""
+
+
+def nominal_order(robot: RobotModel, mode: str = "standard") -> FiringOrder:
+    """(index, mirror angle [rad]) of robot.toml's `[scan]`, for the first calibration."""
+    settings = Settings.of(robot)
+    angles = np.linspace(*settings.mirror_angles, settings.stripes)
+    return [(index, float(angles[index])) for index in settings.pattern(mode)]
+
+
+def scan_uncalibrated(
+    rangefinder: Rangefinder,
+    robot: RobotModel,
+    stance: Stance,
+    folder: Path,
+    height: int,
+    *,
+    mode: str = "standard",
+    on_stripe: Callable[[], None] = lambda: None,
+) -> None:
+    """Take one scan into a scan folder.
+
+    Args:
+        rangefinder: open devices.
+        robot: whose pattern is swept.
+        stance: in which it stands.
+        folder: to make.
+        height: of the camera's pictures [px]; all rows are looked at, since no stripe's place is known.
+        mode: "standard" or "coarse".
+        on_stripe: called after each stripe.
+
+    Raises:
+        PlateScanFailed: a frame was lost or out of step.
+        MirrorSlipped: the mirror lost steps.
+        drivers.DriverError: a device failed.
+    """
+    order = nominal_order(robot, mode)
+    rangefinder.lost_steps(order)
+    stamp = time.time_ns()
+    with ScanFolderWriter(folder) as writer:
+        stripes = rangefinder.sweep(order, lambda index: (0, height), lambda: False)
+        with stripes:
+            for group in stripes.groups():
+                for capture in group:
+                    if capture.on is None or not capture.verdict.in_step:
+                        raise PlateScanFailed(
+                            f"{folder.name}: stripe {capture.index}: frame {capture.verdict.value}; scan it again"
+                        )
+                    writer.add(capture.index, capture.mirror_angle, capture.on, capture.off, off_key=id(capture.off))
+                    on_stripe()
+        lost = rangefinder.lost_steps(order)
+        if lost:
+            raise MirrorSlipped(f"{folder.name}: the mirror lost {lost} steps during the scan: is it blocked?")
+        writer.finish(robot=robot.name, mode=mode, stamp=stamp, step=0, stance=stance)

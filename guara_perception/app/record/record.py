@@ -1,0 +1,190 @@
+"""`record_session`: leads through a calibration session, one step after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from guara_perception.app.devices_file import Devices, save_devices
+from guara_perception.app.node.rangefinder import Rangefinder
+from guara_perception.app.record.board_advice import BoardAdvice
+from guara_perception.app.record.operator import Operator
+from guara_perception.app.record.plate_scan import nominal_order, scan_uncalibrated
+from guara_perception.app.record.session_writer import CROSSES_PICTURE, FLOOR_PICTURE, SessionWriter
+from guara_perception.arrays import Image
+from guara_perception.calibration.board import find_board, to_grey
+from guara_perception.calibration.intrinsics import calibrate_intrinsics
+from guara_perception.calibration.mount import locate_camera
+from guara_perception.calibration.session import Fiducials
+from guara_perception.exceptions import CalibrationRefused, PerceptionError
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+DEVICES_FILE: Final = "devices.toml"
+FIRST_EXPOSURE_S: Final = 0.008
+GRAB_SECONDS: Final = 2.0
+# Pictures of the board that are looked at before the recording gives up (ten minutes at 30 per second).
+MOST_LOOKS: Final = 18_000
+MOST_TRIES: Final = 20
+# Shown often enough for a live page, seldom enough not to hold up the frames.
+Watch = Callable[[Image, str], None]
+
+
+class RecordingFailed(PerceptionError, RuntimeError):
+    """The session could not be recorded; what was taken is kept, and the same command goes on."""
+
+
+def record_session(
+    writer: SessionWriter,
+    robot: RobotModel,
+    rangefinder: Rangefinder,
+    devices: Devices,
+    operator: Operator,
+    *,
+    tell: Callable[[str], None],
+    watch: Watch = lambda picture, words: None,
+    on_stripe: Callable[[], None] = lambda: None,
+) -> Path:
+    """Record what is missing of a session and finish it.
+
+    Args:
+        writer: of the folder; what it holds already is not asked for again.
+        robot: the model.
+        rangefinder: open board and camera.
+        devices: as given; with metered exposure and measured lag they are written into the folder.
+        operator: who puts things before the camera.
+        tell: called with each step in words.
+        watch: called with pictures and words, for a live page.
+        on_stripe: called after each stripe of a plate.
+
+    Returns:
+        Path of `session.json`.
+
+    Raises:
+        RecordingFailed: crosses or board were not found after many tries.
+        drivers.DriverError: a device failed; run the command again to go on.
+    """
+    plan = writer.plan
+    if not writer.has(DEVICES_FILE):
+        operator.clear()
+        tell("metering the exposure and measuring the camera's lag")
+        save_devices(measured_devices(robot, rangefinder, devices), writer.folder / DEVICES_FILE)
+    _record_boards(writer, rangefinder, operator, tell, watch)
+    if not writer.has(FLOOR_PICTURE):
+        tell("the board on the floor")
+        _record_floor(writer, rangefinder, operator, watch)
+    if not writer.has(CROSSES_PICTURE):
+        tell("the crosses")
+        _record_crosses(writer, robot, rangefinder, operator, watch)
+    height = writer.read(CROSSES_PICTURE).shape[0]
+    for plate in plan.plates:
+        name = writer.plate_name(plate)
+        if not writer.has(name):
+            operator.lay_plate(plate)
+            tell(f"scanning the plate of {1e3 * plate:g} mm")
+            scan_uncalibrated(rangefinder, robot, plan.stance, writer.folder / name, height, on_stripe=on_stripe)
+    return writer.finish()
+
+
+def measured_devices(robot: RobotModel, rangefinder: Rangefinder, devices: Devices) -> Devices:
+    """The devices with the exposure metered on a stripe, everything locked, and the lag measured.
+
+    Raises:
+        drivers.DriverError: the camera does not take an exposure, or does not see the laser.
+    """
+    from drivers import CameraSettings, measure_lag, meter_exposure
+
+    board, camera = rangefinder.board, rangefinder.camera
+    order = nominal_order(robot)
+    rangefinder.lost_steps(order)
+    middle = order[len(order) // 2][1]
+    held = camera.lock(CameraSettings(**devices.settings))
+    result = meter_exposure(board, camera, middle, exposure=held.exposure or FIRST_EXPOSURE_S)
+    settings = {**devices.settings, **({} if result.exposure is None else {"exposure": float(result.exposure)})}
+    camera.lock(CameraSettings(**settings))
+    board.go_to_angle(middle)
+    lag = measure_lag(board, camera)
+    camera.lag = lag.lag
+    return replace(devices, settings=settings, lag=float(lag.lag))
+
+
+def _picture(rangefinder: Rangefinder) -> Image:
+    return np.asarray(rangefinder.camera.grab(GRAB_SECONDS).image)
+
+
+def _fresh(rangefinder: Rangefinder) -> Image:
+    """A picture that was exposed after now: one that was under way when asked is thrown away."""
+    rangefinder.camera.flush()
+    _picture(rangefinder)
+    return _picture(rangefinder)
+
+
+def _record_boards(
+    writer: SessionWriter, rangefinder: Rangefinder, operator: Operator, tell: Callable[[str], None], watch: Watch
+) -> None:
+    advice = BoardAdvice(writer.plan.board)
+    for name in writer.boards:
+        picture = writer.read(name)
+        view, _ = advice.judge(picture, name=name)
+        if view.is_usable:
+            advice.take(view, picture.shape)
+    words = "hold up the board"
+    for _ in range(MOST_LOOKS):
+        if advice.is_complete():
+            tell(f"{len(advice.views)} pictures of the board")
+            return
+        operator.show_board(words)
+        before, picture = _fresh(rangefinder), _picture(rangefinder)
+        name = f"board_{len(writer.boards):02d}.png"
+        view, problem = advice.judge(picture, before, name)
+        if not problem:
+            writer.write(name, picture)
+            advice.take(view, picture.shape)
+        words = problem or advice.missing(picture.shape)
+        watch(picture, words)
+    raise RecordingFailed(f"the board was not shown as needed: {words}")
+
+
+def _record_floor(writer: SessionWriter, rangefinder: Rangefinder, operator: Operator, watch: Watch) -> None:
+    reason = ""
+    for _ in range(MOST_TRIES):
+        operator.lay_board(writer.plan.board)
+        picture = _fresh(rangefinder)
+        view = find_board(picture, writer.plan.board, FLOOR_PICTURE)
+        watch(picture, view.reason or "the board lies well")
+        if view.is_usable:
+            writer.write(FLOOR_PICTURE, picture)
+            return
+        reason = view.reason
+    raise RecordingFailed(f"the board on the floor was not found: {reason}")
+
+
+def _record_crosses(
+    writer: SessionWriter, robot: RobotModel, rangefinder: Rangefinder, operator: Operator, watch: Watch
+) -> None:
+    plan = writer.plan
+    pictures = {name: writer.read(name) for name in (*writer.boards, FLOOR_PICTURE)}
+    views = [find_board(picture, plan.board, name) for name, picture in pictures.items()]
+    height, width = pictures[FLOOR_PICTURE].shape[:2]
+    lens = calibrate_intrinsics([view for view in views if view.is_usable], plan.board, (width, height))
+    to_footprint = robot.stance_pose(plan.stance).transform_base_to_footprint
+    nominal = to_footprint @ robot.transform_camera_to_base
+    points = ", ".join(f"({x:.3f}, {y:.3f})" for x, y in plan.crosses)
+    reason = ""
+    for _ in range(MOST_TRIES):
+        operator.lay_crosses(points, reason)
+        picture = _fresh(rangefinder)
+        try:
+            locate_camera(to_grey(picture), lens.camera, Fiducials(CROSSES_PICTURE, plan.crosses), nominal)
+        except CalibrationRefused as error:
+            reason = str(error)
+            watch(picture, reason)
+            continue
+        writer.write(CROSSES_PICTURE, picture)
+        return
+    raise RecordingFailed(f"the crosses were not found: {reason}")

@@ -1,0 +1,151 @@
+"""A simulated workshop: robot, devices and someone who shows board, crosses and plates, for `record --simulated`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from guara_perception.app.node.rangefinder import Rangefinder
+from guara_perception.app.targets.drawings import cross_points
+from guara_perception.arrays import Float, Image
+from guara_perception.calibration.board import BoardSpec
+from guara_perception.settings import Settings
+from guara_perception.simulation.camera import NOMINAL_EXPOSURE_S, renderer
+from guara_perception.simulation.features import Box
+from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.specimen import rotation, specimen
+from guara_perception.simulation.target_pictures import TargetCamera
+from guara_perception.simulation.world import World
+from kinematics import RobotModel, Stance, load_robot
+
+if TYPE_CHECKING:
+    from drivers.camera import CameraSettings
+    from drivers.emulator.views import ExposureView
+
+Scene = Callable[["ExposureView", "CameraSettings"], Image]
+LATENCY_S = 0.001
+FRAMES_PER_SECOND = 60.0
+# Beyond the scanned area, so that a plate fills the view.
+PLATE_MARGIN_M = 0.06
+# Where the board's centre appears (share of width and height), its distance [m], tilts about the picture's axes and
+# turn [rad]: every part of the picture and every tilt.
+BOARD_POSES = (
+    (0.50, 0.50, 0.42, 0.00, 0.00, 0.0),
+    (0.36, 0.38, 0.50, 0.50, 0.00, 0.1),
+    (0.64, 0.38, 0.50, -0.50, 0.10, -0.1),
+    (0.36, 0.62, 0.50, 0.10, 0.55, 0.2),
+    (0.64, 0.62, 0.50, 0.00, -0.55, 0.1),
+    (0.50, 0.50, 0.45, 0.45, 0.45, 0.5),
+    (0.50, 0.50, 0.45, -0.45, -0.45, -0.5),
+    (0.32, 0.50, 0.55, 0.00, 0.45, 1.5),
+    (0.68, 0.50, 0.55, 0.20, -0.50, 1.5),
+    (0.50, 0.34, 0.55, 0.55, 0.00, 0.0),
+    (0.50, 0.66, 0.55, -0.55, 0.20, 0.0),
+    (0.30, 0.30, 0.62, 0.30, -0.30, 0.3),
+    (0.70, 0.30, 0.62, -0.30, 0.30, -0.3),
+    (0.30, 0.70, 0.62, -0.35, -0.30, 0.2),
+    (0.70, 0.70, 0.62, 0.35, 0.35, 0.1),
+)
+# Metering and the measurement of the lag look at the stripe on this.
+FLOOR_MATERIAL = "soil"
+
+
+class SimulatedWorkshop:
+    """Devices and operator in one: what it is asked to show is what its camera then sees.
+
+    Attributes:
+        robot: the model.
+        rangefinder: emulated board through the real driver, and a camera that sees the present scene.
+        truth: what the rangefinder truly is.
+    """
+
+    def __init__(self, robot: str | Path = "guara", size: tuple[int, int] = (640, 512), seed: int = 1) -> None:
+        """Set it up: the robot stands in its scan posture on a flat floor."""
+        from drivers import LaserBoard
+        from drivers.emulator import EmulatedBoard, emulated_backend
+        from drivers.emulator.camera import EmulatedCamera
+
+        self.robot: RobotModel = load_robot(robot)
+        self.truth = specimen(self.robot, size, seed)
+        self._seed, self._poses = seed, 0
+        posture = self.robot.posture(self.robot.config.scan_posture)
+        self.stance = Stance(posture, self.robot.legs, None)
+        self._base = self.robot.stance_pose(self.stance).transform_base_to_footprint
+        self._targets = TargetCamera.of(self.truth.camera, seed=seed)
+        self._board = BoardSpec(9, 7, 0.03)
+        self._floor: Scene = renderer(self._over(0.0))
+        self._scene = self._floor
+        board = EmulatedBoard()
+        camera = EmulatedCamera(
+            board,
+            lambda seen, settings: self._scene(seen, settings),
+            fps=FRAMES_PER_SECOND,
+            exposure=NOMINAL_EXPOSURE_S,
+            latency=LATENCY_S,
+            name="simulated camera",
+        )
+        self.rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
+
+    def use_board(self, board: BoardSpec) -> None:
+        """Take this board from now on."""
+        self._board = board
+
+    def show_board(self, advice: str) -> None:
+        """Hold the board in the next pose."""
+        u, v, distance, about_x, about_y, turn = BOARD_POSES[self._poses % len(BOARD_POSES)]
+        self._poses += 1
+        width, height = self.truth.camera.size
+        ray = self.truth.camera.rays(np.array([[u * width, v * height]]))[0]
+        lean = rotation([about_x, 0, 0]) @ rotation([0, about_y, 0]) @ rotation([0, 0, turn])
+        self._still(self._targets.board(self._board, self._board_pose(ray / ray[2] * distance, lean)))
+
+    def lay_board(self, board: BoardSpec) -> None:
+        """Lay it where the camera looks."""
+        to_camera = np.linalg.inv(self._camera_to_footprint)
+        ray = self._camera_to_footprint[:3, :3] @ np.array([0.0, 0.0, 1.0])
+        start = self._camera_to_footprint[:3, 3]
+        centre = to_camera @ np.append(start - ray * start[2] / ray[2], 1.0)
+        # Seen from above the board's y runs the other way than the floor's: its face looks up.
+        flat = to_camera[:3, :3] @ rotation([np.pi, 0, 0]) @ rotation([0, 0, np.pi / 2])
+        self._still(self._targets.board(self._board, self._board_pose(centre[:3], flat)))
+
+    def lay_crosses(self, points: str, why_again: str) -> None:
+        """Lay them where they belong."""
+        self._still(self._targets.crosses(cross_points(self.robot), self._camera_to_footprint))
+
+    def lay_plate(self, height: float) -> None:
+        """Let the camera see a plate of this height, and the laser on it."""
+        self._scene = renderer(self._over(height))
+
+    def clear(self) -> None:
+        """Show the bare floor."""
+        self._scene = self._floor
+
+    @property
+    def _camera_to_footprint(self) -> Float:
+        return np.asarray(self._base @ self.truth.transform_camera_to_base)
+
+    def _board_pose(self, centre_in_camera: Float, turn: Float) -> Float:
+        board = self._board
+        centre = np.array([(board.columns - 1) / 2, (board.rows - 1) / 2, 0]) * board.square
+        pose = np.eye(4)
+        pose[:3, :3] = turn
+        pose[:3, 3] = centre_in_camera - turn @ centre
+        return pose
+
+    def _over(self, height: float) -> SimulatedRangefinder:
+        settings = Settings.of(self.robot)
+        (x0, x1), (y0, y1) = settings.footprint_x, settings.footprint_y
+        size = (x1 - x0 + 2 * PLATE_MARGIN_M, y1 - y0 + 2 * PLATE_MARGIN_M)
+        centre = ((x0 + x1) / 2, (y0 + y1) / 2)
+        features = (Box(x=centre[0], y=centre[1], size=size, height=height),) if height > 0 else ()
+        world = World(features=features, material=FLOOR_MATERIAL)
+        rangefinder = SimulatedRangefinder(world, self.truth, self.robot, self._seed)
+        rangefinder.set_pose(self._base, self.stance.joint_positions)
+        return rangefinder
+
+    def _still(self, picture: Image) -> None:
+        self._scene = lambda seen, settings: picture

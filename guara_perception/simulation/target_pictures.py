@@ -1,0 +1,118 @@
+"""Pictures of calibration targets as the simulated camera takes them: a board held anywhere, crosses on the floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guara_perception.arrays import Float, Image
+from guara_perception.calibration.board import BoardSpec
+from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.crosses import ARM_M, BAR_M
+from guara_perception.simulation.light import Light
+from guara_perception.simulation.sensor import Sensor
+
+# Grey levels at nominal exposure under the ambient light of a room.
+INK, PAPER, GROUND = 22.0, 190.0, 95.0
+# Standard deviation of the ground's texture, and the length over which it changes.
+TEXTURE, TEXTURE_M = 5.0, 0.02
+# White around the squares, as a share of one.
+BORDER = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class TargetCamera:
+    """The camera, with its rays worked out once.
+
+    Attributes:
+        camera: true intrinsic model.
+        rays: (h, w, 3) directions in camera_optical_frame, z = 1.
+        light: noise of the sensor.
+        seed: of noise and texture.
+    """
+
+    camera: CameraModel
+    rays: Float
+    light: Light
+    seed: int
+
+    @classmethod
+    def of(cls, camera: CameraModel, light: Light | None = None, seed: int = 0) -> TargetCamera:
+        """Work out the rays of every pixel."""
+        width, height = camera.size
+        pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2)
+        rays = camera.rays(pixels).reshape(height, width, 3)
+        return cls(camera, rays / rays[..., 2:], light or Light(), seed)
+
+    def board(self, board: BoardSpec, transform_board_to_camera: Float) -> Image:
+        """A checkerboard (h, w, 3) BGR; the board's origin is its first inner corner, as in `BoardSpec.points`."""
+        x, y, size = self._on_plane(transform_board_to_camera)
+        s = board.square
+        chequer = 0.5 * (1 + _square_wave(x / s, size / s) * _square_wave(y / s, size / s))
+        columns, rows = board.columns, board.rows
+        squares = _inside(x / s, -1, columns, size / s) * _inside(y / s, -1, rows, size / s)
+        b = 1 + BORDER
+        paper = _inside(x / s, -b, columns + BORDER, size / s) * _inside(y / s, -b, rows + BORDER, size / s)
+        level = GROUND + paper * (PAPER - GROUND) + squares * (INK - PAPER) * chequer
+        return self._picture(level)
+
+    def crosses(self, points_in_footprint: Float, transform_camera_to_footprint: Float) -> Image:
+        """Crosses on white cards on the floor, (h, w, 3) BGR."""
+        x, y, size = self._on_plane(np.asarray(np.linalg.inv(transform_camera_to_footprint), np.float64))
+        level: Float = GROUND + _texture(x, y, self.seed)
+        for px, py in points_in_footprint:
+            u, v = x - px, y - py
+            card = _inside(u, -2 * ARM_M, 2 * ARM_M, size) * _inside(v, -2 * ARM_M, 2 * ARM_M, size)
+            one = _inside(u, -ARM_M, ARM_M, size) * _inside(v, -BAR_M, BAR_M, size)
+            other = _inside(v, -ARM_M, ARM_M, size) * _inside(u, -BAR_M, BAR_M, size)
+            ink = 1 - (1 - one) * (1 - other)
+            level += card * (PAPER - level)
+            level += ink * (INK - level)
+        return self._picture(level)
+
+    def _on_plane(self, transform_plane_to_camera: Float) -> tuple[Float, Float, Float]:
+        """Where each pixel's ray meets the plane z = 0 of a frame [m], and how much of it a pixel covers [m]."""
+        rotation, origin = transform_plane_to_camera[:3, :3], transform_plane_to_camera[:3, 3]
+        into = self.rays @ rotation
+        start = -origin @ rotation
+        depth = np.where(np.abs(into[..., 2]) > 1e-9, -start[2] / into[..., 2], np.inf)
+        depth = np.where(depth > 0, depth, 1e3)
+        x, y = start[0] + depth * into[..., 0], start[1] + depth * into[..., 1]
+        # A pixel takes in its own area and, by the lens's blur, some of its neighbours'.
+        slant = np.abs(into[..., 2]) / np.linalg.norm(into, axis=-1)
+        focal = float(self.camera.matrix[0, 0])
+        size = depth / focal * np.hypot(1.0, np.sqrt(12) * self.light.blur) / np.sqrt(np.clip(slant, 0.05, 1))
+        return x, y, size
+
+    def _picture(self, level: Float) -> Image:
+        falling = self.rays[..., 2] / np.linalg.norm(self.rays, axis=-1)
+        shaded = level * falling**self.light.vignetting
+        ambient = np.asarray(shaded[..., None] * np.array([0.94, 1.0, 1.04]), np.float32)
+        sensor = Sensor(self.light, level.shape, self.seed)
+        sensor.set_scene(np.ascontiguousarray(ambient))
+        return sensor.dark_picture(1.0)
+
+
+def _square_wave(position: Float, width: Float) -> Float:
+    """A wave of period 2 that is +1 in 0 ... 1 and -1 in 1 ... 2, averaged over `width`."""
+
+    def integral(u: Float) -> Float:
+        return np.asarray(1 - np.abs(np.mod(u, 2.0) - 1))
+
+    return np.asarray((integral(position + width / 2) - integral(position - width / 2)) / width)
+
+
+def _inside(position: Float, low: float, high: float, width: Float) -> Float:
+    """Share of `width` about each position that lies within low ... high."""
+    covered = np.minimum(position + width / 2, high) - np.maximum(position - width / 2, low)
+    return np.asarray(np.clip(covered / width, 0.0, 1.0))
+
+
+def _texture(x: Float, y: Float, seed: int) -> Float:
+    """Soft spots on the floor."""
+    waves = np.random.default_rng(seed).standard_normal((12, 3))
+    total = np.zeros(x.shape)
+    for kx, ky, phase in waves:
+        total += np.sin((kx * np.clip(x, -5, 5) + ky * np.clip(y, -5, 5)) / TEXTURE_M + 6 * phase)
+    return np.asarray(TEXTURE * total / np.sqrt(6))
