@@ -22,6 +22,7 @@ COMMANDS = {
         "info",
         "listen",
         "process",
+        "record",
         "recover",
         "replay",
         "robot",

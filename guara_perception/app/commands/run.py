@@ -22,7 +22,8 @@ import click
 @click.option("--robot", help="name or folder of the robot; default: the calibration's")
 @click.option("--name", help="instance name in the keys; default: the robot's")
 @click.option("--mode", type=click.Choice(["adaptive", "standard", "coarse"]), default="adaptive", show_default=True)
-@click.option("--camera", default="0", show_default=True, help="number, device path or GStreamer pipeline")
+@click.option("--devices", type=click.Path(path_type=Path), help="devices.toml as `guara record` writes it")
+@click.option("--camera", help="number, device path or GStreamer pipeline; default: that of --devices, or 0")
 @click.option("--fps", type=click.FloatRange(min=0.1), help="frames per second to ask of the camera")
 @click.option("--off-frames", type=click.Choice(["one", "per stripe", "none"]), default="one", show_default=True)
 def command(
@@ -39,7 +40,8 @@ def command(
     robot: str | None,
     name: str | None,
     mode: str,
-    camera: str,
+    devices: Path | None,
+    camera: str | None,
     fps: float | None,
     off_frames: str,
 ) -> None:
@@ -62,7 +64,13 @@ def command(
     with ExitStack() as stack:
         stop = stack.enter_context(stop_event())
         rig = choose_rig(
-            simulated=simulated, calibration=calibration, robot=robot, camera=camera, fps=fps, off_frames=off_frames
+            simulated=simulated,
+            calibration=calibration,
+            robot=robot,
+            camera=camera,
+            fps=fps,
+            off_frames=off_frames,
+            devices=devices,
         )
         instance = name or rig.robot.name
         stack.enter_context(rig.rangefinder)

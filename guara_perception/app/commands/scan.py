@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 @click.option("--mode", type=click.Choice(["standard", "coarse"]), default="standard", show_default=True)
 @click.option("--stance", type=click.Path(path_type=Path), help="JSON with the stance; default: the scan posture")
 @click.option("--robot", help="name or folder of the robot; default: the calibration's")
-@click.option("--camera", default="0", show_default=True, help="number, device path or GStreamer pipeline")
+@click.option("--devices", type=click.Path(path_type=Path), help="devices.toml as `guara record` writes it")
+@click.option("--camera", help="number, device path or GStreamer pipeline; default: that of --devices, or 0")
 @click.option("--fps", type=click.FloatRange(min=0.1), help="frames per second to ask of the camera")
 @click.option("--off-frames", type=click.Choice(["one", "per stripe", "none"]), default="one", show_default=True)
 def command(
@@ -32,7 +33,8 @@ def command(
     mode: str,
     stance: Path | None,
     robot: str | None,
-    camera: str,
+    devices: Path | None,
+    camera: str | None,
     fps: float | None,
     off_frames: str,
 ) -> None:
@@ -56,7 +58,13 @@ def command(
     from kinematics import Stance
 
     rig = choose_rig(
-        simulated=simulated, calibration=calibration, robot=robot, camera=camera, fps=fps, off_frames=off_frames
+        simulated=simulated,
+        calibration=calibration,
+        robot=robot,
+        camera=camera,
+        fps=fps,
+        off_frames=off_frames,
+        devices=devices,
     )
     model, calibrated = rig.robot, rig.calibration
     if stance is not None:

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import click
 
-from guara_perception.exceptions import InvalidInput
-
 
 @click.command(name="targets")
 @click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="PDF to write")
@@ -25,20 +23,13 @@ def command(out: Path, robot: str, paper: str, board: str, square: float, plates
     Example:
       guara targets -o targets.pdf --paper a3
     """
+    from guara_perception.app.targets.board_words import board_of_words, heights_of_words
     from guara_perception.app.targets.drawings import cross_points
     from guara_perception.app.targets.write import write_targets
-    from guara_perception.calibration.board import BoardSpec
     from kinematics import load_robot
 
-    columns, between, rows = board.partition("x")
-    if not (between and columns.isdigit() and rows.isdigit()):
-        raise InvalidInput(f"--board is {board!r}, it must be COLUMNSxROWS of inner corners, such as 9x7")
-    try:
-        heights = tuple(float(height) for height in plates.split(","))
-    except ValueError:
-        raise InvalidInput(f"--plates is {plates!r}, it must be heights in metres with commas between") from None
     model = load_robot(robot)
-    spec = BoardSpec(int(columns), int(rows), square)
+    spec, heights = board_of_words(board, square), heights_of_words(plates)
     pages = write_targets(out, model, board=spec, paper=paper, plates=heights)
     for title in dict.fromkeys(page.sheet.title for page in pages):
         count = sum(page.sheet.title == title for page in pages)

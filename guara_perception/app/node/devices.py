@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers import AcquireOptions, LaserBoard, OffFrames, OpenCvCamera
+from drivers import AcquireOptions, LaserBoard, OffFrames
+from guara_perception.app.devices_file import Devices, load_devices
 from guara_perception.app.node.rangefinder import STRIPES_TOGETHER, Rangefinder
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import load_calibration
@@ -39,9 +40,10 @@ def choose_rig(
     simulated: bool,
     calibration: Path | None,
     robot: str | None,
-    camera: str,
+    camera: str | None,
     fps: float | None,
     off_frames: str,
+    devices: Path | None = None,
 ) -> Rig:
     """Make the rig that the options of a command ask for.
 
@@ -49,16 +51,19 @@ def choose_rig(
         simulated: simulated robot, world and devices.
         calibration: file; needed unless simulated.
         robot: name or folder; None = the calibration's, or the Guara.
-        camera: number of the camera, device path, or a GStreamer pipeline.
-        fps: frames per second to ask for, or None for the camera's own.
+        camera: number of the camera, device path, or a GStreamer pipeline; None = that of `devices`, or 0.
+        fps: frames per second to ask for; None = those of `devices`, or the camera's own.
         off_frames: "one", "per stripe" or "none".
+        devices: devices.toml as `guara record` writes it.
 
     Raises:
-        InvalidInput: neither a calibration nor a simulation.
-        MissingFile, FileFormatError: the calibration cannot be read.
+        InvalidInput: neither a calibration nor a simulation; a simulation with devices.
+        MissingFile, FileFormatError: the calibration or the file of devices cannot be read.
         kinematics.KinematicsError: the robot cannot be loaded.
     """
     if simulated:
+        if devices is not None:
+            raise InvalidInput("--simulated brings its own devices: leave --devices out")
         from guara_perception.app.node.simulated import SimulatedRobot
 
         made = SimulatedRobot(robot or "guara", calibration)
@@ -67,14 +72,16 @@ def choose_rig(
         raise InvalidInput("no calibration: give -c calibration.json (`guara calibrate` makes it), or --simulated")
     calibrated = load_calibration(calibration)
     model = load_robot(robot or calibrated.robot)
-    return Rig(model, calibrated, _real(calibrated, camera, fps, off_frames), None)
+    known = Devices() if devices is None else load_devices(devices)
+    chosen = replace(known, source=camera or known.source, fps=fps or known.fps, size=calibrated.camera.size)
+    return Rig(model, calibrated, rangefinder_of(chosen, off_frames), None)
 
 
-def _real(calibration: Calibration, camera: str, fps: float | None, off_frames: str) -> Rangefinder:
-
-    source: int | str = int(camera) if camera.isdigit() else camera
+def rangefinder_of(devices: Devices, off_frames: str = "one") -> Rangefinder:
+    """Board and camera of a file of devices, not yet open; the camera's settings are locked when it is opened."""
     return Rangefinder(
-        board=LaserBoard(),
-        camera=OpenCvCamera(source, size=calibration.camera.size, fps=fps),
+        board=LaserBoard(devices.board_config()),
+        camera=devices.camera(),
         options=AcquireOptions(off=OffFrames(off_frames), together=STRIPES_TOGETHER),
+        settings=devices.camera_settings() if devices.settings else None,
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from drivers import AcquireOptions, Camera, LaserBoard, StripeStream, acquire, prepare
+from drivers import AcquireOptions, Camera, CameraSettings, LaserBoard, StripeStream, acquire, prepare
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,11 +28,13 @@ class Rangefinder:
         board: the laser board.
         camera: the camera.
         options: how scans are taken; None = one off frame per scan, STRIPES_TOGETHER.
+        settings: locked and read back when the camera is opened; None leaves it as it is.
     """
 
     board: LaserBoard
     camera: Camera
     options: AcquireOptions | None = None
+    settings: CameraSettings | None = None
     _entered: list[LaserBoard | Camera] = field(default_factory=list, repr=False)
 
     def __enter__(self) -> Self:
@@ -41,6 +43,8 @@ class Rangefinder:
             for device in (self.board, self.camera):
                 device.__enter__()
                 self._entered.append(device)
+            if self.settings is not None:
+                self.camera.lock(self.settings)
         except BaseException:
             self._close()
             raise

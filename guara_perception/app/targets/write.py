@@ -39,20 +39,13 @@ def write_targets(
         The pages, in order.
 
     Raises:
-        InvalidInput: another ending or paper, or a board that no paper could carry.
+        InvalidInput: another ending or paper.
         MissingFile: the folder does not exist.
     """
     from matplotlib.backends.backend_pdf import PdfPages
 
     if Path(path).suffix.lower() != ".pdf":
         raise InvalidInput(f"{path}: it must end in .pdf")
-    if not (3 <= board.columns <= 40 and 3 <= board.rows <= 40 and 0.005 <= board.square <= 0.1):
-        raise InvalidInput(
-            f"board has {board.columns}x{board.rows} inner corners of {board.square:g} m; allowed: 3 ... 40 each way, "
-            f"squares of 0.005 ... 0.1 m"
-        )
-    if not 1 <= len(plates) <= 20:
-        raise InvalidInput(f"{len(plates)} plates, allowed: 1 ... 20")
     sheets = [ruler(), checkerboard(board), crosses(), mat(robot), labels(plates)]
     pages = [page for sheet in sheets for page in pages_of(sheet, paper)]
     with whole_file(path) as temporary:

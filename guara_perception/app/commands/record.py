@@ -1,0 +1,119 @@
+"""`guara record`: leads through a calibration session and calibrates it."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import click
+
+from guara_perception.app.progress import progress
+from guara_perception.exceptions import InvalidInput
+
+# What the ruler of `guara targets` measures when the printer keeps its scale [mm].
+RULER_MM = 150.0
+
+
+@click.command(name="record")
+@click.argument("session", type=click.Path(path_type=Path))
+@click.option("--simulated", is_flag=True, help="simulated robot, devices and helping hands")
+@click.option("--devices", type=click.Path(path_type=Path), help="devices.toml: camera and board to use")
+@click.option("--robot", default="guara", show_default=True, help="name or folder of the robot")
+@click.option("--camera", help="number, device path or GStreamer pipeline; default: that of --devices, or 0")
+@click.option("--board", default="9x7", show_default=True, help="inner corners of the checkerboard, COLUMNSxROWS")
+@click.option("--square", type=float, default=0.030, show_default=True, help="edge of its squares as drawn [m]")
+@click.option("--plates", default="0,0.04,0.08", show_default=True, help="measured heights of the plates [m]")
+@click.option(
+    "--crosses",
+    type=click.Path(path_type=Path),
+    help="JSON with points_in_footprint: [[x, y], ...] measured by hand [m]",
+)
+@click.option("--printed-150", type=float, default=RULER_MM, show_default=True, help="reading of the ruler [mm]")
+@click.option("--stance", type=click.Path(path_type=Path), help="JSON with the stance; default: the scan posture")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="of the live page; default: any free one")
+def command(
+    session: Path,
+    simulated: bool,
+    devices: Path | None,
+    robot: str,
+    camera: str | None,
+    board: str,
+    square: float,
+    plates: str,
+    crosses: Path | None,
+    printed_150: float,
+    stance: Path | None,
+    port: int,
+) -> None:
+    """Record a calibration SESSION step by step: exposure, board, floor, crosses, plates; then calibrate it.
+
+    A page in the browser shows what the camera sees and what to do. Interrupted, the same command goes on where it
+    stopped. SESSION/calibration.json and SESSION/devices.toml are what the other commands take.
+
+    \b
+    Example:
+      guara record sessions/monday --robot guara --camera 0
+      guara record sessions/trial --simulated
+    """
+    import numpy as np
+
+    from guara_perception.app.calibrate import refuse
+    from guara_perception.app.calibration_report.html import write_report
+    from guara_perception.app.calibration_report.summary import summary
+    from guara_perception.app.devices_file import Devices, load_devices
+    from guara_perception.app.files.calibration_session import open_session
+    from guara_perception.app.node.devices import rangefinder_of
+    from guara_perception.app.record.live_page import LivePage
+    from guara_perception.app.record.operator import Operator, TextOperator
+    from guara_perception.app.record.record import record_session
+    from guara_perception.app.record.session_writer import SessionPlan, SessionWriter
+    from guara_perception.app.record.simulated import SimulatedWorkshop
+    from guara_perception.app.targets.board_words import board_of_words, heights_of_words
+    from guara_perception.app.targets.drawings import cross_points
+    from guara_perception.calibration.calibrate import calibrate_session
+    from guara_perception.calibration.file import save_calibration
+    from guara_perception.fields import read_json
+    from kinematics import Stance, load_robot
+
+    if simulated and (devices is not None or camera is not None):
+        raise InvalidInput("--simulated brings its own devices: leave --devices and --camera out")
+    if not 0.9 * RULER_MM <= printed_150 <= 1.1 * RULER_MM:
+        raise InvalidInput(f"--printed-150 is {printed_150:g} mm, allowed: 135 ... 165; print at 100 %")
+    scale = printed_150 / RULER_MM
+    spec = board_of_words(board, square * scale)
+    model = load_robot(robot)
+    if stance is not None:
+        standing = Stance.from_dict(read_json(stance).data)
+    else:
+        standing = Stance(model.posture(model.config.scan_posture), model.legs, None)
+    points = (
+        cross_points(model) * scale if crosses is None else read_json(crosses).array("points_in_footprint", (None, 2))
+    )
+    known = Devices(source=camera or "0") if devices is None else load_devices(devices)
+    plan = SessionPlan(model.name, spec, np.asarray(points), heights_of_words(plates), standing)
+    with ExitStack() as stack:
+        page = stack.enter_context(LivePage(port))
+        operator: Operator
+        if simulated:
+            workshop = SimulatedWorkshop(robot)
+            workshop.use_board(spec)
+            rangefinder, known, operator = workshop.rangefinder, Devices(source="simulated"), workshop
+        else:
+            rangefinder = rangefinder_of(known)
+            operator = TextOperator(page.tell)
+        writer = SessionWriter(session, plan)
+        click.echo(f"live page: {page.address}")
+
+        def tell(step: str) -> None:
+            page.tell(step)
+            click.echo(step)
+
+        stack.enter_context(rangefinder)
+        record_session(writer, model, rangefinder, known, operator, tell=tell, watch=page.watch)
+    with progress("Calibrating") as show:
+        result = calibrate_session(open_session(session), model, progress=show)
+    click.echo(summary(result))
+    click.echo(f"report: {write_report(result, session / 'report')}")
+    refuse(result)
+    written = save_calibration(result.calibration, session / "calibration.json")
+    click.echo(f"{session / 'calibration.json'}: {len(written.stripes)} stripes, verdict {result.verdict}")

@@ -1,0 +1,130 @@
+"""A page on this machine that shows what the camera sees and what is asked, while a session is recorded."""
+
+from __future__ import annotations
+
+import json
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from types import TracebackType
+from typing import Self
+
+import cv2
+import numpy as np
+
+from guara_perception.arrays import Image
+from guara_perception.exceptions import InvalidInput
+
+WIDTH_PX = 960
+PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>Guará: recording</title>
+<style>
+body {font: 18px/1.4 sans-serif; margin: 1.5rem; background: #1d2124; color: #f2f2f2}
+#words {font-size: 1.5rem; min-height: 4.5rem; margin: 0 0 1rem} img {max-width: 100%; border: 1px solid #555}
+#step {color: #9ad1c9}
+</style></head><body>
+<div id="step">connecting</div><p id="words"></p><img id="picture" alt="what the camera sees">
+<script>
+let shown = -1;
+async function look() {
+  try {
+    const state = await (await fetch("state.json", {cache: "no-store"})).json();
+    document.getElementById("step").textContent = state.step;
+    document.getElementById("words").textContent = state.words;
+    if (state.number !== shown) {
+      shown = state.number;
+      if (shown > 0) document.getElementById("picture").src = "picture.jpg?" + shown;
+    }
+  } catch (error) {
+    document.getElementById("step").textContent = "the recording has ended";
+  }
+  setTimeout(look, 200);
+}
+look();
+</script></body></html>
+"""
+
+
+class LivePage:
+    """Serves the page to this machine only, on a thread of its own, while the `with` block lasts.
+
+    Attributes:
+        address: to open in a browser.
+    """
+
+    def __init__(self, port: int = 0) -> None:
+        """Prepare the page.
+
+        Args:
+            port: to serve on; 0 takes any that is free.
+
+        Raises:
+            InvalidInput: the port is taken.
+        """
+        self._lock = threading.Lock()
+        self._step = self._words = ""
+        self._picture: Image | None = None
+        self._number = 0
+        page = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                content, kind = page._answer(self.path.split("?")[0])
+                self.send_response(200 if content else 404)
+                self.send_header("Content-Type", kind)
+                self.send_header("Content-Length", str(len(content)))
+                self.send_header("Cache-Control", "no-store")
+                self.end_headers()
+                self.wfile.write(content)
+
+            def log_message(self, format: str, *args: object) -> None:
+                """Nothing: every picture would be a line."""
+
+        try:
+            self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+        except OSError as error:
+            raise InvalidInput(f"port {port}: {error.strerror}; give another --port") from None
+        self._server.daemon_threads = True
+        self.address = f"http://127.0.0.1:{self._server.server_address[1]}/"
+
+    def __enter__(self) -> Self:
+        """Begin to serve."""
+        threading.Thread(target=self._server.serve_forever, daemon=True, name="live page").start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop."""
+        self._server.shutdown()
+        self._server.server_close()
+
+    def tell(self, step: str) -> None:
+        """Show which step it is."""
+        with self._lock:
+            self._step, self._words = step, ""
+
+    def watch(self, picture: Image, words: str) -> None:
+        """Show a picture and what to do."""
+        with self._lock:
+            self._picture, self._words = picture, words
+            self._number += 1
+
+    def _answer(self, path: str) -> tuple[bytes, str]:
+        with self._lock:
+            state = {"step": self._step, "words": self._words, "number": self._number}
+            picture = self._picture
+        if path == "/":
+            return PAGE.encode(), "text/html; charset=utf-8"
+        if path == "/state.json":
+            return json.dumps(state).encode(), "application/json"
+        if path == "/picture.jpg" and picture is not None:
+            return _jpeg(picture), "image/jpeg"
+        return b"", "text/plain"
+
+
+def _jpeg(picture: Image) -> bytes:
+    if picture.dtype == np.uint16:
+        picture = (picture >> 8).astype(np.uint8)
+    scale = min(1.0, WIDTH_PX / picture.shape[1])
+    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else picture
+    return bytes(cv2.imencode(".jpg", small)[1])
