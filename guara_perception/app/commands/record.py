@@ -26,7 +26,7 @@ RULER_MM = 150.0
 @click.option(
     "--crosses",
     type=click.Path(path_type=Path),
-    help="JSON with points_in_footprint: [[x, y], ...] measured by hand [m]",
+    help="JSON with points_in_footprint, [x, y] by hand [m]",
 )
 @click.option("--printed-150", type=float, default=RULER_MM, show_default=True, help="reading of the ruler [mm]")
 @click.option("--stance", type=click.Path(path_type=Path), help="JSON with the stance; default: the scan posture")

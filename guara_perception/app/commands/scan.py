@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING
 import click
 
 from guara_perception.app.progress import progress
+from guara_perception.exceptions import InvalidInput
 
 if TYPE_CHECKING:
     from drivers import StripeCapture
 
 
 @click.command(name="scan")
+@click.argument("folder", required=False, type=click.Path(path_type=Path))
 @click.option("-c", "--calibration", type=click.Path(path_type=Path), help="calibration.json of this rangefinder")
-@click.option("-o", "--out", type=click.Path(path_type=Path), default=Path("scan"), show_default=True)
+@click.option("-o", "--out", type=click.Path(path_type=Path), help="the same as FOLDER")
 @click.option("--simulated", is_flag=True, help="simulated robot, world and devices")
 @click.option("--mode", type=click.Choice(["standard", "coarse"]), default="standard", show_default=True)
 @click.option("--stance", type=click.Path(path_type=Path), help="JSON with the stance; default: the scan posture")
@@ -26,9 +28,11 @@ if TYPE_CHECKING:
 @click.option("--camera", help="number, device path or GStreamer pipeline; default: that of --devices, or 0")
 @click.option("--fps", type=click.FloatRange(min=0.1), help="frames per second to ask of the camera")
 @click.option("--off-frames", type=click.Choice(["one", "per stripe", "none"]), default="one", show_default=True)
+@click.option("--no-calibration", is_flag=True, help="only record, in robot.toml's pattern: a plate to calibrate with")
 def command(
+    folder: Path | None,
     calibration: Path | None,
-    out: Path,
+    out: Path | None,
     simulated: bool,
     mode: str,
     stance: Path | None,
@@ -37,26 +41,35 @@ def command(
     camera: str | None,
     fps: float | None,
     off_frames: str,
+    no_calibration: bool,
 ) -> None:
-    """Scan once, with the robot standing still; write the scan folder OUT and pictures into OUT-figures.
+    """Scan once, with the robot standing still, into FOLDER (default: scan), with pictures in FOLDER-figures.
 
-    Without --stance the robot is taken to stand in its scan posture on all feet, gravity unknown.
+    The folder also holds the calibration: `guara process FOLDER -o terrain.npz` needs nothing else. Without --stance
+    the robot is taken to stand in its scan posture on all feet, gravity unknown.
 
     \b
     Example:
-      guara scan -c calibration.json -o scans/today
+      guara scan scans/today -c calibration.json --devices devices.toml
+      guara scan plates/40 --no-calibration --robot guara
     """
     from guara_perception.app.figures.figures import draw_figures
     from guara_perception.app.files.open_scan import open_scan
     from guara_perception.app.files.scan_folder_writer import ScanFolderWriter
     from guara_perception.app.node.devices import choose_rig
     from guara_perception.app.node.live_scan import live_scan
+    from guara_perception.app.record.plate_scan import scan_uncalibrated
     from guara_perception.app.summary import summary
     from guara_perception.fields import read_json
     from guara_perception.process import with_pictures
     from guara_perception.scan_processor import ScanProcessor
     from kinematics import Stance
 
+    if folder is not None and out is not None:
+        raise InvalidInput(f"FOLDER is {folder} and --out is {out}: give one of them")
+    if no_calibration and calibration is not None:
+        raise InvalidInput("--no-calibration and --calibration contradict one another: give one of them")
+    target = folder or out or Path("scan")
     rig = choose_rig(
         simulated=simulated,
         calibration=calibration,
@@ -65,17 +78,24 @@ def command(
         fps=fps,
         off_frames=off_frames,
         devices=devices,
+        needs_calibration=not no_calibration,
     )
-    model, calibrated = rig.robot, rig.calibration
+    model = rig.robot
     if stance is not None:
         standing = Stance.from_dict(read_json(stance).data)
     else:
         standing = Stance(model.posture(model.config.scan_posture), model.legs, None)
+    if no_calibration:
+        with rig.rangefinder, progress("Scanning") as show:
+            scan_uncalibrated(rig.rangefinder, model, standing, target, mode=mode, progress=show)
+        click.echo(f"{target}: recorded without a calibration")
+        return
+    calibrated = rig.calibration
     stamp = time.time_ns()
     processor = ScanProcessor(calibrated, model, standing, mode, stamp=stamp)
     wanted = processor.settings.pattern(mode)
     firing_order = [(s.index, s.mirror_angle) for s in calibrated.stripes if s.index in wanted]
-    with ScanFolderWriter(out) as writer:
+    with ScanFolderWriter(target) as writer:
         with rig.rangefinder, progress("Scanning") as show:
             done = itertools.count(1)
 
@@ -97,7 +117,7 @@ def command(
             calibration=calibrated,
         )
     terrain = with_pictures(processor.finish(), processor)
-    click.echo(f"{out}: {summary(terrain)}")
-    folder = out.with_name(f"{out.name}-figures")
-    pictures = draw_figures(folder, open_scan(out), calibrated, processor, terrain)
-    click.echo(f"{folder}: {len(pictures)} pictures")
+    click.echo(f"{target}: {summary(terrain)}")
+    figures = target.with_name(f"{target.name}-figures")
+    pictures = draw_figures(figures, open_scan(target), calibrated, processor, terrain)
+    click.echo(f"{figures}: {len(pictures)} pictures")

@@ -24,15 +24,26 @@ class Rig:
 
     Attributes:
         robot: model.
-        calibration: of the rangefinder.
+        known_calibration: of the rangefinder; None for a scan to calibrate with.
         rangefinder: not yet open.
         simulation: behind it, None for real devices.
     """
 
     robot: RobotModel
-    calibration: Calibration
+    known_calibration: Calibration | None
     rangefinder: Rangefinder
     simulation: SimulatedRobot | None
+
+    @property
+    def calibration(self) -> Calibration:
+        """The calibration; `choose_rig` made sure that there is one where it is needed.
+
+        Raises:
+            InvalidInput: there is none.
+        """
+        if self.known_calibration is None:
+            raise InvalidInput("no calibration: give -c calibration.json (`guara calibrate` makes it)")
+        return self.known_calibration
 
 
 def choose_rig(
@@ -44,6 +55,7 @@ def choose_rig(
     fps: float | None,
     off_frames: str,
     devices: Path | None = None,
+    needs_calibration: bool = True,
 ) -> Rig:
     """Make the rig that the options of a command ask for.
 
@@ -55,6 +67,7 @@ def choose_rig(
         fps: frames per second to ask for; None = those of `devices`, or the camera's own.
         off_frames: "one", "per stripe" or "none".
         devices: devices.toml as `guara record` writes it.
+        needs_calibration: False for a scan to calibrate with.
 
     Raises:
         InvalidInput: neither a calibration nor a simulation; a simulation with devices.
@@ -68,12 +81,15 @@ def choose_rig(
 
         made = SimulatedRobot(robot or "guara", calibration)
         return Rig(made.robot, made.calibration, made.rangefinder, made)
+    known = Devices() if devices is None else load_devices(devices)
+    chosen = replace(known, source=camera or known.source, fps=fps or known.fps)
+    if not needs_calibration:
+        return Rig(load_robot(robot or "guara"), None, rangefinder_of(chosen, off_frames), None)
     if calibration is None:
         raise InvalidInput("no calibration: give -c calibration.json (`guara calibrate` makes it), or --simulated")
     calibrated = load_calibration(calibration)
     model = load_robot(robot or calibrated.robot)
-    known = Devices() if devices is None else load_devices(devices)
-    chosen = replace(known, source=camera or known.source, fps=fps or known.fps, size=calibrated.camera.size)
+    chosen = replace(chosen, size=calibrated.camera.size)
     return Rig(model, calibrated, rangefinder_of(chosen, off_frames), None)
 
 

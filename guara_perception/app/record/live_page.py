@@ -16,7 +16,7 @@ from guara_perception.exceptions import InvalidInput
 
 WIDTH_PX = 960
 PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>Guará: recording</title>
+<html lang="en"><head><meta charset="utf-8"><title>Guará: recording</title><link rel="icon" href="data:,">
 <style>
 body {font: 18px/1.4 sans-serif; margin: 1.5rem; background: #1d2124; color: #f2f2f2}
 #words {font-size: 1.5rem; min-height: 4.5rem; margin: 0 0 1rem} img {max-width: 100%; border: 1px solid #555}

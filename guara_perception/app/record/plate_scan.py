@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from kinematics import RobotModel, Stance
 
 
+# [s] A camera that brings no frame in this time brings none.
+FRAME_SECONDS = 2.0
+
+
 class PlateScanFailed(PerceptionError, RuntimeError):
     """A plate could not be scanned whole; the message says what to mend."""
 
@@ -34,21 +38,19 @@ def scan_uncalibrated(
     robot: RobotModel,
     stance: Stance,
     folder: Path,
-    height: int,
     *,
     mode: str = "standard",
-    on_stripe: Callable[[], None] = lambda: None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Take one scan into a scan folder.
+    """Take one scan into a scan folder; every row of its frames is looked at, since no stripe's rows are known.
 
     Args:
         rangefinder: open devices.
         robot: whose pattern is swept.
         stance: in which it stands.
         folder: to make.
-        height: of the camera's pictures [px]; all rows are looked at, since no stripe's place is known.
         mode: "standard" or "coarse".
-        on_stripe: called after each stripe.
+        progress: called with (stripes done, stripes in all).
 
     Raises:
         PlateScanFailed: a frame was lost or out of step.
@@ -57,9 +59,10 @@ def scan_uncalibrated(
     """
     order = nominal_order(robot, mode)
     rangefinder.lost_steps(order)
-    stamp = time.time_ns()
+    rows = np.asarray(rangefinder.camera.grab(FRAME_SECONDS).image).shape[0]
+    stamp, done = time.time_ns(), 0
     with ScanFolderWriter(folder) as writer:
-        stripes = rangefinder.sweep(order, lambda index: (0, height), lambda: False)
+        stripes = rangefinder.sweep(order, lambda index: (0, rows), lambda: False)
         with stripes:
             for group in stripes.groups():
                 for capture in group:
@@ -68,7 +71,9 @@ def scan_uncalibrated(
                             f"{folder.name}: stripe {capture.index}: frame {capture.verdict.value}; scan it again"
                         )
                     writer.add(capture.index, capture.mirror_angle, capture.on, capture.off, off_key=id(capture.off))
-                    on_stripe()
+                    done += 1
+                    if progress is not None:
+                        progress(done, len(order))
         lost = rangefinder.lost_steps(order)
         if lost:
             raise MirrorSlipped(f"{folder.name}: the mirror lost {lost} steps during the scan: is it blocked?")

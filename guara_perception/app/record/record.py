@@ -48,7 +48,7 @@ def record_session(
     *,
     tell: Callable[[str], None],
     watch: Watch = lambda picture, words: None,
-    on_stripe: Callable[[], None] = lambda: None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Record what is missing of a session and finish it.
 
@@ -60,7 +60,7 @@ def record_session(
         operator: who puts things before the camera.
         tell: called with each step in words.
         watch: called with pictures and words, for a live page.
-        on_stripe: called after each stripe of a plate.
+        progress: called with (stripes done, stripes in all) of each plate.
 
     Returns:
         Path of `session.json`.
@@ -81,13 +81,12 @@ def record_session(
     if not writer.has(CROSSES_PICTURE):
         tell("the crosses")
         _record_crosses(writer, robot, rangefinder, operator, watch)
-    height = writer.read(CROSSES_PICTURE).shape[0]
     for plate in plan.plates:
         name = writer.plate_name(plate)
         if not writer.has(name):
             operator.lay_plate(plate)
             tell(f"scanning the plate of {1e3 * plate:g} mm")
-            scan_uncalibrated(rangefinder, robot, plan.stance, writer.folder / name, height, on_stripe=on_stripe)
+            scan_uncalibrated(rangefinder, robot, plan.stance, writer.folder / name, progress=progress)
     return writer.finish()
 
 

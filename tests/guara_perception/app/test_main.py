@@ -14,7 +14,9 @@ from guara_perception.app.main import COMMANDS, LazyGroup, is_bad_input, run
 from kinematics.exceptions import unknown_name
 from transport import ConnectionFailed, ScanFailed, StaleTerrain
 
-PROMISED = "calibrate convert demo doctor export info listen process record recover replay run scan security targets view".split()
+PROMISED = """
+calibrate convert demo doctor export info listen process record recover replay run scan security targets view
+""".split()
 
 
 def with_subcommands(name: str) -> list[tuple[str, ...]]:

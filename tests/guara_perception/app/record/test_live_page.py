@@ -1,0 +1,88 @@
+"""The live page: over HTTP, and in a real browser."""
+
+from __future__ import annotations
+
+import json
+import urllib.error
+import urllib.request
+
+import cv2
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.record.live_page import LivePage
+from guara_perception.app.record.operator import TextOperator
+from guara_perception.calibration.board import BoardSpec
+from tests.guara_perception.view.chromium import Chromium, find_chromium
+
+
+def get(address: str) -> bytes:
+    """What the page answers."""
+    with urllib.request.urlopen(address, timeout=10) as answer:
+        return answer.read()
+
+
+def test_page_shows_step_words_and_picture():
+    """State and picture are the last ones told; before the first picture there is none."""
+    with LivePage() as page:
+        assert b"<img" in get(page.address)
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            get(page.address + "picture.jpg")
+        page.tell("the crosses")
+        page.watch(np.full((1000, 2000), 40_000, np.uint16), "move it left")
+        assert json.loads(get(page.address + "state.json")) == {
+            "step": "the crosses",
+            "words": "move it left",
+            "number": 1,
+        }
+        picture = cv2.imdecode(np.frombuffer(get(page.address + "picture.jpg"), np.uint8), cv2.IMREAD_COLOR)
+        assert picture.shape == (480, 960, 3) and abs(float(picture.mean()) - 40_000 / 256) < 2
+    with pytest.raises(urllib.error.URLError):
+        get(page.address)
+
+
+def test_a_taken_port_is_refused():
+    """In words, with the way out."""
+    with LivePage() as page:
+        port = int(page.address.split(":")[2].strip("/"))
+        with pytest.raises(gp.InvalidInput, match=f"port {port}: .*; give another --port"):
+            LivePage(port)
+
+
+def test_person_is_asked_step_by_step(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Each request waits for a key, but for the board that is held up, whose advice is said once."""
+    waited: list[str] = []
+    told: list[str] = []
+    monkeypatch.setattr("click.pause", lambda words: waited.append(words))
+    operator = TextOperator(told.append)
+    operator.clear()
+    for _ in range(3):
+        operator.show_board("tilt it")
+    operator.lay_board(BoardSpec(9, 7, 0.03))
+    operator.lay_crosses("(1, 2)", "cross 3 not found")
+    operator.lay_plate(0.04)
+    operator.lay_plate(0.0)
+    assert len(waited) == 5 and told.count("tilt it") == 1
+    assert "cross 3 not found" in waited[2] and "plate of 40 mm" in waited[3] and "Clear the floor" in waited[4]
+    assert capsys.readouterr().err.count("\n") == 6
+
+
+@pytest.mark.view
+def test_page_in_a_browser_shows_what_is_told(tmp_path):
+    """Chromium shows the words and draws the picture; it asks no other machine for anything."""
+    chromium = pytest.importorskip("websockets", reason="extra view") and find_chromium()
+    if chromium is None:
+        pytest.skip("no Chromium on this machine")
+    with LivePage() as page, Chromium(chromium, tmp_path / "profile") as browser:
+        page.tell("the board on the floor")
+        page.watch(np.full((300, 400, 3), (0, 0, 255), np.uint8), "lay it flat")
+        browser.call("Page.navigate", url=page.address)
+        browser.wait_for(
+            "document.getElementById('words') && document.getElementById('words').textContent == 'lay it flat'"
+        )
+        browser.wait_for("document.getElementById('picture').naturalWidth == 400")
+        assert browser.evaluate("document.getElementById('step').textContent") == "the board on the floor"
+        red = (browser.screenshot().astype(int) @ np.array([[1], [-1], [-1]]) > 150).mean()
+        assert red > 0.1 and browser.errors == []
+        assert all(address.startswith(page.address) or address == "about:blank" for address in browser.requests)

@@ -1,0 +1,156 @@
+"""From nothing to a first grid: `guara targets`, `record`, `calibrate`, `doctor`, `scan`, `process`, `run`."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from drivers.emulator.camera import CameraFault
+from guara_perception.app.devices_file import Devices, load_devices
+from guara_perception.app.record.plate_scan import PlateScanFailed, nominal_order, scan_uncalibrated
+from guara_perception.app.record.record import RecordingFailed, record_session
+from guara_perception.app.record.session_writer import CROSSES_PICTURE, SessionPlan, SessionWriter
+from guara_perception.app.record.simulated import SimulatedWorkshop
+from guara_perception.app.targets.drawings import cross_points
+from guara_perception.calibration.board import BoardSpec
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> Path:
+    """A session that the command recorded in the simulated workshop."""
+    from guara_perception.app.main import run
+
+    folder = tmp_path_factory.mktemp("record") / "session"
+    assert run(["record", str(folder), "--simulated"]) == 0
+    return folder
+
+
+@pytest.fixture
+def unfinished(recorded: Path, tmp_path: Path) -> Path:
+    """A copy in which the crosses, a plate and the end are still to do."""
+    folder = Path(shutil.copytree(recorded, tmp_path / "session"))
+    for name in ("session.json", CROSSES_PICTURE, "calibration.json"):
+        (folder / name).unlink()
+    shutil.rmtree(folder / "plate_40")
+    return folder
+
+
+def test_recorded_session_calibrates_as_good(recorded: Path, guara, tmp_path: Path):
+    """`guara calibrate` says good; the mount is the workshop's to a millimetre and a fifth of a degree."""
+    said = guara("calibrate", recorded, "-o", tmp_path / "calibration.json")
+    assert said.code == 0 and "verdict: good" in said.out
+    made, truth = gp.load_calibration(tmp_path / "calibration.json"), SimulatedWorkshop().truth
+    assert made.quality["verdict"] == "good" and len(made.stripes) == 70
+    difference = np.linalg.inv(truth.transform_camera_to_base) @ made.transform_camera_to_base
+    assert np.linalg.norm(difference[:3, 3]) < 0.001
+    assert np.arccos(np.clip((np.trace(difference[:3, :3]) - 1) / 2, -1, 1)) < np.deg2rad(0.2)
+    assert np.allclose(made.camera.matrix, truth.camera.matrix, rtol=2e-3, atol=1.0)
+
+
+def test_devices_are_measured_and_kept(recorded: Path):
+    """The exposure was metered and the lag is that of the emulated camera: exposure and transfer."""
+    devices = load_devices(recorded / "devices.toml")
+    assert devices.source == "simulated" and devices.lag is not None
+    exposure = devices.settings["exposure"]
+    assert exposure <= devices.lag <= exposure + 1.5 / 60
+
+
+def test_the_way_from_the_box_to_the_first_grid(recorded: Path, guara, tmp_path: Path):
+    """The commands of docs/first-grid.md, one after the other, with emulated devices."""
+    assert guara("targets", "-o", tmp_path / "targets.pdf").code == 0
+    calibration = recorded / "calibration.json"
+    doctor = guara("doctor", "-c", calibration, "--only", "calibration", "--json")
+    assert doctor.code == 0 and json.loads(doctor.out)["level"] == "ok"
+    scan = guara("scan", tmp_path / "first", "--simulated", "-c", calibration, "--mode", "coarse")
+    assert scan.code == 0, scan.err
+    processed = guara("process", tmp_path / "first", "-o", tmp_path / "first.npz")
+    assert processed.code == 0, processed.err
+    terrain = gp.load_terrain(tmp_path / "first.npz")
+    assert (terrain.hazard & 0xFF == 0).mean() > 0.6
+    assert terrain.metadata["calibration_hash"] == gp.load_calibration(calibration).hash
+
+
+def test_an_interrupted_recording_goes_on(unfinished: Path, guara):
+    """Only what is missing is taken; what was there stays, to the byte."""
+    before = {path: path.stat().st_mtime_ns for path in unfinished.rglob("*.png") if path.parent.name != "report"}
+    assert guara("record", unfinished, "--simulated").code == 0
+    assert (unfinished / "session.json").is_file() and (unfinished / "plate_40" / "scan.json").is_file()
+    assert all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
+
+
+def test_crosses_that_are_not_there_are_asked_for_again(unfinished: Path):
+    """With the reason; and after many tries the recording ends, with everything kept."""
+    asked: list[str] = []
+
+    class Forgetful(SimulatedWorkshop):
+        def lay_crosses(self, points: str, why_again: str) -> None:
+            asked.append(why_again)
+            self.clear()
+            if len(asked) == 3:
+                super().lay_crosses(points, why_again)
+
+    workshop = Forgetful()
+    stance = workshop.stance
+    plan = SessionPlan("guara", BoardSpec(9, 7, 0.03), cross_points(workshop.robot), (0.0, 0.04, 0.08), stance)
+    writer = SessionWriter(unfinished, plan)
+    with workshop.rangefinder:
+        record_session(writer, workshop.robot, workshop.rangefinder, Devices(), workshop, tell=lambda words: None)
+    assert asked[0] == "" and "cross" in asked[1] and len(asked) == 3
+
+    (unfinished / CROSSES_PICTURE).unlink()
+    (unfinished / "session.json").unlink()
+    with workshop.rangefinder, pytest.raises(RecordingFailed, match="the crosses were not found"):
+        record_session(writer, workshop.robot, workshop.rangefinder, Devices(), workshop, tell=lambda words: None)
+    assert len(writer.boards) >= 12
+
+
+def test_a_plate_is_scanned_whole_or_not_at_all(tmp_path: Path):
+    """A lost frame leaves no folder; the message names the stripe."""
+    workshop = SimulatedWorkshop()
+    workshop.rangefinder.camera.faults.append(CameraFault("silence", first=60, count=400))
+    with workshop.rangefinder, pytest.raises(PlateScanFailed, match=r"plate_0: stripe \d+: frame .*; scan it again"):
+        scan_uncalibrated(workshop.rangefinder, workshop.robot, workshop.stance, tmp_path / "plate_0", mode="coarse")
+    assert not (tmp_path / "plate_0").exists()
+
+
+def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: Path, robot):
+    """`guara scan FOLDER --no-calibration` is what a plate needs."""
+    said = guara("scan", tmp_path / "plate", "--simulated", "--no-calibration", "--mode", "coarse")
+    assert said.code == 0 and "recorded without a calibration" in said.out
+    scan = gp.open_scan(tmp_path / "plate")
+    assert [(s.index, s.mirror_angle) for s in scan.stripes] == nominal_order(robot, "coarse")
+    assert scan.calibration_hash is None
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--simulated", "--camera", "0"], "--simulated brings its own devices"),
+        (["--simulated", "--printed-150", "15"], "--printed-150 is 15 mm, allowed: 135 ... 165"),
+        (["--simulated", "--plates", "0,0"], "--plates is '0,0', allowed: 1 ... 20 different heights"),
+        (["--simulated", "--plates", "40"], "heights of -0.5 ... 0.5 m"),
+        (["--simulated", "--board", "9"], "--board is '9', it must be COLUMNSxROWS"),
+        (["--devices", "none.toml"], "none.toml: no such file; `guara record` writes one"),
+        (["--robot", "dog"], "dog"),
+    ],
+)
+def test_wrong_options_are_refused(guara, tmp_path: Path, words, told):
+    """Exit 2, one line, no folder."""
+    said = guara("record", tmp_path / "s", *words)
+    assert said.code == 2 and told in said.err and said.err.count("\n") == 1
+    assert not (tmp_path / "s").exists()
+
+
+def test_scan_refuses_two_targets(guara, tmp_path: Path):
+    """FOLDER and --out are the same thing."""
+    said = guara("scan", tmp_path / "a", "-o", tmp_path / "b", "--simulated")
+    assert said.code == 2 and "give one of them" in said.err
+    said = guara("scan", tmp_path / "a", "--no-calibration", "-c", "c.json")
+    assert said.code == 2 and "contradict one another" in said.err

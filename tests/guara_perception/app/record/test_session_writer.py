@@ -1,0 +1,52 @@
+"""A session folder is begun, gone on with, and never mixed with another."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.record.session_writer import CROSSES_PICTURE, SessionPlan, SessionWriter
+from guara_perception.app.targets.drawings import cross_points
+from guara_perception.calibration.board import BoardSpec
+
+
+@pytest.fixture
+def plan(robot) -> SessionPlan:
+    """Board, crosses and plates as `guara targets` prints them."""
+    stance = gp.Stance(robot.posture(robot.config.scan_posture), robot.legs, None)
+    return SessionPlan("guara", BoardSpec(9, 7, 0.03), cross_points(robot), (0.0, 0.04), stance)
+
+
+def test_what_was_taken_is_there_when_it_goes_on(plan: SessionPlan, tmp_path: Path):
+    """Pictures stay, and are not asked for again."""
+    first = SessionWriter(tmp_path / "s", plan)
+    picture = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
+    for name in ("board_00.png", "board_01.png", CROSSES_PICTURE):
+        first.write(name, picture)
+    again = SessionWriter(tmp_path / "s", plan)
+    assert again.boards == ["board_00.png", "board_01.png"] and again.has(CROSSES_PICTURE)
+    assert np.array_equal(again.read("board_01.png"), picture)
+    assert not again.has(again.plate_name(0.04)) and again.plate_name(0.0405) == "plate_40_5"
+
+
+def test_another_plan_is_refused(plan: SessionPlan, tmp_path: Path):
+    """The message names what differs."""
+    SessionWriter(tmp_path / "s", plan)
+    other = dataclasses.replace(plan, plates=(0.0, 0.05), board=BoardSpec(8, 7, 0.03))
+    with pytest.raises(gp.InvalidInput, match="was begun with other board, plates: give the same options or another"):
+        SessionWriter(tmp_path / "s", other)
+
+
+def test_folders_with_other_things_are_refused(plan: SessionPlan, tmp_path: Path, data: Path):
+    """A finished session, a file, a folder of something else."""
+    with pytest.raises(gp.InvalidInput, match="holds a finished session"):
+        SessionWriter(data / "calibration", plan)
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(gp.InvalidInput, match="is a file, a session is a folder"):
+        SessionWriter(tmp_path / "file", plan)
+    with pytest.raises(gp.InvalidInput, match="exists and is no recording"):
+        SessionWriter(tmp_path, plan)
