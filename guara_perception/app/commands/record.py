@@ -52,7 +52,7 @@ def command(
 
     \b
     Example:
-      guara record sessions/monday --robot guara --camera 0
+      guara record sessions/monday --camera 0
       guara record sessions/trial --simulated
     """
     import numpy as np
