@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
+from transport import clock
 from transport.exceptions import (
     MessageError,
     ReceiveTimeout,
@@ -14,29 +16,34 @@ from transport.exceptions import (
     ScannerUnavailable,
     StaleTerrain,
 )
-from transport.keys import DEFAULT_ROBOT, alive_key, status_key, terrain_key
-from transport.liveliness import AliveWatcher
+from transport.grid_judge import GridJudge
+from transport.keys import DEFAULT_ROBOT, query_key, terrain_key
+from transport.node_clock import ClockOffset
 from transport.query import query_terrain
 from transport.receiver import NewestReceiver, Received
 from transport.scan_client import request_scan
 from transport.scan_messages import ScanReply
+from transport.seldom import Seldom
 from transport.session import Session
-from transport.status_message import STATUS_NAME, Status, decode_status
+from transport.status_message import Status
 from transport.terrain_codec import decode_terrain
 from transport.terrain_message import EXTENTS, TerrainMessage
 
 # [s] After subscribing, the last grid and the node's sign of life are there within this time: measured below 0.1 s on
 # a free machine, the rest is for a busy one. Only who asks in vain waits so long.
 SETTLE = 2.0
+# [s] A grid of a later pause than the one asked for may be of a walk that is over: when the robot does not stand, the
+# BEGIN of the next walk may be on its way.
+NEWS = 1.0
 
-NS = 1e-9
+logger = logging.getLogger(__name__)
 
 
 class PerceptionClient:
     """Receives the grids of one robot and asks it for scans.
 
-    Each extent is subscribed to when first asked for. A grid's age is the time since its arrival plus the time
-    between the end of its scan and its arrival by the two machines' clocks (never less than nothing).
+    Each extent is subscribed to when first asked for. Whose a grid is, and how old, is judged in one place for all ways
+    of receiving it: `GridJudge`.
 
     Attributes:
         robot: instance name.
@@ -54,8 +61,7 @@ class PerceptionClient:
         self._receivers: dict[str, NewestReceiver[TerrainMessage]] = {}
         self._since: dict[str, float] = {}
         self._start = time.monotonic()
-        self._node = AliveWatcher(session, alive_key(robot))
-        self._status = NewestReceiver(session, status_key(robot), decode_status, latched=False)
+        self._judge = GridJudge(session, robot)
 
     def __enter__(self) -> Self:
         """The client itself."""
@@ -78,18 +84,20 @@ class PerceptionClient:
             raise MessageError(f"extent is {extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
         if extent not in self._receivers:
             key = terrain_key(self.robot, extent)
-            self._receivers[extent] = NewestReceiver(self._session, key, decode_terrain)
+            self._receivers[extent] = NewestReceiver(
+                self._session, key, decode_terrain, refusal=lambda terrain: self._judge.refusal(terrain, extent)
+            )
             self._since[extent] = time.monotonic()
         return self._receivers[extent]
 
     @property
     def is_alive(self) -> bool:
         """Whether the node shows its sign of life."""
-        return self._node.is_alive
+        return self._judge.node.is_alive
 
     def wait_until_alive(self, timeout: float) -> bool:
         """Wait for the node's sign of life; False when `timeout` [s] passed before."""
-        return self._node.wait(True, timeout)
+        return self._judge.node.wait(True, timeout)
 
     def links(self) -> tuple[str, ...]:
         """Routers that this client is connected to now."""
@@ -101,12 +109,16 @@ class PerceptionClient:
         Raises:
             MessageError: the newest status is damaged.
         """
-        received = self._status.latest()
-        return None if received is None else received.message
+        return self._judge.status()
+
+    @property
+    def clock_offset(self) -> ClockOffset | None:
+        """How the node's wall clock stands against this machine's; None while the node has not said."""
+        return self._judge.clock.offset
 
     def age(self, received: Received[TerrainMessage]) -> float:
-        """[s] since the end of the scan of a received grid."""
-        return received.age + max(0.0, (received.arrival_stamp - received.message.scan_end) * NS)
+        """[s] since the end of the scan of a received grid; see `GridJudge.age`."""
+        return self._judge.age(received)
 
     def latest(self, *, extent: str = "footprint", max_age: float | None = None) -> TerrainMessage:
         """The newest grid, if it may still be used.
@@ -128,21 +140,7 @@ class PerceptionClient:
             if self.is_alive:
                 raise StaleTerrain(f"the node of {self.robot!r} runs, but has published no {extent} grid yet")
             raise self._unavailable()
-        terrain, age = received.message, self.age(received)
-        limit = terrain.valid_for if max_age is None else max_age
-        if age > limit:
-            gone = "" if self.is_alive else "; its node is gone"
-            raise StaleTerrain(
-                f"newest {extent} grid (step {terrain.step}) is {age:.2f} s old; allowed: {limit:g} s{gone}. "
-                f"Wait for the next, ask for a scan, or give a larger max_age"
-            )
-        pauses = self._pauses_since(terrain)
-        if max_age is None and pauses > terrain.valid_pauses:
-            raise StaleTerrain(
-                f"newest {extent} grid (step {terrain.step}) is {pauses} pauses old; allowed: "
-                f"{terrain.valid_pauses}. Wait for the next, ask for a scan, or give max_age"
-            )
-        return terrain
+        return self._judge.check(received, max_age, wait=SETTLE)
 
     def _first(self, receiver: NewestReceiver[TerrainMessage], timeout: float) -> Received[TerrainMessage] | None:
         try:
@@ -150,50 +148,120 @@ class PerceptionClient:
         except ReceiveTimeout:
             return None
 
-    def _pauses_since(self, terrain: TerrainMessage) -> int:
-        status = self.status()
-        item = None if status is None else status.item(STATUS_NAME)
-        step = "" if item is None else item.values.get("step", "")
-        return int(step) - terrain.step if step.lstrip("-").isdigit() else 0
-
     def _unavailable(self) -> ScannerUnavailable:
         return ScannerUnavailable(
             f"no node of robot {self.robot!r} is to be seen: none runs on this router, the instance name "
             f"differs, or this side may not read (the role of its certificate)"
         )
 
-    def wait_for(
-        self, predicate: Callable[[TerrainMessage], bool], *, timeout: float, extent: str = "footprint"
-    ) -> TerrainMessage:
-        """Wait for a newest grid that `predicate` accepts.
+    def receive(
+        self,
+        predicate: Callable[[TerrainMessage], bool],
+        *,
+        timeout: float | None,
+        extent: str = "footprint",
+        max_age: float | None = None,
+        after: int = 0,
+    ) -> Received[TerrainMessage]:
+        """Wait for a newest grid that `predicate` accepts and that may still be used.
+
+        Args:
+            predicate: called with each newest grid.
+            timeout: [s]; None waits without end.
+            extent: "footprint" or "map".
+            max_age: as of `latest`; infinite takes grids of any age.
+            after: number of a sample; only later ones count.
 
         Raises:
-            ReceiveTimeout: none came within `timeout` [s] although the node lives.
+            ReceiveTimeout: none came in time although the node lives; it says so when only old ones did.
             ScannerGone: none came, and the node went away.
             ScannerUnavailable: none came, and no node was ever seen.
         """
+        stale = ""
+
+        def accepts(received: Received[TerrainMessage]) -> bool:
+            nonlocal stale
+            if not predicate(received.message):
+                return False
+            try:
+                self._judge.check(received, max_age, wait=SETTLE)
+            except StaleTerrain as error:
+                stale = f"; {error}"
+                return False
+            return True
+
         try:
-            return self.receiver(extent).wait_for(predicate, timeout).message
+            return self.receiver(extent).wait_until(accepts, timeout, after=after)
         except ReceiveTimeout as error:
             if self.is_alive:
-                raise
-            if self._node.was_seen:
-                raise ScannerGone(f"{error}; the node of {self.robot!r} went away") from error
+                raise ReceiveTimeout(f"{error}{stale}") from error
+            if self._judge.node.was_seen:
+                raise ScannerGone(f"{error}{stale}; the node of {self.robot!r} went away") from error
             raise self._unavailable() from error
 
-    def wait_for_step(
-        self, step: int, *, timeout: float, extent: str = "footprint", confirmed: bool = False
+    def wait_for(
+        self,
+        predicate: Callable[[TerrainMessage], bool],
+        *,
+        timeout: float,
+        extent: str = "footprint",
+        max_age: float | None = None,
     ) -> TerrainMessage:
-        """Wait for the grid of stance pause `step` or a later one; errors as of `wait_for`."""
-        return self.wait_for(
-            lambda terrain: terrain.step >= step and not (confirmed and terrain.provisional),
-            timeout=timeout,
-            extent=extent,
-        )
+        """Wait for a newest grid that `predicate` accepts; arguments and errors as of `receive`."""
+        return self.receive(predicate, timeout=timeout, extent=extent, max_age=max_age).message
 
-    def on_terrain(self, callback: Callable[[TerrainMessage], None], *, extent: str = "footprint") -> None:
-        """Call `callback` with the newest grid, again and again, on a thread of its own; see `on_newest`."""
-        self.receiver(extent).on_newest(lambda received: callback(received.message))
+    def wait_for_step(
+        self,
+        step: int,
+        *,
+        timeout: float,
+        extent: str = "footprint",
+        epoch: str | None = None,
+        confirmed: bool = False,
+        max_age: float | None = None,
+    ) -> TerrainMessage:
+        """Wait for the grid of stance pause `step` or a later one; errors as of `receive`.
+
+        Args:
+            step: number of the pause.
+            timeout: [s]
+            extent: "footprint" or "map".
+            epoch: identity of the walk; None takes the one that the node is on.
+            confirmed: do not take a provisional one.
+            max_age: as of `receive`.
+        """
+
+        def accepts(terrain: TerrainMessage) -> bool:
+            if terrain.step < step or (confirmed and terrain.provisional):
+                return False
+            if epoch is not None:
+                return terrain.epoch == epoch
+            if terrain.step > step:
+                self._judge.wait_for_news(NEWS)
+            return True
+
+        return self.wait_for(accepts, timeout=timeout, extent=extent, max_age=max_age)
+
+    def on_terrain(
+        self, callback: Callable[[TerrainMessage], None], *, extent: str = "footprint", max_age: float | None = None
+    ) -> None:
+        """Call `callback` with the newest grid, again and again, on a thread of its own; see `on_newest`.
+
+        A grid that may no longer be used when its turn comes is not handed over, one that is withdrawn always.
+        """
+        told = Seldom(logger)
+
+        def hand_over(received: Received[TerrainMessage]) -> None:
+            if received.message.withdrawn:
+                # What was handed over before is taken back, however late.
+                callback(received.message)
+                return
+            try:
+                callback(self._judge.check(received, max_age, wait=SETTLE))
+            except StaleTerrain as error:
+                told.say("not handed over: %s", error)
+
+        self.receiver(extent).on_newest(hand_over)
 
     def request_scan(
         self,
@@ -238,9 +306,26 @@ class PerceptionClient:
         extent: str = "footprint",
         region: tuple[float, float, float, float] | None = None,
         timeout: float = 5.0,
+        max_age: float | None = None,
     ) -> TerrainMessage:
-        """Ask the node for its newest grid or a region of it; errors as of `query.query_terrain`."""
-        return query_terrain(self._session, robot=self.robot, extent=extent, region=region, timeout=timeout)
+        """Ask the node for its newest grid or a region of it; errors as of `query.query_terrain`.
+
+        Args:
+            extent: "footprint" or "map".
+            region: [m] (x_min, x_max, y_min, y_max) in the frame of the grid; None for all of it.
+            timeout: [s]
+            max_age: as of `latest`.
+
+        Raises:
+            StaleTerrain: it is too old, or there is none yet.
+            MessageError: what was answered is of another robot, extent or frame, or of a node that is no more.
+        """
+        asked = time.time_ns(), clock.now()
+        terrain = query_terrain(self._session, robot=self.robot, extent=extent, region=region, timeout=timeout)
+        refusal = self._judge.refusal(terrain, extent, is_newest=False)
+        if refusal:
+            raise MessageError(f"answer on {query_key(self.robot)!r} not taken: {refusal}")
+        return self._judge.check(Received(terrain, 0, asked[1], asked[0]), max_age, wait=SETTLE)
 
     def close(self) -> None:
         """Close the session with all receivers; safe to call twice."""

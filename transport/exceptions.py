@@ -27,6 +27,10 @@ class ConfigurationError(TransportError, ValueError):
     """Settings that contradict one another or are not safe, such as an open port without security."""
 
 
+class NameTaken(TransportError, ConnectionError):
+    """Another node of the same instance name lives on this router."""
+
+
 class SessionClosed(TransportError, RuntimeError):
     """The session was used after it had been closed."""
 

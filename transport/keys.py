@@ -86,3 +86,13 @@ def alive_key(robot: str = DEFAULT_ROBOT, role: str = NODE_ROLE) -> str:
 def stance_key(robot: str = DEFAULT_ROBOT) -> str:
     """Key of the stance pauses that the gait controller publishes."""
     return f"{check_name(robot)}/gait/v1/stance"
+
+
+def run_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
+    """Key of the liveliness token of one run of the node, or of all with `*`."""
+    return f"{perception_prefix(robot)}/@alive/run/{run}"
+
+
+def claim_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
+    """Key of the liveliness token of a node that waits until it may have the name, or of all with `*`."""
+    return f"{perception_prefix(robot)}/@alive/claim/{run}"

@@ -70,3 +70,33 @@ class AliveWatcher(Resource):
             self._changed.notify_all()
         if not self._session.raw_is_closed:
             self._raw.undeclare()
+
+
+class TokenWatcher(Resource):
+    """Knows which tokens of a group are there, by the last chunk of their keys."""
+
+    def __init__(self, session: Session, keys: str, on_change: Callable[[], None] | None = None) -> None:
+        """Watch `keys`, a key expression; `on_change()` runs on Zenoh's thread and must not block."""
+        self._lock = threading.Lock()
+        self._names: frozenset[str] = frozenset()
+        self._on_change = on_change
+        self._raw: Any = session.attempt(
+            lambda: zenoh_api.watch_tokens(session.raw, keys, self._on_token), f"cannot watch {keys!r}"
+        )
+        super().__init__(session)
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Last chunks of the keys of all tokens that are there now."""
+        return self._names
+
+    def _on_token(self, key: str, alive: bool) -> None:
+        name = key.rpartition("/")[2]
+        with self._lock:
+            self._names = self._names | {name} if alive else self._names - {name}
+        if self._on_change is not None:
+            self._on_change()
+
+    def _release(self) -> None:
+        if not self._session.raw_is_closed:
+            self._raw.undeclare()

@@ -9,10 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from transport import zenoh_api
+from transport import clock, zenoh_api
 from transport.exceptions import MessageError, ReceiveTimeout, SessionClosed
 from transport.fetcher import Fetcher
 from transport.resource import Resource
+from transport.seldom import Seldom
 from transport.session import Session
 
 logger = logging.getLogger(__name__)
@@ -29,7 +30,7 @@ class Received(Generic[T]):
     Attributes:
         message: decoded message.
         number: counts the samples of this receiver, from 1.
-        arrival: [s] on `time.monotonic()`.
+        arrival: [s] on `transport.clock.now()`.
         arrival_stamp: [ns] since the epoch, by this machine's clock.
     """
 
@@ -41,7 +42,7 @@ class Received(Generic[T]):
     @property
     def age(self) -> float:
         """[s] since the arrival."""
-        return time.monotonic() - self.arrival
+        return clock.now() - self.arrival
 
 
 class _Slot(Generic[T]):
@@ -50,14 +51,21 @@ class _Slot(Generic[T]):
     def __init__(self, payload: bytes, number: int, decode: Callable[[bytes], T]) -> None:
         self.number = number
         self.taken = False
-        self._arrival = (time.monotonic(), time.time_ns())
+        self._arrival = (clock.now(), time.time_ns())
         self._payload = payload
         self._decode = decode
         self._lock = threading.Lock()
         self._result: Received[T] | MessageError | None = None
 
+    def peek(self) -> T:
+        """The message, before anybody has asked for it."""
+        return self._opened().message
+
     def open(self) -> Received[T]:
         self.taken = True
+        return self._opened()
+
+    def _opened(self) -> Received[T]:
         with self._lock:
             if self._result is None:
                 try:
@@ -77,7 +85,15 @@ class NewestReceiver(Resource, Generic[T]):
     link, is fetched.
     """
 
-    def __init__(self, session: Session, key: str, decode: Callable[[bytes], T], *, latched: bool = True) -> None:
+    def __init__(
+        self,
+        session: Session,
+        key: str,
+        decode: Callable[[bytes], T],
+        *,
+        latched: bool = True,
+        refusal: Callable[[T], str] | None = None,
+    ) -> None:
         """Subscribe.
 
         Args:
@@ -85,16 +101,19 @@ class NewestReceiver(Resource, Generic[T]):
             key: key to receive.
             decode: makes a message of a payload; raises MessageError when it is not one.
             latched: ask for the last message that was published before, and notice losses.
+            refusal: says why a message must not take the place of the one before, empty when it may; called once for
+                each that arrives, on Zenoh's thread. What is refused is counted and told, seldom.
 
         Raises:
             SessionClosed: the session is closed.
             TransportError: the key is not valid.
         """
         self.key = key
-        self._decode = decode
+        self._decode, self._refusal = decode, refusal
+        self._refusals = Seldom(logger)
         self._changed = threading.Condition()
         self._slot: _Slot[T] | None = None
-        self._received = self._superseded = self._missed = self._rejected = 0
+        self._received = self._superseded = self._missed = self._rejected = self._refused = 0
         self._is_closed = False
         self._threads: list[threading.Thread] = []
         self._listening = threading.Lock()
@@ -134,6 +153,11 @@ class NewestReceiver(Resource, Generic[T]):
         return self._missed
 
     @property
+    def refused(self) -> int:
+        """Samples that were of somebody else, or out of order."""
+        return self._refused
+
+    @property
     def rejected(self) -> int:
         """Samples that were no valid message."""
         return self._rejected
@@ -149,11 +173,21 @@ class NewestReceiver(Resource, Generic[T]):
             self._fetcher.take(*number, payload)
 
     def _take(self, payload: bytes) -> None:
+        slot = _Slot(payload, self._received + 1, self._decode)
+        if self._refusal is not None:
+            try:
+                refusal = self._refusal(slot.peek())
+            except MessageError:
+                refusal = ""
+            if refusal:
+                self._refused += 1
+                self._refusals.say("message on %s not taken: %s", self.key, refusal)
+                return
         with self._changed:
             if self._slot is not None and not self._slot.taken:
                 self._superseded += 1
             self._received += 1
-            self._slot = _Slot(payload, self._received, self._decode)
+            self._slot = slot
             self._changed.notify_all()
 
     def _on_miss(self, count: int) -> None:
@@ -209,7 +243,7 @@ class NewestReceiver(Resource, Generic[T]):
             try:
                 received = self._open(slot)
             except MessageError as error:
-                logger.warning("message on %s refused: %s", self.key, error)
+                self._refusals.say("message on %s refused: %s", self.key, error)
                 continue
             if predicate(received):
                 return received
@@ -276,7 +310,7 @@ class NewestReceiver(Resource, Generic[T]):
         try:
             received = self._open(slot)
         except MessageError as error:
-            logger.warning("message on %s refused: %s", self.key, error)
+            self._refusals.say("message on %s refused: %s", self.key, error)
             if on_refused is not None:
                 on_refused(error)
             return

@@ -5,17 +5,20 @@ from __future__ import annotations
 import logging
 import threading
 import time
+import uuid
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
+from transport import clock
 from transport.arrays import Percent
 from transport.codec import encode
 from transport.exceptions import MessageError, ReceiveTimeout
 from transport.grids import grid_map_message, occupancy_message
-from transport.keys import DEFAULT_ROBOT, alive_key, grid_map_key, occupancy_key, terrain_key
-from transport.liveliness import AliveToken
+from transport.keys import DEFAULT_ROBOT, alive_key, claim_key, grid_map_key, occupancy_key, run_key, terrain_key
+from transport.liveliness import AliveToken, TokenWatcher
+from transport.node_name import NAME_TIMEOUT, claim_name
 from transport.outbox import Outbox
 from transport.publisher import LARGE, LARGEST, SMALL, Publisher
 from transport.query import QueryServer
@@ -34,6 +37,8 @@ GRID_MAP_LAYERS = tuple(name for name, kind in LAYERS.items() if kind.dtype == n
 
 # [s] How long the last word of a scan request waits for its terrain message to be sent.
 SEND_TIMEOUT = 2.0
+# [s] How long a jump of the clock stands in the status.
+JUMP_TOLD_FOR = 60.0
 
 
 class PerceptionServer(Resource):
@@ -41,6 +46,7 @@ class PerceptionServer(Resource):
 
     Attributes:
         robot: instance name.
+        run: identity of this run of the node, new at each start; in every grid and status.
     """
 
     def __init__(
@@ -50,22 +56,34 @@ class PerceptionServer(Resource):
         robot: str = DEFAULT_ROBOT,
         collect_status: Callable[[], Sequence[StatusItem]] | None = None,
         ros2_domain: int | None = None,
+        name_timeout: float = NAME_TIMEOUT,
     ) -> None:
-        """Declare all keys, show the token, start the status.
+        """Take the name, declare all keys, show the token, start the status.
 
         Args:
             session: open session of the node.
             robot: instance name.
             collect_status: further status items; runs once a second on the reporter's thread.
             ros2_domain: mirror occupancy and grid map for ROS 2 in this domain; None does not.
+            name_timeout: [s] how long to wait for another node of this name to vanish.
+
+        Raises:
+            NameTaken: another node of this name lives on this router.
         """
+        claim = claim_name(session, robot, timeout=name_timeout)
         self.robot = robot
         self._session = session
+        self.run = uuid.uuid4().hex
         self._collect = collect_status
         self._lock = threading.Lock()
         self._newest: dict[str, TerrainMessage] = {}
         self._sequences = dict.fromkeys(EXTENTS, 0)
         self._step: int | None = None
+        self._epoch = ""
+        self._standing: bool | None = None
+        self._claims: TokenWatcher | None = None
+        self._detector = clock.JumpDetector()
+        self._jump: tuple[float, float] | None = None
         self._times: list[float] = []
         self._outbox = Outbox()
         self._terrain = {
@@ -77,8 +95,11 @@ class PerceptionServer(Resource):
         self._mirror = None if ros2_domain is None else Ros2Mirror(session, robot=robot, domain=ros2_domain)
         self._queries = QueryServer(session, self._newest.get, robot=robot)
         self._scans: ScanServer | None = None
-        self._token = AliveToken(session, alive_key(robot))
         self._status = StatusReporter(session, self._items, robot=robot)
+        # Last: who sees them asks at once.
+        self._tokens = [AliveToken(session, key) for key in (run_key(robot, self.run), alive_key(robot))]
+        self._claims = TokenWatcher(session, claim_key(robot), self._status.changed)
+        claim.close()
         super().__init__(session)
 
     def next_sequence(self, extent: str) -> int:
@@ -114,7 +135,9 @@ class PerceptionServer(Resource):
         publisher = self._terrain[terrain.extent]
         with self._lock:
             self._newest[terrain.extent] = terrain
-            self._step = terrain.step if self._step is None else max(self._step, terrain.step)
+            if self._standing is None and terrain.extent == "footprint":
+                # Nobody tells of pauses here, as in a replay: the newest scan is of the newest.
+                self._step, self._epoch = terrain.step, terrain.epoch
             self._times = [*self._times[-9:], time.monotonic()]
         lane = terrain.extent
         self._outbox.post(publisher.key, lambda: publisher.put(encode_terrain(terrain)), lane=lane)
@@ -163,11 +186,18 @@ class PerceptionServer(Resource):
 
         self._scans = ScanServer(self._session, run, robot=self.robot, admission=admission)
 
-    def begin_step(self, step: int) -> None:
-        """Say which stance pause it is now, so that receivers know how many pauses old a grid is."""
+    def begin_step(self, step: int, epoch: str = "") -> None:
+        """Say which stance pause it is now, and of which walk, so that receivers know how many pauses old a grid is."""
         with self._lock:
-            self._step = step
+            self._step, self._epoch, self._standing = step, epoch or self._epoch, True
         self._status.changed()
+
+    def end_step(self) -> None:
+        """Say that the pause is over: the robot moves, or nobody knows."""
+        with self._lock:
+            is_news, self._standing = self._standing is not False, False
+        if is_news:
+            self._status.changed()
 
     def status_changed(self) -> None:
         """Send the status now; returns at once."""
@@ -175,14 +205,19 @@ class PerceptionServer(Resource):
 
     def _items(self) -> list[StatusItem]:
         with self._lock:
-            newest = self._newest.get("footprint")
-            step, times = self._step, list(self._times)
+            newest, newest_map = self._newest.get("footprint"), self._newest.get("map")
+            step, epoch, times = self._step, self._epoch, list(self._times)
         span = times[-1] - times[0] if len(times) > 1 else 0.0
         failed = self._outbox.failed
         values: dict[str, Any] = {
+            "run": self.run,
+            "clock_s": f"{clock.now():.6f}",
+            "epoch": epoch,
+            "standing": "" if self._standing is None else str(self._standing).lower(),
             "step": "" if step is None else step,
             "last_scan_step": "" if newest is None else newest.step,
             "last_scan_sequence": "" if newest is None else newest.sequence,
+            "last_map_sequence": "" if newest_map is None else newest_map.sequence,
             "last_scan_age_s": f"{time.monotonic() - times[-1]:.1f}" if times else "",
             "grids_per_s": f"{(len(times) - 1) / span:.2f}" if span > 0.0 else "0",
             "links": len(self._session.links()),
@@ -204,12 +239,34 @@ class PerceptionServer(Resource):
             further = [] if self._collect is None else list(self._collect())
         except Exception as error:
             further = [StatusItem(name="status", level=Health.ERROR, message=f"not collected: {error}")]
-        return [own, *further]
+        return [own, *self._warnings(), *further]
+
+    def _warnings(self) -> list[StatusItem]:
+        """Of others who want the name; of a jump of the wall clock: stamps before and after it do not compare."""
+        jump, now = self._detector.jump(), clock.now()
+        if jump:
+            self._jump = (jump, now)
+            logger.warning("the clock has jumped by %+.1f s; the ages of grids do not depend on it", jump)
+        items = self._told_of_claims()
+        if self._jump is None or now - self._jump[1] > JUMP_TOLD_FOR:
+            return items
+        by, at = self._jump
+        words = f"the clock jumped by {by:+.1f} s, {now - at:.0f} s ago; the ages of grids do not depend on it"
+        return [*items, StatusItem(name="clock", level=Health.WARN, message=words, hardware_id=self.robot)]
+
+    def _told_of_claims(self) -> list[StatusItem]:
+        if self._claims is None or not self._claims.names:
+            return []
+        words = (
+            f"another node wants the name {self.robot!r} and waits until this one is gone: one robot has one node. "
+            "Stop one of the two, or give it another name"
+        )
+        return [StatusItem(name="name", level=Health.WARN, message=words, hardware_id=self.robot)]
 
     def _release(self) -> None:
         # What waits is sent first.
         self._outbox.close()
-        resources: list[Any] = [self._status, self._token, self._scans, self._queries, self._mirror]
+        resources: list[Any] = [self._status, *self._tokens, self._claims, self._scans, self._queries, self._mirror]
         resources += [*self._terrain.values(), self._occupancy, self._grid_map]
         for resource in resources:
             if resource is not None:

@@ -13,7 +13,6 @@ from transport.outbox import Outbox
 from transport.publisher import URGENT, Publisher
 from transport.receiver import NewestReceiver
 from transport.resource import Resource
-from transport.seldom import Seldom
 from transport.session import Session
 from transport.stance_pause import PausePhase, StancePause, decode_stance_pause, encode_stance_pause
 
@@ -96,7 +95,6 @@ class StanceReceiver(NewestReceiver[StancePause]):
         """
         self._on_pause, self._on_refused = on_pause, on_refused
         self._waiting: deque[StancePause | MessageError] = deque()
-        self._refusals = Seldom(logger)
         super().__init__(session, stance_key(robot), decode_stance_pause)
         if on_pause is not None:
             thread = threading.Thread(target=self._follow, name=f"transport-{self.key}", daemon=True)

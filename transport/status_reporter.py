@@ -1,4 +1,4 @@
-"""Publishes the status of a node once a second and whenever it changes."""
+"""Publishes the status of a node once a second and whenever it changes, and answers who asks for it."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
+from transport import zenoh_api
 from transport.exceptions import TransportError
 from transport.keys import DEFAULT_ROBOT, status_key
+from transport.outbox import MAXIMUM_PENDING, Outbox
 from transport.publisher import SMALL, Publisher
 from transport.resource import Resource
 from transport.session import Session
@@ -35,6 +38,12 @@ class StatusReporter(Resource):
         self._collect = collect
         self._period = period
         self._publisher = Publisher(session, status_key(robot), latched=False, priority=SMALL)
+        self._outbox = Outbox()
+        self._questions, self._is_stopped = 0, False
+        self._raw: Any = session.attempt(
+            lambda: zenoh_api.declare_queryable(session.raw, self._publisher.key, self._on_query),
+            f"cannot serve {self._publisher.key!r}",
+        )
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name="transport-status", daemon=True)
         super().__init__(session)
@@ -50,10 +59,25 @@ class StatusReporter(Resource):
             self._report()
             self._wake.wait(self._period)
 
+    def _on_query(self, query: Any) -> None:
+        # Zenoh's thread: only hand over. One lane for each, so that no asker waits for another's link.
+        self._questions += 1
+        if self._is_stopped or self._outbox.pending >= MAXIMUM_PENDING:
+            query.drop()
+            return
+        lane = f"status {self._questions}"
+        self._outbox.post(lane, lambda: self._answer(query), lane=lane)
+
+    def _answer(self, query: Any) -> None:
+        query.reply(self._publisher.key, self._status())
+        query.drop()
+
+    def _status(self) -> bytearray:
+        return encode_status(Status(stamp=time.time_ns(), items=tuple(self._collect())))
+
     def _report(self) -> None:
         try:
-            status = Status(stamp=time.time_ns(), items=tuple(self._collect()))
-            self._publisher.put(encode_status(status))
+            self._publisher.put(self._status())
         except TransportError as error:
             if not self._is_closed:
                 logger.error("status was not sent: %s", error)
@@ -61,7 +85,11 @@ class StatusReporter(Resource):
             logger.exception("collecting the status failed")
 
     def _release(self) -> None:
+        self._is_stopped = True
         self._wake.set()
+        if not self._session.raw_is_closed:
+            self._raw.undeclare()
+        self._outbox.close()
         if self._thread is not threading.current_thread():
             self._thread.join(CLOSE_TIMEOUT)
         self._publisher.close()

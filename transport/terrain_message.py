@@ -115,6 +115,7 @@ class TerrainMessage:
         epoch: from the metadata: identity of the walk; empty when it does not say.
         run: from the metadata: identity of the run of the node that sent it; empty when it does not say.
         provisional: from the metadata: whether the pause has yet to confirm that the robot stood still.
+        withdrawn: from the metadata: whether it takes another grid back; then nothing is known in it.
         scan_end_clock: from the metadata: the end of the scan by a clock of the node that never steps [s]; None when
             it does not say.
     """
@@ -149,6 +150,7 @@ class TerrainMessage:
     epoch: str = field(init=False, default="")
     run: str = field(init=False, default="")
     provisional: bool = field(init=False, default=False)
+    withdrawn: bool = field(init=False, default=False)
     scan_end_clock: float | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
@@ -224,10 +226,11 @@ class TerrainMessage:
                     f"{name} in the metadata is {text!r}; allowed: text up to {MAXIMUM_IDENTITY} characters"
                 )
             object.__setattr__(self, name, text)
-        provisional = data.get("provisional", False)
-        if not isinstance(provisional, bool):
-            raise MessageError(f"provisional in the metadata is {provisional!r}; allowed: true and false")
-        object.__setattr__(self, "provisional", provisional)
+        for name in ("provisional", "withdrawn"):
+            flag = data.get(name, False)
+            if not isinstance(flag, bool):
+                raise MessageError(f"{name} in the metadata is {flag!r}; allowed: true and false")
+            object.__setattr__(self, name, flag)
         if data.get("scan_end_clock") is not None:
             object.__setattr__(self, "scan_end_clock", finite(data["scan_end_clock"], "scan_end_clock in the metadata"))
 

@@ -119,6 +119,12 @@ def watch_tokens(session: Any, key: str, on_change: Callable[[str, bool], None])
     )
 
 
+def tokens(session: Any, key: str, timeout: float = 1.0) -> list[str]:
+    """Keys of the liveliness tokens that are there now and match a key expression."""
+    replies = session.liveliness().get(key, timeout=timeout)
+    return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+
 def get_replies(
     session: Any,
     key: str,

@@ -14,6 +14,7 @@ from guara_perception.terrain.grid import TerrainGrid
 from transport import DEFAULT_ROBOT, ScanReply, Status, TerrainMessage, open_client
 from transport.client import PerceptionClient
 from transport.keys import check_name
+from transport.node_clock import ClockOffset
 
 logger = logging.getLogger(__name__)
 
@@ -71,9 +72,18 @@ class TerrainClient:
         return self._client.status()
 
     def counts(self, extent: str = "footprint") -> dict[str, int]:
-        """Grids received, superseded before anybody asked, missed on the way and refused as damaged."""
+        """Grids received, superseded before anybody asked, missed on the way, and rejected.
+
+        Those are damaged, of another robot, frame or node, or older than the one before.
+        """
         receiver = self._client.receiver(extent)
-        return {name: getattr(receiver, name) for name in ("received", "superseded", "missed", "rejected")}
+        counts = {name: getattr(receiver, name) for name in ("received", "superseded", "missed")}
+        return {**counts, "rejected": receiver.rejected + receiver.refused}
+
+    @property
+    def clock_offset(self) -> ClockOffset | None:
+        """How the node's wall clock stands against this machine's; ages do not depend on it. None: not known yet."""
+        return self._client.clock_offset
 
     def latest(self, max_age: float | None = None, extent: str = "footprint") -> TerrainGrid:
         """The newest grid, if it may still be used.
@@ -89,27 +99,34 @@ class TerrainClient:
         """
         return message_to_terrain(self._client.latest(extent=extent, max_age=max_age))
 
-    def stream(self, extent: str = "footprint", timeout: float | None = None) -> Iterator[TerrainGrid]:
-        """Yield the newest grid, then each newer one as it comes; older ones are skipped.
+    def stream(
+        self, extent: str = "footprint", timeout: float | None = None, *, max_age: float | None = None
+    ) -> Iterator[TerrainGrid]:
+        """Yield the newest grid, then each newer one as it comes; older ones, and those too old, are skipped.
 
         Args:
             extent: "footprint" or "map".
             timeout: seconds to wait for each grid; None waits without end (Ctrl-C works).
+            max_age: as of `latest`; infinite takes grids of any age.
 
         Raises:
             transport.ReceiveTimeout: no grid in time.
+            ScannerGone, ScannerUnavailable: none came, and the node went away or was never there.
         """
-        receiver = self._client.receiver(extent)
         number = 0
         while True:
-            received = receiver.wait_until(lambda _: True, timeout, after=number)
+            received = self._client.receive(
+                lambda _: True, timeout=timeout, extent=extent, max_age=max_age, after=number
+            )
             number = received.number
             yield message_to_terrain(received.message)
 
-    def on_terrain(self, callback: Callable[[TerrainGrid], None], extent: str = "footprint") -> None:
+    def on_terrain(
+        self, callback: Callable[[TerrainGrid], None], extent: str = "footprint", *, max_age: float | None = None
+    ) -> None:
         """Call `callback` with the newest grid whenever one comes, on the client's own thread; older ones are skipped.
 
-        A grid that breaks the safety invariant is logged and not handed over.
+        A grid that is too old (`max_age` as of `latest`) or breaks the safety invariant is logged and not handed over.
         """
 
         def hand_over(message: TerrainMessage) -> None:
@@ -120,25 +137,39 @@ class TerrainClient:
                 return
             callback(terrain)
 
-        self._client.on_terrain(hand_over, extent=extent)
+        self._client.on_terrain(hand_over, extent=extent, max_age=max_age)
 
     def wait_for_step(
-        self, step: int, timeout: float = 30.0, extent: str = "footprint", *, confirmed: bool = False
+        self,
+        step: int,
+        timeout: float = 30.0,
+        extent: str = "footprint",
+        *,
+        epoch: str | None = None,
+        confirmed: bool = False,
+        max_age: float | None = None,
     ) -> TerrainGrid:
-        """Wait for the grid of stance pause `step`, or of a later one.
+        """Wait for the grid of stance pause `step`, or of a later one of the same walk.
 
         Args:
             step: number of the pause.
             timeout: seconds.
             extent: "footprint" or "map".
+            epoch: identity of the walk as the gait announces it; None takes the walk that the node is on. A gait that
+                counts anew should give it: before its first BEGIN is heard, the node is on the walk before.
             confirmed: wait until the gait has said that the robot stood still through the scan; before, a grid is
                 provisional (`TerrainGrid.is_provisional`): it may be used while the robot stands, and may be withdrawn.
+            max_age: as of `latest`; infinite takes grids of any age.
 
         Raises:
             transport.ReceiveTimeout: none came in time although the node lives.
             ScannerGone, ScannerUnavailable: none came, and the node went away or was never there.
         """
-        return message_to_terrain(self._client.wait_for_step(step, timeout=timeout, extent=extent, confirmed=confirmed))
+        return message_to_terrain(
+            self._client.wait_for_step(
+                step, timeout=timeout, extent=extent, epoch=epoch, confirmed=confirmed, max_age=max_age
+            )
+        )
 
     def request_scan(
         self,
@@ -164,14 +195,19 @@ class TerrainClient:
         return message_to_terrain(self._client.request_scan(mode=mode, timeout=timeout, on_progress=on_progress))
 
     def query(
-        self, region: tuple[float, float, float, float] | None = None, extent: str = "footprint", timeout: float = 5.0
+        self,
+        region: tuple[float, float, float, float] | None = None,
+        extent: str = "footprint",
+        timeout: float = 5.0,
+        *,
+        max_age: float | None = None,
     ) -> TerrainGrid:
         """The node's newest grid, or a region (x_min, x_max, y_min, y_max) [m] of it, asked for once.
 
         Raises:
             ScannerUnavailable: nobody answers.
         """
-        return message_to_terrain(self._client.query(extent=extent, region=region, timeout=timeout))
+        return message_to_terrain(self._client.query(extent=extent, region=region, timeout=timeout, max_age=max_age))
 
     def close(self) -> None:
         """Disconnect; safe to call twice."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import time
 
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.terrain.grid import TerrainGrid
-from transport import TerrainMessage
+from transport import TerrainMessage, clock
 from transport.server import PerceptionServer
 
 
@@ -16,6 +18,7 @@ def publish_terrain(
     *,
     scan_start: int | None = None,
     scan_end: int | None = None,
+    scan_end_clock: float | None = None,
     valid_for: float = math.inf,
 ) -> TerrainMessage:
     """Hand one grid over for sending; returns at once.
@@ -24,7 +27,8 @@ def publish_terrain(
         server: the node's side of the transport.
         terrain: grid of either extent; of a footprint the occupancy and the grid map go out too.
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
-        valid_for: at most this long after `scan_end`, besides the grid's own validity [s].
+        scan_end_clock: last frame by `transport.clock` [s]; None = by what the wall clock says of it now.
+        valid_for: at most so long after `scan_end`, besides the grid's own validity [s].
 
     Returns:
         The message that is sent.
@@ -32,8 +36,12 @@ def publish_terrain(
     Raises:
         UnsafeGrid: the grid breaks the safety invariant; nothing is sent.
     """
+    if scan_end_clock is None:
+        end = terrain.stamp if scan_end is None else scan_end
+        scan_end_clock = clock.now() - max(0.0, (time.time_ns() - end) * 1e-9)
+    identity = {"run": server.run, "scan_end_clock": scan_end_clock}
     message = terrain_to_message(
-        terrain,
+        dataclasses.replace(terrain, metadata={**terrain.metadata, **identity}),
         robot=server.robot,
         sequence=server.next_sequence(terrain.extent),
         scan_start=scan_start,

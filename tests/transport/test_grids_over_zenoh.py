@@ -1,5 +1,6 @@
 """Tests of grids between processes: newest only, late joiners, routers and nodes that die."""
 
+import math
 import signal
 import time
 
@@ -131,7 +132,9 @@ def test_age_decides_what_may_be_used(endpoint: str, peer) -> None:
             with pytest.raises(transport.StaleTerrain, match=r"step 10\) is \d+\.\d+ s old; allowed: 1 s"):
                 client.latest(max_age=1.0)
             server.publish(peer.make_terrain(2, step=11, stamp=old, valid_for=1.0))
-            client.wait_for_step(11, timeout=30.0)
+            client.wait_for_step(11, timeout=30.0, max_age=math.inf)
+            with pytest.raises(transport.ReceiveTimeout, match="allowed: 1 s"):
+                client.wait_for_step(11, timeout=0.3)
             with pytest.raises(transport.StaleTerrain, match="allowed: 1 s"):
                 client.latest()
 

@@ -57,7 +57,7 @@ def command(
     from guara_perception.app.node.node_status import NodeStatus
     from guara_perception.app.node.recorder import ScanRecorder
     from guara_perception.app.until_stopped import stop_event
-    from transport import open_node
+    from transport.node_name import open_only_node
     from transport.server import PerceptionServer
     from transport.stance_link import StanceReceiver
 
@@ -75,7 +75,14 @@ def command(
         instance = name or rig.robot.name
         stack.enter_context(rig.rangefinder)
         session = stack.enter_context(
-            open_node(listen=listen, connect=connect, security=security, allow_insecure=allow_insecure)
+            open_only_node(
+                robot=instance,
+                listen=listen,
+                connect=connect,
+                security=security,
+                allow_insecure=allow_insecure,
+                is_stopped=stop.is_set,
+            )
         )
         status = NodeStatus(rig.calibration)
         server = PerceptionServer(

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
+from guara_perception.app.node.declared_ground import declared_ground
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause import Pause, stance_of
 from guara_perception.app.node.pause_scanner import PauseScanner
@@ -18,8 +19,9 @@ from guara_perception.app.node.sweep import SWEEPS
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput, PerceptionError
 from guara_perception.progress import Progress
-from guara_perception.settings import MODES
+from guara_perception.settings import MODES, Settings
 from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.map.known_ground import KnownGround
 from kinematics import KinematicsError, RobotModel, Stance, check_camera_still
 from transport import (
     PausePhase,
@@ -41,6 +43,8 @@ logger = logging.getLogger(__name__)
 STOP_TIMEOUT_S = 5.0
 # A pause is looked at a little after its end, not a little before.
 EXPIRY_SLACK_S = 0.01
+# Walks that are over and whose gait may not speak again.
+REMEMBERED_WALKS = 64
 EXPECTED = (PerceptionError, KinematicsError, TransportError)
 
 
@@ -86,13 +90,14 @@ class PerceptionNode:
             raise InvalidInput(f"mode is {mode!r}, allowed: {', '.join(SWEEPS)}")
         self.status = status or NodeStatus(calibration)
         self._mode, self._server, self._robot = mode, server, robot
-        self._camera = calibration.transform_camera_to_base
+        self._camera, self._settings = calibration.transform_camera_to_base, Settings.of(robot)
         self._scanner = PauseScanner(
             robot, calibration, rangefinder, server, self.status, method=method, recorder=recorder
         )
         self._changed = threading.Condition()
         self._pause: Pause | None = None
         self._walks = 0
+        self._past: list[str] = []
         self._has_news = False
         self._to_scan: Pause | None = None
         self._job: tuple[ScanJob, list[TerrainMessage | Exception]] | None = None
@@ -134,12 +139,19 @@ class PerceptionNode:
             self._changed.notify_all()
         if begun is not None:
             self.status.solved("stance")
-            self._server.begin_step(begun.step)
+            self._server.begin_step(begun.step, begun.epoch)
+        elif self._pause is not None and self._pause.ended.is_set():
+            self._server.end_step()
 
     def _foreign(self, announcement: StancePause) -> str:
         """Why an announcement is not for this node, in words; empty when it is."""
         if announcement.robot != self._server.robot:
             return f"the announcement is for robot {announcement.robot!r}, this node is {self._server.robot!r}"
+        epoch, last = announcement.epoch, self._pause
+        if epoch and last is not None and epoch == last.given_epoch and announcement.step < last.step:
+            return f"the announcement comes late, step {last.step} of walk {epoch!r} has begun"
+        if epoch and epoch in self._past:
+            return f"the announcement is of walk {epoch!r}, which is over"
         return ""
 
     def _follow(self, announcement: StancePause, stance: Stance | None, now: float) -> Pause | None:
@@ -167,23 +179,34 @@ class PerceptionNode:
             check=self._check_still,
             begun=now,
             limit=self._robot.pause_limits.time_limit,
-            known_ground=announcement.known_ground,
+            known_ground=self._ground_of(announcement),
             time_available=announcement.time_available,
             stamp=announcement.stamp,
         )
         return self._pause
 
+    def _ground_of(self, announcement: StancePause) -> tuple[KnownGround, ...]:
+        try:
+            ground = declared_ground(announcement, self._settings)
+        except InvalidInput as error:
+            self.status.problem("known_ground", f"step {announcement.step}: {error}")
+            return ()
+        self.status.solved("known_ground")
+        return ground
+
     def _is_later(self, announcement: StancePause, current: Pause) -> bool:
         return announcement.epoch != current.given_epoch or announcement.step > current.step
 
     def _epoch_of(self, announcement: StancePause) -> str:
-        """The walk that a pause belongs to; where the gait gives none, one that counts anew begins another."""
+        """The walk that a pause belongs to; where the gait tells none, one that counts anew begins another."""
+        last = self._pause
+        if last is not None and last.given_epoch and last.given_epoch != announcement.epoch:
+            self._past = [*self._past[1 - REMEMBERED_WALKS :], last.given_epoch]
         if announcement.epoch:
             return announcement.epoch
-        last = self._pause
         if last is None or last.given_epoch or announcement.step < last.step:
             self._walks += 1
-        return f"walk-{self._walks}"
+        return f"{self._server.run}-{self._walks}"
 
     def _check_still(self, begin: Stance, now: Stance) -> None:
         check_camera_still(self._robot, begin, now, transform_camera_to_base=self._camera)
@@ -200,6 +223,7 @@ class PerceptionNode:
             current = self._standing()
             if current is not None:
                 current.end(None)
+                self._server.end_step()
             self._has_news = True
             self._changed.notify_all()
 
@@ -253,7 +277,8 @@ class PerceptionNode:
                 self._changed.wait_for(self._has_work, self._until_expiry())
                 if self._closing.is_set():
                     return
-                self._standing()
+                if self._pause is not None and self._standing() is None:
+                    self._server.end_step()
                 self._has_news = False
                 pause, self._to_scan = self._to_scan, None
                 job, self._job = (self._job, None) if pause is None else (None, self._job)

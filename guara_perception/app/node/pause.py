@@ -10,9 +10,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from guara_perception.app.messages import message_to_stance
+from guara_perception.terrain.map.known_ground import KnownGround
 from kinematics import KinematicsError, RobotModel, Stance, StanceError
 from kinematics.joint_positions import checked_positions
-from transport import GroundPatch, StancePause
+from transport import StancePause
 
 # A joint further beyond its limits is no measurement: encoders are offset by a few degrees, not by thirty.
 BEYOND_LIMITS_RAD = 0.5
@@ -60,7 +61,7 @@ class Pause:
     begun: float
     limit: float
     given_epoch: str = ""
-    known_ground: tuple[GroundPatch, ...] = ()
+    known_ground: tuple[KnownGround, ...] = ()
     time_available: float = 0.0
     stamp: int = 0
     ended: threading.Event = field(default_factory=threading.Event)

@@ -27,7 +27,7 @@ from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.scan.policy import ScanPolicy
 from kinematics import CameraMoved, RobotModel, Stance
-from transport import TerrainMessage
+from transport import TerrainMessage, clock
 from transport.server import PerceptionServer
 
 logger = logging.getLogger(__name__)
@@ -202,6 +202,7 @@ class PauseScanner:
             identified(terrain, pause, is_provisional=is_provisional),
             scan_start=scan.start,
             scan_end=scan.end,
+            scan_end_clock=clock.now() - (time.monotonic() - scan.last_frame),
             valid_for=max(limit, 0.0),
         )
 
@@ -220,7 +221,9 @@ class PauseScanner:
         """The grid that takes another one back: nothing known, and why."""
         empty = self._processor(pause, "standard").finish()
         health = {"level": "failed", "reasons": [reason]}
-        return identified(dataclasses.replace(empty, metadata={**empty.metadata, "health": health}), pause)
+        return identified(
+            dataclasses.replace(empty, metadata={**empty.metadata, "health": health, "withdrawn": True}), pause
+        )
 
     def _check_steps(self) -> None:
         """Count the steps that the mirror lost: only now is it known that every stripe lay where it was commanded.

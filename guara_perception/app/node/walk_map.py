@@ -16,7 +16,6 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.known_ground import KnownGround
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, OdometryLost, OdometryPose, RobotModel, Stance
-from transport import GroundPatch
 
 logger = logging.getLogger(__name__)
 
@@ -77,7 +76,7 @@ class WalkMap:
         step: int,
         stance: Stance,
         terrain: TerrainGrid,
-        known_ground: Sequence[GroundPatch] = (),
+        known_ground: Sequence[KnownGround] = (),
         *,
         epoch: str = "",
         time: float | None = None,
@@ -108,7 +107,7 @@ class WalkMap:
             terrain,
             _transform_of(terrain, pose),
             pose.covariance,
-            known_ground=[KnownGround(patch.outline, patch.height, patch.sigma) for patch in known_ground],
+            known_ground=known_ground,
             metadata=self._told(pose),
             time=time,
         )

@@ -62,8 +62,15 @@ class OdomCells:
         return cy, cx
 
     def cells_between(self, low: tuple[float, float], high: tuple[float, float]) -> tuple[Index, Index]:
-        """Cells (cy, cx), (n,) each, of the upright rectangle from corner `low` to corner `high`, both (x, y) [m]."""
+        """Cells (cy, cx), (n,) each, of the upright rectangle from corner `low` to corner `high`, both (x, y) [m].
+
+        However large the rectangle, only its cells in the window are given.
+        """
         (x0, y0), (x1, y1) = ((int(np.floor(v / self.resolution)) for v in corner) for corner in (low, high))
+        if self._first is not None:
+            first_y, first_x = self._first
+            x0, y0 = max(x0, first_x), max(y0, first_y)
+            x1, y1 = min(x1, first_x + self.side - 1), min(y1, first_y + self.side - 1)
         cx, cy = np.meshgrid(np.arange(x0, x1 + 1), np.arange(y0, y1 + 1))
         return cy.ravel(), cx.ravel()
 

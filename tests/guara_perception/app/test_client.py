@@ -1,5 +1,6 @@
 """The planner's client against a node in another process, over real Zenoh."""
 
+import math
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -78,7 +79,7 @@ def test_old_grid_is_stale(node, client: gp.TerrainClient):
         client.latest(max_age=50)
     assert client.latest(max_age=1000).step == 10
     node.tell("publish 11 5000")
-    client.wait_for_step(11, timeout=30)
+    assert client.wait_for_step(11, timeout=30, max_age=math.inf).step == 11
     with pytest.raises(gp.StaleTerrain, match="allowed: 420 s.*ask for a scan"):
         client.latest()
 

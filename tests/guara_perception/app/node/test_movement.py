@@ -10,7 +10,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import Stance
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, wait_until
 from tests.guara_perception.app.node.test_node_faults import bad_end
-from transport import PausePhase, StanceMessage, StancePause
+from transport import GroundPatch, PausePhase, StanceMessage, StancePause
 from transport.codec import encode
 from transport.stance_pause import make_stance_pause
 
@@ -204,3 +204,71 @@ def test_the_frame_of_a_footprint_ends_with_its_pause(bench: Bench) -> None:
 
     assert wait_until(is_told)
     assert bench.client.latest(extent="map").step == 0
+
+
+GROUND = [(0.5, -0.1), (0.6, -0.1), (0.6, 0.1)]
+
+
+def patches(count: int = 1, corners: int = 3, height: float = 0.0, sigma: float = 0.002, reach: float = 0.0) -> object:
+    """Known ground as the gait declares it."""
+    outline = [*GROUND, *[(0.5 - 0.001 * i - reach, 0.0) for i in range(corners - 3)]]
+    return tuple(GroundPatch(outline=outline, height=height, sigma=sigma) for _ in range(count))
+
+
+REFUSED_GROUND: dict[str, tuple[dict[str, object], str]] = {
+    "another frame": ({"known_ground": patches(), "frame_id": "odom"}, "declared in frame 'odom'"),
+    "too many": ({"known_ground": patches(17)}, "has 17 patches"),
+    "too many corners": ({"known_ground": patches(corners=17)}, "corners 17"),
+    "too low": ({"known_ground": patches(height=-1e200)}, "a height of [m] -1e+200"),
+    "too doubtful": ({"known_ground": patches(sigma=1.0)}, "a sigma of [m] 1"),
+    "too far": ({"known_ground": patches(corners=4, reach=1e6)}, "a reach of [m] 1e+06"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED_GROUND)
+def test_ground_that_nobody_can_know_is_refused_in_words(bench: Bench, what: str) -> None:
+    """None of it goes into the map; the pause is scanned all the same, and the next one too."""
+    fields, words = REFUSED_GROUND[what]
+    bench.gait.say(0, PausePhase.BEGIN, **fields)
+    assert told(bench, words)
+    fused = both(bench, 0)[1]
+    assert fused.metadata["known_ground"] == []
+    bench.gait.say(0, PausePhase.END)
+    bench.gait.say(1, PausePhase.BEGIN, known_ground=patches())
+    assert len(both(bench, 1)[1].metadata["known_ground"]) == 1
+    assert all(item.name != "known_ground" for item in bench.status.items())
+
+
+def test_the_node_is_not_moved_by_what_is_said_to_another_robot(bench: Bench) -> None:
+    """BEGIN for robot `other` on our key: refused in words, not scanned; its END does not end our pause."""
+    key = bench.gait.publisher._publisher
+    stance = StanceMessage(
+        joint_positions=bench.gait.stance.joint_positions, support_feet=bench.gait.stance.support_feet
+    )
+    for phase in (PausePhase.BEGIN, PausePhase.END):
+        key.put(encode(make_stance_pause(StancePause(robot="other", step=0, phase=phase, stamp=1, stance=stance))))
+        assert told(bench, "the announcement is for robot 'other', this node is 'guara'")
+        bench.gait.say(0, PausePhase.BEGIN)
+    assert bench.client.wait_for_step(0, timeout=TIMEOUT).metadata["sequence"] == 1
+
+
+def test_walks_have_an_identity(bench: Bench) -> None:
+    """The gait's in BEGIN and grids; one that tells none and counts anew gets another; what comes late is refused."""
+    bench.gait.say(5, PausePhase.BEGIN, epoch="walk-a")
+    assert {grid.metadata["epoch"] for grid in both(bench, 5)} == {"walk-a"}
+    bench.gait.say(5, PausePhase.END, epoch="walk-a")
+    bench.gait.say(4, PausePhase.BEGIN, epoch="walk-a")
+    assert told(bench, "comes late, step 5 of walk 'walk-a' has begun")
+    bench.gait.say(0, PausePhase.BEGIN, epoch="walk-b")
+    footprint, fused = both(bench, 0)
+    assert footprint.metadata["epoch"] == fused.metadata["epoch"] == "walk-b" and fused.looks.max() == 1
+    bench.gait.say(0, PausePhase.END, epoch="walk-b")
+    bench.gait.say(6, PausePhase.BEGIN, epoch="walk-a")
+    assert told(bench, "of walk 'walk-a', which is over")
+    walks = []
+    for step in (7, 8, 0):
+        bench.gait.say(step, PausePhase.BEGIN)
+        walks.append(both(bench, step)[0].metadata["epoch"])
+        bench.gait.say(step, PausePhase.END)
+        both(bench, step, confirmed=True)
+    assert walks[0] == walks[1] != walks[2] and "walk-b" not in walks

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -542,3 +543,14 @@ def test_known_ground_that_is_none_is_refused(outline: Any, height: float, sigma
         gp.KnownGround(outline, height, sigma)
     with pytest.raises(gp.InvalidInput, match="sigma 0 or more"):
         gp.KnownGround(np.array([[0, 0], [1, 0], [1, 1]]), 0.0, -1.0)
+
+
+def test_ground_declared_far_and_wide_costs_no_more_than_the_map(robot: RobotModel, make_scan: MakeScan) -> None:
+    """A square kilometre: the map takes what lies in its window, with the memory of that."""
+    terrain_map = gp.TerrainMap(robot)
+    whole = gp.KnownGround([(-500.0, -500.0), (500.0, -500.0), (500.0, 500.0), (-500.0, 500.0)], 0.0, 0.002)
+    tracemalloc.start()
+    fused = terrain_map.update(make_scan(flags=4), at(), ZERO, known_ground=[whole])
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert np.isfinite(fused.elevation).all() and peak < 300e6

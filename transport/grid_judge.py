@@ -1,0 +1,186 @@
+"""Whether a grid may be used, in one place for every way of receiving it: whose it is, and how old."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping
+
+from transport import clock
+from transport.exceptions import MessageError, StaleTerrain
+from transport.keys import alive_key, run_key, status_key
+from transport.liveliness import AliveWatcher, TokenWatcher
+from transport.node_clock import NodeClock
+from transport.receiver import NewestReceiver, Received
+from transport.session import Session
+from transport.status_message import STATUS_NAME, Status, decode_status
+from transport.terrain_message import TerrainMessage
+
+NS = 1e-9
+# The only frame that grids of this major version are in.
+FRAME = "base_footprint"
+# Runs of nodes that are over and may not speak again.
+REMEMBERED = 64
+# [s] Between two looks for news.
+POLL = 0.05
+ADVICE = "Wait for the next, ask for a scan, or give a larger max_age"
+
+
+class GridJudge:
+    """Knows the node of one robot: which run of it lives, what pause it is in, how its clock stands.
+
+    Attributes:
+        node: the node's sign of life.
+        clock: the node's clock.
+    """
+
+    def __init__(self, session: Session, robot: str) -> None:
+        """Watch the node and its status."""
+        self._robot = robot
+        self._lock = threading.Lock()
+        self._run = ""
+        self._over: dict[str, None] = {}
+        self._sequences: dict[str, int] = {}
+        self._live = TokenWatcher(session, run_key(robot, "*"))
+        self._status = NewestReceiver(session, status_key(robot), decode_status, latched=False)
+        self.clock = NodeClock(session, robot)
+        self.node = AliveWatcher(session, alive_key(robot), lambda alive: self.clock.wake() if alive else None)
+
+    def status(self) -> Status | None:
+        """The newest status of the node, sent or asked for; None when none came yet.
+
+        Raises:
+            MessageError: the newest status is damaged.
+        """
+        received = self._status.latest()
+        sent, asked = None if received is None else received.message, self.clock.status
+        if sent is None or asked is None:
+            return sent or asked
+        return asked if _clock_of(asked) > _clock_of(sent) else sent
+
+    def refusal(self, terrain: TerrainMessage, extent: str, *, is_newest: bool = True) -> str:
+        """Why a grid that came must not be taken for one of this robot, in words; empty when it may.
+
+        Args:
+            terrain: that came.
+            extent: that was asked for.
+            is_newest: whether it must come after all before it, as what is published does and an answer need not.
+        """
+        for what, given, wanted in (
+            ("robot", terrain.robot, self._robot),
+            ("extent", terrain.extent, extent),
+            ("frame", terrain.frame_id, FRAME),
+        ):
+            if given != wanted:
+                return f"it is of {what} {given!r}, not {wanted!r}"
+        with self._lock:
+            return self._refused_run(terrain) or (self._refused_order(terrain) if is_newest else "")
+
+    def _refused_run(self, terrain: TerrainMessage) -> str:
+        run = terrain.run
+        # A sender that tells no run is one of an earlier version, or another tool: it is judged by order alone.
+        if not run or run == self._run:
+            return ""
+        if run in self._over:
+            return f"it is of run {run!r} of the node, and another has taken over since"
+        live = self._live.names
+        if self._run and self._run in live and run not in live:
+            return f"it is of run {run!r}, which shows no sign of life, and run {self._run!r} lives"
+        if self._run and self._run in live:
+            return f"it is of run {run!r}, and run {self._run!r} lives too: two nodes have the name {self._robot!r}"
+        if self._run:
+            self._over[self._run] = None
+            while len(self._over) > REMEMBERED:
+                del self._over[next(iter(self._over))]
+        self._run, self._sequences = run, {}
+        return ""
+
+    def _refused_order(self, terrain: TerrainMessage) -> str:
+        # While no node has told its run, any may have started anew: its sequences mean nothing.
+        last = self._sequences.get(terrain.extent, 0) if self._run else 0
+        if terrain.sequence <= last:
+            return f"its sequence {terrain.sequence} comes after {last}"
+        self._sequences[terrain.extent] = terrain.sequence
+        return ""
+
+    def age(self, received: Received[TerrainMessage]) -> float:
+        """[s] since the end of the scan of a received grid, never less than the truth by what is not known.
+
+        By the clocks of both machines that never step, where the node tells its own. A node that does not: the time
+        since the arrival, and before it what the two wall clocks say.
+        """
+        terrain = received.message
+        if terrain.scan_end_clock is not None:
+            age = self.clock.age(terrain.run, terrain.scan_end_clock)
+            if age is not None:
+                return max(age, received.age)
+        return received.age + max(0.0, (received.arrival_stamp - terrain.scan_end) * NS)
+
+    def check(self, received: Received[TerrainMessage], max_age: float | None, *, wait: float = 0.0) -> TerrainMessage:
+        """The grid, if it may still be used.
+
+        Args:
+            received: grid with its arrival.
+            max_age: [s] since the end of the scan; None takes the grid's own validity, in time and in pauses.
+            wait: [s] how long to wait for a first word of a node that lives.
+
+        Raises:
+            StaleTerrain: it may not; the message says why and what to do.
+        """
+        terrain = received.message
+        if self.node.is_alive:
+            self.clock.wait(wait)
+        age = self.age(received)
+        limit = terrain.valid_for if max_age is None else max_age
+        name = f"newest {terrain.extent} grid (step {terrain.step})"
+        if age > limit:
+            gone = "" if self.node.is_alive else "; its node is gone"
+            raise StaleTerrain(f"{name} is {age:.2f} s old; allowed: {limit:g} s{gone}. {ADVICE}")
+        if max_age is None:
+            self._check_pauses(terrain, name)
+        return terrain
+
+    def wait_for_news(self, timeout: float) -> None:
+        """Ask the node; where the pause that it followed is over, wait so long for the next to begin [s]."""
+        deadline = clock.now() + timeout
+        while self.node.is_alive and self.clock.ask(timeout):
+            if self._values_of("").get("standing") != "false" or clock.now() > deadline:
+                return
+            time.sleep(POLL)
+
+    def _check_pauses(self, terrain: TerrainMessage, name: str) -> None:
+        values = self._values_of(terrain.run)
+        epoch, step = values.get("epoch", ""), values.get("step", "")
+        knows = _knows(values, terrain)
+        if epoch and terrain.epoch and epoch != terrain.epoch:
+            if knows:
+                raise StaleTerrain(f"{name} is of walk {terrain.epoch!r}; the robot is on walk {epoch!r}. {ADVICE}")
+            return
+        pauses = int(step) - terrain.step if step.lstrip("-").isdigit() else 0
+        if pauses > terrain.valid_pauses:
+            frame = "; the frame of a footprint ends with its pause" if terrain.extent == "footprint" else ""
+            raise StaleTerrain(f"{name} is {pauses} pauses old; allowed: {terrain.valid_pauses}{frame}. {ADVICE}")
+
+    def _values_of(self, run: str) -> Mapping[str, str]:
+        try:
+            status = self.status()
+        except MessageError:
+            status = self.clock.status
+        item = None if status is None else status.item(STATUS_NAME)
+        if item is None or (run and item.values.get("run", run) != run):
+            return {}
+        return item.values
+
+
+def _knows(values: Mapping[str, str], terrain: TerrainMessage) -> bool:
+    """Whether a status was made after a grid was published: it then knows better which walk the robot is on."""
+    last = values.get("last_map_sequence" if terrain.extent == "map" else "last_scan_sequence", "")
+    return last.isdigit() and int(last) >= terrain.sequence
+
+
+def _clock_of(status: Status) -> float:
+    item = status.item(STATUS_NAME)
+    try:
+        return float(item.values["clock_s"]) if item is not None else 0.0
+    except (KeyError, ValueError):
+        return 0.0

@@ -1,0 +1,114 @@
+"""One node of a name: a second one waits until the first has gone, and is refused when it stays."""
+
+from __future__ import annotations
+
+import logging
+import time
+import uuid
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+from transport import zenoh_api
+from transport.configuration import DEFAULT_ENDPOINT
+from transport.exceptions import ConnectionFailed, NameTaken, TransportError
+from transport.keys import DEFAULT_ROBOT, alive_key, claim_key, run_key
+from transport.liveliness import AliveToken
+from transport.session import Session, open_client, open_node
+
+logger = logging.getLogger(__name__)
+# [s] A node that was killed is gone at once, one that hangs within two seconds; the rest is for a busy machine.
+NAME_TIMEOUT = 15.0
+# [s] Between two looks.
+POLL = 0.25
+# [s] To reach the node that holds the port.
+KNOCK_TIMEOUT = 0.5
+
+
+def claim_name(session: Session, robot: str, *, timeout: float = NAME_TIMEOUT) -> AliveToken:
+    """Wait until no other node has the name, and hold everybody off who wants it too.
+
+    Args:
+        session: open session of the node.
+        robot: instance name.
+        timeout: [s] to wait for another node to vanish.
+
+    Returns:
+        The claim; to be closed when the node's own tokens are declared.
+
+    Raises:
+        NameTaken: the other node still lives.
+    """
+    mine = uuid.uuid4().hex
+    claim = AliveToken(session, claim_key(robot, mine))
+    deadline, is_told = time.monotonic() + timeout, False
+    while True:
+        others = _tokens(session, alive_key(robot)) + _tokens(session, run_key(robot))
+        claims = [key.rpartition("/")[2] for key in _tokens(session, claim_key(robot))]
+        if not others and min([mine, *claims]) == mine:
+            return claim
+        if not is_told:
+            logger.warning("another node has the name %r; waiting until it is gone, %g s at most", robot, timeout)
+            is_told = True
+        if time.monotonic() > deadline:
+            claim.close()
+            raise NameTaken(
+                f"another node of robot {robot!r} lives on this router and has not gone within {timeout:g} s: two "
+                "would send planners the ground of two robots in turn. Stop it, or give this one another name (--name)"
+            )
+        time.sleep(POLL)
+
+
+def _tokens(session: Session, key: str) -> list[str]:
+    found: list[str] = session.attempt(lambda: zenoh_api.tokens(session.raw, key), f"cannot look for {key!r}")
+    return found
+
+
+def open_only_node(
+    *,
+    robot: str = DEFAULT_ROBOT,
+    listen: str | None = None,
+    connect: str | None = None,
+    security: str | Path | None = None,
+    allow_insecure: bool = False,
+    timeout: float = NAME_TIMEOUT,
+    is_stopped: Callable[[], bool] = lambda: False,
+) -> Session:
+    """As `open_node`, but where another node holds the port, knock there and wait until it is gone.
+
+    Args:
+        robot: instance name, for the other node to say who waits.
+        listen, connect, security, allow_insecure: as of `open_node`.
+        timeout: [s] to wait for the port.
+        is_stopped: ends the waiting.
+
+    Raises:
+        ConnectionFailed: the port is still taken, or as of `open_node`.
+        ConfigurationError, SecurityError: as of `open_node`.
+    """
+    deadline = time.monotonic() + timeout
+    with ExitStack() as stack:
+        has_knocked = False
+        while True:
+            try:
+                return open_node(listen=listen, connect=connect, security=security, allow_insecure=allow_insecure)
+            except ConnectionFailed as error:
+                if connect is not None or is_stopped():
+                    raise
+                if time.monotonic() > deadline:
+                    raise ConnectionFailed(f"{error} (waited {timeout:g} s for the port to become free)") from error
+                if not has_knocked:
+                    has_knocked = True
+                    logger.warning("the port is taken; waiting until it is free, %g s at most: %s", timeout, error)
+                    if security is None:
+                        _knock(stack, listen or DEFAULT_ENDPOINT, robot)
+            time.sleep(POLL)
+
+
+def _knock(stack: ExitStack, endpoint: str, robot: str) -> None:
+    """Let the node there see that another one wants its place."""
+    try:
+        session = stack.enter_context(open_client(endpoint, timeout=KNOCK_TIMEOUT))
+        AliveToken(session, claim_key(robot, uuid.uuid4().hex))
+    except TransportError as error:
+        logger.debug("nobody to knock at: %s", error)
