@@ -126,6 +126,7 @@ class PauseScanner:
             if recording is not None:
                 recording.abandon()
             raise
+        before = self._published
         self._published = published = Published(pause, terrain, scan)
         message = self._send(published, terrain)
         self._status.scanned(terrain, scan, time.monotonic() - scan.last_frame)
@@ -136,13 +137,17 @@ class PauseScanner:
         try:
             self._check_steps()
         except MirrorSlipped as error:
+            nothing = self._nothing_seen(pause, str(error))
             self._published = None
-            withdrawn = publish_terrain(self._server, self._nothing_seen(pause, str(error)))
+            if before is not None and before.fused is not None:
+                # An earlier scan of this pause is in the map: what the pause says of it still counts.
+                self._published = Published(pause, nothing, scan, before.fused, was_sent_provisional=True)
+            withdrawn = publish_terrain(self._server, nothing)
             self._finish(recording, (message, withdrawn), pause.end_stance)
             raise
         try:
             published.fused = fused = self._map.update(
-                pause.step, pause.stance, terrain, pause.known_ground, epoch=pause.epoch, time=scan.last_frame
+                pause.step, pause.stance, terrain, pause.known_ground, epoch=pause.epoch, time=end_of(scan)
             )
         except BaseException:
             self._finish(recording, (message,), pause.end_stance)
@@ -186,7 +191,7 @@ class PauseScanner:
         nothing = self._nothing_seen(pause, reason)
         messages = [publish_terrain(self._server, nothing)]
         if published.fused is not None and not pause.is_fused:
-            fused = self._map.withdraw(nothing, time=published.scan.last_frame)
+            fused = self._map.withdraw(nothing, time=end_of(published.scan))
             messages.append(publish_terrain(self._server, identified(fused, pause)))
         if self._recorder is not None:
             self._recorder.add_terrains(pause.step, messages)
@@ -202,7 +207,7 @@ class PauseScanner:
             identified(terrain, pause, is_provisional=is_provisional),
             scan_start=scan.start,
             scan_end=scan.end,
-            scan_end_clock=clock.now() - (time.monotonic() - scan.last_frame),
+            scan_end_clock=end_of(scan),
             valid_for=max(limit, 0.0),
         )
 
@@ -262,6 +267,11 @@ def with_problems(terrain: TerrainGrid, scan: LiveScan) -> TerrainGrid:
         reasons.append("the pause ended before the scan")
     level = "failed" if scan.failed else "degraded"
     return dataclasses.replace(terrain, metadata={**terrain.metadata, "health": {"level": level, "reasons": reasons}})
+
+
+def end_of(scan: LiveScan) -> float:
+    """The last frame of a scan by the clock that ages are told by [s]."""
+    return clock.now() - (time.monotonic() - scan.last_frame)
 
 
 def identified(terrain: TerrainGrid, pause: Pause, *, is_provisional: bool = False) -> TerrainGrid:
