@@ -80,8 +80,12 @@ def test_old_grid_is_stale(node, client: gp.TerrainClient):
     assert client.latest(max_age=1000).step == 10
     node.tell("publish 11 5000")
     assert client.wait_for_step(11, timeout=30, max_age=math.inf).step == 11
-    with pytest.raises(gp.StaleTerrain, match="allowed: 420 s.*ask for a scan"):
-        client.latest()
+    for ask in (client.latest, client.query):
+        with pytest.raises(gp.StaleTerrain, match="allowed: 420 s.*ask for a scan"):
+            ask()
+    with pytest.raises(ReceiveTimeout, match="allowed: 420 s"):
+        next(client.stream(timeout=0.3))
+    assert next(client.stream(timeout=30, max_age=math.inf)).step == 11
 
 
 def test_grid_of_many_pauses_ago_is_stale(node, client: gp.TerrainClient, eventually: Callable):
