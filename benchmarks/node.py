@@ -49,16 +49,18 @@ class Bench:
 
     def pause(self, step: int) -> tuple[float, float, float]:
         """One pause: seconds of the sweep, milliseconds from last frame to published, processor seconds."""
-        message = stance_to_message(self.scan.stance)
         before = time.process_time()
-        self.node.on_pause(
-            StancePause(robot="guara", step=step, phase=PausePhase.BEGIN, stamp=time.time_ns(), stance=message)
-        )
+        self._say(step, PausePhase.BEGIN)
         if not self.node.wait_for_step(step, TIMEOUT_S):
             raise SystemExit(f"step {step} gave no grid within {TIMEOUT_S:.0f} s")
         spent = time.process_time() - before
         values = next(item for item in self.status.items() if item.name == "scanner").values
+        self._say(step, PausePhase.END)
         return float(values["duration_s"]), float(values["latency_ms"]), spent
+
+    def _say(self, step: int, phase: PausePhase) -> None:
+        message = stance_to_message(self.scan.stance)
+        self.node.on_pause(StancePause(robot="guara", step=step, phase=phase, stamp=time.time_ns(), stance=message))
 
 
 @contextmanager
