@@ -71,6 +71,8 @@ def scan_report(
     seconds: Mapping[str, float],
 ) -> dict[str, Any]:
     """Metadata of a grid; see docs/files.md for the fields."""
+    from kinematics import describe_robot
+
     bad = {index: profile.reason for index, profile in sorted(profiles.items()) if profile.is_frame_bad}
     counts = np.zeros(len(StripeStatus), dtype=np.int64)
     if points:
@@ -94,6 +96,7 @@ def scan_report(
         reasons.append("the calibration was refused and is used all the same")
     return {
         "robot": robot.name,
+        "robot_description": describe_robot(robot),
         "mode": mode,
         "method": method,
         "calibration_hash": calibration.hash,

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from kinematics.clearance import FootholdClearance, foothold_clearance
+from kinematics.description import describe_robot, robot_from_description
 from kinematics.exceptions import (
     ArgumentError,
     CameraMoved,
@@ -61,12 +62,14 @@ __all__ = [
     "StancePose",
     "UnknownName",
     "camera_motion",
+    "describe_robot",
     "check_camera_still",
     "foothold_clearance",
     "load_robot",
     "polygon_margin",
     "reach_from_pose",
     "reach_in_base",
+    "robot_from_description",
     "stability_margin",
     "stance_pose",
 ]

@@ -31,6 +31,7 @@ class RobotModel:
 
     Attributes:
         folder: where it was read from.
+        toml_text, srdf_text: what robot.toml and the SRDF hold, for whoever hands the robot on.
         name: the robot's name.
         tree: its kinematic tree (names, limits, Pinocchio's model).
         legs: names of the legs, in robot.toml's order.
@@ -45,7 +46,9 @@ class RobotModel:
         transform_laser_to_base: (4, 4), nominal; its origin lies on the mirror axis, which is parallel to y.
     """
 
-    def __init__(self, folder: Path, tree: KinematicTree, postures: Mapping[str, Posture]) -> None:
+    def __init__(
+        self, folder: Path, tree: KinematicTree, postures: Mapping[str, Posture], toml_text: str, srdf_text: str
+    ) -> None:
         """Check the parts against each other; `load_robot` reads them.
 
         Raises:
@@ -53,6 +56,7 @@ class RobotModel:
         """
         self.notes = (*tree.urdf.notes, *check_model(tree, postures))
         self.folder = folder
+        self.toml_text, self.srdf_text = toml_text, srdf_text
         self.tree = tree
         self.name = tree.config.name
         self.legs = tuple(tree.legs)
@@ -168,7 +172,8 @@ def load_robot(name_or_path: str | Path) -> RobotModel:
     postures = {posture.name: posture for posture in read_srdf(folder / "srdf" / f"{config.name}.srdf", urdf)}
     scan = postures.get(config.scan_posture)
     tree = KinematicTree(urdf, config, None if scan is None else scan.joint_positions)
-    robot = RobotModel(folder, tree, postures)
+    texts = [(folder / file).read_text("utf-8") for file in ("robot.toml", f"srdf/{config.name}.srdf")]
+    robot = RobotModel(folder, tree, postures, *texts)
     if robot.notes:
         warnings.warn(RobotFileWarning(f"{folder}: not used: {'; '.join(robot.notes)}"), stacklevel=2)
     return robot

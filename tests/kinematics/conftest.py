@@ -9,8 +9,13 @@ import pytest
 
 import kinematics
 from kinematics import RobotModel, Stance, load_robot
+from kinematics.model import ROBOTS_FOLDER
 
 SECOND_ROBOT = Path(__file__).parent.parent / "robots" / "tapir"
+# Every robot folder of the repository: one that is added is tested without a word here.
+ROBOT_FOLDERS = sorted(
+    path.parent for path in (*ROBOTS_FOLDER.glob("*/robot.toml"), *SECOND_ROBOT.parent.glob("*/*.toml"))
+)
 
 
 @pytest.fixture(scope="session")
@@ -23,10 +28,10 @@ def tapir() -> RobotModel:
     return load_robot(SECOND_ROBOT)
 
 
-@pytest.fixture(scope="session", params=["guara", "tapir"])
+@pytest.fixture(scope="session", params=ROBOT_FOLDERS, ids=lambda folder: folder.name)
 def robot(request: pytest.FixtureRequest) -> RobotModel:
     """Every robot folder: the table that the table-driven tests run over."""
-    return request.getfixturevalue(request.param)
+    return load_robot(request.param)
 
 
 @pytest.fixture

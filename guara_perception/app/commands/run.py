@@ -71,6 +71,7 @@ def command(
             fps=fps,
             off_frames=off_frames,
             devices=devices,
+            on_the_move=True,
         )
         instance = name or rig.robot.name
         stack.enter_context(rig.rangefinder)

@@ -56,6 +56,7 @@ def choose_rig(
     off_frames: str,
     devices: Path | None = None,
     needs_calibration: bool = True,
+    on_the_move: bool = False,
 ) -> Rig:
     """Make the rig that the options of a command ask for.
 
@@ -68,9 +69,10 @@ def choose_rig(
         off_frames: "one", "per stripe" or "none".
         devices: devices.toml as `guara record` writes it.
         needs_calibration: False for a scan to calibrate with.
+        on_the_move: feet will be set by the grids: values of robot.toml that concern safety must have been measured.
 
     Raises:
-        InvalidInput: neither a calibration nor a simulation; a simulation with devices.
+        InvalidInput: neither a calibration nor a simulation; a simulation with devices; a real robot on assumed values.
         MissingFile, FileFormatError: the calibration or the file of devices cannot be read.
         kinematics.KinematicsError: the robot cannot be loaded.
     """
@@ -89,8 +91,25 @@ def choose_rig(
         raise InvalidInput("no calibration: give -c calibration.json (`guara calibrate` makes it), or --simulated")
     calibrated = load_calibration(calibration)
     model = load_robot(robot or calibrated.robot)
+    if on_the_move:
+        _refuse_assumed(model)
     chosen = replace(chosen, size=calibrated.camera.size)
     return Rig(model, calibrated, rangefinder_of(chosen, off_frames), None)
+
+
+# Tables and keys of robot.toml by which a foot is set. The mounts of camera and laser are not among them: the
+# calibration overrides them, and there is no live scan without one.
+SAFETY_KEYS = ("sole", "legs.", "traversability.", "heights.")
+
+
+def _refuse_assumed(robot: RobotModel) -> None:
+    """Refuse a robot whose soles or limits nobody has measured."""
+    open_keys = [key for key in robot.config.assumed if key.startswith(SAFETY_KEYS)]
+    if open_keys:
+        raise InvalidInput(
+            f"{robot.config.path}: nobody has measured {', '.join(open_keys)} of {robot.name!r}, by which it steps: "
+            "measure them as the table [assumed] says and delete their lines there; --simulated runs without"
+        )
 
 
 def rangefinder_of(devices: Devices, off_frames: str = "one") -> Rangefinder:

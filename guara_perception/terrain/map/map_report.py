@@ -15,6 +15,7 @@ from guara_perception.terrain.map.height_anchor import HeightAnchor
 
 # Fields of a scan's metadata that also hold for the map of the same pause.
 FROM_SCAN = (
+    "robot_description",
     "mode",
     "method",
     "calibration_hash",

@@ -11,7 +11,7 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
-from kinematics import RobotModel, Stance, StancePose, load_robot
+from kinematics import RobotModel, RobotNotFound, Stance, StancePose, load_robot, robot_from_description
 from kinematics.reach import leg_kinematics, reach_from_pose
 
 
@@ -57,7 +57,7 @@ def _pose_of(terrain: LayeredGrid, robot: RobotModel | None) -> StancePose:
             "ask with leg=None"
         )
     if robot is None:
-        robot = _robot(str(metadata["robot"]))
+        robot = _robot(str(metadata["robot"]), metadata.get("robot_description"))
     elif robot.name != metadata["robot"]:
         raise InvalidInput(f"the grid belongs to robot {metadata['robot']!r}, the model given is {robot.name!r}")
     key = json.dumps([metadata["stance"], metadata["transform_base_to_footprint"]], sort_keys=True)
@@ -65,9 +65,16 @@ def _pose_of(terrain: LayeredGrid, robot: RobotModel | None) -> StancePose:
 
 
 @lru_cache(maxsize=4)
-def _robot(name: str) -> RobotModel:
-
-    return load_robot(name)
+def _robot(name: str, description: str | None) -> RobotModel:
+    """The robot that a grid carries; of a grid without one, that of its name."""
+    if isinstance(description, str):
+        return robot_from_description(description)
+    try:
+        return load_robot(name)
+    except RobotNotFound as error:
+        raise RobotNotFound(
+            f"the grid carries no description of its robot {name!r}: give robot=load_robot(FOLDER). {error}"
+        ) from None
 
 
 @lru_cache(maxsize=4)

@@ -1,5 +1,6 @@
 """`guara scan` and `guara run` as a user runs them, with simulated devices."""
 
+import shutil
 import signal
 import subprocess
 import sys
@@ -39,6 +40,23 @@ def test_without_calibration_live_commands_say_what_to_do(command: str, capsys: 
     """No guess is made about a rangefinder that was not calibrated."""
     assert run([command]) == 2
     assert "`guara calibrate` makes it" in capsys.readouterr().err
+
+
+def test_a_real_robot_does_not_walk_on_assumed_values(
+    tmp_path: Path, calibration_file: Path, capsys: pytest.CaptureFixture[str], robot: RobotModel
+) -> None:
+    """`run` names what nobody has measured, exit 2; once measured, it goes on to look for the board."""
+    folder = Path(shutil.copytree(robot.folder, tmp_path / "guara"))
+    toml = folder / "robot.toml"
+    text = toml.read_text()
+    assumed = '\n[assumed]\n"sole" = "measure a foot"\n"frames.camera" = "calibrate"\n"stance.imu_sigma" = "hold it"\n'
+    toml.write_text(text + assumed)
+    assert run(["run", "-c", str(calibration_file), "--robot", str(folder)]) == 2
+    error = capsys.readouterr().err
+    assert "nobody has measured sole of 'guara'" in error and "--simulated runs without" in error
+    toml.write_text(text + assumed.replace('"sole" = "measure a foot"\n', ""))
+    assert run(["run", "-c", str(calibration_file), "--robot", str(folder)]) == 1
+    assert "no laser board" in capsys.readouterr().err
 
 
 def test_without_a_board_a_scan_fails_and_says_so(

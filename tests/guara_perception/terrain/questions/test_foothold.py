@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.layers.limits_of import known, limits_of
-from kinematics import KinematicsError, RobotModel, Stance
+from kinematics import KinematicsError, RobotModel, RobotNotFound, Stance, describe_robot, load_robot
 
 PROPERTY = settings(max_examples=40, deadline=None, derandomize=True)
 ORIGIN = (0.4, -0.3)
@@ -181,6 +182,28 @@ def test_reach_agrees_with_the_kinematics(standing: gp.TerrainGrid, robot: Robot
     np.testing.assert_array_equal(verdicts.ok, robot.reachable("lf", in_base))
     assert verdicts.ok.any()
     assert not verdicts.ok.all()
+
+
+def test_a_grid_carries_its_robot(standing: gp.TerrainGrid) -> None:
+    """A robot that is in no folder here: its legs are known from the grid; without, the message says what to give."""
+    tapir = load_robot(Path(__file__).parents[3] / "robots" / "tapir")
+    stance = Stance(tapir.posture("scan"), tapir.legs)
+    metadata = {
+        **standing.metadata,
+        "robot": "tapir",
+        "robot_description": describe_robot(tapir),
+        "stance": stance.to_dict(),
+        "transform_base_to_footprint": tapir.stance_pose(stance).transform_base_to_footprint.tolist(),
+    }
+    carrying = dataclasses.replace(standing, metadata=metadata)
+    x, y = (values.ravel() for values in np.meshgrid(np.linspace(0.3, 0.6, 20), np.linspace(-0.2, 0.2, 9)))
+    theirs, ours = carrying.check_foothold(x, y, leg="fl"), carrying.check_foothold(x, y, leg="fl", robot=tapir)
+    np.testing.assert_array_equal(theirs.ok, ours.ok)
+    np.testing.assert_allclose(theirs.beyond, ours.beyond, atol=1e-9)
+    assert np.isfinite(theirs.beyond).any()
+    bare = dataclasses.replace(standing, metadata={**metadata, "robot_description": None})
+    with pytest.raises(RobotNotFound, match=r"give robot=load_robot\(FOLDER\)"):
+        bare.check_foothold(0.45, 0.1, leg="fl")
 
 
 def test_asking_for_a_leg_needs_a_stance(standing: gp.TerrainGrid) -> None:
