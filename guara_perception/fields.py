@@ -11,7 +11,11 @@ from typing import Any
 import numpy as np
 
 from guara_perception.arrays import Float
+from guara_perception.bounded_files import LARGEST_TEXT, read_bounded
 from guara_perception.exceptions import FileFormatError, MissingFile
+
+# Objects in one list: a scan has 70 stripes, a session some hundred pictures.
+MOST_ITEMS = 10_000
 
 
 def read_json(path: str | Path) -> Fields:
@@ -24,7 +28,7 @@ def read_json(path: str | Path) -> Fields:
     path = Path(path)
     if not path.is_file():
         raise MissingFile(f"{path}: no such file")
-    return parse_json(path.read_bytes(), str(path))
+    return parse_json(read_bounded(path, LARGEST_TEXT), str(path))
 
 
 def parse_json(content: bytes, source: str) -> Fields:
@@ -153,7 +157,10 @@ class Fields:
 
     def items(self, name: str) -> Iterator[Fields]:
         """The objects of a list, one by one, each knowing its path."""
-        for i, value in enumerate(self.sequence(name)):
+        values = self.sequence(name)
+        if len(values) > MOST_ITEMS:
+            raise FileFormatError(f"{self.path_to(name)} has {len(values)} items, allowed: up to {MOST_ITEMS}")
+        for i, value in enumerate(values):
             path = f"{self.path}.{name}[{i}]" if self.path else f"{name}[{i}]"
             if not isinstance(value, dict):
                 raise FileFormatError(f"{self.source}: {path} is {_kind(value)}, it must be an object")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import cast
 
 from kinematics.exceptions import RobotFileError
 from kinematics.toml_table import Table, frozen
+from kinematics.toml_text import read_toml
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,11 +68,10 @@ def read_robot_toml(path: Path) -> RobotToml:
         RobotFileError: naming the file, the table and the key, what was given and what is needed.
     """
     try:
-        with path.open("rb") as file:
-            root = Table(path, "", tomllib.load(file))
+        root = Table(path, "", read_toml(path))
     except OSError as error:
         raise RobotFileError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:
         raise RobotFileError(f"{path}: is not valid TOML: {error}") from error
     frames, legs, postures = root.table("frames"), root.table("legs"), root.table("postures")
     config = RobotToml(

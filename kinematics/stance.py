@@ -83,7 +83,10 @@ class Stance:
 def _number(value: object, where: str) -> float:
     if isinstance(value, bool) or not hasattr(value, "__float__"):
         raise StanceError(f"{where}: {value!r} is not a number")
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
     if not math.isfinite(number):
         raise StanceError(f"{where}: {number} is not finite")
     return number

@@ -24,6 +24,10 @@ CONFIGURATION = "zenoh.json5"
 # Where a secured node listens: on all of its networks, because nobody gets in without a certificate.
 DEFAULT_LISTEN = "tls/0.0.0.0:7447"
 
+# [byte] and levels: ours has 3 kB and six. Zenoh's reader ends the process where nesting takes all of its stack.
+LARGEST_CONFIGURATION = 256 * 1024
+DEEPEST_CONFIGURATION = 32
+
 TLS = "transport/link/tls"
 FILES = (
     "root_ca_certificate",
@@ -136,6 +140,20 @@ def role_folder(folder: str | Path, role: str) -> Path:
     )
 
 
+def _configuration_text(folder: Path) -> str:
+    """The text of a role's Zenoh configuration; ValueError when it nests so deep that Zenoh's reader would crash."""
+    with (folder / CONFIGURATION).open("rb") as file:
+        content = file.read(LARGEST_CONFIGURATION + 1)
+    if len(content) > LARGEST_CONFIGURATION:
+        raise ValueError(f"it has more than {LARGEST_CONFIGURATION} bytes")
+    depth = 0
+    for character in content:
+        depth += (character in b"[{") - (character in b"]}")
+        if depth > DEEPEST_CONFIGURATION:
+            raise ValueError(f"it nests more than {DEEPEST_CONFIGURATION} deep")
+    return content.decode()
+
+
 def load_configuration(
     folder: Path,
     *,
@@ -161,7 +179,7 @@ def load_configuration(
                 f"endpoint {endpoint!r} is not encrypted although a security folder is given; use tls/host:port"
             )
     try:
-        text = (folder / CONFIGURATION).read_text(encoding="utf-8")
+        text = _configuration_text(folder)
         values: dict[str, Any] = {}
         for name in FILES:
             value = zenoh_api.configuration_value(text, f"{TLS}/{name}")
@@ -191,7 +209,7 @@ def configured_robot(folder: Path) -> str:
         SecurityError: the configuration cannot be read, or holds no rules.
     """
     try:
-        text = (folder / CONFIGURATION).read_text(encoding="utf-8")
+        text = _configuration_text(folder)
         rules = zenoh_api.configuration_value(text, "access_control/rules") or []
         return str(rules[0]["key_exprs"][0]).partition("/")[0]
     except (OSError, ValueError, LookupError, TypeError, zenoh_api.zenoh_error()) as error:
@@ -205,7 +223,7 @@ def configured_endpoints(folder: Path, kind: str) -> tuple[str, ...]:
         SecurityError: the configuration cannot be read.
     """
     try:
-        text = (folder / CONFIGURATION).read_text(encoding="utf-8")
+        text = _configuration_text(folder)
         found = zenoh_api.configuration_value(text, f"{kind}/endpoints")
     except (OSError, ValueError, zenoh_api.zenoh_error()) as error:
         raise SecurityError(f"cannot use {folder / CONFIGURATION}: {error}") from error

@@ -22,6 +22,10 @@ NEAREST_DEPTH_M = 1e-6
 BLOCK = 2048
 
 
+# Wider than any camera here; what is computed for each pixel must fit into memory.
+LARGEST_SIDE_PX = 8192
+
+
 @dataclass(frozen=True, slots=True)
 class CameraModel:
     """Intrinsic calibration, eq. 1 of the paper with the lens model that OpenCV uses.
@@ -40,8 +44,11 @@ class CameraModel:
         """Check and freeze."""
         matrix = readonly(np.array(self.matrix, dtype=np.float64))
         distortion = readonly(np.array(self.distortion, dtype=np.float64).ravel())
-        if len(self.size) != 2 or min(self.size) < 16 or any(n != int(n) for n in self.size):
-            raise InvalidInput(f"camera size is {self.size}, it must be (width, height), whole and each 16 px or more")
+        if len(self.size) != 2 or not all(16 <= n <= LARGEST_SIDE_PX and n == int(n) for n in self.size):
+            raise InvalidInput(
+                f"camera size is {tuple(n if n != int(n) else int(n) for n in self.size)}, it must be (width, height), "
+                f"whole and each 16 to {LARGEST_SIDE_PX} px"
+            )
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
             raise InvalidInput(f"camera matrix has shape {matrix.shape}, it must be 3x3 and finite")
         if matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or not np.allclose(matrix[2], (0, 0, 1)):

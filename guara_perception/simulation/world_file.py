@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import re
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.simulation.features import KINDS, AnyFeature
 from guara_perception.simulation.world import World
+from kinematics.toml_text import LARGEST_FILE, parse_toml
 
 WORLDS = Path(__file__).resolve().parent / "worlds"
 """Worlds that come with the package, found by name."""
@@ -42,7 +42,12 @@ def load_world(name_or_path: str | Path) -> World:
     if not path.is_file():
         names = ", ".join(sorted(p.stem for p in WORLDS.glob("*.toml")))
         raise MissingFile(f"{name_or_path}: no such world file; worlds that come with the package: {names}")
-    return parse_world(path.read_text(encoding="utf-8"), str(path))
+    if path.stat().st_size > LARGEST_FILE:
+        raise FileFormatError(f"{path}: has {path.stat().st_size} bytes, at most {LARGEST_FILE} are read")
+    try:
+        return parse_world(path.read_text(encoding="utf-8"), str(path))
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{path}: not a TOML file ({error})") from None
 
 
 def parse_world(text: str, source: str) -> World:
@@ -52,8 +57,8 @@ def parse_world(text: str, source: str) -> World:
         FileFormatError: see `load_world`.
     """
     try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        data: dict[str, Any] = parse_toml(text)
+    except ValueError as error:
         raise FileFormatError(f"{source}: not a TOML file ({error})") from None
     lines = _lines(text)
     top = {key: value for key, value in data.items() if key not in KINDS}

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from guara_perception.arrays import Array
+from guara_perception.bounded_files import read_arrays
 from guara_perception.exceptions import FileFormatError, MissingFile, PerceptionError
 from guara_perception.fields import refuse_not_finite
 from guara_perception.terrain.grid import TerrainGrid
@@ -32,12 +33,8 @@ def load_terrain(path: str | Path) -> TerrainGrid:
     path = Path(path)
     if not path.is_file():
         raise MissingFile(f"{path}: no such file")
-    try:
-        with np.load(path, allow_pickle=False) as content:
-            data: dict[str, Any] = {name: content[name] for name in content.files}
-    except UNREADABLE as error:
-        raise FileFormatError(f"{path}: not a terrain file ({error})") from None
     wanted = [layer.name for layer in LAYERS] + ["origin", "resolution", "frame", "stamp", "step", "metadata"]
+    data: dict[str, Any] = dict(read_arrays(path, [*wanted, *PICTURES]))
     missing = [name for name in wanted if name not in data]
     if missing:
         raise FileFormatError(f"{path}: {', '.join(missing)} missing, it is not a terrain file")

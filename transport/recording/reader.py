@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import Any, Self, cast
 
 from transport.codec import decode, read_time
 from transport.exceptions import RecordingError
+from transport.recording.limits import MAXIMUM_CHUNK, BoundedFile, Unpacker
 from transport.recording.records import FrameRecord, FrameReference, ScanRecord, StripeRecord, read_frame
 from transport.recording.topics import CALIBRATION_NAME, TYPES, short_name
 from transport.stance_pause import StancePause, decode_stance_pause
@@ -34,11 +35,11 @@ class Recording:
 
         self.path = Path(path)
         try:
-            self._file: IO[bytes] = self.path.open("rb")
+            self._file = BoundedFile(self.path)
         except OSError as error:
             raise RecordingError(f"cannot read {self.path}: {error.strerror}") from error
         try:
-            self._reader = make_reader(self._file, validate_crcs=True)
+            self._reader = make_reader(cast(Any, self._file), validate_crcs=True)
             self._summary = self._reader.get_summary()
             if self._summary is None or not self._summary.statistics:
                 raise RecordingError(f"{self.path} has no index; `guara recover` makes one")
@@ -117,18 +118,40 @@ class Recording:
         """Topic and payload, all or those of one stamp, in the order of writing: clocks may differ."""
         if not topics:
             return
-        span: dict[str, Any] = {} if stamp is None else {"starting_at": stamp, "ending_at": stamp}
-        messages = self._reader.iter_messages(topics, log_time_order=False, **span)
-        while True:
-            try:
-                _, channel, message = next(messages)
-            except StopIteration:
-                return
-            except Exception as error:  # the container, the decompressor and Python each have their own
-                raise RecordingError(
-                    f"{self.path} is damaged ({type(error).__name__}: {error}); `guara recover` restores the rest"
-                ) from error
-            yield channel.topic, message.data
+        summary = cast(Any, self._summary)
+        wanted = {number: channel.topic for number, channel in summary.channels.items() if channel.topic in topics}
+        try:
+            for message in self._stored(summary, set(wanted), stamp):
+                if message.channel_id in wanted and stamp in (None, message.log_time):
+                    yield wanted[message.channel_id], message.data
+        except GeneratorExit:
+            raise
+        except Exception as error:  # the container, the decompressor and Python each have their own
+            raise RecordingError(
+                f"{self.path} is damaged ({type(error).__name__}: {error}); `guara recover` restores the rest"
+            ) from error
+
+    def _stored(self, summary: Any, channels: set[int], stamp: int | None) -> Iterator[Any]:
+        """Messages of the chunks that may hold some of these channels and of this stamp, in the order of the file."""
+        from mcap.data_stream import ReadDataStream
+        from mcap.records import Chunk, Message
+        from mcap.stream_reader import StreamReader
+
+        if not summary.chunk_indexes:
+            self._file.seek(0)
+            for record in StreamReader(cast(Any, self._file), record_size_limit=MAXIMUM_CHUNK).records:
+                if isinstance(record, Message):
+                    yield record
+            return
+        unpacker = Unpacker(self._file.size)
+        for index in sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset):
+            is_of_time = stamp is None or index.message_start_time <= stamp <= index.message_end_time
+            if is_of_time and (not index.message_index_offsets or channels & index.message_index_offsets.keys()):
+                # Behind the opcode and the length of the record.
+                self._file.seek(index.chunk_start_offset + 9)
+                for record in unpacker.records(Chunk.read(ReadDataStream(cast(Any, self._file)))):
+                    if isinstance(record, Message):
+                        yield record
 
     def _read_calibration(self) -> bytes | None:
         found = None

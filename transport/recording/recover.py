@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from transport.exceptions import RecordingError
+from transport.recording.limits import MAXIMUM_CHUNK, BoundedFile, Unpacker
 from transport.recording.writer import CHUNK_SIZE
 
 # [byte] Longer records are taken as damage; a chunk has 1 MiB, or one frame of a few MiB.
-RECORD_LIMIT = 512 * 1024 * 1024
+RECORD_LIMIT = MAXIMUM_CHUNK + 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +60,7 @@ def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
     counts = _Counts()
     try:
         size = old.stat().st_size
-        with old.open("rb") as stream, partial.open("wb") as output:
+        with closing(BoundedFile(old)) as stream, partial.open("wb") as output:
             writer = Writer(output, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
             writer.start(profile="ros2", library="guara-perception")
             _copy(_records(stream, counts, old), writer, counts)
@@ -80,8 +82,9 @@ def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
 def _records(stream: Any, counts: _Counts, path: Path) -> Iterator[Any]:
     """Records in the order of the file, those of a chunk one by one; ends silently where the file is cut."""
     from mcap.records import Chunk, DataEnd
-    from mcap.stream_reader import StreamReader, breakup_chunk
+    from mcap.stream_reader import StreamReader
 
+    unpacker = Unpacker(stream.size)
     reader = StreamReader(stream, emit_chunks=True, record_size_limit=RECORD_LIMIT)
     records = iter(reader.records)
     while True:
@@ -100,8 +103,9 @@ def _records(stream: Any, counts: _Counts, path: Path) -> Iterator[Any]:
         if not isinstance(record, Chunk):
             yield record
             continue
+        # All of a chunk or nothing: a message without what came before it in its chunk tells nothing.
         try:
-            inner = breakup_chunk(record, validate_crc=True)
+            inner = list(unpacker.records(record))
         except Exception:  # the decompressor has errors of its own kind
             counts.damaged += 1
             continue

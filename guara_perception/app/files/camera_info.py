@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from guara_perception.bounded_files import read_bounded
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.fields import Fields
@@ -56,8 +57,9 @@ def read_camera_info(path: str | Path) -> CameraModel:
     if not path.is_file():
         raise MissingFile(f"{path}: no such file")
     try:
-        content = YAML(typ="safe").load(path.read_text(encoding="utf-8"))
-    except (YAMLError, UnicodeDecodeError) as error:
+        # camera_info of ROS has under 1 kB; aliases of YAML can make much of little.
+        content = YAML(typ="safe").load(read_bounded(path, 64 * 1024).decode())
+    except (YAMLError, ValueError, RecursionError) as error:
         raise FileFormatError(f"{path}: not a YAML file ({' '.join(str(error).split())[:120]})") from None
     if not isinstance(content, dict):
         raise FileFormatError(f"{path}: the top level must be a mapping with image_width, camera_matrix and so on")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.bounded_files import LARGEST_PICTURE, decode_picture, read_bounded
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.fields import Fields, read_json
 from guara_perception.scan import Scan, ScanStripe
@@ -78,11 +78,7 @@ def read_picture(path: Path) -> npt.NDArray[np.generic]:
     """
     if not path.is_file():
         raise MissingFile(f"{path}: no such file")
-    content = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    picture = cv2.imdecode(content, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR) if content.size else None
-    if picture is None:
-        raise FileFormatError(f"{path}: not a readable picture ({content.size} bytes), it must be PNG or JPEG")
-    return np.asarray(picture)
+    return decode_picture(read_bounded(path, LARGEST_PICTURE), str(path))
 
 
 def _stripe(item: Fields) -> ScanStripe:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.app.messages import message_to_stance
+from guara_perception.bounded_files import decode_picture
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.scan import Scan, ScanStripe
 from kinematics import KinematicsError
@@ -51,11 +51,7 @@ def _scan(recording: Recording, record: ScanRecord, path: Path) -> Scan:
             raise FileFormatError(f"{source}: {error}") from None
         if frame.pixels is not None:
             return frame.pixels
-        content = np.frombuffer(frame.data or b"", dtype=np.uint8)
-        picture = cv2.imdecode(content, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR) if content.size else None
-        if picture is None:
-            raise FileFormatError(f"{source}: frame {text} cannot be decoded")
-        return np.asarray(picture)
+        return decode_picture(frame.data or b"", f"{source}: frame {text}")
 
     # A stripe whose frame was lost has nothing to be read: it is left out, and so stays unknown.
     stripes = tuple(

@@ -10,6 +10,9 @@ import numpy.typing as npt
 from guara_perception.arrays import Float, Index, Mask
 from guara_perception.exceptions import InvalidInput
 
+# As in a Terrain message (docs/messages.md); all layers of so many cells take 160 MB.
+MOST_CELLS = 4_000_000
+
 
 @dataclass(frozen=True, slots=True)
 class GridGeometry:
@@ -33,6 +36,8 @@ class GridGeometry:
             raise InvalidInput(f"origin is {self.origin}, it must be two finite numbers (x, y)")
         if len(self.shape) != 2 or min(self.shape) < 1:
             raise InvalidInput(f"grid shape is {self.shape}, it must be (ny, nx) with one cell or more")
+        if self.shape[0] * self.shape[1] > MOST_CELLS:
+            raise InvalidInput(f"a grid of {self.shape[0]} x {self.shape[1]} cells, allowed: {MOST_CELLS} in all")
 
     @staticmethod
     def over(x: tuple[float, float], y: tuple[float, float], resolution: float) -> GridGeometry:

@@ -1,0 +1,130 @@
+"""Reads files that may come from anywhere: every count and size is checked before memory is taken for it."""
+
+from __future__ import annotations
+
+import struct
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from guara_perception.arrays import Array, Image
+from guara_perception.exceptions import FileFormatError
+
+# [byte] The largest JSON file here, a calibration of 70 stripes with all covariances, has under 1 MB.
+LARGEST_TEXT = 16 * 1024 * 1024
+# [byte] Of a picture file, and its pixels: the largest cameras of this kind have 12 Mpx.
+LARGEST_PICTURE = 128 * 1024 * 1024
+MOST_PIXELS = 16_000_000
+# [byte] Of all arrays of a grid file: all layers of the largest grid, 4,000,000 cells, take 160 MB.
+LARGEST_ARRAYS = 192 * 1024 * 1024
+# [byte] Of the header of one array.
+LARGEST_HEADER = 10_000
+
+
+def read_bounded(path: Path, largest: int) -> bytes:
+    """The bytes of a file.
+
+    Raises:
+        FileFormatError: it is longer than `largest`, or cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(largest + 1)
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be read: {error.strerror}") from None
+    if len(content) > largest:
+        raise FileFormatError(f"{path}: has more than {largest} bytes, which no such file needs")
+    return content
+
+
+def decode_picture(content: bytes, source: str) -> Image:
+    """A picture as it is: BGR or grey, 8 or 16 bit.
+
+    Raises:
+        FileFormatError: neither PNG nor JPEG, too many pixels, or it cannot be decoded.
+    """
+    size = _picture_size(content)
+    if size is None:
+        raise FileFormatError(f"{source}: not a readable picture ({len(content)} bytes), it must be PNG or JPEG")
+    if not 0 < size[0] * size[1] <= MOST_PIXELS:
+        raise FileFormatError(f"{source}: a picture of {size[0]} x {size[1]} px, allowed: {MOST_PIXELS} px in all")
+    try:
+        picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
+    except cv2.error:
+        picture = None
+    if picture is None:
+        raise FileFormatError(f"{source}: not a readable picture ({len(content)} bytes), it must be PNG or JPEG")
+    return np.asarray(picture)
+
+
+def _picture_size(content: bytes) -> tuple[int, int] | None:
+    """Width and height [px] as the header of a PNG or JPEG file says; None when it is neither."""
+    if content[:8] == b"\x89PNG\r\n\x1a\n" and content[12:16] == b"IHDR" and len(content) >= 24:
+        width, height = struct.unpack(">II", content[16:24])
+        return width, height
+    if content[:2] != b"\xff\xd8":
+        return None
+    place = 2
+    while place + 9 <= len(content):
+        if content[place] != 0xFF:
+            return None
+        marker = content[place + 1]
+        if marker == 0xFF:
+            place += 1
+        # Start of frame, in any coding: all of C0 to CF but the tables C4 and CC and the reserved C8.
+        elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack(">HH", content[place + 5 : place + 9])
+            return width, height
+        elif marker == 0x01 or 0xD0 <= marker <= 0xD9:
+            place += 2
+        else:
+            place += 2 + int(struct.unpack(">H", content[place + 2 : place + 4])[0])
+    return None
+
+
+def read_arrays(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
+    """The arrays of an .npz file that are wanted and there; others are not unpacked.
+
+    Raises:
+        FileFormatError: no such file, or an array says that it is larger than it is or than `LARGEST_ARRAYS`.
+    """
+    found: dict[str, Array] = {}
+    left = LARGEST_ARRAYS
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            for name in wanted:
+                if name not in members:
+                    continue
+                info = members[name]
+                left -= info.file_size
+                if left < 0:
+                    raise FileFormatError(f"{path}: its arrays take more than {LARGEST_ARRAYS} bytes")
+                with archive.open(info) as file:
+                    found[name] = _read_array(file, info.file_size, f"{path}: not a terrain file ({name}")
+    except FileFormatError:
+        raise
+    except Exception as error:  # damage shows in the archive, the decompressor or the header, each with its own
+        raise FileFormatError(f"{path}: not a terrain file ({error})") from None
+    return found
+
+
+def _read_array(file: Any, size: int, source: str) -> Array:
+    version = np.lib.format.read_magic(file)
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, is_fortran, dtype = read_header(file, max_header_size=LARGEST_HEADER)
+    count = 1
+    for side in shape:
+        count *= side
+    length = count * dtype.itemsize
+    if dtype.hasobject or length < 0 or length > size:
+        raise FileFormatError(f"{source} is said to be {dtype} of shape {shape}, {length} bytes; it has {size})")
+    content = file.read(length)
+    if len(content) != length:
+        raise FileFormatError(f"{source} is cut)")
+    array = np.frombuffer(content, dtype, count)
+    return array.reshape(shape[::-1]).T if is_fortran else array.reshape(shape)

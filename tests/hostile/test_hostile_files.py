@@ -1,0 +1,156 @@
+"""Files made to harm: each is refused in words, within 300 MB and 5 s of processor time; damaged ones likewise."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from benchmarks.hostile import FILES, MEMORY_MB, SECONDS
+from guara_perception.app.files.camera_info import read_camera_info
+from guara_perception.app.files.open_scan import open_scans
+from guara_perception.simulation.world_file import load_world
+from kinematics import KinematicsError, load_robot
+from transport import TransportError
+from transport.recording import RecordingWriter, ScanRecord, recover_recording
+from transport.security import init_security, load_configuration
+from transport.submessages import StanceMessage
+
+ROOT = Path(__file__).resolve().parents[2]
+OURS = (gp.PerceptionError, KinematicsError, TransportError)
+MUTATIONS = 150
+
+
+@pytest.fixture(scope="module")
+def costs() -> dict[str, dict]:
+    """What each file of the benchmark cost, all read by one run of it."""
+    command = [sys.executable, "-m", "benchmarks.hostile", "--json"]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=500, check=False)
+    assert run.returncode == 0, run.stderr[-2000:]
+    return {cost["name"]: cost for cost in map(json.loads, run.stdout.splitlines())}
+
+
+@pytest.mark.parametrize("name", list(FILES))
+def test_a_hostile_file_is_refused_within_bounds(costs: dict[str, dict], name: str) -> None:
+    """No traceback, no crash, no gigabyte, no minute."""
+    cost = costs[name]
+    assert cost["outcome"].startswith(("refused: ", "read"))
+    assert cost["memory"] <= MEMORY_MB * 1e6 and cost["seconds"] <= SECONDS, cost
+
+
+def _recording(path: Path) -> None:
+    stance = StanceMessage(joint_positions={"lf_haa_joint": 0.0}, support_feet=("lf", "rf", "lh"))
+    with RecordingWriter(path, calibration=b"{}") as writer:
+        for step in range(3):
+            writer.begin_scan(ScanRecord(robot="guara", mode="coarse", stamp=step + 1, step=step, stance=stance))
+            writer.end_scan(stamp=step + 1)
+
+
+def _world(path: Path) -> None:
+    path.write_bytes(next((ROOT / "guara_perception/simulation/worlds").glob("*.toml")).read_bytes())
+
+
+def _camera(path: Path) -> None:
+    lines = ["image_width: 1280", "image_height: 1024", "distortion_model: plumb_bob"]
+    lines += ["camera_matrix: {rows: 3, cols: 3, data: [1000, 0, 640, 0, 1000, 512, 0, 0, 1]}"]
+    lines += ["distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}"]
+    path.write_text("\n".join(lines))
+
+
+def _scan(path: Path) -> None:
+    path.write_bytes((ROOT / "tests/data/scans/paper/scan.json").read_bytes())
+
+
+def _open_scan_json(path: Path) -> None:
+    from guara_perception.app.files.scan_folder import open_scan_folder
+
+    open_scan_folder(path.parent)
+
+
+def _grid(path: Path) -> None:
+    elevation = np.zeros((30, 30))
+    gp.assess_terrain(elevation, 0.005).save(path)
+
+
+def _recover(path: Path) -> None:
+    target = path.with_name("recovered.mcap")
+    target.unlink(missing_ok=True)
+    recover_recording(path, target)
+
+
+CASES: dict[str, tuple[str, Callable[[Path], None], Callable[[Path], object]]] = {
+    "npz": ("t.npz", _grid, gp.load_terrain),
+    "mcap": ("r.mcap", _recording, open_scans),
+    "recover": ("r.mcap", _recording, _recover),
+    "world": ("w.toml", _world, load_world),
+    "camera_info": ("c.yaml", _camera, read_camera_info),
+    "scan.json": ("scan.json", _scan, _open_scan_json),
+}
+
+
+@pytest.mark.parametrize("kind", list(CASES))
+def test_damaged_files_end_in_words(tmp_path: Path, kind: str) -> None:
+    """Cut anywhere, bytes changed, pieces repeated: our own errors or a file that is still sound, nothing else."""
+    name, make, read = CASES[kind]
+    sound = tmp_path / name
+    make(sound)
+    content = sound.read_bytes()
+    rng = np.random.default_rng(len(kind))
+    refused = 0
+    for number in range(MUTATIONS):
+        damaged = bytearray(content)
+        where = int(rng.integers(0, len(damaged)))
+        if number % 3 == 0:
+            del damaged[where:]
+        elif number % 3 == 1:
+            damaged[where] ^= int(rng.integers(1, 256))
+        else:
+            damaged[where:where] = damaged[where : where + 40] * 3
+        sound.write_bytes(damaged)
+        try:
+            read(sound)
+        except OURS:
+            refused += 1
+    assert refused > 0
+
+
+@pytest.mark.parametrize("part", ["robot.toml", "urdf/guara.urdf"])
+def test_damaged_robot_files_end_in_words(tmp_path: Path, part: str) -> None:
+    """As above, of a robot's folder."""
+    import shutil
+
+    shutil.copytree(ROOT / "robots/guara", tmp_path / "guara", ignore=shutil.ignore_patterns("meshes"))
+    place = tmp_path / "guara" / part
+    content = place.read_bytes()
+    rng = np.random.default_rng(1)
+    for number in range(60):
+        damaged = bytearray(content)
+        where = int(rng.integers(0, len(damaged)))
+        if number % 2:
+            damaged[where] ^= int(rng.integers(1, 256))
+        else:
+            del damaged[where : where + 30]
+        place.write_bytes(damaged)
+        try:
+            load_robot(tmp_path / "guara")
+        except OURS:
+            continue
+
+
+def test_damaged_security_folders_end_in_words(tmp_path: Path) -> None:
+    """The Zenoh configuration of a role, cut and changed; Zenoh's own reader never ends the process."""
+    place = init_security(tmp_path / "keys") / "node" / "zenoh.json5"
+    content = place.read_bytes()
+    rng = np.random.default_rng(2)
+    for _ in range(60):
+        damaged = bytearray(content)
+        damaged[int(rng.integers(0, len(damaged)))] ^= int(rng.integers(1, 256))
+        place.write_bytes(damaged)
+        try:
+            load_configuration(place.parent)
+        except OURS:
+            continue
