@@ -373,3 +373,25 @@ def test_an_announcement_that_is_none_is_told_and_the_next_one_heard(endpoint: s
         assert eventually(lambda: len(refused) == 2) and "lf_haa_joint" in refused[1] and heard == []
         raw.put(encode(make_stance_pause(good)))
         assert eventually(lambda: heard == [7])
+
+
+def test_who_comes_within_a_pause_hears_its_begin_and_not_its_holds(endpoint: str, peer, eventually) -> None:
+    """HOLD is for those who listen now; a node that starts meanwhile needs the BEGIN, and then hears every HOLD."""
+    with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint, timeout=30.0) as other:
+        publisher = transport.StancePublisher(other)
+
+        def say(phase: transport.PausePhase, stamp: int) -> None:
+            told = {"robot": "guara", "step": 5, "phase": phase, "stamp": stamp, "stance": peer.make_stance()}
+            publisher.publish(transport.StancePause(**told))
+            publisher.flush(30.0)
+
+        say(transport.PausePhase.BEGIN, 1)
+        say(transport.PausePhase.HOLD, 2)
+        heard: list[tuple[str, int]] = []
+        transport.StanceReceiver(session, on_pause=lambda pause: heard.append((pause.phase.name, pause.stamp)))
+        assert eventually(lambda: heard == [("BEGIN", 1)])
+        for stamp in range(3, 40):
+            say(transport.PausePhase.HOLD, stamp)
+        say(transport.PausePhase.END, 40)
+        assert eventually(lambda: heard[-1] == ("END", 40))
+        assert heard == [("BEGIN", 1), *(("HOLD", stamp) for stamp in range(3, 40)), ("END", 40)]

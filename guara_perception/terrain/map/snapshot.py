@@ -29,7 +29,7 @@ class MapPause:
 
     Attributes:
         pause: its number.
-        stamp: [ns since the epoch].
+        stamp: [ns] of the clock by which cells grow old.
         drift: of the odometry.
         transform_footprint_to_odom: (4, 4).
     """
@@ -112,6 +112,8 @@ def _flags(cells: OdomCells, squares: Squares, now: MapPause, settings: Settings
     flags[patch("conflict", False)] |= np.uint16(Hazard.CONFLICT)
     # Older than its validity, in pauses or in seconds.
     old = now.pause - patch("pause", now.pause) > settings.validity_pauses
-    old |= now.stamp - patch("stamp", now.stamp) > settings.validity_seconds * 1e9
+    age = now.stamp - patch("stamp", now.stamp)
+    # Seen in the future: by another clock, so that nobody knows how long ago.
+    old |= (age > settings.validity_seconds * 1e9) | (age < 0)
     flags[old & np.isfinite(patch("height", np.nan))] |= np.uint16(Hazard.STALE)
     return flags

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -554,3 +555,14 @@ def test_ground_declared_far_and_wide_costs_no_more_than_the_map(robot: RobotMod
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert np.isfinite(fused.elevation).all() and peak < 300e6
+
+
+def test_cells_seen_by_another_clock_are_stale(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
+    """A map that was filled by the wall clock, loaded and looked at by one that began at boot: of unknown age."""
+    terrain_map = gp.TerrainMap(robot)
+    terrain_map.update(make_scan(0.0, stamp=10_000 * 10**9), at(), ZERO)
+    terrain_map.save(tmp_path / "map.npz")
+    loaded = gp.TerrainMap.load(tmp_path / "map.npz", robot)
+    later = loaded.update(make_scan(0.0, step=1, stamp=10_001 * 10**9), at(0.3), ZERO, time=50.0)
+    old = np.isfinite(later.elevation) & (later.age > 0)
+    assert old.any() and ((later.hazard[old] & Hazard.STALE) != 0).all()
