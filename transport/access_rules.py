@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from transport.keys import perception_prefix, query_key, scan_key, stance_key, status_key
@@ -10,12 +11,16 @@ from transport.keys import perception_prefix, query_key, scan_key, stance_key, s
 ROLES = ("node", "gait", "planner", "viewer")
 
 
-def access_control(robot: str) -> dict[str, Any]:
+def access_control(robot: str, members: Mapping[str, Sequence[str]] | None = None) -> dict[str, Any]:
     """The `access_control` section of the router's Zenoh configuration.
 
     Nothing is allowed but: planner and viewer read everything under `<robot>/perception/v1` and ask for the
     newest grid; the planner also requests scans; gait publishes stance pauses. A rule without `flows` would
     hold in both directions, and `**` does not cover chunks that start with `@`: both are spelt out.
+
+    Args:
+        robot: instance name.
+        members: common names that have each role; None = the role's own name.
     """
     prefix, stance = perception_prefix(robot), stance_key(robot)
     perception = [f"{prefix}/**", f"{prefix}/**/@adv/**", f"{prefix}/@alive/**"]
@@ -43,11 +48,14 @@ def access_control(robot: str) -> dict[str, Any]:
     ]
     reading = ["read", "history", "send", "ask"]
     policies = {"planner": [*reading, "trigger"], "viewer": reading, "gait": ["stance_in", "stance_out"]}
+    # A subject without names would stand for everybody.
+    named = {role: list((members or {}).get(role, [] if members else [role])) for role in policies}
+    named = {role: names for role, names in named.items() if names}
     return {
         "enabled": True,
         "default_permission": "deny",
         "rules": rules,
         # One property per subject: several would all have to hold at once.
-        "subjects": [{"id": role, "cert_common_names": [role]} for role in policies],
-        "policies": [{"rules": allowed, "subjects": [role]} for role, allowed in policies.items()],
+        "subjects": [{"id": role, "cert_common_names": names} for role, names in named.items()],
+        "policies": [{"rules": policies[role], "subjects": [role]} for role in named],
     }

@@ -184,7 +184,7 @@ def load_configuration(
         for name in FILES:
             value = zenoh_api.configuration_value(text, f"{TLS}/{name}")
             if value is not None:
-                values[f"{TLS}/{name}"] = str(_existing(folder, value))
+                values[f"{TLS}/{name}"] = str(_existing(folder, value, is_key=name.endswith("private_key")))
     except (OSError, ValueError, zenoh_api.zenoh_error()) as error:
         raise SecurityError(f"cannot use {folder / CONFIGURATION}: {error}") from error
     values["transport/shared_memory/enabled"] = shared_memory
@@ -196,10 +196,16 @@ def load_configuration(
     return zenoh_api.with_values(text, values)
 
 
-def _existing(folder: Path, name: str) -> Path:
+def _existing(folder: Path, name: str, *, is_key: bool) -> Path:
     path = (folder / name).resolve()
-    with path.open("rb"):
-        return path
+    with path.open("rb") as file:
+        mode = os.fstat(file.fileno()).st_mode & 0o777
+    if is_key and mode & 0o077:
+        raise SecurityError(
+            f"{path} has mode {mode:03o}: others on this machine can read the key and act as its owner. "
+            f"chmod 600 it; if it was so for long, `guara security renew` makes a new one"
+        )
+    return path
 
 
 def configured_robot(folder: Path) -> str:

@@ -23,7 +23,7 @@ from guara_perception.process import run_scan
 from kinematics import KinematicsError, load_robot
 
 OK, SKIP, WARN, FAIL = "ok", "skip", "warn", "FAIL"
-CHECKS = ("usb", "board", "camera", "zenoh", "calibration", "drift", "disk", "speed")
+CHECKS = ("usb", "board", "camera", "zenoh", "calibration", "drift", "disk", "speed", "certificates")
 # After this long a camera mount has had its knocks; the paper's rig was calibrated before each session.
 CALIBRATION_AGE_DAYS = 30
 # A standard scan with its recording takes about 60 MB; ten of them should fit.
@@ -55,6 +55,7 @@ def examine(
     folder: Path,
     scan: Path | None = None,
     checks: tuple[str, ...] = (),
+    security: Path | None = None,
 ) -> Iterator[Finding]:
     """Run the checks one by one.
 
@@ -75,6 +76,7 @@ def examine(
         "drift": lambda: check_scan_drift(calibration, scan),
         "disk": lambda: check_disk(folder),
         "speed": check_speed,
+        "certificates": lambda: check_certificates(security),
     }
     for name, check in every.items():
         if not checks or name in checks:
@@ -185,6 +187,20 @@ def check_disk(folder: Path) -> Finding:
         return Finding("disk", FAIL, f"{folder}: {error.strerror}")
     text = f"{free / 1e9:.1f} GB free in {folder}"
     return Finding("disk", OK, text) if free > DISK_BYTES else Finding("disk", WARN, f"{text}: make room to record")
+
+
+def check_certificates(folder: Path | None) -> Finding:
+    """Whether the certificates of a security folder are valid for another month."""
+    if folder is None:
+        return Finding("certificates", OK, "not checked: give --security DIR")
+    from transport import TransportError
+    from transport.certificates import judge_expiries
+
+    try:
+        is_well, message = judge_expiries(folder)
+    except TransportError as error:
+        return Finding("certificates", FAIL, str(error))
+    return Finding("certificates", OK if is_well else FAIL if "expired" in message else WARN, message)
 
 
 def check_speed() -> Finding:

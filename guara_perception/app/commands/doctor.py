@@ -13,6 +13,7 @@ import click
 @click.option("--camera", default="0", show_default=True, help="number or path of the camera")
 @click.option("--listen", default="tcp/127.0.0.1:7447", show_default=True, help="where the node would listen")
 @click.option("--scan", type=click.Path(path_type=Path), help="recorded scan with floor in view, for the drift check")
+@click.option("--security", type=click.Path(path_type=Path), help="security folder whose certificates to check")
 @click.option("--only", "checks", multiple=True, help="run only this check; repeatable", metavar="NAME")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object per check instead")
 @click.pass_context
@@ -22,6 +23,7 @@ def command(
     camera: str,
     listen: str,
     scan: Path | None,
+    security: Path | None,
     checks: tuple[str, ...],
     as_json: bool,
 ) -> None:
@@ -39,7 +41,13 @@ def command(
         raise InvalidInput(f"--only is {', '.join(unknown)}, allowed: {', '.join(CHECKS)}")
     failed = False
     for finding in examine(
-        camera=camera, calibration=calibration, listen=listen, folder=Path.cwd(), scan=scan, checks=checks
+        camera=camera,
+        calibration=calibration,
+        listen=listen,
+        folder=Path.cwd(),
+        scan=scan,
+        checks=checks,
+        security=security,
     ):
         if as_json:
             click.echo(json.dumps({"name": finding.name, "level": finding.level, "message": finding.message}))

@@ -54,7 +54,7 @@ def command(
     """
     from guara_perception.app.node.devices import choose_rig
     from guara_perception.app.node.node import PerceptionNode
-    from guara_perception.app.node.node_status import NodeStatus
+    from guara_perception.app.node.node_status import NodeStatus, certificates_item
     from guara_perception.app.node.recorder import ScanRecorder
     from guara_perception.app.until_stopped import stop_event
     from transport.node_name import open_only_node
@@ -86,6 +86,8 @@ def command(
             )
         )
         status = NodeStatus(rig.calibration)
+        if security is not None:
+            status.follow(lambda: certificates_item(security))
         server = PerceptionServer(
             session, robot=instance, collect_status=status.items, ros2_domain=domain if ros2 else None
         )

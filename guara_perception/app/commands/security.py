@@ -52,3 +52,52 @@ def check(context: click.Context, folder: Path, robot: str | None) -> None:
     click.echo(format_matrix(permissions))
     if any(permission.allowed != permission.expected for permission in permissions):
         context.exit(1)
+
+
+@command.command(name="renew")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("names", nargs=-1)
+def renew(folder: Path, names: tuple[str, ...]) -> None:
+    r"""Give all members of FOLDER, or those of NAMES, new keys and certificates by the same CA.
+
+    \b
+    Example:
+      guara security renew keys
+    """
+    from transport.certificates import renew as renew_certificates
+
+    done = renew_certificates(folder, names)
+    click.echo(f"renewed: {', '.join(done)}; copy each folder to its machine again and restart what runs there")
+
+
+@command.command(name="add")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("name")
+@click.option("--role", type=click.Choice(["planner", "viewer", "gait"]), default="planner", show_default=True)
+def add(folder: Path, name: str, role: str) -> None:
+    r"""Make the member NAME with the rights of a role, such as a second planner.
+
+    \b
+    Example:
+      guara security add keys planner-2
+    """
+    from transport.certificates import add as add_member
+
+    made = add_member(folder, name, role)
+    click.echo(f"{made}: for the new {role}; copy {folder / 'node'} to the robot again and restart the node")
+
+
+@command.command(name="revoke")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("name")
+def revoke(folder: Path, name: str) -> None:
+    r"""Shut the member NAME out, as when its machine was stolen; its name is never used again.
+
+    \b
+    Example:
+      guara security revoke keys planner
+    """
+    from transport.certificates import revoke as revoke_member
+
+    revoke_member(folder, name)
+    click.echo(f"{name} is shut out as soon as {folder / 'node'} is copied to the robot and the node restarted")

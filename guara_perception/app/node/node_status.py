@@ -6,10 +6,12 @@ import dataclasses
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from guara_perception.calibration.drift import DRIFTING, Drift
-from transport import Health, StatusItem
+from transport import Health, StatusItem, TransportError
+from transport.certificates import judge_expiries
 
 if TYPE_CHECKING:
     from guara_perception.app.node.live_scan import LiveScan
@@ -132,3 +134,12 @@ class NodeStatus:
             items = [*self._items.values(), *problems]
             followed = list(self._followed)
         return [*items, *(item() for item in followed)]
+
+
+def certificates_item(folder: Path) -> StatusItem:
+    """How long the certificates of a security folder are still valid; a warning for the last 30 days."""
+    try:
+        is_well, message = judge_expiries(folder)
+    except TransportError as error:
+        is_well, message = False, str(error)
+    return StatusItem(name="certificates", level=Health.OK if is_well else Health.WARN, message=message)
