@@ -17,7 +17,7 @@ from guara_perception.readonly import readonly
 # Error of one mirror position that a stepper is granted before it counts as a fault [rad]; a prior, not a limit.
 STEP_ERROR_SIGMA = float(np.deg2rad(0.02))
 # Weight of one point of a line: scatter of a few dozen columns on the plate [m].
-PLACE_SIGMA_M = 5e-5
+POINT_SIGMA_M = 5e-5
 ROBUST_SIGMAS = 3.0
 ITERATIONS = 25
 CONVERGED_SIGMAS = 1e-2
@@ -94,7 +94,7 @@ def fit_sweep(
     nudge = 1e-4 * prior
     for _ in range(ITERATIONS):
         residual = distance(x)
-        weight = share / PLACE_SIGMA_M * (1 + (residual / PLACE_SIGMA_M / ROBUST_SIGMAS) ** 2) ** -0.25
+        weight = share / POINT_SIGMA_M * (1 + (residual / POINT_SIGMA_M / ROBUST_SIGMAS) ** 2) ** -0.25
         shared = np.empty((len(residual), n))
         for i in range(n):
             moved = x.copy()

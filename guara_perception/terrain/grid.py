@@ -186,7 +186,7 @@ class TerrainGrid(LayeredGrid):
 
         Args:
             x, y: the wish in base_footprint [m].
-            radius: the region lies within so much of the wish along x and y each [m].
+            radius: largest distance of the region from the wish along x and y each [m].
             leg, robot: as in `check_foothold`: the leg reaches every point.
             previous: the last choice, in base_footprint of this grid: the region around its centre is kept while that
                 is safe and within the radius, and the other one is not a third larger.

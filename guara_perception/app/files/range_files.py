@@ -53,11 +53,6 @@ def to_16_bit(image: Float32) -> Image:
     return np.where(np.isfinite(image), levels, 0).astype(np.uint16)
 
 
-def from_16_bit(levels: Image) -> Float32:
-    """Heights [mm] of a 16-bit range image, NaN where unknown."""
-    return np.where(levels > 0, levels * SCALE_MM + OFFSET_MM, np.nan).astype(np.float32)
-
-
 def to_8_bit(image: Float32) -> tuple[Grey, float, float]:
     """Grey levels 1 ... 255 from the lowest to the highest height, 0 where unknown; and those two heights [mm]."""
     known = np.isfinite(image)

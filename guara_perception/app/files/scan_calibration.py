@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
 
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import load_calibration, parse_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput
 
-CALIBRATION_FILE: Final = "calibration.json"
+CALIBRATION_FILE = "calibration.json"
 
 
 def carried_calibration(scan: str | Path) -> Calibration | None:

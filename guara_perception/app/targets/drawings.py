@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from kinematics import RobotModel
 
 # The detectors want white around the board; a third of a square is enough and keeps 300 mm boards on A3.
-QUIET_OF_SQUARE: Final = 0.33
+QUIET_OF_SQUARE = 0.33
 # Crosses stand this far inside the corners of the scanned area, where plates do not hide what is measured.
-CROSS_INSET_M: Final = 0.020
-MAT_BORDER_M: Final = 0.030
-INK: Final = "black"
-GUIDE: Final = "#888888"
+CROSS_INSET_M = 0.020
+MAT_BORDER_M = 0.030
+INK = "black"
+GUIDE = "#888888"
 
 
 def cross_points(robot: RobotModel) -> Float:

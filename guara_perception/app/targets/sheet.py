@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from guara_perception.exceptions import InvalidInput
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Width and height in portrait.
-PAPERS_MM: Final = {"a4": (210.0, 297.0), "letter": (215.9, 279.4), "a3": (297.0, 420.0)}
+PAPERS_MM = {"a4": (210.0, 297.0), "letter": (215.9, 279.4), "a3": (297.0, 420.0)}
 # What common printers leave white.
-MARGIN_MM: Final = 10.0
+MARGIN_MM = 10.0
 # How far two pages of one drawing show the same, to lay one on the other.
-OVERLAP_MM: Final = 10.0
-MARK_MM: Final = 4.0
-MM_PER_INCH: Final = 25.4
+OVERLAP_MM = 10.0
+MARK_MM = 4.0
+MM_PER_INCH = 25.4
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,24 +104,6 @@ def unknown_causes(
     return flags
 
 
-def is_hidden(elevation: Float, cells: Mask, sensor_origin: Float, geometry: GridGeometry) -> Mask:
-    """Whether a measured surface stands between a sensor and each of `cells`, taken at the lowest height around it.
-
-    Args:
-        elevation: (ny, nx) measured heights [m], NaN where unknown (an unknown cell hides nothing).
-        cells: (ny, nx) the cells asked about.
-        sensor_origin: (3,) camera or laser in base_footprint.
-        geometry: the grid.
-    """
-    result = np.zeros(geometry.shape, dtype=bool)
-    asked = np.flatnonzero(cells)
-    if asked.size:
-        result.ravel()[asked] = _behind_surface(
-            elevation, _lowest_ground(elevation, asked, geometry), sensor_origin, geometry
-        )
-    return result
-
-
 def _behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geometry: GridGeometry) -> Mask:
     """Whether a measured surface stands between a sensor and each of the targets (n, 3)."""
     top = float(np.fmax.reduce(elevation, axis=None))

@@ -18,7 +18,7 @@ from kinematics.stance_pose import sole_covariances
 
 # A level sole stands on the highest ground under it; one cell in ten may be higher by noise.
 BEARING_QUANTILE = 0.9
-# Ground under a sole that no scan saw may lie lower than the sole by so much (a sigma).
+# Ground under a sole that no scan saw may lie this much lower than the sole (a sigma).
 UNSEEN_RELIEF_M = 0.003
 # From this share of the sole known on, its height can be compared with the map's.
 COMPARED_SHARE = 0.5

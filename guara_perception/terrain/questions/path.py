@@ -16,7 +16,7 @@ from guara_perception.terrain.layers.polygon import touched_cells
 from guara_perception.terrain.layers.reason import Reason
 from guara_perception.terrain.questions.corridor import confidences, corridor_of, distances, sampled
 
-# At its ends a swing touches the ground: there it may lie so much lower than the map.
+# At its ends a swing touches the ground: there it may lie this much lower than the map.
 TOUCH_M = 0.005
 # Heights of these cells are known, but not to be relied on from above either. Where looks disagree (CONFLICT), the
 # highest sample of all of them is in `elevation_max` and the larger variance in `variance`: that bounds the ground.

@@ -12,7 +12,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.app.figures.figure_frames import as_grey, corrected_frame, middle_frame, stripes_together
 from guara_perception.app.figures.figures import draw_figures
-from guara_perception.app.files.range_files import cause_image, from_16_bit, to_8_bit, to_16_bit
+from guara_perception.app.files.range_files import OFFSET_MM, SCALE_MM, cause_image, to_8_bit, to_16_bit
 from guara_perception.process import run_scan, with_pictures
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
@@ -65,7 +65,8 @@ def test_16_bit_range_image_gives_the_heights_back(drawn: Path, paper_terrain: g
 def test_heights_to_whole_numbers_and_back() -> None:
     """16 bits: half a step at most, clipped at the ends, NaN kept. 8 bits: lowest 1, highest 255, unknown 0."""
     image = np.array([[-50.0, 0.0, np.nan, 123.456, 9999.0]], np.float32)
-    back = from_16_bit(to_16_bit(image))
+    levels = to_16_bit(image)
+    back = np.where(levels > 0, levels * SCALE_MM + OFFSET_MM, np.nan)
     np.testing.assert_allclose(back[0, :4], [-50, 0, np.nan, 123.456], atol=0.0051)
     assert back[0, 4] == pytest.approx(65535 * 0.01 - 300, abs=0.01)
     shades, low, high = to_8_bit(image[:, :4])
