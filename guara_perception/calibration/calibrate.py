@@ -12,7 +12,7 @@ from guara_perception.calibration.board import to_grey
 from guara_perception.calibration.bundle import fit_camera
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.camera_quality import coverage, cross_validation, projection_uncertainty
-from guara_perception.calibration.checks import LEFT_OUT, camera_checks, laser_checks
+from guara_perception.calibration.checks import LEFT_OUT, camera_checks, laser_checks, mount_checks
 from guara_perception.calibration.faults import check_heights, check_mirror, suspect_plate
 from guara_perception.calibration.intrinsics import DISTORTIONS
 from guara_perception.calibration.laser import fit_laser, height_sigmas
@@ -114,16 +114,19 @@ def calibrate_session(
     near, far = height_sigmas(fit, laser, lines, to_footprint, Settings.of(robot).footprint_x)
     checks = camera_checks(
         intrinsics, fit, floor, square / session.board.square, cells, halves[1] if halves else None, floor_sigma[1]
-    ) + laser_checks(laser, near, far, len(missing), len(wanted))
+    )
+    to_base = np.asarray(np.linalg.inv(to_footprint))
+    camera_to_base = np.asarray(to_base @ fit.transform_camera_to_footprint)
+    checks += mount_checks(camera_to_base, robot.transform_camera_to_base, floor.mount)
+    checks += laser_checks(laser, near, far, len(missing), len(wanted))
     verdict, reasons = verdict_of(checks, warnings(session, views, intrinsics, lost, missing))
     if laser.leave_one_out and any(check.name == LEFT_OUT and check.verdict != GOOD for check in checks):
         reasons = (suspect_plate(laser.leave_one_out, session.plates), *reasons)
     surface = surface_map(undistorted(fit.camera, np.array([mark.centre_px for mark in floor.marks])), points)
-    to_base = np.asarray(np.linalg.inv(to_footprint))
     calibration = Calibration(
         robot=session.robot,
         camera=fit.camera,
-        transform_camera_to_base=to_base @ fit.transform_camera_to_footprint,
+        transform_camera_to_base=camera_to_base,
         stripes=stripe_records(laser, session, missing, fit),
         mirror=mirror_record(laser, fit, floor, missing),
         paper=paper_record(surface, fit, lines),

@@ -117,6 +117,45 @@ def camera_checks(
     ]
 
 
+def mount_checks(transform_camera_to_base: Float, nominal_camera_to_base: Float, mount: str) -> list[Check]:
+    """How far the fitted mount is from the one that the robot's URDF says.
+
+    Crosses that lie elsewhere than said, all alike, fit perfectly: only the robot's own geometry contradicts them.
+
+    Args:
+        transform_camera_to_base: (4, 4) as fitted.
+        nominal_camera_to_base: (4, 4) of the URDF.
+        mount: "eq5", or "upright" for a camera that is turned by half a turn about its axis.
+    """
+    nominal = np.array(nominal_camera_to_base)
+    if mount == "upright":
+        nominal[:3, :2] *= -1
+    offset = float(np.linalg.norm(transform_camera_to_base[:3, 3] - nominal[:3, 3]))
+    turn = nominal[:3, :3].T @ transform_camera_to_base[:3, :3]
+    angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
+    what = "crosses misplaced as a whole look like this too: check their positions, and that the robot stood still"
+    return [
+        Check(
+            "mount off its place",
+            1e3 * offset,
+            "mm",
+            10.0,
+            60.0,
+            "Distance of the fitted optical centre from where the robot's URDF has it.",
+            f"measure the mount and correct the URDF, or the crosses: {what}",
+        ),
+        Check(
+            "mount turned",
+            float(np.rad2deg(angle)),
+            "degrees",
+            2.0,
+            10.0,
+            "Angle between the fitted mount and the one of the robot's URDF.",
+            f"measure the mount and correct the URDF, or the crosses: {what}",
+        ),
+    ]
+
+
 def laser_checks(laser: LaserFit, near: float, far: float, filled: int, stripes: int) -> list[Check]:
     """Figures of the laser.
 

@@ -22,6 +22,8 @@ MIN_HEIGHT_DIFFERENCE_M = 0.010
 MISSED_STEP = float(np.deg2rad(0.10))
 # Share of the stripes of a plate that must be found.
 MIN_LINES = 0.8
+# Without the wrong plate the others agree this many times better than without the next one.
+CLEARLY = 2.0
 # How far the laser may sit from its nominal position, in standard deviations of PARAMETERS.
 MAX_DEVIATION = 2.5
 
@@ -159,16 +161,27 @@ def check_mirror(sweep: Sweep) -> None:
 
 
 def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> str:
-    """Which plate the others contradict, in words.
+    """Which plate the others contradict, in words; or which may be, where that cannot be told.
 
     Leaving any plate out changes all heights, so the largest error names the wrong one as often as not. But only
-    without the wrong one does the mirror turn evenly.
+    without the wrong one do the others agree: with four or more plates their planes fit them, with three, where two
+    always fit, the mirror turns evenly.
 
     Args:
         entries: three or more.
         plates: of the session.
     """
-    worst = min(entries, key=lambda entry: entry.irregularity)
+
+    def measure(entry: LeaveOneOut) -> float:
+        return entry.irregularity if len(entries) < 4 else entry.disagreement
+
+    worst, second = sorted(entries, key=measure)[:2]
+    if len(entries) >= 4 and measure(second) < CLEARLY * measure(worst):
+        one, other = plates[worst.plate], plates[second.plate]
+        return (
+            f"plates {one.name} and {other.name} contradict each other or the rest, and it cannot be told which is "
+            f"wrong: measure both again ({1e3 * one.height:.1f} and {1e3 * other.height:.1f} mm were given)"
+        )
     plate = plates[worst.plate]
     measured, near, far = (
         # Adding zero turns -0.0 into 0.0.

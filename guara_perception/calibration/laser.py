@@ -35,6 +35,7 @@ class LeaveOneOut:
         scatter: standard deviation of the same over its lines [m].
         near, far: mean of the nearest and of the farthest third of the lines [m].
         irregularity: how unevenly the mirror turns by the other plates alone [rad]: small when these agree.
+        disagreement: rms height error of the other plates by their own planes [m]; zero for two, which always agree.
     """
 
     plate: int
@@ -43,6 +44,7 @@ class LeaveOneOut:
     near: float
     far: float
     irregularity: float
+    disagreement: float
 
     @property
     def rms(self) -> float:
@@ -180,10 +182,21 @@ def _leave_one_out(
         own = [i for i, line in enumerate(lines) if line.plate == plate and line.index in known]
         own.sort(key=lambda i: lines[i].index)
         errors = _line_heights([lines[i] for i in own], [points[i] for i in own], stripes, transform)
+        others = [i for i in range(len(rest)) if rest[i].index in known]
+        rest_errors = _line_heights([rest[i] for i in others], [rest_points[i] for i in others], stripes, transform)
+        disagreement = float(np.sqrt(np.mean(rest_errors**2)))
         third = max(len(errors) // 3, 1)
         near, far = float(errors[:third].mean()), float(errors[-third:].mean())
         results.append(
-            LeaveOneOut(plate, float(errors.mean()), float(errors.std()), near, far, float(np.std(sweep.step_errors)))
+            LeaveOneOut(
+                plate,
+                float(errors.mean()),
+                float(errors.std()),
+                near,
+                far,
+                float(np.std(sweep.step_errors)),
+                disagreement,
+            )
         )
     return tuple(results)
 

@@ -13,14 +13,16 @@ from benchmarks.calibration import BEYOND_MM, IN_RANGE_MM, height_errors, worst_
 from guara_perception.calibration.board import to_grey
 from guara_perception.calibration.bundle import fit_camera
 from guara_perception.calibration.calibrate import calibrate_session
+from guara_perception.calibration.checks import mount_checks
 from guara_perception.calibration.faults import suspect_plate
 from guara_perception.calibration.height_rows import plane_in_frame
 from guara_perception.calibration.height_sigma import HeightUncertainty
-from guara_perception.calibration.laser import fit_laser
+from guara_perception.calibration.laser import LeaveOneOut, fit_laser
 from guara_perception.calibration.mirror_model import nominal_mirror
 from guara_perception.calibration.mount import locate_camera
+from guara_perception.calibration.plates import PlateLine, level_pixels
 from guara_perception.calibration.result import CalibrationResult
-from guara_perception.calibration.session import CalibrationSession, Fiducials
+from guara_perception.calibration.session import CalibrationSession, Fiducials, Plate
 from kinematics import RobotModel
 from tests.guara_perception.calibration.breaking import with_frames, with_pictures, with_plate
 
@@ -202,3 +204,80 @@ def test_slipped_mount_is_refused(session: CalibrationSession, robot: RobotModel
     assert "mount slipped between the scans" in found.reasons[0]
     pictures = 14 + 1 + 3 * 35
     assert heard == [(done, pictures) for done in range(1, pictures + 1)]
+
+
+def five_plates(result: CalibrationResult, wrong: int, error: float) -> tuple[list[PlateLine], list[Plate]]:
+    """Lines on plates at 0 ... 80 mm as the fitted rangefinder would see them, one plate's height said wrongly."""
+    rng = np.random.default_rng(wrong)
+    heights = (0.0, 0.02, 0.04, 0.06, 0.08)
+    y = np.linspace(-0.2, 0.2, 40)
+    lines = []
+    for plate, height in enumerate(heights):
+        for k, index in enumerate(result.laser.stripes.indices):
+            plane = result.laser.stripes.planes[k]
+            level = np.column_stack((-(plane[1] * y + plane[2] * height + plane[3]) / plane[0], y))
+            pixels = level_pixels(result.fit.camera, result.fit.transform_camera_to_footprint, level, height)
+            pixels[:, 1] += 0.03 * rng.standard_normal(len(y))
+            angle = result.calibration.stripe(index).mirror_angle
+            like = next(line for line in result.lines if line.index == index)
+            said = height + (error if plate == wrong else 0.0)
+            lines.append(
+                dataclasses.replace(
+                    like, plate=plate, height=said, index=index, mirror_angle=angle, pixels=pixels, weights=np.ones(40)
+                )
+            )
+    scan = result.session.plates[0].scan
+    names = [Plate(f"plate_{1e3 * h:.0f}", h + (error if p == wrong else 0.0), scan) for p, h in enumerate(heights)]
+    return lines, names
+
+
+@pytest.mark.parametrize("error", [0.005, -0.005])
+@pytest.mark.parametrize("wrong", range(5))
+def test_wrong_one_of_five_plates_is_named(
+    result: CalibrationResult, robot: RobotModel, wrong: int, error: float
+) -> None:
+    """Also in the middle, where leaving out a good plate turns the mirror as evenly."""
+    lines, plates = five_plates(result, wrong, error)
+    to_footprint = result.transform_base_to_footprint
+    mirror = nominal_mirror((to_footprint @ robot.transform_laser_to_base)[:3, 3])
+    laser = fit_laser(lines, plates, result.fit, mirror, np.linalg.inv(to_footprint))
+    text = suspect_plate(laser.leave_one_out, plates)
+    true = 1e3 * (plates[wrong].height - error)
+    assert text.startswith(f"plate {plates[wrong].name} contradicts the others: they put its top at {true:.1f} mm")
+
+
+def test_plates_that_cannot_be_told_apart_are_both_named(result: CalibrationResult) -> None:
+    """Where the rest agrees equally well without either, the report blames none alone."""
+    entry = LeaveOneOut(0, 1e-3, 1e-4, 1e-3, 1e-3, 1e-5, 0.4e-3)
+    spread = (0.4e-3, 0.9e-3, 0.5e-3, 1.2e-3)
+    entries = [dataclasses.replace(entry, plate=k, disagreement=rms) for k, rms in enumerate(spread)]
+    scan = result.session.plates[0].scan
+    plates = [Plate(f"p{k}", 0.02 * k, scan) for k in range(4)]
+    text = suspect_plate(entries, plates)
+    assert text == (
+        "plates p0 and p2 contradict each other or the rest, and it cannot be told which is wrong: measure both again "
+        "(0.0 and 40.0 mm were given)"
+    )
+
+
+@pytest.mark.parametrize(("shift", "turn"), [(0.020, 0.0), (0.0, 3.0)])
+def test_crosses_misplaced_as_a_whole_are_not_good(
+    session: CalibrationSession, robot: RobotModel, shift: float, turn: float
+) -> None:
+    """They fit one another perfectly; the mount of the robot's URDF contradicts them, and the report says so."""
+    angle = np.deg2rad(turn)
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    points = session.fiducials.points_in_footprint @ rotation.T + np.array([shift, 0.0])
+    moved = dataclasses.replace(session, fiducials=dataclasses.replace(session.fiducials, points_in_footprint=points))
+    found = calibrate_session(moved, robot)
+    assert found.verdict != "good"
+    assert "crosses misplaced as a whole look like this too" in "; ".join(found.reasons)
+
+
+def test_an_upright_mount_is_compared_with_its_own_nominal(robot: RobotModel) -> None:
+    """Half a turn about the optical axis is a mount of its own, not an error of 180 degrees."""
+    upright = robot.transform_camera_to_base @ np.diag([-1.0, -1.0, 1.0, 1.0])
+    for mount, fitted in (("upright", upright), ("eq5", robot.transform_camera_to_base)):
+        place, turn = mount_checks(fitted, robot.transform_camera_to_base, mount)
+        assert place.value == 0.0 and turn.value < 1e-4 and place.verdict == turn.verdict == "good"
+    assert mount_checks(upright, robot.transform_camera_to_base, "eq5")[1].verdict == "refused"
