@@ -46,12 +46,16 @@ class Fit:
         covariance: (4, 4) of its x, y, z [m] and heading [rad].
         residual: rms horizontal distance of the soles from their footholds [m].
         misfit: chi-square per degree of freedom where that is more than noise explains, else 1.
+        last_covariance: (4, 4) covariance of the last footprint's x, y, z and heading.
+        with_last: (4, 4) covariance of the last footprint's x, y, z and heading with those of this one.
     """
 
     transform_footprint_to_odom: Float
     covariance: Float
     residual: float
     misfit: float
+    last_covariance: Float
+    with_last: Float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,11 +66,15 @@ class Footholds:
         legs: whose feet.
         positions: (n, 4) sole centres [m] and pitches [rad].
         covariance: (4 n, 4 n) of all of them.
+        with_footprint: (4, 4 n) their covariance with the last footprint's x, y, z and heading.
+        of_footprint: (4, 4) covariance of these themselves.
     """
 
     legs: tuple[str, ...]
     positions: Float
     covariance: Float
+    with_footprint: Float
+    of_footprint: Float
 
     def after_pause(
         self, stayed: tuple[str, ...], legs: tuple[str, ...], readings: Float, covariances: Float
@@ -105,12 +113,17 @@ class Footholds:
             covariance=read_only(pose_covariance * misfit),
             residual=float(np.sqrt(np.mean(np.sum(errors.reshape(-1, 4)[:, :2] ** 2, axis=1)))),
             misfit=misfit,
+            last_covariance=self.of_footprint,
+            # The new footprint follows the old footholds by d(pose) / d(footholds) = S H' V^-1.
+            with_last=read_only(self.with_footprint[:, kept] @ (pose_covariance @ by_pose.T @ inverse).T),
         )
         cross_covariance = self.covariance[:, kept]
         posterior = Footholds(
             self.legs,
             read_only((self.positions.ravel() - cross_covariance @ left_over @ errors).reshape(-1, 4)),
             read_only(self.covariance - cross_covariance @ left_over @ cross_covariance.T),
+            self.with_footprint,
+            self.of_footprint,
         )
         cross = pose_covariance @ by_pose.T @ inverse @ cross_covariance.T
         return fit, posterior._with(fit, cross, stayed, legs, readings, covariances)
@@ -145,12 +158,21 @@ class Footholds:
         joint = np.empty((4 + 4 * size, 4 + 4 * size))
         joint[:4, :4], joint[:4, 4:] = fit.covariance, cross
         joint[4:, :4], joint[4:, 4:] = cross.T, self.covariance
-        return Footholds(legs, read_only(positions), read_only(source @ joint @ source.T + _blocks(fresh)))
+        return Footholds(
+            legs,
+            read_only(positions),
+            read_only(source @ joint @ source.T + _blocks(fresh)),
+            read_only(joint[:4] @ source.T),
+            fit.covariance,
+        )
 
 
 def first_footholds(legs: tuple[str, ...], readings: Float, covariances: Float) -> Footholds:
     """The footholds of a first pause, whose footprint is `odom`: readings (n, 4) and covariances (n, 4, 4)."""
-    return Footholds(legs, read_only(readings), read_only(_blocks(covariances)))
+    exact = read_only(np.zeros((4, 4)))
+    return Footholds(
+        legs, read_only(readings), read_only(_blocks(covariances)), read_only(np.zeros((4, readings.size))), exact
+    )
 
 
 def _without_rocked(covariances: Float, rows: list[int], rotated: Float, prior: Float) -> Float:

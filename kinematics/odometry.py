@@ -10,7 +10,7 @@ import numpy.typing as npt
 from kinematics.arrays import Float, read_only
 from kinematics.carried_gravity import carry_gravity, first_gravity
 from kinematics.exceptions import OdometryLost
-from kinematics.footholds import Footholds, first_footholds
+from kinematics.footholds import Fit, Footholds, first_footholds
 from kinematics.footprint import skew
 from kinematics.model import RobotModel
 from kinematics.sole_readings import sole_readings
@@ -34,6 +34,9 @@ class OdometryPose:
         transform_footprint_to_odom: (4, 4), a turn about z and a shift.
         covariance: (6, 6) of it, REP-103 order, relative to the first pause; roll and pitch are exact by definition
             (both frames are gravity-aligned; how well is in `pose.covariance`).
+        covariance_since_last: (6, 6) of the motion since the last pause, that is of this footprint in the last one's
+            frame, REP-103 order; zeros at the first pause. Pauses share feet, so this is far less than the difference
+            of their covariances suggests, and cannot be had from them.
         stayed_feet: feet that carried the body at both pauses and stayed.
         swung_feet: feet that carried the body at both pauses and were set down elsewhere.
         slipped_feet: the same, but moved by less than a swing.
@@ -45,6 +48,7 @@ class OdometryPose:
     pose: StancePose
     transform_footprint_to_odom: Float
     covariance: Float
+    covariance_since_last: Float
     stayed_feet: tuple[str, ...]
     swung_feet: tuple[str, ...]
     slipped_feet: tuple[str, ...]
@@ -126,6 +130,7 @@ class LegOdometry:
             pose=pose,
             transform_footprint_to_odom=read_only(np.eye(4)),
             covariance=read_only(np.zeros((6, 6))),
+            covariance_since_last=read_only(np.zeros((6, 6))),
             stayed_feet=(),
             swung_feet=(),
             slipped_feet=(),
@@ -170,6 +175,7 @@ class LegOdometry:
             pose=pose,
             transform_footprint_to_odom=transform,
             covariance=read_only(covariance),
+            covariance_since_last=read_only(_since_last(last, pose, fit)),
             stayed_feet=tuple(stayed),
             swung_feet=tuple(leg for leg, way in moved.items() if way >= self._limits.swing_least),
             slipped_feet=tuple(leg for leg, way in moved.items() if way < self._limits.swing_least),
@@ -208,6 +214,28 @@ class LegOdometry:
 def _named_feet(pose: StancePose) -> tuple[str, ...]:
     """The feet that the stance named as supporting, those found hanging included."""
     return pose.support_feet_used + pose.unloaded_feet
+
+
+def _since_last(last: OdometryPose, pose: StancePose, fit: Fit) -> Float:
+    """Covariance (6, 6) of the motion from the last footprint to the new one, in the last one's frame.
+
+    With headings a, places t and R the last turn, the motion is R' (t_new - t_last), a_new - a_last; its errors follow
+    from those of both footprints by the chain rule, what they share taken off.
+    """
+    before, after = last.transform_footprint_to_odom, fit.transform_footprint_to_odom
+    rotation = before[:3, :3]
+    way = after[:3, 3] - before[:3, 3]
+    by_new, by_last = np.eye(4), -np.eye(4)
+    by_new[:3, :3], by_last[:3, :3] = rotation.T, -rotation.T
+    by_last[:3, 3] = rotation.T @ (way[1], -way[0], 0.0)
+    shared = by_last @ fit.with_last @ by_new.T
+    planar = by_last @ fit.last_covariance @ by_last.T + by_new @ fit.covariance @ by_new.T + shared + shared.T
+    result = np.zeros((6, 6))
+    result[np.ix_(PLANAR, PLANAR)] = (planar + planar.T) / 2
+    turn = rotation.T @ after[:3, :3]
+    # The tilt of each pause shifts its own footprint.
+    result[:3, :3] += _shift_by_tilt(last.pose)[:3, :3] + turn @ _shift_by_tilt(pose)[:3, :3] @ turn.T
+    return result
 
 
 def _shift_by_tilt(pose: StancePose) -> Float:

@@ -81,6 +81,39 @@ def test_covariance_agrees_with_sampling(guara: RobotModel, crawl: Crawl) -> Non
     assert predicted[2] == pytest.approx(sampled[2], rel=0.5)
 
 
+def test_covariance_since_last_agrees_with_sampling(guara: RobotModel, crawl: Crawl) -> None:
+    """Sigmas of x, y and heading of single motions agree with 150 sampled walks, late in the walk as at its start."""
+    walk = list(crawl(3))
+    for pause in (1, 5, len(walk) - 1):
+        expected = inverse(footprint(walk[pause - 1][0])) @ footprint(walk[pause][0])
+        offs = []
+        for seed in range(150):
+            rng, odometry = np.random.default_rng(3000 + seed), LegOdometry(guara)
+            last = result = None
+            for _, joints, _ in walk[: pause + 1]:
+                up = np.append(rng.normal(0.0, guara.noise.imu_sigma, 2), -1.0)
+                last, result = result, odometry.update(Stance(noisy(guara, joints, rng, 0.001), guara.legs, tuple(up)))
+            assert last is not None and result is not None
+            motion = inverse(np.array(last.transform_footprint_to_odom)) @ result.transform_footprint_to_odom
+            off = inverse(expected) @ motion
+            offs.append([*off[:2, 3], heading(off)])
+        sampled = np.std(offs, axis=0)
+        predicted = np.sqrt(np.diag(result.covariance_since_last))[[0, 1, 5]]
+        np.testing.assert_allclose(predicted, sampled, rtol=0.30)
+        assert np.linalg.eigvalsh(result.covariance_since_last)[0] > -1e-12
+
+
+def test_a_motion_is_known_better_than_the_walk(guara: RobotModel, crawl: Crawl) -> None:
+    """From pause to pause the motion stays as sure as it was, while the walk's covariance grows without end."""
+    odometry, sigmas = LegOdometry(guara), []
+    for _, joints, _ in crawl(10):
+        result = odometry.update(Stance(joints, guara.legs, (0.0, 0.0, -1.0)))
+        sigmas.append(np.sqrt(np.diag(result.covariance_since_last)[[0, 1, 5]]))
+    assert (np.array(sigmas[0]) == 0).all()
+    assert (sigmas[-1] < 1.5 * sigmas[2]).all()
+    assert (sigmas[-1][:2] < np.sqrt(np.diag(result.covariance))[:2]).all()
+
+
 def test_covariance_grows(guara: RobotModel, crawl: Crawl) -> None:
     """From pause to pause no variance shrinks, and the first pause is exact by definition."""
     odometry, last = LegOdometry(guara), None
