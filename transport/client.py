@@ -148,9 +148,9 @@ class PerceptionClient:
         except ReceiveTimeout:
             return None
 
-    def _unavailable(self) -> ScannerUnavailable:
+    def _unavailable(self, found: str = "") -> ScannerUnavailable:
         return ScannerUnavailable(
-            f"no node of robot {self.robot!r} is to be seen: none runs on this router, the instance name "
+            f"{found}no node of robot {self.robot!r} is to be seen: none runs on this router, the instance name "
             f"differs, or this side may not read (the role of its certificate)"
         )
 
@@ -197,7 +197,7 @@ class PerceptionClient:
                 raise ReceiveTimeout(f"{error}{stale}") from error
             if self._judge.node.was_seen:
                 raise ScannerGone(f"{error}{stale}; the node of {self.robot!r} went away") from error
-            raise self._unavailable() from error
+            raise self._unavailable(f"{error}{stale}; ") from error
 
     def wait_for(
         self,
