@@ -270,7 +270,7 @@ def with_problems(terrain: TerrainGrid, scan: LiveScan) -> TerrainGrid:
 
 
 def end_of(scan: LiveScan) -> float:
-    """The last frame of a scan by the clock that ages are told by [s]."""
+    """The last frame of a scan by the clock that ages are counted by [s]."""
     return clock.now() - (time.monotonic() - scan.last_frame)
 
 

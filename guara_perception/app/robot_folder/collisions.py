@@ -12,7 +12,7 @@ from guara_perception.arrays import Float
 from kinematics.state import RobotState
 from kinematics.urdf import Shape, Urdf
 
-# Links that are joined by so many moving joints touch by construction: hip, thigh and body of most robots.
+# Links that are joined by this many moving joints touch by construction: hip, thigh and body of most robots.
 NEIGHBOUR_JOINTS = 2
 
 

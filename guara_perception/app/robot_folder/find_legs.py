@@ -10,7 +10,7 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from kinematics.urdf import Joint, Urdf
 
-# A leg needs so many joints to place its foot anywhere.
+# A leg needs this many joints to place its foot anywhere.
 LEAST_JOINTS = 3
 LEAST_LEGS = 3
 

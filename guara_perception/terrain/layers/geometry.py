@@ -10,7 +10,7 @@ import numpy.typing as npt
 from guara_perception.arrays import Float, Index, Mask
 from guara_perception.exceptions import InvalidInput
 
-# As in a Terrain message (docs/messages.md); all layers of so many cells take 160 MB.
+# As in a Terrain message (docs/messages.md); all layers of this many cells take 160 MB.
 MOST_CELLS = 4_000_000
 
 

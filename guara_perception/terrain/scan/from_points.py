@@ -68,17 +68,17 @@ def terrain_from_points(
     cell = settings.resolution if resolution is None else float(resolution)
     geometry = GridGeometry.over(settings.footprint_x, settings.footprint_y, cell)
     cloud = _rows(points, "points")
-    spread = _numbers(sigma, "sigma")
-    if spread.shape not in ((), (len(cloud),)) or not (np.isfinite(spread) & (spread >= 0)).all():
+    sigmas = _numbers(sigma, "sigma")
+    if sigmas.shape not in ((), (len(cloud),)) or not (np.isfinite(sigmas) & (sigmas >= 0)).all():
         raise InvalidInput("sigma must be one number or one for each point, finite and 0 or more [m]")
-    spread = np.broadcast_to(spread, (len(cloud),))
+    sigmas = np.broadcast_to(sigmas, (len(cloud),))
     origin = _numbers(sensor_origin, "sensor_origin")
     if origin.shape != (3,) or not np.isfinite(origin).all():
         raise InvalidInput(f"sensor_origin has shape {origin.shape}, it must be three finite numbers [m]")
     finite = np.isfinite(cloud).all(axis=1)
-    cloud, spread = cloud[finite], spread[finite]
+    cloud, sigmas = cloud[finite], sigmas[finite]
     within = (cloud[:, 2] >= settings.minimum_height) & (cloud[:, 2] <= settings.maximum_height)
-    raster = merge([rasterise(cloud[within], spread[within] ** 2, geometry)], geometry)
+    raster = merge([rasterise(cloud[within], sigmas[within] ** 2, geometry)], geometry)
     beyond = _cells_of(cloud[~within], geometry)
     # A cell that something rises out of the gates from is not to be stepped on for the sake of its foot.
     raster = without_cells(raster, beyond)
