@@ -1,12 +1,48 @@
-"""`python -m benchmarks`: starts the suite with the linear algebra on one thread, as OpenCV is."""
+"""`python -m benchmarks`: the whole suite; `python -m benchmarks NAME`: one program for a single part, by its name.
 
+All start with the linear algebra on one thread, as OpenCV is: no contender gets help that the others do not have.
+"""
+
+from __future__ import annotations
+
+import importlib
 import os
+import sys
 
-# Before numpy is loaded: no contender gets help from threads that the others do not have.
-for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(variable, "1")
+# What is too long or too special for the suite: name of the module, and what it prints.
+PROGRAMS = {
+    "accuracy": "error of recorded scans against their truth",
+    "calibration": "error of calibrations against the truth of their session",
+    "drivers": "costs of the laser board's driver and of proving stripes",
+    "kinematics": "speed and agreement of the kinematics",
+    "node": "a running node: sweep, latency, processor time, memory",
+    "rangefinder": "both methods on recorded scans, in the paper's own terms",
+    "real_photos": "the stripes of public photographs",
+    "simulation": "walks through simulated worlds, with the true ground beside",
+    "synthetic_stripes": "extraction of stripes whose centre is known",
+    "terrain": "speed and safety of the layers and of the map",
+    "transport": "messages: latency, rates, damaged payloads, lost links",
+    "truth": "a calibration made of the truth of rendered data",
+    "usable_ground": "ground that a planner may use, beside the truth",
+}
 
-from benchmarks.suite import main  # noqa: E402
+
+def main() -> None:
+    """Command line."""
+    # Before numpy is loaded.
+    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+    name = sys.argv[1] if len(sys.argv) > 1 else ""
+    if name == "list":
+        print("\n".join(f"{program:<18} {prints}" for program, prints in PROGRAMS.items()))
+        return
+    if name and not name.startswith("-"):
+        if name not in PROGRAMS:
+            sys.exit(f"benchmarks: no program {name!r}; allowed: list, {', '.join(PROGRAMS)}")
+        del sys.argv[1]
+        sys.argv[0] = f"benchmarks {name}"
+    importlib.import_module(f"benchmarks.{name if name in PROGRAMS else 'suite'}").main()
+
 
 if __name__ == "__main__":
     main()

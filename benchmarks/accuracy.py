@@ -80,9 +80,9 @@ def truth_of(
         mean=heights.mean(axis=-1),
         low=heights.min(axis=-1),
         high=heights.max(axis=-1),
-        interior=cells(seen & ~near_jump).all(axis=-1),
-        unseen=~cells(seen).any(axis=-1),
-        dark=cells(dark).all(axis=-1),
+        interior=np.asarray(cells(seen & ~near_jump).all(axis=-1)),
+        unseen=np.asarray(~cells(seen).any(axis=-1)),
+        dark=np.asarray(cells(dark).all(axis=-1)),
     )
 
 
@@ -177,7 +177,3 @@ def main() -> None:
             terrain = gp.process_scan(scan, calibration, robot, method=method, pictures=False)
             seconds = time.perf_counter() - start
             print(row(name, method, figures(terrain, truth), seconds), flush=True)
-
-
-if __name__ == "__main__":
-    main()

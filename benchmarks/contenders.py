@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-from benchmarks.stripe_speed import Reference, library_skeletons, red_skeleton
+from benchmarks.reference import Reference
+from benchmarks.skeletons import library_skeletons, red_skeleton
 from guara_perception.stripes.extract import METHODS
 from guara_perception.stripes.thinning import skeleton
 

@@ -165,6 +165,7 @@ def exceptions(address: str) -> None:
     )
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Command line."""
     scans()
     kills()

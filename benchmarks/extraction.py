@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.contenders import LITERAL, REFERENCE, USER, Extract, copy, extractors, touch
+from benchmarks.contenders import LITERAL, REFERENCE, USER, copy, extractors, touch
 from benchmarks.rounds import Timings, alternate, number
 from benchmarks.scenes import Recording
 from benchmarks.section import Effort, Section
@@ -25,8 +25,7 @@ def synthetic(effort: Effort) -> Section:
         frames = list(stripes(case, count=effort.synthetic_stripes))
         pairs = [(on, off) for on, off, _ in frames]
         timings = alternate(
-            {name: _over(extract, pairs) for name, extract in extractors().items()}
-            | {FLOOR: lambda pairs=pairs: [touch(on, off) for on, off in pairs]},
+            {name: _over(extract, pairs) for name, extract in extractors().items()} | {FLOOR: _over(touch, pairs)},
             effort.rounds,
         )
         figures[case.name] = {}
@@ -53,7 +52,7 @@ def synthetic(effort: Effort) -> Section:
 
 def frames_of_scans(recordings: list[Recording], effort: Effort) -> Section:
     """Time on the frames of scans: those who know the band get the band, the others the whole frame."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     figures: dict[str, dict[str, float]] = {}
     for recording in recordings:
         timings, count = time_extraction(recording, effort)
@@ -85,15 +84,15 @@ def time_extraction(recording: Recording, effort: Effort) -> tuple[Timings, int]
         for name, extract in extractors().items()
     }
     floors = {
-        FLOOR: lambda: [touch(on, off) for on, off in bands],
-        ALL_FLOOR: lambda: [touch(on, off) for on, off in whole],
-        COPY: lambda: [copy(on, off) for on, off in whole],
+        FLOOR: _over(touch, bands),
+        ALL_FLOOR: _over(touch, whole),
+        COPY: _over(copy, whole),
     }
     slow = [name for name in contenders if name.startswith(LITERAL)]
     return alternate(contenders | floors, effort.rounds, slow=slow, slow_rounds=effort.slow_rounds), len(bands)
 
 
-def _over(extract: Extract, pairs: list[tuple[Frame, Frame]]) -> Callable[[], None]:
+def _over(extract: Callable[..., object], pairs: list[tuple[Frame, Frame]]) -> Callable[[], None]:
     def run() -> None:
         for on, off in pairs:
             extract(on, off)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,8 @@ def growth(standard: Recording, effort: Effort) -> Section:
         "pixels": [(w * h, _scan(resized(standard, (w, h)))) for w, h in effort.picture_sizes],
         "cells": [(side * side, _layers(side)) for side in effort.cell_sides],
     }
-    rows, figures = [], {}
+    rows: list[tuple[str, ...]] = []
+    figures: dict[str, Any] = {}
     for name, runs in series.items():
         timings = alternate({str(size): run for size, run in runs}, effort.rounds)
         sizes = [size for size, _ in runs]

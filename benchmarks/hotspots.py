@@ -27,7 +27,9 @@ def hotspots(recording: Recording) -> Section:
         if file.startswith(root) and not function.startswith("<")
     ]
     own.sort(reverse=True)
-    rows = [(f"`{function}`", f"`{file}`", str(calls), f"{share:.0%}") for share, calls, file, function in own[:SHOWN]]
+    rows: list[tuple[str, ...]] = [
+        (f"`{function}`", f"`{file}`", str(calls), f"{share:.0%}") for share, calls, file, function in own[:SHOWN]
+    ]
     return Section(
         "hotspots",
         f"Profile of a scan ({recording.name})",

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 
@@ -146,7 +147,7 @@ def main() -> None:
     stance = Stance(robot.posture("scan"), robot.legs, (0.0, 0.0, -1.0))
     feet_only = Stance(robot.posture("scan"), robot.legs)
     for what, given in (("gravity known", stance), ("feet only", feet_only)):
-        spent = median_ms(lambda given=given: robot.stance_pose(given), 4 * repeats)
+        spent = median_ms(partial(robot.stance_pose, given), 4 * repeats)
         rows.append((f"whole stance pose, {what}", f"{spent:.2f} ms", "1 ms"))
     pose = robot.stance_pose(stance)
     x, y = np.meshgrid(0.50 + 0.005 * (np.arange(90) + 0.5), -0.27 + 0.005 * (np.arange(108) + 0.5))
@@ -158,10 +159,10 @@ def main() -> None:
     camera, laser = robot.transform_camera_to_base[:3, 3], robot.transform_laser_to_base[:3, 3]
     own = SelfFilter(pose.state)
     for what, cloud in (("before the robot", points), ("all around it", near)):
-        on = median_ms(lambda cloud=cloud: own.contains(cloud), repeats)
+        on = median_ms(partial(own.contains, cloud), repeats)
         rows.append((f"self-filter, 40,000 points {what}: on the robot", f"{on:.1f} ms", "10 ms"))
         for name, eye in (("camera", camera), ("laser", laser)):
-            shadow = median_ms(lambda cloud=cloud, eye=eye: own.blocks(eye, cloud), repeats)
+            shadow = median_ms(partial(own.blocks, eye, cloud), repeats)
             rows.append((f"self-filter, 40,000 points {what}: hidden from {name}", f"{shadow:.1f} ms", "10 ms"))
     for gravity in (True, False):
         low, high = covariance_ratio(robot, gravity, 500 if quick else 20_000)
@@ -189,7 +190,3 @@ def ms_per_update(odometry: LegOdometry, stances: list[Stance]) -> float:
     for stance in stances:
         odometry.update(stance)
     return 1e3 * (time.perf_counter() - start) / len(stances)
-
-
-if __name__ == "__main__":
-    main()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.scenes import robot_with, scan_stance
+from benchmarks.scenes import robot_with, scan_stance, with_covariance
 from guara_perception import ScanProcessor
 from guara_perception.simulation.specimen import specimen
 
@@ -25,7 +25,7 @@ def main(folder: str, stripes: int) -> None:
     """Print growth of the first scan, of the second above it, and the size of one pair of frames [MB]."""
     robot = robot_with(stripes)
     width, height, _ = (int(word) for word in (Path(folder) / "scan.txt").read_text().split())
-    calibration = specimen(robot, (width, height))
+    calibration = with_covariance(specimen(robot, (width, height)))
     stance = scan_stance(robot)
     off = np.load(Path(folder) / "off.npy")
     pair = 2 * off.nbytes / 1e6

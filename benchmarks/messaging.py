@@ -17,6 +17,7 @@ from benchmarks.rounds import Ratio, number
 from benchmarks.section import Effort, Section
 from benchmarks.transport import Peer, free_endpoint, free_port, peers
 from benchmarks.transport_peer import make_terrain
+from guara_perception.arrays import Codes
 
 OURS, TCP, SHARED = "publish to receive, array to array", "raw TCP ping", "shared-memory ping"
 PERIOD_S = 0.01
@@ -25,7 +26,7 @@ TURNS = 5
 
 def messaging(effort: Effort) -> Section:
     """Ours one way with encoding and decoding; the pings there and back with the bytes alone."""
-    payload = transport.encode_terrain(make_terrain(1))
+    payload = bytes(transport.encode_terrain(make_terrain(1)))
     per_turn = max(effort.pings // TURNS, 1)
     seconds: dict[str, list[float]] = {OURS: [], TCP: [], SHARED: []}
     medians: dict[str, list[float]] = {OURS: [], TCP: [], SHARED: []}
@@ -45,7 +46,8 @@ def messaging(effort: Effort) -> Section:
                 ):
                     seconds[name] += times
                     medians[name].append(float(np.median(times)))
-    rows, figures = [], {}
+    rows: list[tuple[str, ...]] = []
+    figures: dict[str, dict[str, float]] = {}
     for name, times in seconds.items():
         ratios = np.array(medians[name]) / medians[TCP]
         ratio = Ratio(float(np.median(ratios)), float(ratios.min()), float(ratios.max()))
@@ -100,10 +102,10 @@ def _shared_echo(payload: bytes) -> Iterator:
     def ping() -> float:
         time.sleep(PERIOD_S)
         start = time.monotonic()
-        np.copyto(np.frombuffer(there.buf, np.uint8)[: len(payload)], source)
+        np.copyto(_bytes_of(there)[: len(payload)], source)
         near.send_bytes(b"1")
         near.recv_bytes()
-        np.copyto(target, np.frombuffer(back.buf, np.uint8)[: len(payload)])
+        np.copyto(target, _bytes_of(back)[: len(payload)])
         return time.monotonic() - start
 
     try:
@@ -116,6 +118,10 @@ def _shared_echo(payload: bytes) -> Iterator:
             block.unlink()
 
 
+def _bytes_of(block: SharedMemory) -> Codes:
+    return np.ndarray(block.size, np.uint8, block.buf)
+
+
 def echo(connection: Connection, source: str, target: str, size: int) -> None:
     """The other process: copies what it is shown into arrays of its own and back."""
     there, back = SharedMemory(source), SharedMemory(target)
@@ -123,8 +129,8 @@ def echo(connection: Connection, source: str, target: str, size: int) -> None:
     connection.send_bytes(b"1")
     try:
         while connection.recv_bytes():
-            np.copyto(own, np.frombuffer(there.buf, np.uint8)[:size])
-            np.copyto(np.frombuffer(back.buf, np.uint8)[:size], own)
+            np.copyto(own, _bytes_of(there)[:size])
+            np.copyto(_bytes_of(back)[:size], own)
             connection.send_bytes(b"1")
     except EOFError:
         there.close()

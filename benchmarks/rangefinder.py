@@ -10,6 +10,7 @@ import numpy as np
 import guara_perception as gp
 from benchmarks.accuracy import Figures, add_data, figures, scans_with_truth
 from guara_perception.methods import METHODS
+from guara_perception.ranging.groups import in_groups
 from kinematics import load_robot
 
 # The paper refers its error to the width of the surface.
@@ -50,12 +51,8 @@ def main() -> None:
         for method in arguments.method.split(","):
             processor = gp.ScanProcessor(calibration, robot, scan.stance, scan.mode, method=method)
             start = time.process_time()
-            for index, on, off in frames:
-                processor.add(index, on, off)
+            for group in in_groups(frames):
+                processor.add_all(group)
             terrain = processor.finish()
             seconds = time.process_time() - start
             print(row(name, method, figures(terrain, truth), 1e3 * seconds), flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -68,8 +68,12 @@ def calibrate(folder: Path) -> Board:
         [grid] * POSES, [d.reshape(-1, 1, 2) for d in dots], size, np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3
     )
     print(f"camera: rms {rms:.3f} px, f {matrix[0, 0]:.1f} {matrix[1, 1]:.1f}")
-    poses = [(cv2.Rodrigues(turn)[0], shift.ravel()) for turn, shift in zip(turns, shifts, strict=True)]
-    return Board(matrix, distortion.ravel(), poses, [np.asarray(d, np.float64) for d in dots])
+    poses = [
+        (np.asarray(cv2.Rodrigues(turn)[0], np.float64), np.asarray(shift, np.float64).ravel())
+        for turn, shift in zip(turns, shifts, strict=True)
+    ]
+    camera, lens = np.asarray(matrix, np.float64), np.asarray(distortion, np.float64).ravel()
+    return Board(camera, lens, poses, [np.asarray(d, np.float64) for d in dots])
 
 
 def mask_of(dots: Float, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
@@ -79,12 +83,15 @@ def mask_of(dots: Float, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
     mask = np.zeros(shape, np.uint8)
     cv2.fillConvexPoly(mask, np.rint(hull).astype(np.int32), 1)
     radius = int(round(spacing / 2))
-    return cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1,) * 2))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    return np.asarray(cv2.dilate(mask, disc), np.uint8)
 
 
 def look(folder: Path, board: Board, i: int, method: str) -> Pose:
     """Extract one stripe and put its points on the board's plane."""
     on, off = (cv2.imread(str(folder / f"{name}{i}.jpg")) for name in ("light", "calib"))
+    if on is None or off is None:
+        raise SystemExit(f"{folder}: light{i}.jpg or calib{i}.jpg is missing")
     profile = gp.extract_stripe(on, off, method=method)
     mask = mask_of(board.dots[i], on.shape[:2])
     columns = np.arange(on.shape[1])
@@ -92,13 +99,13 @@ def look(folder: Path, board: Board, i: int, method: str) -> Pose:
     known = np.isfinite(rows)
     inside = known.copy()
     inside[known] = mask[np.clip(np.rint(rows[known]).astype(int), 0, on.shape[0] - 1), columns[known]] > 0
-    line = robust_line(columns[inside], rows[inside])
+    line = robust_line(columns[inside].astype(np.float64), rows[inside])
     expected_row = np.rint(np.polyval(line, columns)).astype(int)
     expected = (expected_row >= 0) & (expected_row < on.shape[0])
     expected[expected] = mask[expected_row[expected], columns[expected]] > 0
     if not inside.any():
         return Pose(np.empty((0, 3)), int(expected.sum()), 0)
-    pixels = np.column_stack((columns[inside], rows[inside]))
+    pixels = np.column_stack((columns[inside], rows[inside])).astype(np.float64)
     rays = cv2.undistortPoints(pixels.reshape(-1, 1, 2), board.matrix, board.distortion).reshape(-1, 2)
     rays = np.column_stack((rays, np.ones(len(rays))))
     rotation, shift = board.poses[i]
@@ -168,7 +175,3 @@ def main() -> None:
             f"{method:<8} {f['bias']:8.4f} {f['rms']:8.3f} {f['p95']:8.3f} {f['over_1mm']:9.2f} "
             f"{f['worst']:9.2f} {f['coverage']:9.3f}"
         )
-
-
-if __name__ == "__main__":
-    main()

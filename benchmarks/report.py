@@ -54,7 +54,7 @@ def write_page(
 
     Args:
         path: file to write.
-        sections: in order, the targets first.
+        sections: in order, but the targets first: on the page they follow what they are taken from.
         machine: what the run was made on.
         pictures: file name beside the page and caption.
         remarks: on the targets, after their table.
@@ -62,5 +62,7 @@ def write_page(
     on = ["## Machine", "", *(f"- {name}: {value}" for name, value in machine.items()), ""]
     shown = [line for name, caption in pictures for line in (f"![{caption}]({name})", "", f"*{caption}*", "")]
     first, *others = sections
-    parts = [HEAD, to_markdown(first), *([remarks] if remarks else []), "\n".join(shown)]
-    path.write_text("\n".join([*parts, *map(to_markdown, others), "\n".join(on)]).rstrip() + "\n")
+    limits = [to_markdown(first), *([remarks] if remarks else [])]
+    path.write_text(
+        "\n".join([HEAD, "\n".join(shown), *map(to_markdown, others), *limits, "\n".join(on)]).rstrip() + "\n"
+    )

@@ -83,7 +83,7 @@ def _scan(robot: RobotModel, world: World, seed: int, mode: str, cycles: int) ->
         return pause.nominal if found is None else (found.x, found.y)
 
     for pause in simulate_walk(world, robot, choose, cycles=cycles, seed=seed):
-        rangefinder.place(pause.transform_base_to_world, pause.joint_positions)
+        rangefinder.set_pose(pause.transform_base_to_world, pause.joint_positions)
         processor = gp.ScanProcessor(calibration, robot, pause.stance, mode, step=pause.step)
         for index, on, off in rangefinder.frames(Settings.of(robot).pattern(mode)):
             processor.add(index, on, off)

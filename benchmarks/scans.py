@@ -116,7 +116,8 @@ def stages(recording: Recording, effort: Effort) -> Section:
         lasts.append(whole / len(bands))
         for stage, value in taken.items():
             seconds[stage].append(value)
-    rows, figures = [], {}
+    rows: list[tuple[str, ...]] = []
+    figures: dict[str, Any] = {}
     total = np.sum([seconds[stage] for stage in STAGES], axis=0)
     for stage in STAGES:
         times = np.array(seconds[stage])
@@ -145,11 +146,9 @@ def _one_scan(recording: Recording) -> dict[str, float]:
     start = time.perf_counter()
     processor = recording.processor()
     prepared = time.perf_counter() - start
-    *first, last = recording.frames
-    for index, on, off in first:
-        processor.add(index, on, off)
+    recording.add_to(processor, but_last=1)
     start = time.perf_counter()
-    processor.add(*last)
+    processor.add(*recording.frames[-1])
     terrain = processor.finish()
     latency = time.perf_counter() - start
     return {"prepare": prepared, **terrain.metadata["seconds"], "last frame to grid": latency}
@@ -189,7 +188,8 @@ def after_scan(recording: Recording, effort: Effort) -> Section:
         "decoding one JPEG frame": lambda: cv2.imdecode(jpeg, cv2.IMREAD_COLOR),
     }
     timings = alternate(runs, effort.rounds, clock=time.perf_counter)
-    rows, figures = [], {}
+    rows: list[tuple[str, ...]] = []
+    figures: dict[str, Any] = {}
     for name in list(runs)[1:]:
         ratio = timings.ratio(name, one)
         scaled = Ratio(*(len(bands) * value for value in (ratio.median, ratio.low, ratio.high)))
@@ -209,8 +209,7 @@ def _pictures(recording: Recording) -> Callable[[], object]:
     from guara_perception.process import with_pictures
 
     processor = recording.processor()
-    for index, on, off in recording.frames:
-        processor.add(index, on, off)
+    recording.add_to(processor)
     terrain = processor.finish()
     return lambda: with_pictures(terrain, processor)
 

@@ -6,6 +6,7 @@ import re
 import shutil
 import tempfile
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -14,7 +15,7 @@ import numpy.typing as npt
 
 import guara_perception as gp
 from benchmarks.accuracy import Truth, load_truth, truth_of
-from benchmarks.truth import truth_calibration
+from guara_perception.ranging.groups import in_groups
 from guara_perception.settings import Settings
 from guara_perception.simulation import SimulatedRangefinder, World, specimen
 from guara_perception.simulation.features import Box, Patch, Pit, Ramp
@@ -23,7 +24,8 @@ from kinematics import RobotModel, Stance, load_robot
 
 Frame = npt.NDArray[np.uint8]
 
-ROBOTS = Path(__file__).resolve().parents[1] / "robots"
+ROOT = Path(__file__).resolve().parents[1]
+ROBOTS, OWN_DATA = ROOT / "robots", ROOT / "tests" / "data"
 # Five boxes as in the paper, and what the paper leaves out: a ramp, a hole, a patch that swallows the laser.
 WORLD = World(
     features=(
@@ -63,6 +65,11 @@ class Recording:
         """A scan of these frames, none added yet."""
         return gp.ScanProcessor(self.calibration, self.robot, self.stance, self.mode, method=method)
 
+    def add_to(self, processor: gp.ScanProcessor, but_last: int = 0) -> None:
+        """Add all frames, without the last few, in groups as the node does when they wait for it."""
+        for group in in_groups(list(self.frames[: len(self.frames) - but_last])):
+            processor.add_all(group)
+
     def bands(self) -> list[tuple[Frame, Frame, int]]:
         """Laser on, laser off and first row of the predicted band of every stripe that is in view."""
         processor = self.processor()
@@ -77,7 +84,7 @@ class Recording:
 def simulated(size: tuple[int, int] = (1280, 1024), stripes: int = 70) -> Recording:
     """The benchmark's own scene, the same on every machine."""
     robot = robot_with(stripes)
-    calibration = specimen(robot, size)
+    calibration = with_covariance(specimen(robot, size))
     stance = scan_stance(robot)
     rangefinder = SimulatedRangefinder(WORLD, calibration, robot)
     view = rangefinder.set_pose(robot.stance_pose(stance).transform_base_to_footprint, robot.posture("scan"))
@@ -88,7 +95,7 @@ def simulated(size: tuple[int, int] = (1280, 1024), stripes: int = 70) -> Record
 
 
 def recorded(folder: Path) -> Recording:
-    """A recorded scan with the true calibration of its specimen; `folder` is DATA/scans/NAME."""
+    """A recorded scan with the calibration made from the session of its specimen; `folder` is DATA/scans/NAME."""
     data = folder.parent.parent
     scan = gp.open_scan(folder)
     frames = tuple((s.index, on, np.zeros_like(on) if off is None else off) for s, on, off in scan.frames())
@@ -97,7 +104,7 @@ def recorded(folder: Path) -> Recording:
     return Recording(
         name=f"recorded, {folder.name}, {size}, {len(frames)} stripes",
         robot=load_robot(scan.robot),
-        calibration=truth_calibration(data),
+        calibration=real_calibration(data),
         stance=scan.stance,
         mode=scan.mode,
         frames=frames,
@@ -105,10 +112,21 @@ def recorded(folder: Path) -> Recording:
     )
 
 
+@lru_cache(maxsize=4)
+def real_calibration(data: Path) -> gp.Calibration:
+    """The calibration that the recorded session of a data folder gives, covariances included."""
+    return gp.calibrate(data / "calibration")
+
+
+def with_covariance(calibration: gp.Calibration) -> gp.Calibration:
+    """A true calibration that is as uncertain as a real one: its covariances are those of the recorded session."""
+    return replace(calibration, covariance=real_calibration(OWN_DATA).covariance)
+
+
 def resized(recording: Recording, size: tuple[int, int]) -> Recording:
     """The same scan as a camera of another resolution would have taken it, noise aside."""
     frames = tuple((i, _resize(on, size), _resize(off, size)) for i, on, off in recording.frames)
-    calibration = specimen(recording.robot, size)
+    calibration = with_covariance(specimen(recording.robot, size))
     name = f"simulated, {size[0]} x {size[1]}, {len(frames)} stripes"
     return replace(recording, name=name, calibration=calibration, frames=frames)
 

@@ -9,6 +9,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,8 @@ main()
         start = time.perf_counter()
         runs[COMMAND]()
         wall = time.perf_counter() - start
-    rows, figures = [], {}
+    rows: list[tuple[str, ...]] = []
+    figures: dict[str, Any] = {}
     for name in runs:
         ratio = timings.ratio(name, LIBRARIES)
         figures[name] = {"ratio": ratio.median, "seconds_cpu": timings.milliseconds(name) / 1e3}
@@ -71,7 +73,7 @@ def memory(recording: Recording) -> Section:
         done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     first, second, frames = (float(word) for word in done.stdout.split())
     figures = {"first_mb": first, "second_mb": second, "frame_pair_mb": frames}
-    rows = [
+    rows: list[tuple[str, ...]] = [
         ("one pair of frames, for comparison", f"{frames:.1f}"),
         ("a scan, its frame pair included", f"{first:.1f}"),
         ("the next scan, above the peak of the first", f"{second:.1f}"),

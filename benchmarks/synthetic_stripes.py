@@ -67,7 +67,7 @@ def _texture(share: float, random: np.random.Generator) -> Float | float:
         return 1.0
     grains = random.normal(1, share, (ROWS // GRAIN_PX, COLUMNS // GRAIN_PX))
     smooth = cv2.resize(grains, (COLUMNS, ROWS), interpolation=cv2.INTER_CUBIC)
-    return np.asarray(np.clip(smooth, 0.1, 2.0))[:, :, None]
+    return np.asarray(np.clip(smooth, 0.1, 2.0), np.float64)[:, :, None]
 
 
 def _as_frame(values: Float) -> Frame:
@@ -130,7 +130,3 @@ def main() -> None:
                 f"{case.name:<10} {method:<8} {f['mean']:6.3f} {f['p95']:6.3f} {f['missed']:9.2f} {f['false']:8.2f} "
                 f"{f['sigma_ratio']:12.2f}"
             )
-
-
-if __name__ == "__main__":
-    main()

@@ -339,7 +339,7 @@ def killed_nodes(count: int) -> None:
     report(f"{count} kill -9 during puts of 5 MB", words, "no partial grid", met)
 
 
-def _messages() -> dict[str, tuple[bytes, Callable[[bytes], Any]]]:
+def _messages() -> dict[str, tuple[bytes | bytearray, Callable[[bytes], Any]]]:
     stance = transport.StanceMessage(joint_positions={"a": 1.0, "b": 2.0}, support_feet=("lf", "rf"))
     ground = transport.GroundPatch(outline=np.array([[0, 0], [1, 0], [1, 1]]), height=0.0, sigma=0.01)
     pause = transport.StancePause(
@@ -377,7 +377,8 @@ def _messages() -> dict[str, tuple[bytes, Callable[[bytes], Any]]]:
 
 def damage(flips: int) -> None:
     """Every truncation, and byte flips, of each message."""
-    for name, (payload, decode) in _messages().items():
+    for name, (message, decode) in _messages().items():
+        payload = bytes(message)
         rng = np.random.default_rng(1)
         outcome = {"refused": 0, "valid": 0, "crash": 0}
         read_cut = 0
@@ -446,7 +447,3 @@ def main() -> None:
     deaths(1 if quick else 5)
     killed_nodes(3 if quick else 50)
     damage(500 if quick else 10_000)
-
-
-if __name__ == "__main__":
-    main()

@@ -164,9 +164,8 @@ def run_tcp(port: str) -> None:
                 view, done = memoryview(buffer), 0
                 while done < len(buffer):
                     done += connection.recv_into(view[done:])
-                array = np.frombuffer(buffer, np.uint8)
                 got.append(time.monotonic_ns())
-                connection.sendall(array)
+                connection.sendall(buffer)
             say(got=got)
 
 

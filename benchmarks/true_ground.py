@@ -91,4 +91,4 @@ class TrueGround:
             extent="map",
             metadata={"robot": robot.name, "limits": limits_to_dict(settings.limits), **metadata},
         )
-        return grid, cells(dark)[inner].any(axis=-1)
+        return grid, np.asarray(cells(dark)[inner].any(axis=-1))

@@ -22,6 +22,7 @@ from guara_perception.settings import Settings
 from guara_perception.simulation.planner import plan_foothold, plan_step
 from guara_perception.terrain.assessment.edges import half_cells
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.questions.best_foothold import Foothold
 from guara_perception.terrain.questions.path import PathVerdict
 from kinematics import LegOdometry, RobotModel, load_robot
 
@@ -74,7 +75,7 @@ def judge(robot: RobotModel, truth: TrueGround, pauses: list[ScannedPause]) -> C
         stance = {name: fused.metadata[name] for name in ("stance", "transform_base_to_footprint")}
         oracle, dark = truth.grid(to_world, map_geometry(robot), robot, **stance)
         cells(counts, robot, fused, oracle, dark)
-        swings(counts, robot, item, fused, oracle, dark, np.linalg.inv(to_world))
+        swings(counts, robot, item, fused, oracle, dark, np.asarray(np.linalg.inv(to_world), np.float64))
     return counts
 
 
@@ -193,7 +194,7 @@ def arc(start: Float, end: Float) -> Float:
     return path
 
 
-def _bright(oracle: gp.TerrainGrid, dark: Mask, wish: tuple[float, float]) -> object:
+def _bright(oracle: gp.TerrainGrid, dark: Mask, wish: tuple[float, float]) -> Foothold | None:
     """A place near the wish that is truly safe and not on dark ground."""
     layers = {name: np.array(layer) for name, layer in oracle.layers.items()}
     limits = oracle.metadata["limits"]
@@ -221,7 +222,3 @@ def report(counts: Counter[str]) -> None:
     for name, count in sorted(counts.items()):
         share = f"{100 * count / counts['safe']:6.2f} % of safe cells" if name.startswith("lost") else ""
         print(f"  {name:55s} {count:9d} {share}")
-
-
-if __name__ == "__main__":
-    main()

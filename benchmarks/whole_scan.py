@@ -20,8 +20,7 @@ CELL_M = 0.005
 def ours(recording: Recording, method: str) -> gp.TerrainGrid:
     """This project."""
     processor = recording.processor(method)
-    for index, on, off in recording.frames:
-        processor.add(index, on, off)
+    recording.add_to(processor)
     return processor.finish()
 
 

@@ -161,7 +161,7 @@ def test_recorded_scans_meet_the_foundations_figures(
 def test_command_prints_one_row_per_scan(data: Path, root: Path):
     """`python -m benchmarks.accuracy FOLDER` prints the header and a row for each scan asked for."""
     done = subprocess.run(
-        [sys.executable, "-m", "benchmarks.accuracy", str(data), "--scans", "tilt"],
+        [sys.executable, "-m", "benchmarks", "accuracy", str(data), "--scans", "tilt"],
         capture_output=True,
         text=True,
         cwd=root,

@@ -1,6 +1,9 @@
 """The benchmark as a smoke test: everything runs and every table has its rows; no time is asserted."""
 
+import importlib
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,6 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks import paper_chain, scenes
+from benchmarks.__main__ import PROGRAMS
 from benchmarks.contenders import LITERAL, OURS, USER
 from benchmarks.growth import fit
 from benchmarks.machine import machine
@@ -68,6 +72,23 @@ def test_the_page_names_no_path_and_shows_its_pictures(sections, tmp_path: Path)
     assert (tmp_path / "images" / "extraction.png").stat().st_size > 1000
     assert (tmp_path / "images" / "growth.png").stat().st_size > 1000
     assert str(Path.home()) not in page and str(scenes.ROBOTS.parent) not in page
+
+
+def test_every_program_is_reached_by_its_name(root: Path):
+    """Each module with a command line is listed, can be imported, and explains itself; another name is refused."""
+    modules = {path.stem for path in (root / "benchmarks").glob("*.py") if "\ndef main() -> None:" in path.read_text()}
+    assert modules - {"__main__", "suite"} == set(PROGRAMS)
+    for name in PROGRAMS:
+        assert callable(importlib.import_module(f"benchmarks.{name}").main)
+    for words, code, said in (
+        (["accuracy", "--help"], 0, "usage: benchmarks accuracy"),
+        (["nothing"], 1, "benchmarks: no program 'nothing'; allowed: list, accuracy"),
+        (["list"], 0, "usable_ground"),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", "benchmarks", *words], cwd=root, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == code and said in done.stdout + done.stderr
 
 
 def test_contenders_take_turns():
