@@ -75,10 +75,14 @@ def parts_of_the_node() -> Iterator[ProcessorParts]:
     before = [(owner, name, getattr(owner, name)) for _, owner, name in places]
     # Encoding and sending run later, on the outbox's thread: the clock goes with what is posted.
     post = Outbox.post
+
+    def clocked_post(box: Outbox, key: str, action: Callable[[], None], **keywords: Any) -> None:
+        post(box, key, parts.clocked("messages sent", action), **keywords)
+
     try:
         for part, owner, name in places:
             setattr(owner, name, parts.clocked(part, getattr(owner, name)))
-        Outbox.post = lambda box, key, action: post(box, key, parts.clocked("messages sent", action))  # type: ignore[method-assign]
+        setattr(Outbox, "post", clocked_post)  # noqa: B010
         yield parts
     finally:
         for owner, name, function in before:

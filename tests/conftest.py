@@ -16,6 +16,17 @@ from kinematics import RobotModel, load_robot
 DATA = Path(__file__).parent / "data"
 
 
+# Whoever asks for one of these starts a program, or scans with devices that keep real time.
+PROGRAMS = {"start", "shared_node", "node", "bench", "rig", "emulator_process", "host", "module_endpoint"}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests that start programs are slow, wherever they stand."""
+    for item in items:
+        if PROGRAMS & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.slow)
+
+
 @pytest.fixture(scope="session")
 def data() -> Path:
     """The recorded data, one specimen: `calibration/` and `scans/{paper,dark,tilt}`."""

@@ -239,6 +239,7 @@ def reader(tmp_path: Path, data: Path, calibration_file: Path, paper_terrain: gp
             process.communicate()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_examples_of_a_page_work(page: Path, reader: Reader):
     """Each example runs without an error, in the order of the page; what runs on ends cleanly at Ctrl-C."""

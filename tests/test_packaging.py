@@ -15,6 +15,8 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
+pytestmark = pytest.mark.slow
+
 PACKAGES = ["guara_perception", "kinematics", "transport", "drivers"]
 # The stock robots are 230 MB: a lock of their own.
 ROBOTS_LOCK, ROBOTS_EXTRA = "requirements-robots.lock", "robots-test"

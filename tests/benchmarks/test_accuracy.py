@@ -11,6 +11,8 @@ import guara_perception as gp
 from benchmarks.accuracy import HEADER, figures, load_truth, row
 from kinematics import RobotModel
 
+pytestmark = pytest.mark.slow
+
 CELL = 5
 NY, NX = 8, 12
 

@@ -20,6 +20,8 @@ from benchmarks.section import QUICK
 from benchmarks.suite import measure, write
 from benchmarks.targets import TARGETS
 
+pytestmark = pytest.mark.slow
+
 TINY = replace(
     QUICK,
     rounds=1,

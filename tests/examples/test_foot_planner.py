@@ -19,6 +19,8 @@ from guara_perception.simulation.walk import simulate_walk
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, load_robot
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "foot_planner.py"
 NODE = ROOT / "tests" / "guara_perception" / "app" / "publishing_node.py"

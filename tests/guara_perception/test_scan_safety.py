@@ -13,6 +13,8 @@ import guara_perception as gp
 from benchmarks.accuracy import figures, load_truth
 from tests.guara_perception.recordings import DATA, guara, recording, truth
 
+pytestmark = pytest.mark.slow
+
 SCANS = ("paper", "dark", "tilt")
 
 

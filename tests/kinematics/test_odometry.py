@@ -51,6 +51,7 @@ def test_a_walk_without_noise_is_followed_exactly(
         assert result.pose.attitude_source == ("imu" if gravity else "odometry" if result.step else "support_plane")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), None])
 def test_error_of_a_long_crawl(guara: RobotModel, crawl: Crawl, gravity: tuple | None) -> None:
     """Over 48 pauses (1.68 m) with 0.2 degrees and 1 mm of noise the median error of 20 walks is within 1 %."""
@@ -64,6 +65,7 @@ def test_error_of_a_long_crawl(guara: RobotModel, crawl: Crawl, gravity: tuple |
     assert np.median(errors) <= 0.01 * 1.68
 
 
+@pytest.mark.slow
 def test_covariance_agrees_with_sampling(guara: RobotModel, crawl: Crawl) -> None:
     """Sigmas of x, y, z and heading after 12 pauses agree with 150 sampled walks (within what 150 can tell)."""
     walk, offs = list(crawl(3)), []

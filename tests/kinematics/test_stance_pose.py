@@ -210,6 +210,7 @@ def sampled_covariance(stance: Stance, attitude: str, mount: np.ndarray | None, 
     return np.cov(samples.T)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("attitude", ["imu", "support_plane"])
 @pytest.mark.parametrize("feet", [("lf", "rf", "lh", "rh"), ("lf", "rf", "rh")])
 def test_camera_covariance_agrees_with_sampling(attitude: str, feet: tuple[str, ...]) -> None:
@@ -224,6 +225,7 @@ def test_camera_covariance_agrees_with_sampling(attitude: str, feet: tuple[str, 
     assert np.abs(correlations).max() < 0.10
 
 
+@pytest.mark.slow
 def test_footprint_covariance_agrees_with_noisy_joints(guara: RobotModel) -> None:
     """From joint noise alone (0.2 degrees) the covariance agrees with sampling the whole way from joint angles."""
     rng, stance = np.random.default_rng(7), tilted(guara, False)

@@ -12,6 +12,8 @@ import pytest
 import guara_perception as gp
 from transport import ConnectionFailed, KeyNameError, ReceiveTimeout
 
+pytestmark = pytest.mark.slow
+
 NODE = Path(__file__).with_name("publishing_node.py")
 
 

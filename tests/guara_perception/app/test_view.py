@@ -22,6 +22,8 @@ from guara_perception.view.moment import Moment
 from kinematics import RobotModel
 from transport.recording import RecordingWriter
 
+pytestmark = pytest.mark.slow
+
 NODE = Path(__file__).with_name("publishing_node.py")
 
 

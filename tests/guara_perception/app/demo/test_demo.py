@@ -10,6 +10,8 @@ import pytest
 from guara_perception.app.demo.check import CheckedFoothold, DemoCheck
 from guara_perception.app.files.open_scan import open_scans
 
+pytestmark = pytest.mark.slow
+
 PATIENCE = 240.0
 
 

@@ -9,6 +9,8 @@ from guara_perception.app.demo.planner_process import PlannerProcess
 from guara_perception.exceptions import PlannerFailed
 from guara_perception.simulation.planner import plan_step
 
+pytestmark = pytest.mark.slow
+
 NODE = Path(__file__).parent.parent / "publishing_node.py"
 
 

@@ -16,6 +16,8 @@ from guara_perception.app.files.range_files import OFFSET_MM, SCALE_MM, cause_im
 from guara_perception.process import run_scan, with_pictures
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
+pytestmark = pytest.mark.slow
+
 NAMES = [
     "fig13_original_frame.png",
     "fig14_corrected_frame.png",

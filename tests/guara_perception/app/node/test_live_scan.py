@@ -10,6 +10,8 @@ from guara_perception.app.node.live_scan import live_scan
 from guara_perception.terrain.layers.hazard import Hazard
 from tests.guara_perception.app.node.conftest import Rig
 
+pytestmark = pytest.mark.slow
+
 TRANSFER_FAULTS = [
     FaultKind.UNPLUG,
     FaultKind.UNPLUG_AFTER,

@@ -14,6 +14,8 @@ from transport import GroundPatch, PausePhase, StanceMessage, StancePause
 from transport.codec import encode
 from transport.stance_pause import make_stance_pause
 
+pytestmark = pytest.mark.slow
+
 
 def both(bench: Bench, step: int, *, confirmed: bool = False) -> tuple[gp.TerrainGrid, gp.TerrainGrid]:
     """Scan and map of a pause."""

@@ -17,6 +17,8 @@ from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, running, wait_until
 from transport import Health, PausePhase
 
+pytestmark = pytest.mark.slow
+
 
 def test_each_pause_gives_a_grid_and_a_map(bench: Bench) -> None:
     """Begin, scan, end, twice: the planner gets both extents of both steps, as the recording says."""

@@ -24,6 +24,8 @@ from transport import Health, PausePhase, StancePause
 from transport.codec import encode
 from transport.stance_pause import make_stance_pause
 
+pytestmark = pytest.mark.slow
+
 PEER = Path(__file__).parents[3] / "transport" / "peer.py"
 FPS = 200.0
 

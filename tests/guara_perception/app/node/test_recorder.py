@@ -13,6 +13,8 @@ from guara_perception.app.node import recorder as module
 from guara_perception.app.node.recorder import ScanRecorder
 from transport.recording import open_recording
 
+pytestmark = pytest.mark.slow
+
 PATIENCE = 30.0
 
 

@@ -20,6 +20,8 @@ from transport import Session, open_client, open_node
 from transport.server import PerceptionServer
 from transport.stance_link import StancePublisher, StanceReceiver
 
+pytestmark = pytest.mark.slow
+
 TIMEOUT = 60.0
 FLAT = """
 x = [-1.0, 3.0]

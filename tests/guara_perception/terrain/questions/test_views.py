@@ -34,6 +34,7 @@ def test_a_normal_is_given_where_a_slope_is() -> None:
     np.testing.assert_array_equal(np.isfinite(terrain.normal_at(x, y)).all(axis=-1), np.isfinite(terrain.slope))
 
 
+@pytest.mark.slow
 @PROPERTY
 @given(st.integers(0, 500), st.sampled_from([1, 2, 3, 4, 6, 12]))
 def test_coarser_cells_are_as_bad_as_their_worst_fine_cell(seed: int, factor: int) -> None:
