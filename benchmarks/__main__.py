@@ -14,6 +14,7 @@ PROGRAMS = {
     "accuracy": "error of recorded scans against their truth",
     "calibration": "error of calibrations against the truth of their session",
     "drivers": "costs of the laser board's driver and of proving stripes",
+    "hostile": "what files that were made to harm cost before they are refused",
     "kinematics": "speed and agreement of the kinematics",
     "node": "a running node: sweep, latency, processor time, memory",
     "rangefinder": "both methods on recorded scans, in the paper's own terms",

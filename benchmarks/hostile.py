@@ -1,6 +1,6 @@
 """Files made to harm their reader: what each costs in memory and processor time before it is refused.
 
-Usage: python -m benchmarks.hostile [--json]
+Usage: python -m benchmarks hostile [--json]
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Cost:
 
 
 def _arrays(path: Path, **arrays: np.ndarray[Any, Any]) -> None:
-    np.savez_compressed(path, **arrays)
+    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
 
 def _npz_unknown_array(path: Path) -> None:
