@@ -1,0 +1,265 @@
+"""Detects the stripe in any light: where it runs, before anything is measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.stripes.follow_stripe import follow_stripe
+from guara_perception.stripes.laser_colour import (
+    CLIPPED,
+    core_colour,
+    covariance,
+    details,
+    laser_plane,
+    laser_weights,
+    purity,
+    relative_colour,
+    rim_colour,
+)
+from guara_perception.stripes.ridges import SIGMAS_PX, Ridges, ridge_of_width, ridges
+
+Float = npt.NDArray[np.float64]
+Float32 = npt.NDArray[np.float32]
+Index = npt.NDArray[np.intp]
+Mask = npt.NDArray[np.bool_]
+
+# Which channel is the laser's is asked in every so many columns of a picture at least this wide.
+FIRST_LOOK_COLUMNS, FIRST_LOOK_FROM = 4, 160
+# Those that are worth this share of the best are looked at in full.
+HOPEFUL = 0.2
+# The stripe and its halo lie so near to its path; the scene is what is further away.
+NEAR_PEAK_PX, NEAR_PATH_PX = 10, 12
+# A piece of the path ends where it moves by more rows than this from one column to the next.
+PIECE_STEP_PX = 4
+# Pieces that are shorter, or weaker than this share of the strong ones, are no stripe. Without colour nothing else
+# tells a weak stripe from texture.
+LEAST_COLUMNS, LEAST_SHARE, LEAST_SHARE_MONO = 12, 0.15, 0.5
+STRONG_PERCENTILE = 75
+# A laser keeps the ratio of its channels on any surface; what is not of it deviates by more.
+MOST_COLOUR_DEVIATION = 0.9
+# Of what a stripe adds to the picture without laser so much is a ridge of the picture with it; a moved edge is none.
+LEAST_OWN_RIDGE = 0.4
+# The gain between laser off and on is fitted where that takes this share off the difference that is left.
+GAIN_ROUNDS, TRIM_DEVIATIONS, GAIN_WORTH = 6, 2.5, 0.7
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """Where a stripe runs.
+
+    Attributes:
+        row: (columns,) of its path.
+        is_stripe: (columns,) whether there is one.
+        is_core: (columns,) whether the laser's channel is clipped there.
+        sigma: (columns,) width of the ridge found [px].
+        height: (columns,) of the ridge [grey levels].
+        channel: the laser's own.
+        weights: (channels,) of the plane.
+        plane: (rows, columns) float32 light in the laser's colour.
+        light: (rows, columns, channels) float32 light, background removed where there was a picture of it.
+    """
+
+    row: Index
+    is_stripe: Mask
+    is_core: Mask
+    sigma: Float32
+    height: Float32
+    channel: int
+    weights: Float
+    plane: Float32
+    light: Float32
+
+
+def detect(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> Detection:
+    """Detect the stripe that runs across the columns.
+
+    Args:
+        on: (rows, columns[, channels]) uint8 or uint16, laser on.
+        off: the same with the laser off, or None.
+    """
+    frame = levels(on)
+    light = frame if off is None else subtract(frame, levels(off))
+    detail = details(light)
+    tried = [_detect(light, frame, detail, channel) for channel in _hopeful_channels(light, frame, detail)]
+    best = max(tried, key=lambda each: each[1])[0]
+    return best if off is None else _without_moved_edges(best, frame)
+
+
+def _detect(light: Float32, frame: Float32, detail: Float32, channel: int) -> tuple[Detection, float]:
+    """The stripe of a laser of one channel, and how much speaks for it."""
+    every = np.ones(frame.shape[1], dtype=bool)
+    elsewhere = _away(detail[:, :, channel].argmax(axis=0), every, frame.shape[:2], NEAR_PEAK_PX)
+    scene, colour = covariance(detail, elsewhere), np.eye(frame.shape[2])[channel]
+    known: Mask | None = None
+    for _ in range(2):
+        plane, core = laser_plane(light, frame, scene, colour, channel)
+        found = ridges(plane, known)
+        evidence = found.evidence()
+        rows, is_stripe, _ = (each[0] for each in follow_stripe(evidence.T[None]))
+        if known is None:
+            known = _away(rows, is_stripe, plane.shape, NEAR_PATH_PX)
+            scene = covariance(detail, known)
+            colour = relative_colour(rim_colour(light, frame, rows, is_stripe, channel), channel)
+    columns = np.arange(rows.size)
+    is_core = core[rows, columns]
+    is_good = _good_pieces(found, rows, is_stripe, is_core, has_colour=frame.shape[2] == 3)
+    is_good = _of_laser_colour(frame, detail, rows, is_good, colour, channel)
+    worth = float(evidence[rows, columns][is_good].sum())
+    detection = Detection(
+        row=rows,
+        is_stripe=is_good,
+        is_core=is_core & is_good,
+        sigma=np.array(SIGMAS_PX, np.float32)[found.width[rows, columns]],
+        height=found.height[rows, columns],
+        channel=channel,
+        weights=laser_weights(scene, colour),
+        plane=plane,
+        light=light,
+    )
+    return detection, worth * _purity(light, frame, detail, rows, is_good, channel)
+
+
+def levels(frame: npt.NDArray[Any]) -> Float32:
+    """A frame as (rows, columns, channels) float32 of 0 to 255."""
+    scale = np.float32(255 / np.iinfo(frame.dtype).max)
+    picture = np.ascontiguousarray(frame).astype(np.float32)
+    if scale != 1:
+        picture *= scale
+    return picture.reshape(*frame.shape[:2], -1)
+
+
+def subtract(on: Float32, off: Float32) -> Float32:
+    """On minus off (rows, columns, channels), fitted by gain and offset per channel where exposures differ."""
+    light = on - off
+    for channel in range(on.shape[2]):
+        dark, bright = off[::4, ::4, channel].ravel(), on[::4, ::4, channel].ravel()
+        is_good = (dark < CLIPPED) & (bright < CLIPPED)
+        dark, bright = dark[is_good], bright[is_good]
+        if not dark.size:
+            continue
+        offset = float(np.median(bright - dark))
+        plain = float(np.median(np.abs(bright - dark - offset)))
+        gain, fitted_offset, left = _fitted(dark, bright)
+        if left < GAIN_WORTH * plain:
+            light[:, :, channel] = on[:, :, channel] - np.float32(gain) * off[:, :, channel]
+            offset = fitted_offset
+        light[:, :, channel] -= np.float32(offset)
+    return light
+
+
+def _fitted(dark: Float32, bright: Float32) -> tuple[float, float, float]:
+    """Gain and offset that make the dark values the bright ones, and the median deviation that is left."""
+    use = np.ones(dark.size, dtype=bool)
+    gain, offset, left = 1.0, 0.0, np.inf
+    for _ in range(GAIN_ROUNDS):
+        x, y = dark[use], bright[use]
+        from_mean = x - x.mean()
+        variance = float((from_mean**2).mean())
+        if variance < 1:
+            break
+        gain = float((from_mean * y).mean()) / variance
+        offset = float(y.mean() - gain * x.mean())
+        deviation = np.abs(bright - gain * dark - offset)
+        left = float(np.median(deviation))
+        use = deviation <= TRIM_DEVIATIONS * max(left, 0.5)
+    return gain, offset, left
+
+
+def _hopeful_channels(light: Float32, frame: Float32, detail: Float32) -> list[int]:
+    """The channels in which a first look at some columns sees a path of the laser's colour."""
+    channels = light.shape[2]
+    if channels == 1:
+        return [0]
+    step = FIRST_LOOK_COLUMNS if light.shape[1] >= FIRST_LOOK_FROM else 1
+    some = [np.ascontiguousarray(picture[:, step // 2 :: step]) for picture in (light, frame, detail)]
+    every = np.ones(some[0].shape[1], dtype=bool)
+    shape = some[0].shape[:2]
+    away = [_away(some[2][:, :, channel].argmax(axis=0), every, shape, NEAR_PEAK_PX) for channel in range(channels)]
+    colours = list(np.eye(channels))
+    for look in range(2):
+        evidence = []
+        for channel in range(channels):
+            plane, _ = laser_plane(some[0], some[1], covariance(some[2], away[channel]), colours[channel], channel)
+            evidence.append(ridges(plane, away[channel] if look else None).evidence().T)
+        rows, is_stripe, worth = follow_stripe(np.stack(evidence))
+        seen = [rim_colour(some[0], some[1], rows[c], is_stripe[c], c) for c in range(channels)]
+        away = [_away(rows[c], is_stripe[c], shape, NEAR_PATH_PX) for c in range(channels)]
+        colours = [relative_colour(seen[c], c) for c in range(channels)]
+    score = worth * [_purity(*some, rows[c], is_stripe[c], c) for c in range(channels)]
+    return [c for c in range(channels) if score[c] >= HOPEFUL * score.max()]
+
+
+def _purity(light: Float32, frame: Float32, detail: Float32, rows: Index, is_stripe: Mask, channel: int) -> float:
+    """How clearly a path has the colour of a laser: of its rim where the core is white, of its core else."""
+    rim = rim_colour(light, frame, rows, is_stripe, channel)
+    return max(purity(rim, channel), purity(core_colour(detail, frame, rows, is_stripe, channel), channel))
+
+
+def _away(rows: Index, is_stripe: Mask, shape: tuple[int, ...], reach: int) -> Mask:
+    """Pixels (rows, columns) further from a path than this."""
+    away = np.ones(shape[:2], dtype=bool)
+    columns = np.flatnonzero(is_stripe)
+    around = rows[columns] + np.arange(-reach, reach + 1)[:, None]
+    away[np.clip(around, 0, shape[0] - 1), columns] = False
+    return away
+
+
+def _pieces(rows: Index, is_stripe: Mask) -> list[slice]:
+    """The unbroken pieces of a path."""
+    cut = is_stripe[1:] != is_stripe[:-1]
+    cut |= (np.abs(np.diff(rows)) > PIECE_STEP_PX) & is_stripe[1:] & is_stripe[:-1]
+    edges = np.flatnonzero(np.concatenate(([True], cut, [True])))
+    return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if is_stripe[a]]
+
+
+def _good_pieces(found: Ridges, rows: Index, is_stripe: Mask, is_core: Mask, *, has_colour: bool) -> Mask:
+    """Columns of the pieces that are long and strong enough."""
+    good = np.zeros_like(is_stripe)
+    if not is_stripe.any():
+        return good
+    height = found.height[rows, np.arange(rows.size)]
+    strong = np.percentile(height[is_stripe], STRONG_PERCENTILE)
+    height = np.where(is_core, np.maximum(height, strong), height)
+    share = LEAST_SHARE if has_colour else LEAST_SHARE_MONO
+    for piece in _pieces(rows, is_stripe):
+        good[piece] = piece.stop - piece.start >= LEAST_COLUMNS and np.median(height[piece]) > share * strong
+    return good
+
+
+def _of_laser_colour(
+    frame: Float32, detail: Float32, rows: Index, is_stripe: Mask, colour: Float, channel: int
+) -> Mask:
+    """Columns of the pieces that have the laser's colour, as far as they are not clipped."""
+    good = is_stripe.copy()
+    if detail.shape[2] == 1:
+        return good
+    columns = np.arange(rows.size)
+    is_clear = frame[rows, columns].max(axis=1) < CLIPPED
+    added = detail[rows, columns]
+    for piece in _pieces(rows, is_stripe):
+        clear = is_clear[piece]
+        if clear.sum() < max(LEAST_COLUMNS // 2, 0.5 * clear.size):
+            continue
+        mean = added[piece][clear].mean(axis=0)
+        deviation = np.abs(mean / max(float(mean[channel]), 1e-6) - colour).max()
+        good[piece] = mean[channel] > 0 and deviation < MOST_COLOUR_DEVIATION
+    return good
+
+
+def _without_moved_edges(found: Detection, frame: Float32) -> Detection:
+    """Only the pieces that are ridges of the picture with the laser too: an edge that moved between both is none."""
+    own = np.asarray(frame @ found.weights.astype(np.float32))
+    columns = np.arange(found.row.size)
+    height = np.empty(found.row.size, np.float32)
+    for sigma in SIGMAS_PX:
+        is_wide = found.sigma == np.float32(sigma)
+        height[is_wide] = ridge_of_width(own, sigma)[found.row, columns][is_wide]
+    good = found.is_stripe.copy()
+    for piece in _pieces(found.row, found.is_stripe):
+        is_ridge = height[piece] > LEAST_OWN_RIDGE * found.height[piece]
+        good[piece] = bool((is_ridge | found.is_core[piece]).mean() > 0.5)
+    return replace(found, is_stripe=good, is_core=found.is_core & good)

@@ -1,0 +1,129 @@
+"""The laser's colour, from the picture itself: a plane in which the laser stands out from what else changes there."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float64]
+Float32 = npt.NDArray[np.float32]
+Index = npt.NDArray[np.intp]
+Mask = npt.NDArray[np.bool_]
+
+# Grey level, of 255, from which a pixel may be clipped: JPEG and demosaicing keep it from reaching the end.
+CLIPPED = 245.0
+# A clipped core and the halo in which it lies are narrower than this.
+WIDEST_CORE_PX = 25
+# Background and rim of the stripe, in rows from its middle.
+BACKGROUND_PX, RIM_PX = 12, 6
+# No camera sees a line laser in another channel by more than this share of its own.
+MOST_LEAKAGE = 0.8
+# What the other channels add where the laser's is clipped.
+OTHERS_SHARE, MOST_OF_CORE = 0.1, 0.5
+# Deviation of a channel that JPEG and whole grey levels cause, and share of all that is not known of the covariance.
+LEAST_DEVIATION, UNKNOWN_SHARE = 0.15, 1e-3
+
+
+def details(picture: Float32) -> Float32:
+    """What of each channel (rows, columns, channels) changes across the columns within a few pixels."""
+    smooth = cv2.GaussianBlur(picture, (3, 9), 0.8, sigmaY=1.6)
+    padded = cv2.copyMakeBorder(smooth, 5, 5, 0, 0, cv2.BORDER_REPLICATE)
+    return np.asarray(smooth - np.float32(0.5) * (padded[:-10] + padded[10:])).reshape(picture.shape)
+
+
+def covariance(detail: Float32, elsewhere: Mask) -> Float:
+    """Covariance (channels, channels) of the details of a scene away from the stripe."""
+    some = detail[::2, ::3][elsewhere[::2, ::3]].astype(np.float64)
+    seen = some.T @ some / max(len(some), 1)
+    return np.asarray(seen + np.eye(len(seen)) * (LEAST_DEVIATION**2 + UNKNOWN_SHARE * np.trace(seen)))
+
+
+def laser_weights(scene: Float, colour: Float) -> Float:
+    """Weights (channels,) of Fisher's linear discriminant that leave light of the laser's colour as bright as it is."""
+    weights = np.linalg.solve(scene, colour)
+    return np.asarray(weights / max(float(colour @ weights), 1e-9))
+
+
+def laser_plane(picture: Float32, frame: Float32, scene: Float, colour: Float, channel: int) -> tuple[Float32, Mask]:
+    """The picture seen in the colour of the laser (Fisher's linear discriminant), and where it is clipped.
+
+    A clipped pixel is at least as bright as the rim of its core, whatever the other channels say: there the plane is
+    filled from the rim, and slightly raised by the other channels, which still show the middle.
+
+    Args:
+        picture: (rows, columns, channels) float32 light.
+        frame: the same, as delivered, 0 to 255: what is clipped shows here.
+        scene: (channels, channels) covariance of the scene's details.
+        colour: (channels,) of the laser, 1 in its own channel.
+        channel: the laser's own.
+    """
+    weights = laser_weights(scene, colour)
+    channels = picture.shape[2]
+    if channels == 1:
+        plane = np.ascontiguousarray(picture[:, :, 0])
+    else:
+        plane = np.asarray(cv2.transform(picture, weights[None].astype(np.float32))).reshape(picture.shape[:2])
+    full = (np.ascontiguousarray(frame[:, :, channel]) >= CLIPPED).astype(np.uint8)
+    if channels == 1 or not full.any():
+        return plane, full > 0
+    core = cv2.dilate(full, np.ones((3, 1), np.uint8)) > 0
+    filled = cv2.morphologyEx(plane, cv2.MORPH_CLOSE, np.ones((WIDEST_CORE_PX, 1), np.uint8))
+    others = np.float32(OTHERS_SHARE) * (picture.sum(axis=2) - picture[:, :, channel])
+    raised = filled + np.clip(others, 0, np.float32(MOST_OF_CORE) * np.maximum(filled, 0))
+    return np.where(core, raised, plane), core
+
+
+def rim_colour(picture: Float32, frame: Float32, row: Index, is_stripe: Mask, channel: int) -> Float:
+    """Median colour (channels,) that a stripe adds to its surroundings where it is brighter, and nothing is clipped.
+
+    Args:
+        picture: (rows, columns, channels) float32 light.
+        frame: the same, as delivered, 0 to 255.
+        row, is_stripe: (columns,) where it runs.
+        channel: in which it is the brighter half of the columns.
+    """
+    columns, rows, last = np.flatnonzero(is_stripe), row[is_stripe], len(picture) - 1
+    if not columns.size:
+        return np.zeros(picture.shape[2])
+    sides = [picture[np.clip(rows + side, 0, last), columns] for side in (-BACKGROUND_PX, BACKGROUND_PX)]
+    beside = np.float32(0.5) * (sides[0] + sides[1])
+    added = np.zeros_like(beside)
+    for shift in range(-RIM_PX, RIM_PX + 1):
+        at = np.clip(rows + shift, 0, last)
+        is_good = frame[at, columns].max(axis=1) < CLIPPED
+        added += np.where(is_good[:, None], picture[at, columns] - beside, 0)
+    bright = added[added[:, channel] >= np.median(added[:, channel])]
+    return np.asarray(np.median(bright, axis=0), dtype=np.float64)
+
+
+def core_colour(detail: Float32, frame: Float32, row: Index, is_stripe: Mask, channel: int) -> Float:
+    """Median colour (channels,) of the middle of a stripe where no channel but the laser's own is clipped.
+
+    Args:
+        detail: (rows, columns, channels) of the light, as `details` gives it.
+        frame: the same as delivered, 0 to 255.
+        row, is_stripe: (columns,) where it runs.
+        channel: the laser's own: clipped, it is still a lower bound.
+    """
+    columns = np.flatnonzero(is_stripe)
+    rows = row[columns]
+    is_clear = np.delete(frame[rows, columns], channel, axis=1).max(axis=1, initial=0) < CLIPPED
+    added = detail[rows, columns][is_clear]
+    return np.asarray(np.median(added, axis=0), np.float64) if len(added) else np.zeros(detail.shape[2])
+
+
+def relative_colour(added: Float, channel: int) -> Float:
+    """A colour relative to one channel, within what a laser can look like."""
+    colour = np.clip(added / max(float(added[channel]), 1e-6), 0, MOST_LEAKAGE)
+    colour[channel] = 1
+    return np.asarray(colour)
+
+
+def purity(added: Float, channel: int) -> float:
+    """How clearly a colour is that of a laser of this channel: 0 for white or another laser's, 1 for a pure one."""
+    if added.size == 1:
+        return 1.0
+    if added[channel] <= 0:
+        return 0.0
+    return float(np.clip((1.05 - np.delete(added, channel).max() / added[channel]) / 0.6, 0, 1))
