@@ -53,7 +53,8 @@ class Detection:
 
     Attributes:
         row: (columns,) of its path.
-        is_stripe: (columns,) whether there is one.
+        is_path: (columns,) whether there may be one.
+        is_stripe: (columns,) whether there is one beyond doubt.
         is_core: (columns,) whether the laser's channel is clipped there.
         sigma: (columns,) width of the ridge found [px].
         height: (columns,) of the ridge [grey levels].
@@ -64,6 +65,7 @@ class Detection:
     """
 
     row: Index
+    is_path: Mask
     is_stripe: Mask
     is_core: Mask
     sigma: Float32
@@ -95,12 +97,14 @@ def _detect(light: Float32, frame: Float32, detail: Float32, channel: int) -> tu
     elsewhere = _away(detail[:, :, channel].argmax(axis=0), every, frame.shape[:2], NEAR_PEAK_PX)
     scene, colour = covariance(detail, elsewhere), np.eye(frame.shape[2])[channel]
     known: Mask | None = None
+    # What only a first look sees, before texture counts as noise, is doubtful.
     for _ in range(2):
         plane, core = laser_plane(light, frame, scene, colour, channel)
         found = ridges(plane, known)
         evidence = found.evidence()
         rows, is_stripe, _ = (each[0] for each in follow_stripe(evidence.T[None]))
         if known is None:
+            seen_first, is_seen_first = rows, is_stripe
             known = _away(rows, is_stripe, plane.shape, NEAR_PATH_PX)
             scene = covariance(detail, known)
             colour = relative_colour(rim_colour(light, frame, rows, is_stripe, channel), channel)
@@ -110,7 +114,8 @@ def _detect(light: Float32, frame: Float32, detail: Float32, channel: int) -> tu
     is_good = _of_laser_colour(frame, detail, rows, is_good, colour, channel)
     worth = float(evidence[rows, columns][is_good].sum())
     detection = Detection(
-        row=rows,
+        row=np.where(is_stripe, rows, seen_first),
+        is_path=is_stripe | is_seen_first,
         is_stripe=is_good,
         is_core=is_core & is_good,
         sigma=np.array(SIGMAS_PX, np.float32)[found.width[rows, columns]],

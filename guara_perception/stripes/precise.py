@@ -12,8 +12,9 @@ from guara_perception.stripes.band import Band
 from guara_perception.stripes.centre import centres
 from guara_perception.stripes.filters import SCALE
 from guara_perception.stripes.profile import StripeProfile, StripeStatus, bad_frame, nothing
-from guara_perception.stripes.seek import SoughtStripe, seek
+from guara_perception.stripes.seek import seek
 from guara_perception.stripes.smooth_line import smooth_line
+from guara_perception.stripes.sought import SoughtStripe
 
 Float32 = npt.NDArray[np.float32]
 
@@ -65,7 +66,9 @@ def _located(stripes: Sequence[SoughtStripe]) -> list[StripeProfile]:
     row += first_row
     variance = (noise * shrink / slope) ** 2 + (SPECKLE_OF_SIGMA * sigma) ** 2 * shrink
     variance += _albedo_shift(stripes, sigma) ** 2
-    is_doubtful = is_found & ~usable
+    is_doubtful = is_peak & ~usable
+    # Without a centre the row of the peak says where the return was.
+    seen = np.where(is_found, row, top + first_row)
     has_doubtful = is_doubtful.any(axis=1).tolist()
     position, deviation = np.where(usable, row, NAN), np.where(usable, np.sqrt(variance), NAN)
     peak = height / np.float32(SCALE)
@@ -78,7 +81,7 @@ def _located(stripes: Sequence[SoughtStripe]) -> list[StripeProfile]:
             sigma_px=deviation[i],
             status=status[i],
             peak=peak[i],
-            doubtful_px=np.where(is_doubtful[i], row[i], NAN) if has_doubtful[i] else nothing(top.shape[1]),
+            doubtful_px=np.where(is_doubtful[i], seen[i], NAN) if has_doubtful[i] else nothing(top.shape[1]),
         )
         for i in range(len(stripes))
     ]

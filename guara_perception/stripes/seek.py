@@ -2,69 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
 from guara_perception.stripes.band import Band
 from guara_perception.stripes.centre import noise_gain, responses
-from guara_perception.stripes.choose import choose_peaks
+from guara_perception.stripes.choose import RIVAL_OF_PEAK, choose_peaks
 from guara_perception.stripes.clipped import clipped_columns
-from guara_perception.stripes.filters import ROW_MEAN_PX, ROW_SMOOTHING_SIGMA_PX
-from guara_perception.stripes.find_peaks import find_peaks
+from guara_perception.stripes.filters import ROW_MEAN_PX
+from guara_perception.stripes.find_peaks import THRESHOLD_SIGMAS, FoundPeaks, find_peaks
+from guara_perception.stripes.middle import middle
+from guara_perception.stripes.seek_any_light import seek_any_light
 from guara_perception.stripes.signal import laser_light
+from guara_perception.stripes.sought import BESIDE_SIGMAS, LEAST_BESIDE_PX, SoughtStripe, sigma_of_filter
 from guara_perception.stripes.windows import at_rows
 
-Float32 = npt.NDArray[np.float32]
-Index = npt.NDArray[np.intp]
-Mask = npt.NDArray[np.bool_]
-
-# The surface is looked at so many sigmas above and below the stripe, two rows away at least.
-BESIDE_SIGMAS, LEAST_BESIDE_PX = 1.5, 2
-
-
-@dataclass(frozen=True, slots=True)
-class SoughtStripe:
-    """What a band says of its stripe, column by column.
-
-    Attributes:
-        top: (columns,) row of the stripe's peak within the band.
-        height: (columns,) float32 light there, times SCALE.
-        is_peak: (columns,) whether that is enough for a stripe.
-        is_clipped: (columns,) whether the stripe's core is clipped.
-        is_unsure: (columns,) whether another peak would have been as good, or nothing is left of a clipped core.
-        responses: (places, columns) of the derivative filters about the top.
-        above, below: (columns,) the laser-off picture above and below the top; nothing where there is none.
-        beside_px: how far above and below.
-        sigma: width of the stripe [px].
-        noise: standard deviation of a row times the slope of its response.
-        rows: of the band.
-        first_row: of the band in the full picture.
-    """
-
-    top: Index
-    height: Float32
-    is_peak: Mask
-    is_clipped: Mask
-    is_unsure: Mask
-    responses: Float32
-    above: npt.NDArray[Any]
-    below: npt.NDArray[Any]
-    beside_px: int
-    sigma: float
-    noise: float
-    rows: int
-    first_row: int
+# The highest peaks tell the stripe where most of them stand this far above the noise, few jump by more than so many
+# rows from one column to the next, and few have a rival.
+CLEAR_SIGMAS = 15.0
+JUMP_PX, MOST_JUMPS, MOST_RIVALS = 4, 0.05, 0.2
 
 
 def seek(band: Band) -> SoughtStripe | str:
     """Seek a stripe that runs across the columns of a band; a text says why the pair of frames cannot be used."""
+    if band.off is None:
+        return seek_any_light(band)
     signal = laser_light(band.on, band.off)
     if signal.reason:
         return signal.reason
     found = find_peaks(signal.light)
+    if is_doubtful(found):
+        return seek_any_light(band, found.peaks.top, found.peaks.height > found.threshold)
     sigma = found.sigma
     choice = choose_peaks(found.sought, found.peaks, found.threshold, sigma)
     columns = np.arange(choice.top.size)
@@ -95,10 +62,16 @@ def seek(band: Band) -> SoughtStripe | str:
     )
 
 
-def sigma_of_filter(sigma: float) -> float:
-    """Width of the filter that finds the centre of a stripe of this width in smoothed light [px].
-
-    Speckle makes a thin stripe's own width too narrow a window; of a wide one, clipped or in a halo, the core is best.
-    What the light was smoothed by already counts as part of it.
-    """
-    return round(float(np.sqrt((0.85 * sigma) ** 2 + 1.3**2 - ROW_SMOOTHING_SIGMA_PX**2)), 1)
+def is_doubtful(found: FoundPeaks) -> bool:
+    """Whether the highest peaks of a band may not be its stripe."""
+    is_peak = found.peaks.height > found.threshold
+    count = int(np.count_nonzero(is_peak))
+    if not count:
+        return False
+    height = found.peaks.height[is_peak]
+    if middle(height) < CLEAR_SIGMAS / THRESHOLD_SIGMAS * found.threshold:
+        return True
+    jumps = (np.abs(np.diff(found.peaks.top)) > JUMP_PX) & is_peak[1:] & is_peak[:-1]
+    second = found.peaks.second[is_peak]
+    rivals = (second > found.threshold) & (second > RIVAL_OF_PEAK * height)
+    return np.count_nonzero(jumps) > MOST_JUMPS * count or np.count_nonzero(rivals) > MOST_RIVALS * count

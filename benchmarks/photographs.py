@@ -1,0 +1,169 @@
+"""Judges stripe extraction on photographs of real laser lines, beside what a user would write instead.
+
+`python -m benchmarks.photographs FOLDER`: FOLDER holds index.json (set, name, on, off, along, colour) and truth.npz,
+per picture where a stripe is seen (must), where one may be returned (may) and where none may be (gap). Families of one
+camera, laser and place count alike, whatever their number of pictures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+import guara_perception as gp
+from benchmarks.photograph_peers import PEERS
+
+Picture = npt.NDArray[Any]
+Float = npt.NDArray[np.float64]
+Method = Callable[[Picture, Picture | None, str, int], Float]
+
+# The laser's channel by its letter in the index; a mono picture has one.
+CHANNELS = {"b": 0, "g": 1, "r": 2, "m": 0}
+
+# A position this near is right; where a stripe is only allowed it may be off by so much more.
+RIGHT_PX, MARGIN_PX = 3.0, 2.0
+BAND_PIXELS = 640 * 160
+
+
+@dataclass
+class Counts:
+    """What was counted in the pictures of one family."""
+
+    seen: int = 0
+    right: int = 0
+    gross: int = 0
+    gaps: int = 0
+    filled: int = 0
+    squares: float = 0.0
+    seconds: float = 0.0
+    pixels: int = 0
+
+    @property
+    def coverage(self) -> float:
+        """Share of the stripe that was found."""
+        return self.right / max(self.seen, 1)
+
+    @property
+    def gross_share(self) -> float:
+        """Share of the positions returned for the stripe that are wrong by more than RIGHT_PX."""
+        return self.gross / max(self.right + self.gross, 1)
+
+    @property
+    def filled_share(self) -> float:
+        """Share of the gaps in which a position was returned; NaN without gaps."""
+        return self.filled / self.gaps if self.gaps else float("nan")
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square distance of the right positions from the truth, which is good to a third of a pixel [px]."""
+        return float(np.sqrt(self.squares / max(self.right, 1)))
+
+    @property
+    def band_ms(self) -> float:
+        """Processor time of a band of 640 x 160 pixels [ms]."""
+        return 1e3 * self.seconds / max(self.pixels, 1) * BAND_PIXELS
+
+    def add(self, position: Float, must: Float, may: Float, gap: npt.NDArray[np.bool_]) -> None:
+        """Count one picture."""
+        is_seen = np.isfinite(must)
+        error = np.abs(position - must)[is_seen]
+        beside = np.isfinite(may) & ~is_seen
+        self.seen += int(is_seen.sum())
+        self.right += int((error <= RIGHT_PX).sum())
+        self.gross += int((error > RIGHT_PX).sum())
+        self.gross += int((np.abs(position - may)[beside] > RIGHT_PX + MARGIN_PX).sum())
+        self.gaps += int(gap.sum())
+        self.filled += int(np.isfinite(position[gap]).sum())
+        self.squares += float((error[error <= RIGHT_PX] ** 2).sum())
+
+
+def product(on: Picture, off: Picture | None, along: str, _channel: int) -> Float:
+    """This package's precise method; nobody tells it the laser's colour."""
+    return gp.extract_stripe(on, off=off, along=along).position_px.astype(np.float64)
+
+
+def judge(folder: Path, method: Method, *, with_off: bool) -> dict[str, Counts]:
+    """Counts of every family.
+
+    Args:
+        folder: of the photographs.
+        method: gives a position for each column (row) of a picture, NaN where there is none.
+        with_off: whether only the pairs are judged, with their laser-off pictures.
+    """
+    families: dict[str, Counts] = {}
+    with np.load(folder / "truth.npz") as truth:
+        for item in json.loads((folder / "index.json").read_text()):
+            if with_off and not item["off"]:
+                continue
+            on, off = (read(folder, item[name], item["colour"]) for name in ("on", "off"))
+            assert on is not None
+            counts = families.setdefault(item["set"], Counts())
+            start = time.process_time()
+            position = method(on, off if with_off else None, item["along"], CHANNELS[item["colour"]])
+            counts.seconds += time.process_time() - start
+            counts.pixels += on.shape[0] * on.shape[1]
+            name = f"{item['set']}/{item['name']}"
+            counts.add(position, *(truth[f"{name}.{part}"] for part in ("must", "may", "gap")))
+    return families
+
+
+def read(folder: Path, name: str | None, colour: str) -> Picture | None:
+    """One photograph, that of a mono camera ("m") with one channel."""
+    if name is None:
+        return None
+    picture = cv2.imread(str(folder / name))
+    if picture is None:
+        raise SystemExit(f"{folder / name}: no picture")
+    return np.ascontiguousarray(picture[:, :, 1]) if colour == "m" else picture
+
+
+def means(families: dict[str, Counts]) -> tuple[float, float, float]:
+    """Mean coverage, gross share and filled share of the families."""
+    every = list(families.values())
+    return (
+        float(np.mean([counts.coverage for counts in every])),
+        float(np.mean([counts.gross_share for counts in every])),
+        float(np.nanmean([counts.filled_share for counts in every])),
+    )
+
+
+def report(folder: Path) -> None:
+    """Print both tables."""
+    methods: dict[str, Method] = {"product": product, **PEERS}
+    for with_off in (False, True):
+        print(f"\n{'with' if with_off else 'without'} laser-off pictures: coverage / gross / gaps filled")
+        judged = {name: judge(folder, method, with_off=with_off) for name, method in methods.items()}
+        print(f"{'family':8s} {'rms px':>6s} {'ms':>6s} " + " ".join(f"{name:>20s}" for name in judged))
+        for family, own in judged["product"].items():
+            cells = (
+                f"{c.coverage:.3f} / {c.gross_share:.3f} / {c.filled_share:.2f}"
+                for c in (counts[family] for counts in judged.values())
+            )
+            print(f"{family:8s} {own.rms_px:6.2f} {own.band_ms:6.1f} " + " ".join(f"{cell:>20s}" for cell in cells))
+        cells = ("{:.3f} / {:.3f} / {:.2f}".format(*means(families)) for families in judged.values())
+        print(f"{'mean':22s} " + " ".join(f"{cell:>20s}" for cell in cells))
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.photographs", description=__doc__)
+    parser.add_argument("folder", type=Path, help="folder with index.json, truth.npz and the pictures")
+    folder = parser.parse_args().folder
+    if not (folder / "index.json").is_file():
+        print(f"{folder}: no index.json there; the photographs are not part of the repository, nothing was measured")
+        return
+    cv2.setNumThreads(1)
+    report(folder)
+
+
+if __name__ == "__main__":
+    main()

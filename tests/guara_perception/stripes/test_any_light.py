@@ -1,0 +1,101 @@
+"""The stripe in light in which its highest peaks do not tell it."""
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import guara_perception as gp
+from guara_perception.stripes.follow_stripe import follow_stripe
+
+STATUS = gp.StripeStatus
+ROWS, COLUMNS = 160, 320
+LASERS = {"red": (0.15, 0.3, 1.0), "green": (0.4, 1.0, 0.35), "blue": (1.0, 0.35, 0.1)}
+
+
+def scene(seed: int) -> npt.NDArray[np.float64]:
+    """A chessboard in bright light, (ROWS, COLUMNS, 3), without laser."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:ROWS, :COLUMNS]
+    board = 60 + 110 * (((y + 9) // 30 + x // 40) % 2)
+    grey = cv2.GaussianBlur(board.astype(float), (0, 0), 1.0)
+    return grey[:, :, None] * np.array([0.9, 1.0, 0.95]) + rng.normal(0, 1.5, (ROWS, COLUMNS, 3))
+
+
+def line() -> npt.NDArray[np.float64]:
+    """True row of the stripe in each column."""
+    x = np.arange(COLUMNS)
+    return 70 + 0.1 * x + 4 * np.sin(x / 40)
+
+
+def laser(colour: tuple[float, float, float], contrast: float, sigma: float = 1.5) -> npt.NDArray[np.float64]:
+    """Light of a line (ROWS, COLUMNS, 3)."""
+    y = np.arange(ROWS)[:, None]
+    return contrast * np.exp(-0.5 * ((y - line()) / sigma) ** 2)[:, :, None] * np.array(colour)
+
+
+def eight_bits(light: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
+    """As a camera delivers it."""
+    return np.clip(np.rint(light), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("colour", LASERS)
+def test_a_weak_line_on_a_bright_chessboard_is_found_in_any_colour(colour: str) -> None:
+    """The edges of the board have twice the line's contrast; its colour tells it, and nobody names that."""
+    profile = gp.extract_stripe(eight_bits(scene(1) + laser(LASERS[colour], 50)))
+    error = np.abs(profile.position_px - line())
+    found = np.isfinite(error)
+    assert found.mean() > 0.9
+    assert (error[found] < 1).mean() > 0.99
+
+
+def test_exposure_that_drifted_between_off_and_on_is_fitted() -> None:
+    """The board shows in the difference more strongly than the laser."""
+    gains = np.array([0.8, 1.25, 1.2])
+    profile = gp.extract_stripe(eight_bits(scene(2) * gains + laser(LASERS["red"], 60)), eight_bits(scene(3)))
+    error = np.abs(profile.position_px - line())
+    found = np.isfinite(error)
+    assert found.mean() > 0.9
+    assert (error[found] < 1).mean() > 0.99
+
+
+@pytest.mark.parametrize("sigma", [0.8, 2.0, 5.0])
+def test_a_clipped_core_of_any_width_has_its_centre_in_the_middle(sigma: float) -> None:
+    """White in the middle, the laser's colour at the rim."""
+    profile = gp.extract_stripe(eight_bits(0.3 * scene(4) + laser((0.5, 0.5, 1.0), 700, sigma)))
+    error = np.abs(profile.position_px - line())
+    found = np.isfinite(error)
+    assert found.mean() > 0.9
+    assert (error[found] < 1).mean() > 0.99
+
+
+def test_a_gap_stays_a_gap() -> None:
+    """Where the laser meets nothing, no height is made up from the board's edges."""
+    light = laser(LASERS["red"], 60)
+    light[:, 120:200] = 0
+    profile = gp.extract_stripe(eight_bits(scene(5) + light))
+    assert np.isfinite(profile.position_px[124:196]).mean() < 0.1
+    assert np.isfinite(profile.position_px[:110]).mean() > 0.9
+    assert np.isfinite(profile.position_px[210:]).mean() > 0.9
+
+
+def test_the_path_is_the_best_of_all() -> None:
+    """Against trying every path, for pictures small enough."""
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        evidence = rng.normal(0, 4, (1, 4, 3)).astype(np.float32)
+        row, is_stripe, worth = follow_stripe(evidence)
+        best = -np.inf
+        for states in np.ndindex(4, 4, 4, 4):
+            value = 0.0
+            for i, state in enumerate(states):
+                before = states[i - 1] if i else 3
+                value += evidence[0, i, state] if state < 3 else 0.0
+                if state < 3 and before < 3:
+                    value -= min(0.7 * abs(state - before), 6.0)
+                elif (state < 3) != (before < 3):
+                    value -= 4.0
+            value -= 4.0 * (states[-1] < 3)
+            best = max(best, value)
+        assert worth[0] == pytest.approx(best, abs=1e-4)
+        assert row.shape == is_stripe.shape == (1, 4)
