@@ -41,8 +41,9 @@ LEAST_COLUMNS, LEAST_SHARE, LEAST_SHARE_MONO = 12, 0.15, 0.5
 STRONG_PERCENTILE = 75
 # A laser keeps the ratio of its channels on any surface; what is not of it deviates by more.
 MOST_COLOUR_DEVIATION = 0.9
-# Of what a stripe adds to the picture without laser so much is a ridge of the picture with it; a moved edge is none.
-LEAST_OWN_RIDGE = 0.4
+# Of what a stripe adds to the picture without laser so much is a ridge of the picture with it, in so many of the
+# columns of a piece: beside the scene's edges it need not be. A moved edge is none anywhere.
+LEAST_OWN_RIDGE, LEAST_OWN_COLUMNS = 0.4, 0.25
 # The gain between laser off and on is fitted where that takes this share off the difference that is left.
 GAIN_ROUNDS, TRIM_DEVIATIONS, GAIN_WORTH = 6, 2.5, 0.7
 
@@ -180,21 +181,21 @@ def _hopeful_channels(light: Float32, frame: Float32, detail: Float32) -> list[i
     if channels == 1:
         return [0]
     step = FIRST_LOOK_COLUMNS if light.shape[1] >= FIRST_LOOK_FROM else 1
-    some = [np.ascontiguousarray(picture[:, step // 2 :: step]) for picture in (light, frame, detail)]
-    every = np.ones(some[0].shape[1], dtype=bool)
-    shape = some[0].shape[:2]
-    away = [_away(some[2][:, :, channel].argmax(axis=0), every, shape, NEAR_PEAK_PX) for channel in range(channels)]
+    light, frame, detail = (np.ascontiguousarray(picture[:, step // 2 :: step]) for picture in (light, frame, detail))
+    every = np.ones(light.shape[1], dtype=bool)
+    shape = light.shape[:2]
+    away = [_away(detail[:, :, channel].argmax(axis=0), every, shape, NEAR_PEAK_PX) for channel in range(channels)]
     colours = list(np.eye(channels))
     for look in range(2):
         evidence = []
         for channel in range(channels):
-            plane, _ = laser_plane(some[0], some[1], covariance(some[2], away[channel]), colours[channel], channel)
+            plane, _ = laser_plane(light, frame, covariance(detail, away[channel]), colours[channel], channel)
             evidence.append(ridges(plane, away[channel] if look else None).evidence().T)
         rows, is_stripe, worth = follow_stripe(np.stack(evidence))
-        seen = [rim_colour(some[0], some[1], rows[c], is_stripe[c], c) for c in range(channels)]
+        seen = [rim_colour(light, frame, rows[c], is_stripe[c], c) for c in range(channels)]
         away = [_away(rows[c], is_stripe[c], shape, NEAR_PATH_PX) for c in range(channels)]
         colours = [relative_colour(seen[c], c) for c in range(channels)]
-    score = worth * [_purity(*some, rows[c], is_stripe[c], c) for c in range(channels)]
+    score = worth * np.array([_purity(light, frame, detail, rows[c], is_stripe[c], c) for c in range(channels)])
     return [c for c in range(channels) if score[c] >= HOPEFUL * score.max()]
 
 
@@ -259,12 +260,9 @@ def _without_moved_edges(found: Detection, frame: Float32) -> Detection:
     """Only the pieces that are ridges of the picture with the laser too: an edge that moved between both is none."""
     own = np.asarray(frame @ found.weights.astype(np.float32))
     columns = np.arange(found.row.size)
-    height = np.empty(found.row.size, np.float32)
-    for sigma in SIGMAS_PX:
-        is_wide = found.sigma == np.float32(sigma)
-        height[is_wide] = ridge_of_width(own, sigma)[found.row, columns][is_wide]
+    height = np.max([ridge_of_width(own, sigma)[found.row, columns] for sigma in SIGMAS_PX], axis=0)
+    is_ridge = (height > LEAST_OWN_RIDGE * found.height) | found.is_core
     good = found.is_stripe.copy()
     for piece in _pieces(found.row, found.is_stripe):
-        is_ridge = height[piece] > LEAST_OWN_RIDGE * found.height[piece]
-        good[piece] = bool((is_ridge | found.is_core[piece]).mean() > 0.5)
+        good[piece] = bool(is_ridge[piece].mean() > LEAST_OWN_COLUMNS)
     return replace(found, is_stripe=good, is_core=found.is_core & good)

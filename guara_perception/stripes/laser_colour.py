@@ -60,18 +60,18 @@ def laser_plane(picture: Float32, frame: Float32, scene: Float, colour: Float, c
     """
     weights = laser_weights(scene, colour)
     channels = picture.shape[2]
-    if channels == 1:
-        plane = np.ascontiguousarray(picture[:, :, 0])
-    else:
-        plane = np.asarray(cv2.transform(picture, weights[None].astype(np.float32))).reshape(picture.shape[:2])
+    plane: Float32 = np.ascontiguousarray(picture[:, :, 0])
+    if channels > 1:
+        mixed = cv2.transform(picture, weights[None].astype(np.float32))
+        plane = np.asarray(mixed, np.float32).reshape(picture.shape[:2])
     full = (np.ascontiguousarray(frame[:, :, channel]) >= CLIPPED).astype(np.uint8)
     if channels == 1 or not full.any():
         return plane, full > 0
     core = cv2.dilate(full, np.ones((3, 1), np.uint8)) > 0
-    filled = cv2.morphologyEx(plane, cv2.MORPH_CLOSE, np.ones((WIDEST_CORE_PX, 1), np.uint8))
+    filled = np.asarray(cv2.morphologyEx(plane, cv2.MORPH_CLOSE, np.ones((WIDEST_CORE_PX, 1), np.uint8)), np.float32)
     others = np.float32(OTHERS_SHARE) * (picture.sum(axis=2) - picture[:, :, channel])
     raised = filled + np.clip(others, 0, np.float32(MOST_OF_CORE) * np.maximum(filled, 0))
-    return np.where(core, raised, plane), core
+    return np.where(core, raised, plane).astype(np.float32), core
 
 
 def rim_colour(picture: Float32, frame: Float32, row: Index, is_stripe: Mask, channel: int) -> Float:

@@ -8,7 +8,7 @@ from guara_perception.stripes.band import Band
 from guara_perception.stripes.centre import noise_gain, responses
 from guara_perception.stripes.choose import RIVAL_OF_PEAK, choose_peaks
 from guara_perception.stripes.clipped import clipped_columns
-from guara_perception.stripes.filters import ROW_MEAN_PX
+from guara_perception.stripes.filters import COLUMN_MEAN_PX, ROW_MEAN_PX
 from guara_perception.stripes.find_peaks import THRESHOLD_SIGMAS, FoundPeaks, find_peaks
 from guara_perception.stripes.middle import middle
 from guara_perception.stripes.seek_any_light import seek_any_light
@@ -19,6 +19,8 @@ from guara_perception.stripes.windows import at_rows
 # The highest peaks tell the stripe where most of them stand this far above the noise, few jump by more than so many
 # rows from one column to the next, and few have a rival.
 CLEAR_SIGMAS = 15.0
+# Noise of more grey levels than this is not the sensor's: the pair does not fit, and may hide a stripe.
+MOST_NOISE = 4.0
 JUMP_PX, MOST_JUMPS, MOST_RIVALS = 4, 0.05, 0.2
 
 
@@ -67,11 +69,11 @@ def is_doubtful(found: FoundPeaks) -> bool:
     is_peak = found.peaks.height > found.threshold
     count = int(np.count_nonzero(is_peak))
     if not count:
-        return False
+        return found.noise > MOST_NOISE * COLUMN_MEAN_PX
     height = found.peaks.height[is_peak]
     if middle(height) < CLEAR_SIGMAS / THRESHOLD_SIGMAS * found.threshold:
         return True
     jumps = (np.abs(np.diff(found.peaks.top)) > JUMP_PX) & is_peak[1:] & is_peak[:-1]
     second = found.peaks.second[is_peak]
     rivals = (second > found.threshold) & (second > RIVAL_OF_PEAK * height)
-    return np.count_nonzero(jumps) > MOST_JUMPS * count or np.count_nonzero(rivals) > MOST_RIVALS * count
+    return bool(np.count_nonzero(jumps) > MOST_JUMPS * count or np.count_nonzero(rivals) > MOST_RIVALS * count)

@@ -1,4 +1,4 @@
-"""Seeks a stripe in light in which its highest peaks do not tell it: detection first, then measurement about its path."""
+"""Seeks a stripe that its highest peaks do not tell: detection in any light, then measurement about its path."""
 
 from __future__ import annotations
 
