@@ -21,6 +21,7 @@ from drivers.proof import ProofLimits
 from drivers.protocol import BoardFault, BoardFlag
 from drivers.records import BoardIdentity, BoardStatus
 from drivers.replay_camera import ReplayCamera
+from drivers.sweep_options import SweepOptions
 from drivers.udev import UDEV_RULE_FILE, udev_instructions, udev_rule
 
 __all__ = [
@@ -51,6 +52,7 @@ __all__ = [
     "StripeEvidence",
     "StripeStream",
     "StripeVerdict",
+    "SweepOptions",
     "acquire",
     "measure_lag",
     "meter_exposure",

@@ -19,8 +19,10 @@ from drivers.frame import Frame, Image
 from drivers.options import AcquireOptions
 from drivers.pattern import PatternStripe, RowRangeOf, check_pattern
 from drivers.proof import StepProof
+from drivers.raw_stripe import RawStripe
 from drivers.scan_report import write_report
-from drivers.scan_worker import RawStripe, ScanWorker
+from drivers.scan_worker import ScanWorker
+from drivers.sweep_worker import SweepWorker
 
 logger = logging.getLogger(__name__)
 # Seconds between two looks at whether the scan's thread still lives.
@@ -97,7 +99,8 @@ class StripeStream:
         """Prepare; see `acquire`."""
         self._board, self._band = board, band
         self._pattern = pattern
-        self._worker = ScanWorker(board, camera, self._pattern, options, should_stop)
+        kind = ScanWorker if options.sweep is None else SweepWorker
+        self._worker: ScanWorker | SweepWorker = kind(board, camera, self._pattern, options, should_stop)
         self._proof = StepProof(options.limits)
         self._verdicts: list[tuple[int, StripeVerdict]] = []
         self._on_before: Image | None = None

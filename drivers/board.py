@@ -166,6 +166,18 @@ class LaserBoard(BoardSession):
             self.wait_until_still()
         return self.identity.angle_of(step)
 
+    def begin_sweep(self, argument: int) -> BoardStatus:
+        """Let the board sweep by itself; `drivers.board_sweep` knows what goes into the argument.
+
+        Raises:
+            MirrorNotHomed: home first.
+            LaserRefused: a fault forbids the laser.
+            BoardError: the board refuses.
+        """
+        status = self._command(Request.SWEEP, argument)
+        self._begin_motion(status)
+        return status
+
     def halt(self) -> BoardStatus:
         """Stop the mirror where it is."""
         return self._command(Request.HALT)

@@ -48,10 +48,14 @@ class Camera(ABC):
         lag: a frame stamped t shows nothing older than t - lag [s]: exposure, read-out and transfer together.
             None when unknown: acquisition then throws frames away after every change instead. `measure_lag`
             finds it out.
+        triggered: exposes at each pulse on its trigger line and at no other time, and tells `Frame.device_time`.
+        trigger_period: shortest time between two triggers that it bears at its present exposure [s].
     """
 
     name: str = "camera"
     lag: float | None = None
+    triggered: bool = False
+    trigger_period: float = 0.0
 
     def __enter__(self) -> Self:
         """Open the camera."""

@@ -107,6 +107,7 @@ class ScanReport:
         frames_repeated: frames delivered twice.
         duration: from the first command to the arrival of the last frame [s].
         problems: what is wrong, in words; empty for a good scan.
+        notes: what one should know of how it was taken, in words.
     """
 
     planned: tuple[int, ...]
@@ -120,6 +121,7 @@ class ScanReport:
     frames_repeated: int
     duration: float
     problems: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def missing(self) -> tuple[int, ...]:

@@ -60,6 +60,10 @@ class ProtocolMismatch(BoardError, RuntimeError):
     """Board and driver speak different versions of the protocol."""
 
 
+class BoardTooOld(BoardError, NotImplementedError):
+    """The board's firmware lacks what was asked for."""
+
+
 class LaserRefused(BoardError, RuntimeError):
     """The board refuses to switch the laser on; the message names the fault."""
 
@@ -102,6 +106,10 @@ class CameraBackendMissing(CameraError, ValueError):
 
 class CameraNotOpen(CameraError, RuntimeError):
     """A frame was asked of a camera that is closed."""
+
+
+class CameraNotTriggered(CameraError, ValueError):
+    """A sweep was asked for with a camera that does not wait for the board's trigger."""
 
 
 class CameraTimeout(CameraError, TimeoutError):

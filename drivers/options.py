@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass, field
 
 from drivers.proof import ProofLimits
+from drivers.sweep_options import SweepOptions
 
 
 class OffFrames(enum.Enum):
@@ -36,6 +37,8 @@ class AcquireOptions:
             the processor's caches: on a machine that is idle between frames it takes a good third less time. Each
             stripe costs the memory of a frame.
         limits: when a difference between frames counts.
+        sweep: let the board sweep by itself and trigger the camera, see `SweepOptions`; None: the host turns the
+            mirror and the camera runs freely. A sweep does not pause for a slow caller: all of its frames may wait.
 
     Raises:
         ValueError: a value outside what is allowed.
@@ -48,6 +51,7 @@ class AcquireOptions:
     queue_size: int = 4
     together: int = 1
     limits: ProofLimits = field(default_factory=ProofLimits)
+    sweep: SweepOptions | None = None
 
     def __post_init__(self) -> None:
         """Check every value."""

@@ -7,6 +7,7 @@ from collections import Counter
 from drivers.capture import ScanReport, StripeVerdict
 from drivers.pattern import PatternStripe
 from drivers.scan_worker import ScanWorker
+from drivers.sweep_worker import SweepWorker
 
 WORDS = {
     StripeVerdict.AMBIENT_CHANGED: "the light or the camera's exposure changed: lock its settings",
@@ -21,7 +22,7 @@ WORDS = {
 
 def write_report(
     pattern: tuple[PatternStripe, ...],
-    worker: ScanWorker,
+    worker: ScanWorker | SweepWorker,
     verdicts: tuple[tuple[int, StripeVerdict], ...],
 ) -> ScanReport:
     """The report.
@@ -44,10 +45,11 @@ def write_report(
         frames_repeated=grabber.repeated,
         duration=max(0.0, grabber.last_stamp - worker.begun),
         problems=tuple(_problems(worker, verdicts)),
+        notes=tuple(worker.notes),
     )
 
 
-def _problems(worker: ScanWorker, verdicts: tuple[tuple[int, StripeVerdict], ...]) -> list[str]:
+def _problems(worker: ScanWorker | SweepWorker, verdicts: tuple[tuple[int, StripeVerdict], ...]) -> list[str]:
     counts = Counter(verdict for _, verdict in verdicts)
     problems = [f"{counts[kind]} of {len(verdicts)} stripes: {words}" for kind, words in WORDS.items() if counts[kind]]
     if verdicts and counts[StripeVerdict.DARK] == len(verdicts):

@@ -6,7 +6,6 @@ import logging
 import queue
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from drivers import timing
 from drivers.board import LaserBoard
@@ -17,20 +16,11 @@ from drivers.frame_grabber import FrameGrabber
 from drivers.laser_switch import LaserSwitch, ScanStopped
 from drivers.options import AcquireOptions, OffFrames
 from drivers.pattern import PatternStripe
+from drivers.raw_stripe import RawStripe
 
 logger = logging.getLogger(__name__)
 # Seconds between two looks at whether to stop, while the caller is slow.
 QUEUE_SLICE = 0.05
-
-
-@dataclass(frozen=True, slots=True)
-class RawStripe:
-    """A stripe as the thread hands it over: not yet judged."""
-
-    stripe: PatternStripe
-    reached: float
-    on: Frame | None
-    off: Frame | None
 
 
 class ScanWorker(threading.Thread):
@@ -68,6 +58,7 @@ class ScanWorker(threading.Thread):
         self.failure: Exception | None = None
         self.stopped_early = False
         self.off_frames_lost = 0
+        self.notes: list[str] = []
         self.begun = timing.monotonic()
 
     def cancel(self) -> None:

@@ -22,9 +22,19 @@ from drivers.errors import (
     BoardUnplugged,
     LaserStuckOn,
 )
-from drivers.protocol import IDENTITY_SIZE, PROTOCOL_MAJOR, PROTOCOL_MINOR, STATUS_SIZE, BoardFault, Request
+from drivers.protocol import (
+    IDENTITY_SIZE,
+    MOTION_SIZE,
+    PROTOCOL_MAJOR,
+    PROTOCOL_MINOR,
+    STATUS_SIZE,
+    STRIPE_SIZE,
+    BoardFault,
+    Request,
+)
 from drivers.records import BoardIdentity, BoardStatus
 from drivers.refusals import check_version, raise_refusal
+from drivers.sweep_records import MotionProfile, StripeRecord
 from drivers.usb_link import UsbLink
 
 _Record = TypeVar("_Record")
@@ -161,16 +171,39 @@ class BoardSession:
         """Ask for the status; this also feeds the watchdog."""
         return self._command(Request.STATUS)
 
+    def command(self, request: Request, argument: int = 0) -> BoardStatus:
+        """Carry out a command that has no method of its own; refusals are raised as errors."""
+        return self._command(request, argument)
+
+    def motion_profile(self) -> MotionProfile:
+        """Ask how the motor moves.
+
+        Raises:
+            BoardStalled: the board speaks protocol 1.0, which does not tell.
+        """
+        return self._repeat(Request.MOTION, 0, MOTION_SIZE, MotionProfile.unpack)
+
+    def read_record(self, timeout: float) -> BoardStatus | StripeRecord | None:
+        """Wait for whatever the board reports next; None when nothing came in time, or nothing readable.
+
+        Args:
+            timeout: longest wait [s].
+        """
+        try:
+            data = self._link.read_report(timeout)
+            if data is None:
+                return None
+            return StripeRecord.unpack(data) if len(data) == STRIPE_SIZE else BoardStatus.unpack(data)
+        except (BadReply, BoardStalled, BoardTransferFailed) as failure:
+            logger.warning("report unusable: %s", failure)
+            return None
+
     def _begin_session(self) -> BoardStatus:
         return self._command(Request.HELLO, HOST_VERSION)
 
     def _read_report(self, timeout: float) -> BoardStatus | None:
-        try:
-            data = self._link.read_report(timeout)
-            return None if data is None else BoardStatus.unpack(data)
-        except (BadReply, BoardStalled, BoardTransferFailed) as failure:
-            logger.warning("report unusable, the status is asked for instead: %s", failure)
-            return None
+        record = self.read_record(timeout)
+        return record if isinstance(record, BoardStatus) else None
 
     def _command(self, request: Request, argument: int = 0) -> BoardStatus:
         with self._lock:

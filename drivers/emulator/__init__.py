@@ -9,13 +9,19 @@ from __future__ import annotations
 from drivers.emulator.backend import EmulatedBackend, emulated_backend
 from drivers.emulator.board import EmulatedBoard
 from drivers.emulator.camera import CameraFault, EmulatedCamera
+from drivers.emulator.clock import EmulatedClock
 from drivers.emulator.config import EmulatorConfig
 from drivers.emulator.faults import Fault, FaultKind
 from drivers.emulator.laser import Switching
 from drivers.emulator.remote import RemoteBoard, remote_backend
+from drivers.emulator.shutter import Shutter
+from drivers.emulator.triggered_camera import EmulatedTriggeredCamera
 from drivers.emulator.views import BoardView, ExposureView
 
 __all__ = [
+    "EmulatedClock",
+    "EmulatedTriggeredCamera",
+    "Shutter",
     "BoardView",
     "CameraFault",
     "EmulatedBackend",

@@ -136,16 +136,16 @@ class EmulatedBoard:
             )
 
     def triggers(self) -> tuple[float, ...]:
-        """When the camera was triggered [s], oldest first (the last few thousand)."""
+        """When the camera was triggered [s], oldest first."""
         with self._lock:
             self._advance()
             return tuple(self._sweep.triggers)
 
-    def openings(self) -> tuple[Opening, ...]:
-        """When the shutter of the triggered camera opened and closed [s], oldest first (the last few thousand)."""
+    def openings(self, first: int = 0) -> tuple[Opening, ...]:
+        """When the shutter of the triggered camera opened and closed [s], from opening number `first` on."""
         with self._lock:
             self._advance()
-            return tuple(self._sweep.openings)
+            return tuple(self._sweep.openings[first:])
 
     def switchings(self) -> tuple[Switching, ...]:
         """When the laser really went on and off, oldest first (the last few thousand)."""

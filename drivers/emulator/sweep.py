@@ -47,8 +47,8 @@ class SweepUnit:
     def __init__(self, mirror: MirrorUnit, light: LightUnit, shutter: Shutter) -> None:
         """Prepare, with nothing set."""
         self._mirror, self._light, self.shutter = mirror, light, shutter
-        self.triggers: deque[float] = deque(maxlen=8192)
-        self.openings: deque[Opening] = deque(maxlen=8192)
+        self.triggers: list[float] = []
+        self.openings: list[Opening] = []
         self._triggered_ever = 0
         self.forget(0.0)
 

@@ -104,10 +104,10 @@ class ChipBus:
         with self.lock:
             return self.chip.exposure(start, end)
 
-    def openings(self) -> tuple[Opening, ...]:
-        """When the shutter of the triggered camera opened and closed [s]."""
+    def openings(self, first: int = 0) -> tuple[Opening, ...]:
+        """When the shutter of the triggered camera opened and closed [s], from opening number `first` on."""
         with self.lock:
-            return tuple(self.chip.world.openings)
+            return tuple(self.chip.world.openings[first:])
 
     def _check(self) -> None:
         if not self.present():

@@ -1,0 +1,122 @@
+"""A camera that exposes when the emulated board triggers it, and tells the time of its own clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from drivers import timing
+from drivers.camera import Camera, CameraSettings
+from drivers.emulator.shutter import Opening, Shutter
+from drivers.emulator.views import ExposureView
+from drivers.errors import CameraNotOpen, CameraTimeout
+from drivers.frame import Frame, Image, read_only
+
+# Seconds between two looks at whether a shutter has opened.
+LOOK = 0.0005
+# Seconds after an exposure before which no other may begin.
+READ_OUT = 0.0002
+
+
+class TriggersCamera(Protocol):
+    """A board that triggers a camera: `EmulatedBoard`, or `ChipBus` with the firmware behind it."""
+
+    def exposure(self, start: float, end: float) -> ExposureView:
+        """Return what a camera that exposed from `start` to `end` [s] saw."""
+
+    def openings(self, first: int = 0) -> tuple[Opening, ...]:
+        """When the shutter opened and closed [s], from opening number `first` on."""
+
+
+class EmulatedTriggeredCamera(Camera):
+    """One frame for each opening of the shutter. Faults of the shutter are those of `Shutter`."""
+
+    triggered = True
+
+    def __init__(
+        self,
+        board: TriggersCamera,
+        shutter: Shutter,
+        render: Callable[[ExposureView, CameraSettings], Image],
+        *,
+        latency: float = 0.004,
+        clock_offset: float = 1234.5,
+        clock_drift: float = 2e-5,
+        name: str = "emulated triggered camera",
+    ) -> None:
+        """Prepare the camera.
+
+        Args:
+            board: that triggers it, and whose laser and mirror it sees.
+            shutter: the board's, see `EmulatedBoard.shutter` and `Wiring.shutter`.
+            render: makes the image of an exposure, from what the board did meanwhile and the camera's settings.
+            latency: from the end of the exposure to the arrival [s].
+            clock_offset: of the camera's clock [s].
+            clock_drift: by how much it is fast, as a share.
+            name: for messages.
+        """
+        self.name = name
+        self._bear(shutter.exposure, latency)
+        self.dropped: frozenset[int] = frozenset()
+        """Numbers of the frames, from 0, that are lost on their way."""
+        self._board, self._shutter, self._render = board, shutter, render
+        self._latency, self._clock_offset, self._clock_drift = latency, clock_offset, clock_drift
+        self._settings = CameraSettings(exposure=shutter.exposure, gain=1.0, white_balance=5000.0, gamma=1.0)
+        self._next: int | None = None
+
+    def open(self) -> None:
+        """Wait for triggers; harmless when open."""
+        if self._next is None:
+            self._next = len(self._board.openings())
+
+    def close(self) -> None:
+        """Stop."""
+        self._next = None
+
+    def lock(self, settings: CameraSettings) -> CameraSettings:
+        """Take the exposure; the other settings are fixed."""
+        if settings.exposure is not None:
+            self._shutter.exposure = settings.exposure
+            self._settings = CameraSettings(exposure=settings.exposure, gain=1.0, white_balance=5000.0, gamma=1.0)
+            self._bear(settings.exposure, self._latency)
+        return self._settings
+
+    def grab(self, timeout: float) -> Frame:
+        """Return the next frame.
+
+        Raises:
+            CameraTimeout: none arrives in time.
+            CameraNotOpen: open it first.
+        """
+        deadline = timing.monotonic() + timeout
+        while True:
+            number = self._started()
+            found = self._board.openings(number)
+            now = timing.monotonic()
+            if found and found[0][1] + self._latency <= now:
+                self._next = number + 1
+                if number not in self.dropped:
+                    return self._frame(number, *found[0])
+                continue
+            if now >= deadline:
+                raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
+            timing.sleep(min(LOOK, deadline - now))
+
+    def flush(self) -> None:
+        """Forget what has arrived."""
+        self._started()
+        self._next = len(self._board.openings())
+
+    def _bear(self, exposure: float, latency: float) -> None:
+        self.lag = exposure + latency
+        self.trigger_period = exposure + READ_OUT
+
+    def _started(self) -> int:
+        if self._next is None:
+            raise CameraNotOpen(f"{self.name} is not open: use `with camera:`")
+        return self._next
+
+    def _frame(self, number: int, start: float, end: float) -> Frame:
+        image = self._render(self._board.exposure(start, end), self._settings)
+        device_time = self._clock_offset + start * (1.0 + self._clock_drift)
+        return Frame(read_only(image), number, end + self._latency, device_time)

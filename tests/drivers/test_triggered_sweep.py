@@ -1,0 +1,221 @@
+"""Scans that the board sweeps by itself, through `acquire`: every frame proved by times, or a lost stripe."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from drivers import AcquireOptions, BoardConfig, LaserBoard, OffFrames, StripeVerdict, SweepOptions, acquire, prepare, timing
+from drivers.emulator import (
+    EmulatedBoard,
+    EmulatedCamera,
+    EmulatedClock,
+    EmulatedTriggeredCamera,
+    EmulatorConfig,
+    Fault,
+    FaultKind,
+    emulated_backend,
+)
+from drivers.errors import BoardTooOld, CameraNotTriggered, LaserRefused
+from drivers.sweep_proof import WAITS, ClockMatch
+
+STRIPES = 70
+PATTERN = [(index, -0.14 + 0.46 * index / (STRIPES - 1)) for index in range(STRIPES)]
+SWEEP = AcquireOptions(sweep=SweepOptions(flash=0.004))
+
+
+class Rig:
+    """An emulated board with a triggered camera whose picture tells where the mirror stood."""
+
+    def __init__(self, config: EmulatorConfig | None = None) -> None:
+        self.emulated = EmulatedBoard(config)
+        self.camera = EmulatedTriggeredCamera(self.emulated, self.emulated.shutter, self.render)
+
+    @staticmethod
+    def row_of(mirror_angle: float) -> int:
+        return round(20 + (mirror_angle + 0.15) * 400)
+
+    def render(self, view, settings) -> np.ndarray:
+        image = np.full((256, 96, 3), 40, np.uint8)
+        if view.laser_fraction > 0.2:
+            row = self.row_of(view.mirror_angle)
+            image[row - 1 : row + 2, :, 2] = 200
+        return image
+
+    def scan(self, board: LaserBoard, options: AcquireOptions = SWEEP, pattern=PATTERN):
+        with self.camera, acquire(board, self.camera, pattern, options) as stripes:
+            return list(stripes), stripes.report
+
+
+@pytest.fixture
+def rig() -> Iterator[Rig]:
+    with timing.on_clock(EmulatedClock()):
+        yield Rig()
+
+
+@pytest.fixture
+def board(rig: Rig) -> Iterator[LaserBoard]:
+    with LaserBoard(BoardConfig(handle_signals=False), backend=emulated_backend(rig.emulated)) as device:
+        yield device
+
+
+def wrong(rig: Rig, stripes) -> list[int]:
+    """Indices of the stripes whose picture shows another than the commanded angle."""
+    found = []
+    for stripe in stripes:
+        if stripe.on is None:
+            continue
+        lit = np.flatnonzero(stripe.on[:, 0, 2] > 100)
+        if lit.size and abs(lit.mean() - rig.row_of(stripe.mirror_angle)) > 1.5:
+            found.append(stripe.index)
+    return found
+
+
+@pytest.mark.parametrize("wired", [False, True])
+@pytest.mark.parametrize("off", list(OffFrames))
+def test_a_sweep_brings_every_stripe_proved(rig: Rig, board: LaserBoard, off: OffFrames, wired: bool) -> None:
+    """In order, in step, each showing what was commanded; the report says whether exposures were counted."""
+    rig.emulated.shutter.wired = wired
+    stripes, report = rig.scan(board, AcquireOptions(off=off, sweep=SweepOptions()))
+    assert [stripe.index for stripe in stripes] == [index for index, _ in PATTERN]
+    assert report.in_step and not report.problems and not wrong(rig, stripes)
+    assert ("exposures not counted" in " ".join(report.notes)) == (not wired)
+    assert not rig.emulated.view().laser_on
+
+
+def test_it_takes_little_longer_than_the_motion(rig: Rig, board: LaserBoard) -> None:
+    """At most 1.15 of move, settle and flash, by the board's own account of its motion; 0.65 s in all."""
+    prepare(board, PATTERN)
+    before = len(rig.emulated.triggers())
+    stripes, _ = rig.scan(board)
+    triggers = rig.emulated.triggers()[before:]
+    profile = board.motion_profile()
+    steps = [board.step_at(angle) for _, angle in PATTERN]
+    moves = sum(profile.time(after - here) for here, after in zip(steps, steps[1:], strict=False))
+    bound = moves + len(steps) * (profile.settle + 0.004)
+    assert len(stripes) == STRIPES and triggers[-1] + 0.004 - triggers[0] <= min(1.15 * bound, 0.65)
+
+
+@pytest.mark.parametrize("wired", [False, True])
+@pytest.mark.parametrize(
+    "shutter",
+    [
+        {"missed": frozenset({0})},
+        {"missed": frozenset({1})},
+        {"missed": frozenset({5, 6, 7})},
+        {"missed": frozenset({70})},
+        {"doubled": frozenset({0, 3, 30})},
+        {"late": {2: 0.003, 40: 0.0015}},
+        {"late": {0: 0.02}, "missed": frozenset({9}), "doubled": frozenset({12})},
+    ],
+)
+def test_triggers_gone_wrong_never_give_a_wrong_stripe(rig: Rig, board: LaserBoard, shutter, wired: bool) -> None:
+    """What was missed, doubled or late is taken again; the scan is whole all the same."""
+    rig.emulated.shutter.wired = wired
+    for name, value in shutter.items():
+        setattr(rig.emulated.shutter, name, value)
+    stripes, report = rig.scan(board)
+    assert not wrong(rig, stripes)
+    assert sorted(stripe.index for stripe in stripes) == [index for index, _ in PATTERN]
+    assert all(stripe.on is not None for stripe in stripes)
+    assert report.in_step
+
+
+def test_a_frame_lost_on_its_way_is_taken_again(rig: Rig, board: LaserBoard) -> None:
+    rig.camera.dropped = frozenset({4, 33})
+    stripes, report = rig.scan(board)
+    assert len(stripes) == STRIPES and not wrong(rig, stripes)
+    assert "2 stripes were taken again" in report.notes
+
+
+def test_what_is_missed_every_time_is_lost(rig: Rig, board: LaserBoard) -> None:
+    """A camera that sees every second trigger only: half is proved twice over, nothing is guessed."""
+    rig.emulated.shutter.missed = frozenset(range(1, 400, 2))
+    stripes, report = rig.scan(board, AcquireOptions(sweep=SweepOptions(repeats=0)))
+    lost = [stripe for stripe in stripes if stripe.verdict is StripeVerdict.LOST]
+    assert 30 <= len(lost) <= STRIPES and not wrong(rig, stripes)
+    assert any("no frame came" in problem for problem in report.problems)
+
+
+def test_a_camera_without_trigger_is_refused(rig: Rig, board: LaserBoard) -> None:
+    with (
+        EmulatedCamera(rig.emulated, rig.render, fps=100, exposure=0.004) as camera,
+        pytest.raises(CameraNotTriggered, match="runs freely"),
+        acquire(board, camera, PATTERN, SWEEP) as stripes,
+    ):
+        list(stripes)
+
+
+def test_a_board_of_1_0_is_told_from_one_that_sweeps(rig: Rig) -> None:
+    """It works as before, and refuses a sweep in words."""
+    import dataclasses
+
+    old = dataclasses.replace(EmulatorConfig().identity, protocol=(1, 0))
+    rig = Rig(EmulatorConfig(identity=old))
+    with (
+        LaserBoard(BoardConfig(handle_signals=False), backend=emulated_backend(rig.emulated)) as board,
+        pytest.raises(BoardTooOld, match=r"speaks protocol 1\.0 .*flash"),
+    ):
+        rig.scan(board)
+
+
+def test_heat_ends_the_sweep_in_the_dark(rig: Rig, board: LaserBoard) -> None:
+    with (
+        rig.camera,
+        pytest.raises(LaserRefused, match="too hot"),
+        acquire(board, rig.camera, PATTERN, SWEEP) as stripes,
+    ):
+        for _ in stripes:
+            rig.emulated.inject(Fault(FaultKind.HOT, amount=70))
+    assert not rig.emulated.view().laser_on
+
+
+def test_leaving_early_puts_the_laser_out(rig: Rig, board: LaserBoard) -> None:
+    with rig.camera, acquire(board, rig.camera, PATTERN, SWEEP) as stripes:
+        next(iter(stripes))
+    assert not rig.emulated.view().laser_on
+    assert len(rig.emulated.triggers()) < STRIPES
+
+
+def times_of(waits: Callable[[int], float], count: int) -> np.ndarray:
+    return np.cumsum([0.008 + waits(place) for place in range(count)])
+
+
+def test_a_shift_is_never_taken_for_the_truth() -> None:
+    """Random sweeps with frames missing anywhere, extra ones and late ones: an offset is the true one, or none."""
+    rng = random.Random(3)
+    triggers = times_of(lambda place: 0.0005 * (WAITS[place] if place < len(WAITS) else 0), 71)
+    proved = 0
+    for _ in range(300):
+        share = rng.choice([0.02, 0.1, 0.3])
+        stamps = [time for time in triggers if rng.random() > share]
+        stamps += [rng.choice(triggers) + rng.uniform(0.001, 0.02) for _ in range(rng.randrange(6))]
+        seen = np.sort(np.array(stamps)) + 77.0
+        match = ClockMatch(0.001)
+        for count in range(1, 72):
+            match.learn(triggers[:count], seen[seen <= triggers[count - 1] + 77.004])
+        if match.proved:
+            proved += 1
+            found = match.frame_of(triggers[35], np.array([triggers[35] + 77.0]))
+            assert found == 0
+            assert match.frame_of(triggers[36], np.array([triggers[35] + 77.0])) is None
+    assert proved > 250
+
+
+def test_even_gaps_prove_nothing() -> None:
+    """Without the waits a missed first trigger would look like a missed last one: no offset is believed."""
+    triggers = times_of(lambda place: 0.0, 71)
+    match = ClockMatch(0.001)
+    match.learn(triggers, triggers[1:] + 5.0)
+    assert not match.proved
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"flash": 0.0}, {"flash": 1.0}, {"period": -1.0}, {"tolerance": 0.1}, {"repeats": 9}]
+)
+def test_options_check_themselves(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="allowed is"):
+        SweepOptions(**wrong)  # type: ignore[arg-type]
