@@ -39,6 +39,7 @@ class Effort:
         stripe_counts, picture_sizes, cell_sides: of the growth section.
         starts: processes started per kind.
         pings: messages per kind of transport.
+        faulty_sweeps: sweeps with triggers gone wrong.
     """
 
     rounds: int
@@ -51,8 +52,9 @@ class Effort:
     cell_sides: tuple[int, ...]
     starts: int
     pings: int
+    faulty_sweeps: int
 
 
 SIZES = ((640, 512), (800, 640), (1280, 1024), (1800, 1440), (2560, 2048))
-FULL = Effort(9, 3, (1280, 1024), 70, 70, (17, 35, 70, 140), SIZES, (32, 64, 128, 256, 512, 1024, 2048), 9, 400)
-QUICK = Effort(3, 1, (1280, 1024), 70, 10, (17, 70), SIZES[:3:2], (32, 128, 512), 3, 60)
+FULL = Effort(9, 3, (1280, 1024), 70, 70, (17, 35, 70, 140), SIZES, (32, 64, 128, 256, 512, 1024, 2048), 9, 400, 200)
+QUICK = Effort(3, 1, (1280, 1024), 70, 10, (17, 70), SIZES[:3:2], (32, 128, 512), 3, 60, 20)

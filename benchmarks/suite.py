@@ -10,7 +10,7 @@ from pathlib import Path
 
 import cv2
 
-from benchmarks import extraction, growth, hotspots, messaging, scans, scenes, starting
+from benchmarks import extraction, growth, hotspots, messaging, scans, scenes, starting, sweeps
 from benchmarks.machine import machine
 from benchmarks.plots import error_against_time, growth_plot
 from benchmarks.remarks import remarks
@@ -48,6 +48,7 @@ def measure(effort: Effort, folders: list[Path], say: Callable[[str], object] = 
         lambda: starting.memory(standard),
         lambda: starting.starting(OWN_DATA, effort),
         lambda: hotspots.hotspots(standard),
+        lambda: sweeps.section(effort.faulty_sweeps),
     ]
     sections: dict[str, Section] = {}
     for part in parts:

@@ -57,12 +57,13 @@ class BoardSweep:
         """Set which frames are taken in the dark."""
         self._board.command(Request.SWEEP_OFF_FRAMES, int(OFF_FRAMES[off]))
 
-    def begin(self, steps: Sequence[int], waits: Sequence[int]) -> BoardStatus:
+    def begin(self, steps: Sequence[int], waits: Sequence[int], first: int = 0) -> BoardStatus:
         """Fill the table and begin; return the status, whose `motion` marks this sweep's records.
 
         Args:
             steps: of the stripes, in order, at most 256.
             waits: before their triggers, in 0.5 ms.
+            first: place of the table where they begin; what stands there already is not sent again.
 
         Raises:
             BoardError: the board refuses.
@@ -71,13 +72,17 @@ class BoardSweep:
             raise ValueError(f"{len(steps)} stripes with {len(waits)} waits, allowed are 1 ... {SWEEP_STRIPES} of each")
         if not all(0 <= wait <= WAIT_UNITS for wait in waits):
             raise ValueError(f"waits {min(waits)} ... {max(waits)}, allowed are 0 ... {WAIT_UNITS}")
-        for place, (step, wait) in enumerate(zip(steps, waits, strict=True)):
-            self._board.command(Request.SWEEP_STEP, _signed(wait << 25 | place % SWEEP_PLACES << 16 | step & 0xFFFF))
+        table = self._board.sweep_table
+        for place, (step, wait) in enumerate(zip(steps, waits, strict=True), first):
+            argument = _signed(wait << 25 | place % SWEEP_PLACES << 16 | step & 0xFFFF)
+            if table.get(place) != argument:
+                self._board.command(Request.SWEEP_STEP, argument)
+                table[place] = argument
         self._board.wait_until_still()
         while self._board.read_record(0.001) is not None:
             pass
         self._number = (self._number + 1) % NUMBERS
-        return self._board.begin_sweep(_signed(self._number << 25 | len(steps)))
+        return self._board.begin_sweep(_signed(self._number << 25 | first << 16 | len(steps)))
 
     def clock_of(self, record: StripeRecord) -> float:
         """Return the trigger's time [s] since this object's first record, past the wrap of the board's clock."""

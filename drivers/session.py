@@ -63,6 +63,8 @@ class BoardSession:
             self.config.vendor_id, self.config.product_id, self.config.serial, self.config.timeout, backend
         )
         self._identity: BoardIdentity | None = None
+        self.sweep_table: dict[int, int] = {}
+        """What this session has put into the board's table of steps: arguments of SWEEP_STEP by place."""
         self._lock = threading.RLock()
 
     def __enter__(self) -> Self:
@@ -116,7 +118,7 @@ class BoardSession:
             identity = self._repeat(Request.IDENTIFY, 0, IDENTITY_SIZE, BoardIdentity.unpack)
             check_version(identity)
             self._identity = identity
-            self._command(Request.HELLO, HOST_VERSION)
+            self._begin_session()
         except BaseException:
             guard.release(self)
             self._link.close()
@@ -199,6 +201,7 @@ class BoardSession:
             return None
 
     def _begin_session(self) -> BoardStatus:
+        self.sweep_table.clear()
         return self._command(Request.HELLO, HOST_VERSION)
 
     def _read_report(self, timeout: float) -> BoardStatus | None:

@@ -19,7 +19,7 @@ from drivers.frame import Frame
 from drivers.laser_switch import LaserSwitch, ScanStopped
 from drivers.options import AcquireOptions, OffFrames
 from drivers.pattern import PatternStripe
-from drivers.protocol import BoardFault, BoardFlag, Shot, describe_faults
+from drivers.protocol import SWEEP_STRIPES, BoardFault, BoardFlag, Shot, describe_faults
 from drivers.raw_stripe import RawStripe
 from drivers.sweep_options import SweepOptions
 from drivers.sweep_proof import WAITS, ClockMatch, Times
@@ -49,8 +49,8 @@ class Sweep:
     """One sweep under way: its stripes by place, its records, its frames."""
 
     stripes: Sequence[PatternStripe]
-    steps: Sequence[int]
     motion: int
+    first: int = 0
     records: list[StripeRecord] = field(default_factory=list)
     clocks: list[float] = field(default_factory=list)
     frames: list[Frame] = field(default_factory=list)
@@ -135,7 +135,7 @@ class SweepWorker(threading.Thread):
                 self.notes.append(f"{len(missing)} stripes were taken again")
                 if self._off is not None:
                     sweeps.set_off_frames(OffFrames.NONE)
-            missing = self._take_sweep(sweeps, missing)
+            missing = self._take_sweep(sweeps, missing, SWEEP_STRIPES if attempt else 0)
             if not missing:
                 break
         if self._options.off is OffFrames.ONE and self._off is None:
@@ -144,12 +144,12 @@ class SweepWorker(threading.Thread):
             angle = self._board.identity.angle_of(self._board.step_at(stripe.mirror_angle))
             self.items.put((RawStripe(stripe, angle, None, None),))
 
-    def _take_sweep(self, sweeps: BoardSweep, stripes: Sequence[PatternStripe]) -> list[PatternStripe]:
+    def _take_sweep(self, sweeps: BoardSweep, stripes: Sequence[PatternStripe], first: int) -> list[PatternStripe]:
         """Take one sweep, hand over what is proved, return the stripes that are not."""
         steps = [self._board.step_at(stripe.mirror_angle) for stripe in stripes]
         waits = [WAITS[place] if place < len(WAITS) else 0 for place in range(len(steps))]
-        begun = sweeps.begin(steps, waits)
-        sweep = Sweep(stripes, steps, begun.motion)
+        begun = sweeps.begin(steps, waits, first)
+        sweep = Sweep(stripes, begun.motion, first)
         self._off_settled = self._off_settled or self._off is not None
         while not self._is_over(sweep):
             self._check()
@@ -157,7 +157,7 @@ class SweepWorker(threading.Thread):
             self._hear(sweeps, sweep)
             self._look(sweep)
             self._hand_over(sweep)
-        return [stripe for place, stripe in enumerate(stripes) if place not in sweep.done]
+        return [stripe for place, stripe in enumerate(stripes, first) if place not in sweep.done]
 
     def _is_over(self, sweep: Sweep) -> bool:
         if sweep.ended_at is None:
@@ -185,7 +185,7 @@ class SweepWorker(threading.Thread):
             sweep.records.append(record)
             sweep.clocks.append(sweeps.clock_of(record))
             if record.shot is Shot.STRIPE and record.lit > 0:
-                self.fired.append(sweep.stripes[record.place].index)
+                self.fired.append(sweep.stripes[record.place - sweep.first].index)
 
     def _look(self, sweep: Sweep) -> None:
         try:
@@ -221,7 +221,11 @@ class SweepWorker(threading.Thread):
                 continue
             sweep.done.add(record.place)
             self.grabber.used += 1
-            ready.append(RawStripe(sweep.stripes[record.place], self._board.identity.angle_of(record.step), on, off))
+            ready.append(
+                RawStripe(
+                    sweep.stripes[record.place - sweep.first], self._board.identity.angle_of(record.step), on, off
+                )
+            )
         if ready:
             self.items.put(tuple(ready))
 

@@ -33,6 +33,7 @@ TINY = replace(
     cell_sides=(16, 32),
     starts=1,
     pings=5,
+    faulty_sweeps=2,
 )
 
 
@@ -44,7 +45,7 @@ def sections():
 
 def test_every_section_has_its_table(sections):
     """Each row has as many cells as the header, and figures can be written as JSON."""
-    assert len(sections) == 11
+    assert len(sections) == 12
     for section in sections.values():
         assert section.rows
         assert {len(row) for row in section.rows} == {len(section.header)}

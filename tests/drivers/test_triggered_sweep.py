@@ -8,7 +8,17 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from drivers import AcquireOptions, BoardConfig, LaserBoard, OffFrames, StripeVerdict, SweepOptions, acquire, prepare, timing
+from drivers import (
+    AcquireOptions,
+    BoardConfig,
+    LaserBoard,
+    OffFrames,
+    StripeVerdict,
+    SweepOptions,
+    acquire,
+    prepare,
+    timing,
+)
 from drivers.emulator import (
     EmulatedBoard,
     EmulatedCamera,

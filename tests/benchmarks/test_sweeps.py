@@ -1,0 +1,27 @@
+"""The benchmark of sweeps: its must-figures hold, in emulated time."""
+
+from __future__ import annotations
+
+import json
+
+from benchmarks import sweeps
+
+
+def test_a_triggered_sweep_stays_near_its_bound() -> None:
+    """70 stripes at 4 ms of light: all proved, within 1.15 of the bound and 0.65 s."""
+    result = sweeps.triggered(70)
+    assert result.proved == 70 and result.seconds <= min(1.15 * result.bound, 0.65)
+
+
+def test_no_wrong_stripe_and_every_fault_found() -> None:
+    found = sweeps.faults(12, seed=3)
+    assert found.wrong_stripes == 0 and found.injected == found.found > 20
+
+
+def test_the_figures_are_json(capsys) -> None:
+    """The keys that are promised, and nothing that JSON cannot say."""
+    figures = json.loads(json.dumps(sweeps.measure(lambda text: None, faulty_sweeps=2)))
+    assert set(figures) == {"triggered", "free_running", "faults"}
+    assert set(figures["triggered"]) == {"stripes", "flash_s", "seconds", "bound_s", "proved", "end_to_end_s"}
+    assert [entry["fps"] for entry in figures["free_running"]] == [30, 60, 120, 200] * 2
+    assert set(figures["faults"]) == {"sweeps", "injected", "found", "wrong_stripes"}
