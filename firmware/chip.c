@@ -10,7 +10,7 @@
 enum {
     TIMER_RAW_HIGH = 0x24, TIMER_RAW = 0x28,
     TIMER_ALARM = 0x10, TIMER_ARMED = 0x20, TIMER_INTR = 0x34, TIMER_INTE = 0x38,
-    SIO_IN = 0x04, SIO_OUT_SET = 0x14, SIO_OUT_CLEAR = 0x18, SIO_OUT_XOR = 0x1c, SIO_ENABLE_SET = 0x24,
+    SIO_IN = 0x04, SIO_OUT_SET = 0x14, SIO_OUT_CLEAR = 0x18, SIO_ENABLE_SET = 0x24,
     PULL_DOWN = 1 << 2, PULL_UP = 1 << 3, INPUT_ENABLE = 1 << 6, SCHMITT = 1 << 1,
     EDGE_LOW = 1 << 2, EDGE_HIGH = 1 << 3,
     TICK_US = 1000,
@@ -53,7 +53,6 @@ void hal_laser(bool on) {
 }
 
 void hal_supply(bool closed) { write_pin(PIN_SUPPLY, closed); }
-void hal_heartbeat(void) { REG(SIO + SIO_OUT_XOR) = 1u << PIN_HEARTBEAT; }
 void hal_trigger(bool high) { write_pin(PIN_TRIGGER, high); }
 bool hal_light(void) { return read_pin(PIN_LIGHT); }
 bool hal_home_switch(void) { return !read_pin(PIN_HOME); }
@@ -64,6 +63,12 @@ static void wait(uint32_t rounds) {
     while (rounds--) {
         __asm volatile("nop");
     }
+}
+
+void hal_heartbeat(void) {
+    write_pin(PIN_HEARTBEAT, true);
+    wait(40);
+    write_pin(PIN_HEARTBEAT, false);
 }
 
 void hal_step(bool up) {

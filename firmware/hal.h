@@ -8,7 +8,7 @@ int16_t hal_temperature(void);       /* 0.1 degrees Celsius */
 
 void hal_laser(bool on);             /* transistor of the laser diode */
 void hal_supply(bool closed);        /* the switch in series with it */
-void hal_heartbeat(void);            /* one edge for the monostable that holds the supply closed */
+void hal_heartbeat(void);            /* one pulse for the monostable that holds the supply closed */
 bool hal_light(void);                /* the photodiode sees the laser */
 
 void hal_step(bool up);              /* one step pulse */

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from drivers import BoardConfig, LaserBoard
-from drivers.emulator import EmulatedBoard, Fault, FaultKind, emulated_backend
+from drivers import BoardConfig, LaserBoard, timing
+from drivers.emulator import EmulatedBoard, EmulatedClock, Fault, FaultKind, emulated_backend
 from drivers.errors import (
     BadReply,
     BoardError,
@@ -135,12 +135,17 @@ def test_an_older_minor_version_is_accepted_and_said(
 
 def test_repeats_end_before_the_watchdog_does() -> None:
     """However many attempts are configured: after half of the board's time the driver gives up, as it must."""
-    emulated = EmulatedBoard()
-    with LaserBoard(BoardConfig(timeout=0.05, attempts=10), backend=emulated_backend(emulated)) as board:
-        emulated.inject(Fault(FaultKind.TIMEOUT, Request.STATUS, count=10))
-        with pytest.raises(BoardTimeout, match=r"asked [1-4] times"):
-            board.status()
-        emulated.mend()
+    clock = EmulatedClock()
+    with timing.on_clock(clock):
+        emulated = EmulatedBoard()
+        config = BoardConfig(timeout=0.05, attempts=10, handle_signals=False)
+        with LaserBoard(config, backend=emulated_backend(emulated)) as board:
+            emulated.inject(Fault(FaultKind.TIMEOUT, Request.STATUS, count=10))
+            begun = clock.monotonic()
+            with pytest.raises(BoardTimeout, match=r"asked [45] times"):
+                board.status()
+            assert clock.monotonic() - begun <= 0.5 * board.identity.watchdog + 0.002
+            emulated.mend()
 
 
 def test_newer_minor_version_is_accepted() -> None:
