@@ -97,7 +97,7 @@ def heights(recording: scenes.Recording, calibration: gp.Calibration) -> np.ndar
 
 
 def measure(recording: scenes.Recording) -> list[tuple[str, float, float]]:
-    """Rows: the change, by how much heights are wrong on average, and their scatter about that (1.48 x median deviation) [m]."""
+    """Rows: the change, by how much heights are wrong on average, and their scatter (1.48 x median deviation) [m]."""
     right = heights(recording, recording.calibration)
     rows = []
     for change in CHANGES:
