@@ -262,6 +262,7 @@ def end_to_end(recording: scenes.Recording) -> EndToEnd:
         processor = recording.processor()
         free, spent = 0.0, []
         for stripe in taken:
+            assert stripe.on is not None
             before = time.process_time()
             processor.add(stripe.index, stripe.on, stripe.off)
             spent.append(time.process_time() - before)

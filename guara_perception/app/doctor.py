@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers import DriverError, LaserBoard, OpenCvCamera
+from drivers.session import SWEEPS_SINCE
 from drivers.usb_link import default_backend
 from guara_perception.app.files.open_scan import open_scan
 from guara_perception.calibration.calibration import Calibration
@@ -99,8 +100,13 @@ def check_board() -> Finding:
             identity = board.identity
     except DriverError as error:
         return Finding("board", FAIL, str(error))
-    version = ".".join(map(str, identity.firmware))
-    return Finding("board", OK, f"firmware {version}, {np.degrees(identity.step_angle):.3f} degrees per step")
+    firmware, protocol = (".".join(map(str, version)) for version in (identity.firmware, identity.protocol))
+    sweeps = "sweeps by itself" if identity.protocol >= SWEEPS_SINCE else "no sweeps of its own"
+    return Finding(
+        "board",
+        OK,
+        f"firmware {firmware}, protocol {protocol} ({sweeps}), {np.degrees(identity.step_angle):.3f} degrees per step",
+    )
 
 
 def check_camera(source: str) -> Finding:
