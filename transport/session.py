@@ -153,7 +153,7 @@ def open_node(
     connect: str | None = None,
     security: str | Path | None = None,
     allow_insecure: bool = False,
-    shared_memory: bool = True,
+    shared_memory: bool = False,
     timeout: float = 5.0,
 ) -> Session:
     """Open the session of a node that publishes.
@@ -164,7 +164,8 @@ def open_node(
         connect: endpoint of an external router; then the node listens nowhere.
         security: folder made by `guara security init`, or its folder `node`.
         allow_insecure: listen beyond this machine without security.
-        shared_memory: let Zenoh pass large payloads through /dev/shm between processes of one machine.
+        shared_memory: let Zenoh pass large payloads through /dev/shm between processes of one machine. Saves a
+            millisecond per grid; a process that lives on keeps 17 MB and 2 descriptors of each that died.
         timeout: [s] to wait for an external router.
 
     Raises:
@@ -188,7 +189,7 @@ def open_client(
     endpoint: str | None = None,
     *,
     security: str | Path | None = None,
-    shared_memory: bool = True,
+    shared_memory: bool = False,
     timeout: float = 5.0,
 ) -> Session:
     """Open the session of a client: a planner, a viewer, the gait controller.
@@ -197,7 +198,8 @@ def open_client(
         endpoint: where the node or the router listens. None takes the default on this machine, or what the
             security folder says.
         security: folder of a role, such as `DIR/planner`, made by `guara security init`.
-        shared_memory: let Zenoh pass large payloads through /dev/shm between processes of one machine.
+        shared_memory: let Zenoh pass large payloads through /dev/shm between processes of one machine. Saves a
+            millisecond per grid; a process that lives on keeps 17 MB and 2 descriptors of each that died.
         timeout: [s] to wait for the router; it is tried again until then. Ctrl-C works.
 
     Raises:
