@@ -66,6 +66,7 @@ lint: install
 
 types: install
 	$(BIN)/mypy
+	$(BIN)/mypy --strict examples/*.py
 
 bench: install
 	$(BIN)/python -m benchmarks

@@ -1,0 +1,36 @@
+"""Footholds near a wish, why a wish itself is refused, and a picture of both.
+
+python examples/choose_footholds.py terrain.npz footholds.png
+"""
+
+import sys
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+
+import guara_perception as gp
+
+WISHES = ((0.60, 0.00), (0.70, 0.18), (0.80, -0.05))
+
+
+def main(grid: str, picture: str) -> None:
+    """Ask for the best place within 60 mm of each wish."""
+    terrain = gp.load_terrain(grid)
+    chosen = []
+    for x, y in WISHES:
+        foothold = terrain.best_foothold(x, y, radius=0.06)
+        if foothold is None:
+            print(f"({x}, {y}): none: {'; '.join(map(str, terrain.check_foothold(x, y).reasons))}")
+            continue
+        chosen.append(foothold)
+        print(f"({x}, {y}) -> ({foothold.x:.3f}, {foothold.y:.3f}), z {1e3 * foothold.z:.1f} mm, {foothold.score:.2f}")
+    figure, axes = plt.subplots(layout="constrained")
+    terrain.plot("traversability", footholds=chosen, axes=axes)
+    figure.savefig(picture, dpi=120)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

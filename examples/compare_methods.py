@@ -1,0 +1,20 @@
+"""The precise method beside the paper's, cell by cell.
+
+python examples/compare_methods.py scans/paper calibration.json
+"""
+
+import sys
+
+import guara_perception as gp
+
+
+def main(scan: str, calibration: str) -> None:
+    """Process the same frames twice."""
+    grids = {m: gp.process_scan(scan, calibration, method=m, pictures=False) for m in ("precise", "paper")}
+    for method, terrain in grids.items():
+        print(f"{method}: {terrain}")
+    print(gp.compare(grids["precise"], grids["paper"]))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

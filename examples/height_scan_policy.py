@@ -1,0 +1,33 @@
+"""What a learned locomotion policy takes: heights at fixed points around the robot, and which of them are known.
+
+    python examples/height_scan_policy.py terrain.npz
+
+Unknown heights are never filled in silently. This policy was trained with a mask as a second channel; one that was not
+must at least be told what it cannot see.
+"""
+
+import sys
+
+import numpy as np
+
+import guara_perception as gp
+
+
+def observation(terrain: gp.TerrainGrid) -> np.ndarray:
+    """(2, 9, 11) float32: heights below the body [m], 0 where unknown, and 1 where known."""
+    x, y = np.meshgrid(np.linspace(0.5, 0.9, 9), np.linspace(-0.25, 0.25, 11), indexing="ij")
+    scan = terrain.height_scan(np.column_stack((x.ravel(), y.ravel())))
+    heights = np.where(scan.known, scan.heights, 0.0)
+    return np.stack((heights, scan.known)).astype(np.float32).reshape(2, 9, 11)
+
+
+def main(grid: str) -> None:
+    """Print the observation as a policy would get it."""
+    heights, known = observation(gp.load_terrain(grid))
+    print(f"known: {known.mean():.0%}")
+    for row, mask in zip(heights[::-1], known[::-1], strict=True):
+        print(" ".join(f"{1e3 * h:4.0f}" if k else "   ?" for h, k in zip(row, mask, strict=True)))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

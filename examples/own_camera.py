@@ -1,0 +1,61 @@
+"""A camera of your own: five methods. Here it reads pictures from a folder, in a circle.
+
+    python examples/own_camera.py pictures
+
+Name it in devices.toml as `source = "own_camera:FolderCamera"`; every command takes `--devices devices.toml`.
+"""
+
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from drivers import Camera, CameraSettings, Frame
+
+
+class FolderCamera(Camera):
+    """Brings the pictures of a folder, one every 33 ms."""
+
+    name = "folder camera"
+    lag = 0.0
+
+    def __init__(self, folder: str = "pictures") -> None:
+        """Remember where the pictures are."""
+        self._paths = sorted(path for path in Path(folder).iterdir() if path.suffix in (".png", ".jpg"))
+        self._number = 0
+
+    def open(self) -> None:
+        """Nothing to open."""
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+    def lock(self, settings: CameraSettings) -> CameraSettings:
+        """Pictures that were taken cannot be exposed anew: nothing is held, and that is what is answered."""
+        return CameraSettings()
+
+    def grab(self, timeout: float) -> Frame:
+        """The next picture."""
+        time.sleep(min(timeout, 0.033))
+        path = self._paths[self._number % len(self._paths)]
+        picture = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
+        assert picture is not None
+        self._number += 1
+        return Frame(np.asarray(picture, np.uint8), self._number, time.monotonic())
+
+    def flush(self) -> None:
+        """Nothing waits."""
+
+
+def main(folder: str) -> None:
+    """Grab three frames."""
+    with FolderCamera(folder) as camera:
+        for _ in range(3):
+            frame = camera.grab(timeout=1.0)
+            print(f"frame {frame.counter}: {frame.image.shape[1]}x{frame.image.shape[0]}")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,27 @@
+"""A robot is a folder: where its camera is and which way is up, from joint positions.
+
+    python examples/own_robot.py guara
+
+Make a folder for your own with `guara robot new my.urdf -o robots/mine`.
+"""
+
+import sys
+
+import numpy as np
+
+import guara_perception as gp
+
+
+def main(name: str) -> None:
+    """Stand in the scan posture and look from the camera."""
+    robot = gp.load_robot(name)
+    stance = gp.Stance(robot.posture(robot.config.scan_posture), robot.legs, gravity_in_base=(0.0, 0.0, -1.0))
+    pose = robot.stance_pose(stance)
+    camera = pose.transform_camera_to_footprint
+    print(f"{robot.name}: legs {', '.join(robot.legs)}, attitude from {pose.attitude_source}")
+    print(f"camera {1e3 * camera[2, 3]:.0f} mm above the soles, {1e3 * camera[0, 3]:.0f} mm ahead of the body")
+    print(f"it looks along {np.round(camera[:3, 2], 2)} in base_footprint")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

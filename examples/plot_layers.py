@@ -1,0 +1,27 @@
+"""Any layer of a grid as a picture.
+
+python examples/plot_layers.py terrain.npz layers.png
+"""
+
+import sys
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+
+import guara_perception as gp
+
+
+def main(grid: str, picture: str) -> None:
+    """Heights, slope, steps and hazards side by side."""
+    terrain = gp.load_terrain(grid)
+    figure, axes = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
+    for place, layer in zip(axes.flat, ("elevation", "slope", "step_height", "hazard"), strict=True):
+        terrain.plot(layer, axes=place, hazards=False)
+    figure.savefig(picture, dpi=110)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

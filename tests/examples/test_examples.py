@@ -1,0 +1,110 @@
+"""Every example is run as a reader would run it, in a process of its own, and says what it should."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import cv2
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.files.convert import convert
+from guara_perception.app.messages import terrain_to_message
+from transport import PausePhase, StancePause, StanceReceiver, open_node
+from transport.recording import RecordingWriter
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+# Run by tests of their own.
+ELSEWHERE = {"foot_planner.py", "gait_side.py"}
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def place(tmp_path: Path, data: Path, calibration_file: Path, paper_terrain: gp.TerrainGrid) -> Path:
+    """A folder with what the examples are given."""
+    (tmp_path / "scans").symlink_to(data / "scans")
+    (tmp_path / "pictures").symlink_to(data / "calibration")
+    shutil.copy(calibration_file, tmp_path / "calibration.json")
+    paper_terrain.save(tmp_path / "terrain.npz")
+    with RecordingWriter(tmp_path / "walk.mcap", calibration=calibration_file.read_bytes()) as writer:
+        writer.add_terrain(terrain_to_message(paper_terrain, robot="guara", sequence=1))
+    return tmp_path
+
+
+RUNS = {
+    "read_grid.py": (["scans/paper", "calibration.json"], ["TerrainGrid: footprint", "(0.70, +0.00): 0.", "safe: "]),
+    "choose_footholds.py": (["terrain.npz", "footholds.png"], ["-> ("]),
+    "plot_layers.py": (["terrain.npz", "layers.png"], []),
+    "height_scan_policy.py": (["terrain.npz"], ["known: ", "?"]),
+    "compare_methods.py": (["scans/paper", "calibration.json"], ["GridComparison: heights b - a", "paper: "]),
+    "read_recording.py": (["walk.mcap"], ["step 0: "]),
+    "own_robot.py": (["guara"], ["camera 500 mm above the soles", "attitude from imu"]),
+    "own_camera.py": (["pictures"], ["frame 3: 640x512"]),
+    "own_board.py": ([], ["ready: ", "lit: ", "out"]),
+}
+
+
+def run(name: str, words: list[str], folder: Path) -> str:
+    """What an example prints; it must end well and complain about nothing."""
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLES / name), *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0 and done.stderr == "", done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_example_runs(name: str, place: Path):
+    """Its output holds what its text promises; its pictures are pictures."""
+    words, told = RUNS[name]
+    printed = run(name, words, place)
+    assert all(word in printed for word in told), printed
+    for word in words:
+        if word.endswith(".png"):
+            picture = cv2.imread(str(place / word))
+            assert picture is not None and picture.std() > 10
+
+
+def test_recording_with_a_scan_is_processed_again(place: Path, data: Path, calibration_file: Path):
+    """The frames of a recorded scan give a finer grid."""
+    folder = Path(shutil.copytree(data / "scans" / "paper", place / "carrying"))
+    shutil.copy(calibration_file, folder / "calibration.json")
+    convert(folder, place / "frames.mcap")
+    assert "cells of 2.5 mm" in run("read_recording.py", ["frames.mcap"], place)
+
+
+def test_every_example_is_run():
+    """None is left out, and each says how to start it."""
+    there = {path.name for path in EXAMPLES.glob("*.py")}
+    assert there == set(RUNS) | ELSEWHERE
+    for name in there:
+        assert f"python examples/{name}" in (EXAMPLES / name).read_text()
+
+
+def test_gait_announces_its_pauses(free_endpoint: str, tmp_path: Path):
+    """BEGIN, HOLD and END of each pause arrive in order, all of one walk."""
+    heard: list[StancePause] = []
+    complete = threading.Event()
+
+    def take(pause: StancePause) -> None:
+        heard.append(pause)
+        if len(heard) == 6:
+            complete.set()
+
+    with open_node(listen=free_endpoint) as session:
+        StanceReceiver(session, robot="guara", on_pause=take)
+        run("gait_side.py", [free_endpoint, "--pauses", "2", "--seconds", "0.5"], tmp_path)
+        assert complete.wait(60)
+    assert [(pause.step, pause.phase) for pause in heard] == [
+        (step, phase) for step in (0, 1) for phase in (PausePhase.BEGIN, PausePhase.HOLD, PausePhase.END)
+    ]
+    assert len({pause.epoch for pause in heard}) == 1 and heard[0].epoch
