@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from drivers import AcquireOptions, BoardConfig, BoardFault, LaserBoard, OffFrames, acquire, prepare
-from drivers.emulator import EmulatedCamera
+from drivers import AcquireOptions, BoardConfig, BoardFault, LaserBoard, OffFrames, SweepOptions, acquire, prepare
+from drivers.emulator import EmulatedCamera, EmulatedTriggeredCamera
 from drivers.emulator.backend import EmulatedBackend
 from drivers.emulator.chip import Chip, ChipBus, ChipClock
 from drivers.errors import LaserRefused
@@ -49,6 +49,24 @@ def test_a_whole_scan_is_in_step(board: LaserBoard, camera: EmulatedCamera, bus:
     assert not bus.chip.world.lit
     assert prepare(board, PATTERN) == 0
     assert bus.chip.host.wrong_toggles == 0 and bus.chip.resets == 0
+
+
+@pytest.mark.parametrize("wired", [False, True])
+def test_the_board_sweeps_by_itself(board: LaserBoard, bus: ChipBus, wired: bool) -> None:
+    """The firmware triggers the camera; 70 of 70 stripes are proved, also when it misses some triggers."""
+    shutter = bus.chip.wiring.shutter
+    shutter.wired, shutter.missed = wired, frozenset({1, 30})
+    bus.chip.rewire()
+    prepare(board, PATTERN)
+    with (
+        EmulatedTriggeredCamera(bus, shutter, Scene()) as triggered,
+        acquire(board, triggered, PATTERN, AcquireOptions(sweep=SweepOptions())) as stripes,
+    ):
+        taken = list(stripes)
+    assert sorted(stripe.index for stripe in taken) == [index for index, _ in PATTERN]
+    assert stripes.report.in_step and not stripes.report.problems
+    assert "2 stripes were taken again" in stripes.report.notes
+    assert not bus.chip.world.lit and bus.chip.host.wrong_toggles == 0
 
 
 def test_heat_in_a_scan_ends_it_in_the_dark(board: LaserBoard, camera: EmulatedCamera, bus: ChipBus) -> None:

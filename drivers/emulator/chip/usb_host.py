@@ -76,6 +76,8 @@ class UsbHost:
         self.wants_report = True
         if self._held is not None:
             value, self._held, self.wants_report = self._held, None, False
+            # Taken now, although it arrives a moment later: the firmware may give the next one meanwhile.
+            self._report_data1 = not self._report_data1
             self._as_built(EP1_IN, value)
 
     def reset_bus(self) -> None:
@@ -117,7 +119,6 @@ class UsbHost:
 
     def _packet_came(self, endpoint: int, data: bytes) -> None:
         if endpoint:
-            self._report_data1 = not self._report_data1
             self.reports.append(bytes(data))
             self._noticed()
             return
