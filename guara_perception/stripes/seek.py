@@ -21,6 +21,8 @@ from guara_perception.stripes.windows import at_rows
 CLEAR_SIGMAS = 15.0
 # Noise of more grey levels than this is not the sensor's: the pair does not fit, and may hide a stripe.
 MOST_NOISE = 4.0
+# Peaks in fewer columns than this share are chance: a band without its stripe is not doubtful.
+LEAST_COLUMNS = 0.05
 JUMP_PX, MOST_JUMPS, MOST_RIVALS = 4, 0.05, 0.2
 
 
@@ -68,7 +70,7 @@ def is_doubtful(found: FoundPeaks) -> bool:
     """Whether the highest peaks of a band may not be its stripe."""
     is_peak = found.peaks.height > found.threshold
     count = int(np.count_nonzero(is_peak))
-    if not count:
+    if count < LEAST_COLUMNS * is_peak.size:
         return found.noise > MOST_NOISE * COLUMN_MEAN_PX
     height = found.peaks.height[is_peak]
     if middle(height) < CLEAR_SIGMAS / THRESHOLD_SIGMAS * found.threshold:
