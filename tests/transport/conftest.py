@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.ports import free_endpoint
+
 PEER = Path(__file__).with_name("peer.py")
 PATIENCE = 30.0
 """[s] For anything that must happen at all; generous, because the machine may be loaded."""
@@ -29,13 +31,6 @@ def _load_peer():
 def peer():
     """The module of the other processes, with `make_terrain` and `is_whole`."""
     return _load_peer()
-
-
-def free_endpoint() -> str:
-    """An endpoint on this machine that nobody uses."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 @pytest.fixture

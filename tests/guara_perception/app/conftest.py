@@ -14,6 +14,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app.main import run
+from tests.ports import free_endpoint
 
 PATIENCE = 60.0
 """[s] For anything that must happen at all; generous, because the machine may be loaded."""
@@ -85,6 +86,12 @@ def start() -> Iterator[Callable[..., Process]]:
     yield begin
     for process in reversed(started):
         process.end()
+
+
+@pytest.fixture(scope="module")
+def module_endpoint() -> str:
+    """One endpoint for the node of a module."""
+    return free_endpoint()
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,6 @@
 """The planner's client against a node in another process, over real Zenoh."""
 
 import math
-import socket
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,14 +14,6 @@ from transport import ConnectionFailed, KeyNameError, ReceiveTimeout
 pytestmark = pytest.mark.slow
 
 NODE = Path(__file__).with_name("publishing_node.py")
-
-
-@pytest.fixture(scope="module")
-def module_endpoint() -> str:
-    """One endpoint for the node of this module."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 @pytest.fixture(scope="module")

@@ -1,20 +1,11 @@
 """`guara listen` in a process of its own: what it prints, when it ends."""
 
-import socket
 from pathlib import Path
 
 import pytest
 
 NODE = Path(__file__).parent.parent / "publishing_node.py"
 GUARA = ("-m", "guara_perception.app.main")
-
-
-@pytest.fixture(scope="module")
-def module_endpoint() -> str:
-    """One endpoint for the node of this module."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 @pytest.fixture(scope="module")
