@@ -183,7 +183,7 @@ def test_lock_pins_content_and_names_no_place(root: Path, lock: str):
 
 def test_all_locks_agree(root: Path):
     """What they share, they hold in the same version: `make install-extras` changes nothing that `make install` did."""
-    small, *larger = ({str(r) for r, _ in locked(root / lock)} for lock in LOCKS)
+    small, *larger = ({(r.name, str(r.specifier)) for r, _ in locked(root / lock)} for lock in LOCKS)
     assert all(small <= large for large in larger)
 
 
