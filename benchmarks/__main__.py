@@ -1,6 +1,7 @@
 """`python -m benchmarks`: the whole suite; `python -m benchmarks NAME`: one program for a single part, by its name.
 
-All start with the linear algebra on one thread, as OpenCV is: no contender gets help that the others do not have.
+`python -m benchmarks.NAME` starts the same. All start with the linear algebra on one thread, as OpenCV is: no contender
+gets help that the others do not have.
 """
 
 from __future__ import annotations
@@ -16,10 +17,15 @@ PROGRAMS = {
     "drivers": "costs of the laser board's driver and of proving stripes",
     "hostile": "what files that were made to harm cost before they are refused",
     "kinematics": "speed and agreement of the kinematics",
+    "mounting": "what a mount that moves costs, in heights",
     "node": "a running node: sweep, latency, processor time, memory",
+    "photographs": "stripes on photographs of real laser lines, beside peers",
     "rangefinder": "both methods on recorded scans, in the paper's own terms",
     "real_photos": "the stripes of public photographs",
+    "robots": "stock quadrupeds from their URDF to a walk (extra robots-test)",
     "simulation": "walks through simulated worlds, with the true ground beside",
+    "soak": "nodes and planners killed for minutes, and what was lost",
+    "sweeps": "triggered and free-running sweeps against the bound of the motion",
     "synthetic_stripes": "extraction of stripes whose centre is known",
     "terrain": "speed and safety of the layers and of the map",
     "transport": "messages: latency, rates, damaged payloads, lost links",

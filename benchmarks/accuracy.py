@@ -177,3 +177,7 @@ def main() -> None:
             terrain = gp.process_scan(scan, calibration, robot, method=method, pictures=False)
             seconds = time.perf_counter() - start
             print(row(name, method, figures(terrain, truth), seconds), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -109,3 +109,7 @@ def main() -> None:
     arguments = parser.parse_args()
     for data in arguments.data:
         report(data, [name for name in arguments.scans.split(",") if name])
+
+
+if __name__ == "__main__":
+    main()

@@ -169,3 +169,7 @@ def main() -> None:
     """Command line."""
     scans()
     kills()
+
+
+if __name__ == "__main__":
+    main()

@@ -190,3 +190,7 @@ def ms_per_update(odometry: LegOdometry, stances: list[Stance]) -> float:
     for stance in stances:
         odometry.update(stance)
     return 1e3 * (time.perf_counter() - start) / len(stances)
+
+
+if __name__ == "__main__":
+    main()

@@ -149,3 +149,7 @@ def main() -> None:
 def _over(seconds: np.ndarray, needed: float) -> str:
     share = 100 * (seconds / needed - 1)
     return f"median {np.median(share):+.1f} %, worst {share.max():+.1f} %"
+
+
+if __name__ == "__main__":
+    main()

@@ -56,3 +56,7 @@ def main() -> None:
             terrain = processor.finish()
             seconds = time.process_time() - start
             print(row(name, method, figures(terrain, truth), 1e3 * seconds), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -175,3 +175,7 @@ def main() -> None:
             f"{method:<8} {f['bias']:8.4f} {f['rms']:8.3f} {f['p95']:8.3f} {f['over_1mm']:9.2f} "
             f"{f['worst']:9.2f} {f['coverage']:9.3f}"
         )
+
+
+if __name__ == "__main__":
+    main()

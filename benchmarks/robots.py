@@ -104,7 +104,7 @@ def line(result: StockResult) -> str:
     return "\n".join([text, *(f"    {finding}" for finding in result.findings)])
 
 
-def main() -> int:
+def main() -> None:
     """Print every robot and how many pass; exit 1 when a must is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", default=list(FILES), metavar="NAME", help=f"of: {', '.join(FILES)}")
@@ -121,7 +121,7 @@ def main() -> int:
                 results.append(stock_result(name, Path(made) / name, with_walk=not options.no_walk))
             except StockRobotsMissing as error:
                 print(error, file=sys.stderr)
-                return 2
+                sys.exit(2)
             print(line(results[-1]), flush=True)
     loaded = sum(not result.error for result in results)
     sound = sum(not result.error and not result.findings for result in results)
@@ -131,8 +131,8 @@ def main() -> int:
         print(f", {walked} walk ten pauses with nothing unknown called safe and no foot on a hazard", end="")
     worst = np.nanmax([result.difference for result in results], initial=0.0)
     print(f"; stance pose within {worst:.0e} m of yourdfpy's")
-    return 0 if all(result.is_passed for result in results) else 1
+    sys.exit(0 if all(result.is_passed for result in results) else 1)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -222,3 +222,7 @@ def main() -> None:
             f"{1e3 * rms(figures.hind):.2f} mm rms ({len(figures.hind)}), {figures.declared} on declared ground, "
             f"{time.perf_counter() - start:.0f} s"
         )
+
+
+if __name__ == "__main__":
+    main()

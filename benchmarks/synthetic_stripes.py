@@ -130,3 +130,7 @@ def main() -> None:
                 f"{case.name:<10} {method:<8} {f['mean']:6.3f} {f['p95']:6.3f} {f['missed']:9.2f} {f['false']:8.2f} "
                 f"{f['sigma_ratio']:12.2f}"
             )
+
+
+if __name__ == "__main__":
+    main()

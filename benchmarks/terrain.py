@@ -263,3 +263,7 @@ def watch_occluded(
         local = (points - pose[:2, 3]) @ pose[:2, :2]
         hidden = (np.asarray(fused.hazard_at(local[:, 0], local[:, 1])) & np.uint16(Hazard.OCCLUDED)) != 0
         shares.append(float(hidden.sum()) / terrain.geometry.size)
+
+
+if __name__ == "__main__":
+    main()

@@ -447,3 +447,7 @@ def main() -> None:
     deaths(1 if quick else 5)
     killed_nodes(3 if quick else 50)
     damage(500 if quick else 10_000)
+
+
+if __name__ == "__main__":
+    main()

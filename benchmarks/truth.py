@@ -53,3 +53,7 @@ def main() -> None:
     arguments = parser.parse_args()
     written = gp.save_calibration(truth_calibration(arguments.data), arguments.out)
     print(f"{arguments.out}: {len(written.stripes)} stripes, hash {written.hash}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,11 +1,11 @@
 """Every example of README and docs is run as a reader would, in a folder that holds the recorded data.
 
 `sh` blocks run line by line, `python` blocks as scripts, all blocks of a page in order in one folder. The folder
-holds links `scans/paper`, `scans/dark`, `scans/tilt`, `session`, `my_robot.urdf`, and `calibration.json`. A block
-that talks to the default endpoint gets a node that publishes the paper scan, unless the page started one itself
-(`guara run --simulated`, stopped at the end of the page). What cannot be run here is checked as far as it goes:
-`make` lines against the Makefile, `guara demo` lines (it has tests of its own) and blocks after a line `<!-- needs:
-laser board and camera -->` by parsing their options and importing what they import.
+holds links `scans/paper`, `scans/dark`, `scans/tilt`, `session`, `tests/data`, `my_robot.urdf`, and
+`calibration.json`. A block that talks to the default endpoint gets a node that publishes the paper scan, unless the
+page started one itself (`guara run --simulated`, stopped at the end of the page). What cannot be run here is checked
+as far as it goes: `make` lines against the Makefile, `guara demo` lines (it has tests of its own) and blocks after a
+line `<!-- needs: laser board and camera -->` by parsing their options and importing what they import.
 """
 
 import ast
@@ -248,6 +248,8 @@ def reader(tmp_path: Path, data: Path, calibration_file: Path, paper_terrain: gp
     for name in ("paper", "dark", "tilt"):
         (tmp_path / "scans" / name).symlink_to(data / "scans" / name)
     (tmp_path / "session").symlink_to(data / "calibration")
+    (tmp_path / "tests").mkdir()
+    (tmp_path / "tests" / "data").symlink_to(data)
     (tmp_path / "my_robot.urdf").symlink_to(ROOT / "tests" / "robots" / "tapir" / "urdf" / "tapir.urdf")
     (tmp_path / "calibration.json").write_text(calibration_file.read_text())
     paper_terrain.save(tmp_path / ".published.npz")
