@@ -32,6 +32,8 @@ from transport.terrain_message import EXTENTS, TerrainMessage
 # [s] After subscribing, the last grid and the node's sign of life are there within this time: measured below 0.1 s on
 # a free machine, the rest is for a busy one. Only who asks in vain waits so long.
 SETTLE = 2.0
+# [s] A node that lives and has a grid hands it over within this time, over a slow link or from a busy machine.
+FIRST_GRID = 5.0
 # [s] A grid of a later pause than the one asked for may be of a walk that is over: when the robot does not stand, the
 # BEGIN of the next walk may be on its way.
 NEWS = 1.0
@@ -136,6 +138,8 @@ class PerceptionClient:
         received = receiver.latest()
         if received is None:
             received = self._first(receiver, self._since[extent] + SETTLE - time.monotonic())
+        if received is None and self.is_alive:
+            received = self._first(receiver, self._since[extent] + FIRST_GRID - time.monotonic())
         if received is None:
             if self.is_alive:
                 raise StaleTerrain(f"the node of {self.robot!r} runs, but has published no {extent} grid yet")
