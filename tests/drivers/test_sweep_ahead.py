@@ -176,7 +176,7 @@ def test_mirror_that_jams_in_mid_scan_ends_it(rig: Rig, eventually: Callable[...
 
 
 def out(rig: Rig) -> None:
-    rig.emulated._light._cut(BoardFault.WATCHDOG, rig.emulated.clock())
+    rig.emulated._light.cut(BoardFault.WATCHDOG, rig.emulated.clock())
 
 
 def hot(rig: Rig) -> None:

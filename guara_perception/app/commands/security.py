@@ -58,7 +58,7 @@ def check(context: click.Context, folder: Path, robot: str | None) -> None:
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.argument("names", nargs=-1)
 def renew(folder: Path, names: tuple[str, ...]) -> None:
-    r"""Give all members of FOLDER, or those of NAMES, new keys and certificates by the same CA.
+    """Give all members of FOLDER, or those of NAMES, new keys and certificates by the same CA.
 
     \b
     Example:
@@ -75,7 +75,7 @@ def renew(folder: Path, names: tuple[str, ...]) -> None:
 @click.argument("name")
 @click.option("--role", type=click.Choice(["planner", "viewer", "gait"]), default="planner", show_default=True)
 def add(folder: Path, name: str, role: str) -> None:
-    r"""Make the member NAME with the rights of a role, such as a second planner.
+    """Make the member NAME with the rights of a role, such as a second planner.
 
     \b
     Example:
@@ -91,7 +91,7 @@ def add(folder: Path, name: str, role: str) -> None:
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.argument("name")
 def revoke(folder: Path, name: str) -> None:
-    r"""Shut the member NAME out, as when its machine was stolen; its name is never used again.
+    """Shut the member NAME out, as when its machine was stolen; its name is never used again.
 
     \b
     Example:
