@@ -26,6 +26,8 @@ def read_json(path: str | Path) -> Fields:
         FileFormatError: it is not JSON, not an object, or holds NaN or infinity anywhere.
     """
     path = Path(path)
+    if path.is_dir():
+        raise MissingFile(f"{path} is a folder; give the file in it")
     if not path.is_file():
         raise MissingFile(f"{path}: no such file")
     return parse_json(read_bounded(path, LARGEST_TEXT), str(path))

@@ -32,7 +32,7 @@ def test_missing_file_is_named(tmp_path: Path):
 
 def test_folder_in_place_of_a_file_is_refused(tmp_path: Path):
     """A folder of that name is no file."""
-    with pytest.raises(MissingFile, match="no such file"):
+    with pytest.raises(MissingFile, match="is a folder; give the file in it"):
         read_json(tmp_path)
 
 

@@ -106,6 +106,6 @@ def command(
         if rig.simulation is not None:
             from guara_perception.app.node.simulated_walk import walk_until_stopped
 
-            walk_until_stopped(rig.simulation, node, session, instance, stop)
+            walk_until_stopped(rig.simulation, node, session, instance, stop, click.echo)
         stop.wait()
     click.echo("stopped, laser off")

@@ -5,9 +5,11 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable
 
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
+from guara_perception.arrays import Mask
 from guara_perception.simulation.planner import plan_step
 from guara_perception.simulation.stand import OutOfReach
 from guara_perception.simulation.walk import Choice, WalkEnded, WalkPause
@@ -27,7 +29,12 @@ CYCLES = 11
 
 
 def walk_until_stopped(
-    robot: SimulatedRobot, node: PerceptionNode, session: Session, instance: str, stop: threading.Event
+    robot: SimulatedRobot,
+    node: PerceptionNode,
+    session: Session,
+    instance: str,
+    stop: threading.Event,
+    tell: Callable[[str], None] = logger.info,
 ) -> None:
     """Walk to the end of the world, scanning at each pause; then stand, so that scans can still be asked for.
 
@@ -37,6 +44,7 @@ def walk_until_stopped(
         session: of the node; the gait speaks through it.
         instance: name of the robot in the keys.
         stop: ends the walk.
+        tell: called with a line per pause, and at the end of the walk.
     """
     gait = SimulatedGait(StancePublisher(session, robot=instance), instance)
 
@@ -57,14 +65,32 @@ def walk_until_stopped(
             last = pause
             if not _wait_for_scan(node, pause.step, stop):
                 node.status.problem("gait", f"step {pause.step}: no scan within {SCAN_TIMEOUT_S:g} s, the walk goes on")
+            else:
+                tell(f"step {pause.step}: {_seen(node)}")
             gait.hold(pause)
             if stop.wait(REST_S):
                 return
+        tell("the simulated walk is over; the robot stands, and scans can still be asked for")
     except (WalkEnded, OutOfReach) as error:
-        logger.error("the walk ended: %s", error)
+        tell(f"the simulated walk ended early: {error}; the robot stands, and scans can still be asked for")
         node.status.problem("gait", str(error))
     while last is not None and not stop.wait(HOLD_PERIOD_S):
         gait.hold(last)
+
+
+def _seen(node: PerceptionNode) -> str:
+    """What the map holds after a scan, in a few words."""
+    latest = node.latest_map
+    return (
+        "scanned"
+        if latest is None
+        else f"map known {_share(latest.elevation == latest.elevation)}, "
+        + (f"traversable {_share(latest.traversability > 0)}")
+    )
+
+
+def _share(cells: Mask) -> str:
+    return f"{float(cells.mean()):.0%}"
 
 
 def _wait_for_scan(node: PerceptionNode, step: int, stop: threading.Event) -> bool:

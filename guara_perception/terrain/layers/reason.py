@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 
@@ -26,5 +27,7 @@ class Reason:
     def __str__(self) -> str:
         """For a person, in millimetres and degrees."""
         scale, unit = {"m": (1e3, "mm"), "rad": (57.29577951308232, "deg")}.get(self.unit, (1.0, self.unit))
+        if math.isnan(self.value):
+            return f"{self.test} impossible" + (f" ({self.detail})" if self.detail else "")
         text = f"{self.test} {self.value * scale:.3g} {unit}, allowed {self.limit * scale:.3g} {unit}"
         return f"{text} ({self.detail})" if self.detail else text

@@ -1,5 +1,6 @@
 """`guara scan` and `guara run` as a user runs them, with simulated devices."""
 
+import re
 import shutil
 import signal
 import subprocess
@@ -99,6 +100,7 @@ def test_the_simulated_gait_speaks_under_the_name_of_the_robot(free_endpoint: st
     try:
         with gp.TerrainClient(free_endpoint, robot="lobo", timeout=PATIENCE) as client:
             assert client.wait_for_step(0, timeout=PATIENCE).metadata["instance"] == "lobo"
+            client.wait_for_step(1, timeout=PATIENCE)
         listen = ["listen", "--connect", free_endpoint, "--name", "lobo", "--count", "1"]
         heard = subprocess.run(
             [sys.executable, "-m", "guara_perception.app.main", *listen],
@@ -113,3 +115,4 @@ def test_the_simulated_gait_speaks_under_the_name_of_the_robot(free_endpoint: st
     finally:
         node.kill()
     assert node.returncode == 0 and printed.splitlines()[-1] == "stopped, laser off"
+    assert re.search(r"^step 0: map known \d+%, traversable \d+%$", printed, re.MULTILINE)
