@@ -7,6 +7,7 @@ from typing import Any
 
 from guara_perception.app.files.calibration_session import SESSION_FILE
 from guara_perception.app.files.recording import open_recording
+from guara_perception.app.files.scan_calibration import CALIBRATION_FILE
 from guara_perception.app.files.scan_folder import SCAN_FILE, open_scan_folder
 from guara_perception.app.summary import facts
 from guara_perception.calibration.file import load_calibration
@@ -83,7 +84,7 @@ def _scan(path: Path) -> dict[str, Any]:
         "stripes": len(scan.stripes),
         "laser_off_frames": len({stripe.off for stripe in scan.stripes if stripe.off is not None}),
         "calibration_hash": scan.calibration_hash,
-        "carries_calibration": (path / "calibration.json").is_file(),
+        "carries_calibration": (path / CALIBRATION_FILE).is_file(),
     }
 
 

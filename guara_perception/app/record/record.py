@@ -31,7 +31,7 @@ GRAB_SECONDS: Final = 2.0
 # Pictures of the board that are looked at before the recording gives up (ten minutes at 30 per second).
 MOST_LOOKS: Final = 18_000
 MOST_TRIES: Final = 20
-# Shown often enough for a live page, seldom enough not to hold up the frames.
+# Called with a picture and what is wanted next.
 Watch = Callable[[Image, str], None]
 
 
