@@ -16,7 +16,19 @@ class MissingFile(PerceptionError, FileNotFoundError):
 
 
 class FileFormatError(PerceptionError, ValueError):
-    """A file whose content is not what the format allows; the message names file and field."""
+    """A file whose content is not what the format allows; the message names file and field.
+
+    Attributes:
+        findings: each thing that is wrong, one or more.
+    """
+
+    findings: tuple[str, ...]
+
+    def __init__(self, *findings: str) -> None:
+        """One message of all findings."""
+        numbered = "; ".join(f"({number}) {text}" for number, text in enumerate(findings, 1))
+        super().__init__(findings[0] if len(findings) == 1 else f"{len(findings)} findings: {numbered}")
+        self.findings = findings
 
 
 class CalibrationMismatch(PerceptionError, ValueError):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
@@ -12,6 +13,7 @@ import numpy as np
 from guara_perception.arrays import Interval
 from guara_perception.exceptions import FileFormatError, InvalidInput
 from guara_perception.fields import Fields
+from kinematics.exceptions import RobotFileError
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
@@ -112,7 +114,7 @@ class Settings:
         """Read and check the perception tables of a robot.
 
         Raises:
-            FileFormatError: a value is missing or impossible; the message names table and field.
+            FileFormatError: values are missing or impossible; all are told in one go, each with table and field.
         """
         known = _OF_ROBOTS.get(robot)
         if known is None:
@@ -121,28 +123,34 @@ class Settings:
 
     @staticmethod
     def _read(robot: RobotModel) -> Settings:
-        tables = {
-            name: Fields(_plain(robot.section(name)), f"robot.toml of {robot.name}", name)
-            for name in ("grid", "heights", "scan", "traversability", "validity")
-        }
-        grid, heights, scan = tables["grid"], tables["heights"], tables["scan"]
-        footprint, area = grid.sub("footprint"), grid.sub("map")
-        minimum = heights.number("minimum", -2.0, 0.0)
+        def table(name: str) -> Fields:
+            return Fields(_plain(robot.section(name)), f"robot.toml of {robot.name}", name)
+
+        def angles() -> Interval:
+            scan = table("scan")
+            return scan.number("mirror_angle_first", -3, 3), scan.number("mirror_angle_last", -3, 3)
+
+        def maximum() -> float:
+            lowest = table("heights").data.get("minimum")
+            return table("heights").number("maximum", (lowest if isinstance(lowest, float) else -2.0) + 0.01, 2.0)
+
         return Settings(
-            resolution=grid.number("resolution", 1e-4, 0.1),
-            footprint_x=_range(footprint, "x"),
-            footprint_y=_range(footprint, "y"),
-            map_x=_range(area, "x"),
-            map_y=_range(area, "y"),
-            minimum_height=minimum,
-            maximum_height=heights.number("maximum", minimum + 0.01, 2.0),
-            join_height=heights.number("join_height", 1e-4, 0.1),
-            stripes=scan.integer("stripes", 2, 10_000),
-            coarse_every=scan.integer("coarse_every", 1, 100),
-            mirror_angles=(scan.number("mirror_angle_first", -3, 3), scan.number("mirror_angle_last", -3, 3)),
-            limits=_limits(tables["traversability"], robot.sole),
-            validity_pauses=tables["validity"].integer("pauses", 1, 255),
-            validity_seconds=tables["validity"].number("seconds", 0.1, 1e6),
+            **_all_read(
+                resolution=lambda: table("grid").number("resolution", 1e-4, 0.1),
+                footprint_x=lambda: _range(table("grid").sub("footprint"), "x"),
+                footprint_y=lambda: _range(table("grid").sub("footprint"), "y"),
+                map_x=lambda: _range(table("grid").sub("map"), "x"),
+                map_y=lambda: _range(table("grid").sub("map"), "y"),
+                minimum_height=lambda: table("heights").number("minimum", -2.0, 0.0),
+                maximum_height=maximum,
+                join_height=lambda: table("heights").number("join_height", 1e-4, 0.1),
+                stripes=lambda: table("scan").integer("stripes", 2, 10_000),
+                coarse_every=lambda: table("scan").integer("coarse_every", 1, 100),
+                mirror_angles=angles,
+                limits=lambda: _limits(table("traversability"), robot.sole),
+                validity_pauses=lambda: table("validity").integer("pauses", 1, 255),
+                validity_seconds=lambda: table("validity").number("seconds", 0.1, 1e6),
+            )
         )
 
     def pattern(self, mode: str) -> range:
@@ -160,19 +168,32 @@ class Settings:
 _OF_ROBOTS: WeakKeyDictionary[RobotModel, Settings] = WeakKeyDictionary()
 
 
+def _all_read(**reads: Callable[[], object]) -> dict[str, Any]:
+    """What each reader gives; what any of them refuses is told in one go.
+
+    Raises:
+        FileFormatError: `findings` lists each.
+    """
+    values: dict[str, object] = {}
+    refused: list[str] = []
+    for name, read in reads.items():
+        try:
+            values[name] = read()
+        except FileFormatError as error:
+            refused += error.findings
+        except RobotFileError as error:
+            refused += error.findings
+    if refused:
+        raise FileFormatError(*dict.fromkeys(refused))
+    return values
+
+
 def _limits(table: Fields, sole: tuple[float, float]) -> TraversabilityLimits:
+    names = {"slope": "slope_limit", "step": "step_limit", "drop": "drop_limit", "roughness": "roughness_limit"}
+    names |= {"sigma": "sigma_limit", "disc_radius": "disc_radius", "confidence": "confidence"}
+    values = _all_read(**{name: partial(table.number, key) for name, key in names.items()})
     try:
-        return TraversabilityLimits(
-            slope=table.number("slope_limit"),
-            step=table.number("step_limit"),
-            drop=table.number("drop_limit"),
-            roughness=table.number("roughness_limit"),
-            sigma=table.number("sigma_limit"),
-            disc_radius=table.number("disc_radius"),
-            confidence=table.number("confidence"),
-            sole_length=float(sole[0]),
-            sole_width=float(sole[1]),
-        )
+        return TraversabilityLimits(**values, sole_length=float(sole[0]), sole_width=float(sole[1]))
     except InvalidInput as error:
         raise FileFormatError(f"{table.source}: [traversability] {error}") from None
 

@@ -22,7 +22,8 @@ from kinematics.exceptions import (
     UnknownName,
 )
 from kinematics.frames import BASE_FOOTPRINT, ODOM
-from kinematics.model import RobotModel, load_robot
+from kinematics.load import load_robot
+from kinematics.model import RobotModel
 from kinematics.odometry import LegOdometry, OdometryPose
 from kinematics.pause import CameraMotion, PauseDetector, PauseReport, camera_motion, check_camera_still
 from kinematics.reach import Reach, reach_from_pose, reach_in_base

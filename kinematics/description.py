@@ -16,7 +16,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from kinematics.exceptions import RobotFileError
-from kinematics.model import RobotModel, load_robot
+from kinematics.load import load_robot
+from kinematics.model import RobotModel
 from kinematics.plain_urdf import plain_urdf
 
 # [byte] The description of a stock robot has some 5 kB, and 100 kB unpacked.

@@ -41,7 +41,7 @@ class UnknownName(KinematicsError, KeyError):
 
 
 class JointPositionError(KinematicsError, ValueError):
-    """Joint positions that cannot be used: missing, not finite, of wrong length."""
+    """Joint positions that cannot be used: missing, not finite, not in radians, of wrong length."""
 
 
 class StanceError(KinematicsError, ValueError):
@@ -61,11 +61,11 @@ class OdometryLost(KinematicsError, RuntimeError):
 
 
 class JointLimitWarning(UserWarning):
-    """A joint stands beyond its limit; the message names the joint and by how much."""
+    """Joints stand beyond their limits; one message says which and by how much."""
 
 
 class RobotFileWarning(UserWarning):
-    """Something in a file of a robot folder is not used; one warning names all of it."""
+    """Something in a robot folder is not used (one warning names all of it), or loads and should be mended."""
 
 
 def unknown_name(kind: str, given: object, valid: Iterable[str]) -> UnknownName:

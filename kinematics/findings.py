@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from kinematics.exceptions import RobotFileError
@@ -31,14 +29,6 @@ class Findings:
         """Something is not used; the same text is told once, with its count."""
         self._unused[text] += 1
 
-    @contextmanager
-    def gathered(self) -> Iterator[None]:
-        """Take a `RobotFileError` of the block as a finding, and go on after the block."""
-        try:
-            yield
-        except RobotFileError as error:
-            self._wrong += [(0, finding.removeprefix(f"{self.path}: ")) for finding in error.findings]
-
     @property
     def is_wrong(self) -> bool:
         """Whether anything is wrong so far."""
@@ -49,6 +39,14 @@ class Findings:
         """What is not used, each once."""
         return tuple(f"{text} ({count} times)" if count > 1 else text for text, count in self._unused.items())
 
+    @property
+    def told(self) -> tuple[str, ...]:
+        """What is wrong, in the order of the file, each with file and line."""
+        return tuple(
+            f"{self.path}:{line}: {text}" if line else f"{self.path}: {text}"
+            for line, text in sorted(self._wrong, key=lambda finding: finding[0])
+        )
+
     def refuse(self) -> None:
         """Raise all that was found in one go.
 
@@ -56,9 +54,4 @@ class Findings:
             RobotFileError: something is wrong; `findings` lists each with file and line.
         """
         if self._wrong:
-            raise RobotFileError(
-                *(
-                    f"{self.path}:{line}: {text}" if line else f"{self.path}: {text}"
-                    for line, text in sorted(self._wrong, key=lambda finding: finding[0])
-                )
-            )
+            raise RobotFileError(*self.told)

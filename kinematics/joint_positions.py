@@ -15,6 +15,9 @@ from kinematics.tree import KinematicTree
 # Radians: a posture that stands exactly on a limit is not beyond it.
 LIMIT_TOLERANCE = 1e-9
 
+# Joints named in one warning; the others are counted.
+NAMED = 3
+
 
 def checked_positions(tree: KinematicTree, joint_positions: Mapping[str, float] | npt.ArrayLike) -> Float:
     """Joint positions (n,) [rad] in the order of `tree.joint_names`.
@@ -25,8 +28,8 @@ def checked_positions(tree: KinematicTree, joint_positions: Mapping[str, float] 
 
     Raises:
         UnknownName: a joint that the robot does not have.
-        JointPositionError: a joint is missing, a value is not a finite number, or an array has the wrong
-            length.
+        JointPositionError: a joint is missing, a value is not a finite number or plainly not in radians, or an array
+            has the wrong length.
     """
     names = tree.joint_names
     if isinstance(joint_positions, Mapping):
@@ -50,23 +53,44 @@ def checked_positions(tree: KinematicTree, joint_positions: Mapping[str, float] 
     for name, value in zip(names, positions, strict=True):
         if not np.isfinite(value):
             raise JointPositionError(f"joint {name}: position {value} is not finite")
+    _refuse_other_units(tree, positions)
     return positions
 
 
+def _refuse_other_units(tree: KinematicTree, positions: Float) -> None:
+    """A joint that turns less than a whole turn cannot stand half a turn beyond its limits: that is no radian."""
+    lower, upper = tree.lower_limits, tree.upper_limits
+    turning = {joint.name for joint in tree.urdf.joints if joint.kind == "revolute"}
+    far = (positions < lower - np.pi) | (positions > upper + np.pi)
+    for index in np.flatnonzero(far & (upper - lower < 2.0 * np.pi)).tolist():
+        name, value = tree.joint_names[index], positions[index]
+        if name in turning:
+            raise JointPositionError(
+                f"joint {name} is at {value:g} rad, half a turn or more beyond its limits {lower[index]:g} ... "
+                f"{upper[index]:g}; positions are in radians ({value:g} degrees are {np.radians(value):.4f} rad)"
+            )
+
+
 def beyond_limits(tree: KinematicTree, positions: Float) -> dict[str, float]:
-    """Joints beyond their limits and by how much [rad]; a `JointLimitWarning` is issued for each.
+    """Joints beyond their limits and by how much [rad]; one `JointLimitWarning` tells of all.
 
     A joint beyond its limit is a measurement, not a reason to stop: encoders are offset, limits in the URDF
     are nominal.
     """
     beyond: dict[str, float] = {}
+    told = []
     lower, upper = tree.lower_limits, tree.upper_limits
     for index in np.flatnonzero((positions < lower - LIMIT_TOLERANCE) | (positions > upper + LIMIT_TOLERANCE)):
         name, value = tree.joint_names[index], positions[index]
         beyond[name] = float(max(lower[index] - value, value - upper[index]))
-        warnings.warn(
+        told.append(
             f"joint {name} is at {value:.4f} rad, {beyond[name]:.4f} rad beyond its limits "
-            f"{lower[index]:g} ... {upper[index]:g}",
+            f"{lower[index]:g} ... {upper[index]:g}"
+        )
+    if told:
+        more = f"; and {len(told) - NAMED} more joints" if len(told) > NAMED else ""
+        warnings.warn(
+            "; ".join(told[:NAMED]) + more,
             JointLimitWarning,
             stacklevel=4,  # the caller of RobotModel.state
         )

@@ -78,10 +78,10 @@ class SelfFilterSettings:
     ignore: tuple[str, ...]
 
     @classmethod
-    def from_table(cls, table: Table, links: Collection[str]) -> SelfFilterSettings:
-        """Read the table; the margin must not be negative and the ignored links must be among `links`."""
+    def from_table(cls, table: Table, links: Collection[str] | None) -> SelfFilterSettings:
+        """Read the table; the margin must not be negative, ignored links must be among `links` unless it is None."""
         settings = cls(table.number("margin", least=0.0), table.texts("ignore"))
         for link in settings.ignore:
-            if link not in links:
-                raise table.refuse("ignore", f"a list of links ({link!r} is no link; allowed: {', '.join(links)})")
+            if links is not None and link not in links:
+                table.wrong("ignore", f"a list of links ({link!r} is no link; allowed: {', '.join(links)})")
         return settings

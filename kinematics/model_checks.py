@@ -7,13 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from kinematics.arrays import Float
-from kinematics.exceptions import RobotFileError
 from kinematics.findings import Findings
-from kinematics.robot_toml import LegConfig, PostureConfig
+from kinematics.robot_toml import LegConfig, PostureConfig, RobotToml
 from kinematics.srdf import Posture
 from kinematics.state import RobotState
 from kinematics.tree import KinematicTree
-from kinematics.urdf import Joint, Shape
+from kinematics.urdf import Joint, Shape, Urdf
 
 # Heights in robot.toml are written to the millimetre.
 HEIGHT_TOLERANCE = 0.0005
@@ -26,44 +25,74 @@ PAIR_TOLERANCE = 0.0005
 SOLE_TOLERANCE = 0.005
 
 
-def check_model(tree: KinematicTree, postures: Mapping[str, Posture]) -> tuple[str, ...]:
-    """Check legs and postures of a robot.
-
-    Returns:
-        What could not be checked, in words.
-
-    Raises:
-        RobotFileError: naming each finding with file, leg or posture, what was found and what is stated.
-    """
-    findings = Findings(tree.config.path)
-    for leg in tree.legs.values():
-        with findings.gathered():
-            _check_chain(tree, leg)
-            _check_sole_size(tree, leg, findings)
-    if not findings.is_wrong:
-        _check_pairs(tree, findings)
-    for config in tree.config.postures:
-        if config.name not in postures:
+def check_names(config: RobotToml, urdf: Urdf, findings: Findings) -> None:
+    """Check that the URDF has every link and joint that robot.toml names; "" stands for one that could not be read."""
+    links = [link.name for link in urdf.links]
+    moving = [joint.name for joint in urdf.joints if joint.kind != "fixed"]
+    frames = {
+        "frames.base": config.base_frame,
+        "frames.camera": config.camera_frame,
+        "frames.laser": config.laser_frame,
+        "frames.imu": config.imu_frame or "",
+    }
+    for leg in config.legs:
+        frames[f"legs.{leg.name}.hip"] = leg.hip
+        frames[f"legs.{leg.name}.sole"] = leg.sole
+    for key, frame in frames.items():
+        if frame and frame not in links:
             findings.wrong(
-                f"[postures.{config.name}]: the SRDF has no such group_state; it has: {', '.join(postures) or 'none'}"
+                f"{key} is {frame!r}, no link of {urdf.path.name}; its links are: {', '.join(links)}",
+                config.root.line(key),
             )
-            continue
-        with findings.gathered():
+    for leg in config.legs:
+        for joint in leg.joints:
+            if joint not in moving:
+                findings.wrong(
+                    f"[legs.{leg.name}] joints names {joint!r}, no moving joint of {urdf.path.name}; "
+                    f"its moving joints are: {', '.join(moving)}",
+                    config.root.line(f"legs.{leg.name}.joints"),
+                )
+
+
+def check_legs(tree: KinematicTree, findings: Findings) -> None:
+    """Check chains, soles and hips in pairs; what could not be checked is noted too."""
+    before = len(findings.told)
+    for leg in tree.legs.values():
+        _check_chain(tree, leg, findings)
+    if len(findings.told) > before:
+        return
+    for leg in tree.legs.values():
+        _check_sole_size(tree, leg, findings)
+    _check_pairs(tree, findings)
+
+
+def check_postures(tree: KinematicTree, postures: Mapping[str, Posture], findings: Findings) -> None:
+    """Check every posture of robot.toml against the URDF and the SRDF: limits, soles on one plane, stated heights."""
+    for config in tree.config.postures:
+        if config.name in postures:
             _check_posture(tree, config, postures[config.name], findings)
-    findings.refuse()
-    return findings.notes
+        else:
+            findings.wrong(
+                f"[postures.{config.name}]: the SRDF has no such group_state; it has: {', '.join(postures) or 'none'}",
+                tree.config.root.line(f"postures.{config.name}"),
+            )
 
 
-def _check_chain(tree: KinematicTree, leg: LegConfig) -> None:
+def _check_chain(tree: KinematicTree, leg: LegConfig, findings: Findings) -> None:
     path = tree.urdf.path_to(leg.sole)
     moving = tuple(joint.name for joint in path if joint.kind != "fixed")
     if moving != leg.joints:
-        raise RobotFileError(
+        findings.wrong(
             f"[legs.{leg.name}] joints are {', '.join(leg.joints)}; "
-            f"the URDF leads to {leg.sole!r} by {', '.join(moving)}"
+            f"the URDF leads to {leg.sole!r} by {', '.join(moving)}: name those, in this order",
+            tree.config.root.line(f"legs.{leg.name}.joints"),
         )
-    if leg.hip not in [joint.child for joint in path]:
-        raise RobotFileError(f"[legs.{leg.name}] hip {leg.hip!r} is not on the way to {leg.sole!r}")
+    links = [joint.child for joint in path]
+    if leg.hip not in links:
+        findings.wrong(
+            f"[legs.{leg.name}] hip {leg.hip!r} is not on the way to {leg.sole!r}; on it are: {', '.join(links)}",
+            tree.config.root.line(f"legs.{leg.name}.hip"),
+        )
 
 
 def foot_shapes(tree: KinematicTree, leg: LegConfig) -> list[tuple[Shape, Float]]:
@@ -107,9 +136,10 @@ def _check_sole_size(tree: KinematicTree, leg: LegConfig, findings: Findings) ->
         extents = [(m[axis, 3], extent_along(shape, m[:3, :3], direction)) for shape, m in shapes]
         found = 2.0 * min(max(reach - centre for centre, reach in extents), max(c + r for c, r in extents))
         if size > found + HEIGHT_TOLERANCE:
-            raise RobotFileError(
+            findings.wrong(
                 f"sole {name} is {size:g} m, but the collision shapes of the foot of leg {leg.name!r} "
-                f"reach only {found:.4g} m about {leg.sole!r}"
+                f"reach only {found:.4g} m about {leg.sole!r}: state what the foot has, or mend its shape",
+                tree.config.root.line("sole"),
             )
 
 
@@ -125,7 +155,8 @@ def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
         if len(twins) != 1:
             findings.wrong(
                 f"[legs.{name}]: its hip is at {_text(hips[name])}; no leg has its hip at the mirror image "
-                f"{_text(image)}"
+                f"{_text(image)}: mend the joint that carries it",
+                tree.config.root.line(f"legs.{name}"),
             )
             continue
         if name > twins[0]:
@@ -134,7 +165,8 @@ def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
         if len(ours) != len(theirs) or not np.allclose(ours, theirs, atol=PAIR_TOLERANCE):
             findings.wrong(
                 f"legs {name!r} and {twins[0]!r} are no mirror images: from joint to joint they measure "
-                f"{_text(ours)} and {_text(theirs)} m"
+                f"{_text(ours)} and {_text(theirs)} m: mend the joints' origins",
+                tree.config.root.line(f"legs.{name}"),
             )
         else:
             _check_limits(tree, leg, tree.legs[twins[0]], findings)
@@ -152,7 +184,9 @@ def _check_limits(tree: KinematicTree, leg: LegConfig, twin: LegConfig, findings
         if a.kind == b.kind and abs(sense) > 0.999 and not np.allclose(limits, (b.lower, b.upper), atol=1e-3):
             findings.wrong(
                 f"joints {ours!r} and {theirs!r} are no mirror images: axis {_text(a.axis)} with limits "
-                f"{a.lower:g} ... {a.upper:g}, axis {_text(b.axis)} with {b.lower:g} ... {b.upper:g}"
+                f"{a.lower:g} ... {a.upper:g}, axis {_text(b.axis)} with {b.lower:g} ... {b.upper:g}: "
+                "mend limits or axis",
+                tree.config.root.line(f"legs.{leg.name}.joints"),
             )
 
 
@@ -184,28 +218,35 @@ def _lengths(tree: KinematicTree, leg: LegConfig) -> Float:
 
 def _check_posture(tree: KinematicTree, config: PostureConfig, posture: Posture, findings: Findings) -> None:
     place = f"[postures.{config.name}]"
+    line = tree.config.root.line(f"postures.{config.name}")
     for index, joint in enumerate(tree.joint_names):
         value, lower, upper = posture.joint_positions[joint], tree.lower_limits[index], tree.upper_limits[index]
         if not lower <= value <= upper:
-            findings.wrong(f"{place}: joint {joint!r} is at {value:g}, outside its limits {lower:g} ... {upper:g}")
+            findings.wrong(
+                f"{place}: joint {joint!r} is at {value:g}, outside its limits {lower:g} ... {upper:g}: "
+                "mend the SRDF, or the limits of the URDF",
+                line,
+            )
     state = RobotState(tree, posture.joint_positions)
     soles = state.soles_in_base()
     floor = float(soles[:, 2].mean())
     for leg, sole in zip(tree.legs, soles, strict=True):
         if abs(sole[2] - floor) > HEIGHT_TOLERANCE:
             findings.wrong(
-                f"{place}: the sole of {leg!r} is {1e3 * (sole[2] - floor):+.1f} mm off the plane of all soles"
+                f"{place}: the sole of {leg!r} is {1e3 * (sole[2] - floor):+.1f} mm off the plane of all soles: "
+                "mend its joints in the SRDF",
+                line,
             )
     if config.name == tree.config.scan_posture:
         for leg_config in tree.legs.values():
             _check_sole_height(tree, leg_config, state, findings)
     for name, leg_config in tree.legs.items():
         hip = state.position_in_base(leg_config.hip)[2] - floor
-        _compare(place, f"hip_height of {name!r}", hip, config.hip_height, findings)
+        _compare(tree, config, "hip_height", f"hip_height of {name!r}", hip, config.hip_height, findings)
     camera = state.position_in_base(tree.config.camera_frame)[2] - floor
-    _compare(place, "camera_height", camera, config.camera_height, findings)
+    _compare(tree, config, "camera_height", "camera_height", camera, config.camera_height, findings)
     if posture.root is not None:
-        _compare(place, "root_joint z of the SRDF", posture.root[2], -floor, findings)
+        _compare(tree, config, "", "root_joint z of the SRDF", posture.root[2], -floor, findings)
 
 
 def sole_above_foot(tree: KinematicTree, leg: LegConfig, state: RobotState) -> float | None:
@@ -225,13 +266,20 @@ def _check_sole_height(tree: KinematicTree, leg: LegConfig, state: RobotState, f
         where = "above" if above > 0.0 else "below"
         findings.wrong(
             f"[legs.{leg.name}] sole: the frame {leg.sole!r} is {1e3 * abs(above):.1f} mm {where} the lowest point "
-            "of its foot in the scan posture; every foothold is so much off: put it where the foot touches the ground"
+            "of its foot in the scan posture; every foothold is so much off: put it where the foot touches the ground",
+            tree.config.root.line(f"legs.{leg.name}.sole"),
         )
 
 
-def _compare(place: str, what: str, found: float, stated: float, findings: Findings) -> None:
+def _compare(
+    tree: KinematicTree, config: PostureConfig, key: str, what: str, found: float, stated: float, findings: Findings
+) -> None:
     if abs(found - stated) > HEIGHT_TOLERANCE:
-        findings.wrong(f"{place}: {what} comes out at {found:.4f} m, but {stated:.4f} m is stated")
+        findings.wrong(
+            f"[postures.{config.name}]: {what} comes out at {found:.4f} m, but {stated:.4f} m is stated: "
+            "state what is true, or mend the posture",
+            tree.config.root.line(f"postures.{config.name}" + (f".{key}" if key else "")),
+        )
 
 
 def _text(values: Float) -> str:

@@ -9,8 +9,9 @@ from types import MappingProxyType
 from typing import cast
 
 from kinematics.exceptions import RobotFileError
+from kinematics.findings import Findings
 from kinematics.toml_table import Table, frozen
-from kinematics.toml_text import read_toml
+from kinematics.toml_text import key_lines, read_toml
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,24 +62,34 @@ class RobotToml:
         return cast(Mapping[str, object], frozen(self.root.table(name).values))
 
 
-def read_robot_toml(path: Path) -> RobotToml:
-    """Read and check robot.toml.
+def open_robot_toml(path: Path) -> Table:
+    """The whole of robot.toml as a table; nothing in it is checked yet.
 
     Raises:
-        RobotFileError: naming the file, the table and the key, what was given and what is needed.
+        RobotFileError: the file is missing or no TOML.
     """
     try:
-        root = Table(path, "", read_toml(path))
+        return Table(path, "", read_toml(path), key_lines(path.read_text("utf-8")))
     except OSError as error:
         raise RobotFileError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError as error:
         raise RobotFileError(f"{path}: is not valid TOML: {error}") from error
-    frames, legs, postures = root.table("frames"), root.table("legs"), root.table("postures")
+
+
+def read_robot_toml(root: Table, findings: Findings) -> RobotToml:
+    """What robot.toml says of the robot itself; what is wrong becomes findings, and a harmless value stands in for it.
+
+    Args:
+        root: the whole file.
+        findings: of robot.toml; the result is to be used where nothing new is in it.
+    """
+    told = root.gathering(findings)
+    frames, legs, postures = told.table("frames"), told.table("legs"), told.table("postures")
     config = RobotToml(
-        path=path,
-        name=root.text("name"),
-        sole=root.pair("sole", above=0.0),
-        scan_posture=root.text("scan_posture"),
+        path=root.path,
+        name=told.text("name"),
+        sole=told.pair("sole", above=0.0),
+        scan_posture=told.text("scan_posture"),
         base_frame=frames.text("base"),
         camera_frame=frames.text("camera"),
         laser_frame=frames.text("laser"),
@@ -86,13 +97,13 @@ def read_robot_toml(path: Path) -> RobotToml:
         legs=tuple(_leg(name, legs.table(name)) for name in legs.values),
         postures=tuple(_posture(name, postures.table(name)) for name in postures.values),
         root=root,
-        assumed=_assumed(root),
+        assumed=_assumed(told),
     )
-    if len(config.legs) < 3:
-        raise RobotFileError(f"{path}: {len(config.legs)} tables [legs.<name>]; a support plane needs three legs")
-    if config.scan_posture not in [posture.name for posture in config.postures]:
-        raise root.refuse("scan_posture", "the name of a table [postures.<name>]")
-    _check_joints_once(config)
+    if legs.values and len(config.legs) < 3:
+        findings.wrong(f"{len(config.legs)} tables [legs.<name>]; a support plane needs three legs", root.line("legs"))
+    if config.scan_posture and config.scan_posture not in [posture.name for posture in config.postures]:
+        told.wrong("scan_posture", "the name of a table [postures.<name>]")
+    _check_joints_once(config, findings)
     return config
 
 
@@ -105,8 +116,8 @@ def _assumed(root: Table) -> Mapping[str, str]:
 
 def _leg(name: str, table: Table) -> LegConfig:
     joints = table.texts("joints")
-    if not joints:
-        raise table.refuse("joints", "a list of at least one joint")
+    if table.values.get("joints") == []:
+        table.wrong("joints", "a list of at least one joint")
     return LegConfig(name, table.text("hip"), table.text("sole"), joints)
 
 
@@ -114,13 +125,14 @@ def _posture(name: str, table: Table) -> PostureConfig:
     return PostureConfig(name, table.number("hip_height", above=0.0), table.number("camera_height", above=0.0))
 
 
-def _check_joints_once(config: RobotToml) -> None:
+def _check_joints_once(config: RobotToml, findings: Findings) -> None:
     owner: dict[str, str] = {}
     for leg in config.legs:
         for joint in leg.joints:
             if joint in owner:
-                raise RobotFileError(
-                    f"{config.path}: joint {joint!r} stands in [legs.{owner[joint]}] and [legs.{leg.name}]; "
-                    "a joint belongs to one leg"
+                findings.wrong(
+                    f"joint {joint!r} stands in [legs.{owner[joint]}] and [legs.{leg.name}]; "
+                    "a joint belongs to one leg",
+                    config.root.line(f"legs.{leg.name}.joints"),
                 )
             owner[joint] = leg.name

@@ -7,6 +7,13 @@ the mirror's angle. From a mirror at x_0, h over the floor, it falls at x = x_0 
 from __future__ import annotations
 
 import math
+from typing import Final
+
+from kinematics.findings import Findings
+from kinematics.toml_table import Table
+
+# The pattern may miss the area's ends by so much [m]: a cell.
+PATTERN_M: Final = 0.005
 
 
 def sheet_on_floor(mirror_x: float, mirror_height: float, mirror_angle: float) -> float:
@@ -17,3 +24,30 @@ def sheet_on_floor(mirror_x: float, mirror_height: float, mirror_angle: float) -
 def mirror_angle_for(mirror_x: float, mirror_height: float, floor_x: float) -> float:
     """The mirror angle [rad] at which the sheet meets the floor at `floor_x` [m]."""
     return math.atan2(floor_x - mirror_x, mirror_height) / 2.0
+
+
+def pattern_misses(root: Table, mirror_x: float, mirror_height: float) -> str | None:
+    """What robot.toml's scan pattern misses of the area to scan, in words; None where it sweeps all of it.
+
+    Args:
+        root: robot.toml; tables [scan] and [grid.footprint] that are absent or malformed are left to who reads them.
+        mirror_x: of the mirror's axis in `base_footprint`, in the scan posture [m].
+        mirror_height: of it over the floor [m].
+    """
+    told = Findings(root.path)
+    tables = root.gathering(told)
+    near, far = tables.table("grid").table("footprint").pair("x")
+    scan = tables.table("scan")
+    angles = (scan.number("mirror_angle_first"), scan.number("mirror_angle_last"))
+    if told.is_wrong:
+        return None
+    first, last = sorted(sheet_on_floor(mirror_x, mirror_height, angle) for angle in angles)
+    if first <= near + PATTERN_M and last >= far - PATTERN_M:
+        return None
+    # As a stock folder has it: a stripe before the area to a stripe past it.
+    wanted = [mirror_angle_for(mirror_x, mirror_height, x) for x in (near - PATTERN_M, far + PATTERN_M)]
+    return (
+        f"the pattern sweeps the floor from x {first:.3f} to {last:.3f} m, the area of [grid.footprint] from "
+        f"{near:g} to {far:g}: set mirror_angle_first = {wanted[0]:.3f} and mirror_angle_last = {wanted[1]:.3f} "
+        "(atan((x - mirror x) / mirror height) / 2 for both ends)"
+    )

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree.ElementTree import Element
 
-from kinematics.exceptions import RobotFileError
+from kinematics.findings import Findings
 from kinematics.urdf import Urdf
-from kinematics.xml_file import read_xml
+from kinematics.xml_file import Element, read_xml
 
 # The name by which an SRDF places the body: x y z [m] and quaternion x y z w.
 ROOT_JOINT = "root_joint"
@@ -32,18 +32,17 @@ def read_srdf(path: Path, urdf: Urdf) -> tuple[Posture, ...]:
         urdf: the model whose joints and links the file may name.
 
     Raises:
-        RobotFileError: no XML, an unknown joint or link, a joint missing, twice or without finite value.
+        RobotFileError: no XML, or unknown joints or links, joints missing, twice or without finite value; each with its
+            line.
     """
     root, _ = read_xml(path)
-    try:
-        _check_links(root, urdf)
-        postures = tuple(_posture(state, urdf) for state in root.findall("group_state"))
-        names = [posture.name for posture in postures]
-        for name in names:
-            if names.count(name) > 1:
-                raise RobotFileError(f"group_state {name!r} is defined {names.count(name)} times")
-    except RobotFileError as error:
-        raise RobotFileError(f"{path}: {error}") from None
+    findings = Findings(path)
+    _check_links(root, urdf, findings)
+    postures = tuple(_posture(state, urdf, findings) for state in root.findall("group_state"))  # type: ignore[arg-type]
+    for name, count in Counter(posture.name for posture in postures).items():
+        if count > 1:
+            findings.wrong(f"group_state {name!r} is defined {count} times")
+    findings.refuse()
     return postures
 
 
@@ -57,7 +56,7 @@ def allowed_pairs(path: Path) -> list[tuple[str, str]]:
     return [(str(pair.get("link1")), str(pair.get("link2"))) for pair in root.iter("disable_collisions")]
 
 
-def _check_links(root: Element, urdf: Urdf) -> None:
+def _check_links(root: Element, urdf: Urdf, findings: Findings) -> None:
     links = {link.name for link in urdf.links}
     for element, attributes in (
         ("disable_collisions", ("link1", "link2")),
@@ -66,43 +65,47 @@ def _check_links(root: Element, urdf: Urdf) -> None:
         for found in root.iter(element):
             for attribute in attributes:
                 if found.get(attribute) not in links:
-                    raise RobotFileError(
-                        f"<{element}>: {attribute} {found.get(attribute)!r} is no link of {urdf.path.name}"
+                    findings.wrong(
+                        f"<{element}>: {attribute} {found.get(attribute)!r} is no link of {urdf.path.name}",
+                        found.line,  # type: ignore[attr-defined]
                     )
 
 
-def _posture(state: Element, urdf: Urdf) -> Posture:
+def _posture(state: Element, urdf: Urdf, findings: Findings) -> Posture:
     name = state.get("name") or ""
     where = f"group_state {name!r}"
     moving = [joint.name for joint in urdf.joints if joint.kind != "fixed"]
     positions: dict[str, float] = {}
     root: tuple[float, ...] | None = None
     for element in state.findall("joint"):
-        joint = element.get("name") or ""
-        values = _numbers(element.get("value"), f"{where}: joint {joint!r}")
+        joint, line = element.get("name") or "", element.line  # type: ignore[attr-defined]
+        values = _numbers(element.get("value"))
+        if not values:
+            findings.wrong(
+                f"{where}: joint {joint!r}: value {element.get('value')!r} is not a list of finite numbers", line
+            )
+        elif joint == ROOT_JOINT and len(values) != 7:
+            findings.wrong(
+                f"{where}: {ROOT_JOINT} has {len(values)} numbers; seven are needed (x y z qx qy qz qw)", line
+            )
+        elif joint not in (ROOT_JOINT, *moving):
+            findings.wrong(f"{where}: unknown joint {joint!r}; {urdf.path.name} has: {', '.join(moving)}", line)
+        elif joint in positions or (joint != ROOT_JOINT and len(values) != 1):
+            findings.wrong(f"{where}: joint {joint!r} needs one value, once", line)
         if joint == ROOT_JOINT:
-            if len(values) != 7:
-                raise RobotFileError(
-                    f"{where}: {ROOT_JOINT} has {len(values)} numbers; seven are needed (x y z qx qy qz qw)"
-                )
             root = values
-            continue
-        if joint not in moving:
-            raise RobotFileError(f"{where}: unknown joint {joint!r}; {urdf.path.name} has: {', '.join(moving)}")
-        if joint in positions or len(values) != 1:
-            raise RobotFileError(f"{where}: joint {joint!r} needs one value, once")
-        positions[joint] = values[0]
+        else:
+            positions[joint] = values[0] if values else 0.0
     missing = [joint for joint in moving if joint not in positions]
     if missing:
-        raise RobotFileError(f"{where}: no value for {', '.join(missing)}")
+        findings.wrong(f"{where}: no value for {', '.join(missing)}", state.line)
     return Posture(name, positions, root)
 
 
-def _numbers(text: str | None, where: str) -> tuple[float, ...]:
+def _numbers(text: str | None) -> tuple[float, ...]:
+    """The finite numbers of a text; none where it is anything else."""
     try:
         values = tuple(float(word) for word in (text or "").split())
     except ValueError:
-        values = ()
-    if not values or not all(math.isfinite(value) for value in values):
-        raise RobotFileError(f"{where}: value {text!r} is not a list of finite numbers")
-    return values
+        return ()
+    return values if all(math.isfinite(value) for value in values) else ()

@@ -1,4 +1,4 @@
-"""One table of a TOML file, its values checked as they are read; messages name the file and the key."""
+"""One table of a TOML file, its values checked as they are read; messages name the file, the line and the key."""
 
 from __future__ import annotations
 
@@ -6,86 +6,145 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
+from typing import Final
 
-from kinematics.exceptions import RobotFileError
+from kinematics.findings import Findings
+
+# Given for what is not there; TOML has no null.
+_ABSENT: Final = object()
 
 
 class Table:
     """A view of one table: `number`, `text` and the others read a value or say what is wrong with it.
 
+    A wrong value raises, or becomes a finding of `gathering`; then a harmless value stands in for it.
+
     Args:
         path: the file, for messages.
         name: the table's name with dots, "" for the whole file.
         values: what the TOML reader gave.
+        lines: dotted name of table or key -> line of the file.
     """
 
-    def __init__(self, path: Path, name: str, values: Mapping[str, object]) -> None:
+    def __init__(
+        self, path: Path, name: str, values: Mapping[str, object], lines: Mapping[str, int] | None = None
+    ) -> None:
         """Keep the values; nothing is checked yet."""
         self.path = path
         self.name = name
         self.values = values
+        self._lines = lines or {}
+        self._findings: Findings | None = None
+        self._is_absent = False
 
-    def _get(self, key: str) -> object:
-        if key not in self.values:
-            raise RobotFileError(f"{self.path}: {self._place(key)} is missing")
-        return self.values[key]
+    def gathering(self, findings: Findings) -> Table:
+        """The same table, whose wrong values become findings instead of errors."""
+        return self._below(self.name, self.values, findings)
 
-    def _place(self, key: str) -> str:
-        return f"[{self.name}] {key}" if self.name else key
+    def line(self, key: str = "") -> int:
+        """The line of a key, else of this table; 0 when neither stands in the file."""
+        return self._lines.get(self._dotted(key), self._lines.get(self.name, 0))
 
-    def refuse(self, key: str, needed: str) -> RobotFileError:
-        """The error that says what was given for a key and what is needed."""
-        return RobotFileError(f"{self.path}: {self._place(key)} is {self.values.get(key)!r}; {needed} is needed")
+    def wrong(self, key: str, needed: str) -> None:
+        """Say what was given for a key and what is needed.
+
+        Raises:
+            RobotFileError: unless findings are gathered.
+        """
+        self._tell(f"{self._place(key)} is {self.values.get(key)!r}; {needed} is needed", key)
 
     def number(self, key: str, *, above: float = -math.inf, least: float = -math.inf) -> float:
         """A finite number greater than `above` and not below `least`."""
         value = self._get(key)
-        if not _is_number(value) or not value > above or value < least:  # type: ignore[operator]
+        if isinstance(value, int | float) and _is_number(value) and value > above and value >= least:
+            return float(value)
+        if value is not _ABSENT:
             bound = f" above {above:g}" if above > -math.inf else f" of {least:g} or more" if least > -math.inf else ""
-            raise self.refuse(key, f"a number{bound}")
-        return float(value)  # type: ignore[arg-type]
+            self.wrong(key, f"a number{bound}")
+        return 1.0
 
     def integer(self, key: str, *, least: int) -> int:
         """A whole number of at least `least`."""
         value = self._get(key)
-        if not isinstance(value, int) or isinstance(value, bool) or value < least:
-            raise self.refuse(key, f"a whole number of at least {least}")
-        return value
+        if isinstance(value, int) and not isinstance(value, bool) and value >= least:
+            return value
+        if value is not _ABSENT:
+            self.wrong(key, f"a whole number of at least {least}")
+        return least
 
     def text(self, key: str) -> str:
-        """A text that is not empty."""
+        """A text that is not empty; "" stands in for a wrong one."""
         value = self._get(key)
-        if not isinstance(value, str) or not value:
-            raise self.refuse(key, "a text")
-        return value
+        if isinstance(value, str) and value:
+            return value
+        if value is not _ABSENT:
+            self.wrong(key, "a text")
+        return ""
 
     def texts(self, key: str) -> tuple[str, ...]:
         """A list of texts, each once; it may be empty."""
         value = self._get(key)
+        if value is _ABSENT:
+            return ()
         if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
-            raise self.refuse(key, "a list of texts")
+            self.wrong(key, "a list of texts")
+            return ()
         if len(set(value)) != len(value):
-            raise self.refuse(key, "a list in which every name stands once")
+            self.wrong(key, "a list in which every name stands once")
+            return ()
         return tuple(value)
 
     def pair(self, key: str, *, above: float = -math.inf) -> tuple[float, float]:
         """Two finite numbers, each greater than `above`."""
         value = self._get(key)
+        if value is _ABSENT:
+            return (1.0, 1.0)
         if not isinstance(value, list) or len(value) != 2:
-            raise self.refuse(key, "a list of two numbers")
-        if not all(_is_number(item) and item > above for item in value):
-            raise self.refuse(key, "a list of two numbers" + (f" above {above:g}" if above > -math.inf else ""))
-        return (float(value[0]), float(value[1]))
+            self.wrong(key, "a list of two numbers")
+        elif not all(_is_number(item) and item > above for item in value):
+            self.wrong(key, "a list of two numbers" + (f" above {above:g}" if above > -math.inf else ""))
+        else:
+            return (float(value[0]), float(value[1]))
+        return (1.0, 1.0)
 
     def table(self, key: str) -> Table:
         """The table of that name below this one."""
-        name = f"{self.name}.{key}" if self.name else key
-        if key not in self.values:
-            raise RobotFileError(f"{self.path}: the table [{name}] is missing")
-        value = self.values[key]
-        if not isinstance(value, Mapping):
-            raise RobotFileError(f"{self.path}: {name} is {value!r}; a table [{name}] is needed")
-        return Table(self.path, name, value)
+        name = self._dotted(key)
+        value = self.values.get(key, _ABSENT)
+        if isinstance(value, Mapping):
+            return self._below(name, value, self._findings)
+        if not self._is_absent:
+            if value is _ABSENT:
+                self._tell(f"the table [{name}] is missing; add it", key)
+            else:
+                self._tell(f"{name} is {value!r}; a table [{name}] is needed", key)
+        absent = self._below(name, {}, self._findings)
+        absent._is_absent = True
+        return absent
+
+    def _below(self, name: str, values: Mapping[str, object], findings: Findings | None) -> Table:
+        table = Table(self.path, name, values, self._lines)
+        table._findings = findings
+        return table
+
+    def _get(self, key: str) -> object:
+        if key not in self.values and not self._is_absent:
+            self._tell(f"{self._place(key)} is missing; add it", key)
+        return self.values.get(key, _ABSENT)
+
+    def _tell(self, text: str, key: str) -> None:
+        if self._findings is not None:
+            self._findings.wrong(text, self.line(key))
+            return
+        alone = Findings(self.path)
+        alone.wrong(text, self.line(key))
+        alone.refuse()
+
+    def _dotted(self, key: str) -> str:
+        return ".".join(part for part in (self.name, key) if part)
+
+    def _place(self, key: str) -> str:
+        return f"[{self.name}] {key}" if self.name else key
 
 
 def _is_number(value: object) -> bool:

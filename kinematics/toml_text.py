@@ -13,6 +13,9 @@ DEEPEST = 16
 
 BETWEEN_KEYS = re.compile(r"[,=\[\]{}#]")
 BRACKET = re.compile(r"[\[\]{}]")
+# A line that opens a table, and one that gives a key: bare names, as the files of robots have them.
+HEADER = re.compile(r"\s*\[+\s*([\w.\-]+)\s*\]")
+KEY = re.compile(r"\s*([\w.\-]+)\s*=")
 
 
 def read_toml(path: Path) -> dict[str, object]:
@@ -43,3 +46,16 @@ def parse_toml(text: str) -> dict[str, object]:
         return tomllib.loads(text)
     except RecursionError:
         raise ValueError(f"tables or lists more than {DEEPEST} deep") from None
+
+
+def key_lines(text: str) -> dict[str, int]:
+    """Dotted name of each table and key -> the line on which it first stands; for messages."""
+    lines: dict[str, int] = {}
+    table = ""
+    for number, line in enumerate(text.splitlines(), 1):
+        if header := HEADER.match(line):
+            table = header.group(1)
+            lines.setdefault(table, number)
+        elif key := KEY.match(line):
+            lines.setdefault(f"{table}.{key.group(1)}" if table else key.group(1), number)
+    return lines

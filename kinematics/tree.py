@@ -40,12 +40,11 @@ class KinematicTree:
 
         Args:
             urdf: what the file says.
-            config: what robot.toml says.
+            config: what robot.toml says; its links and joints are in the URDF.
             nominal: joint name -> position [rad] of a posture; None = the middle between the limits.
 
         Raises:
-            RobotFileError: Pinocchio refuses the URDF, or robot.toml names links or joints that it does not
-                have.
+            RobotFileError: Pinocchio refuses the URDF.
         """
         import pinocchio
 
@@ -54,7 +53,6 @@ class KinematicTree:
         self.legs: Mapping[str, LegConfig] = MappingProxyType({leg.name: leg for leg in config.legs})
         self.links: Mapping[str, Link] = MappingProxyType({link.name: link for link in urdf.links})
         moving = {joint.name: joint for joint in urdf.joints if joint.kind != "fixed"}
-        self._check_names(list(moving))
         leg_joints = [joint for leg in config.legs for joint in leg.joints]
         self.joint_names = (*leg_joints, *(name for name in moving if name not in leg_joints))
         self.lower_limits = read_only([moving[name].lower for name in self.joint_names])
@@ -72,32 +70,6 @@ class KinematicTree:
         self._frame_ids = {
             name: int(self.pinocchio_model.getFrameId(name, pinocchio.FrameType.BODY)) for name in self.links
         }
-
-    def _check_names(self, moving: list[str]) -> None:
-        config = self.config
-        frames = {
-            "frames.base": config.base_frame,
-            "frames.camera": config.camera_frame,
-            "frames.laser": config.laser_frame,
-        }
-        if config.imu_frame is not None:
-            frames["frames.imu"] = config.imu_frame
-        for leg in config.legs:
-            frames[f"legs.{leg.name}.hip"] = leg.hip
-            frames[f"legs.{leg.name}.sole"] = leg.sole
-        for key, frame in frames.items():
-            if frame not in self.links:
-                raise RobotFileError(
-                    f"{config.path}: {key} is {frame!r}, no link of {self.urdf.path.name}; "
-                    f"its links are: {', '.join(self.links)}"
-                )
-        for leg in config.legs:
-            for joint in leg.joints:
-                if joint not in moving:
-                    raise RobotFileError(
-                        f"{config.path}: [legs.{leg.name}] joints names {joint!r}, no moving joint of "
-                        f"{self.urdf.path.name}; its moving joints are: {', '.join(moving)}"
-                    )
 
     def configuration(self, positions: Float) -> Float:
         """Pinocchio's configuration vector for joint positions (n,) in the order of `joint_names`."""

@@ -5,8 +5,12 @@ from __future__ import annotations
 import importlib
 import logging
 import os
+import re
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TextIO
 
 import click
 
@@ -36,6 +40,8 @@ COMMANDS = {
 # Set before numpy and OpenCV are loaded. Matrices here are small: the threads of the linear algebra only spin, which
 # costs a quarter of the processor time of a scan. OpenCV's own warnings say again what our errors say in words.
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OPENCV_LOG_LEVEL": "ERROR"}
+# A warning that differs by nothing but these is the same.
+NUMBER = re.compile(r"(?<=\s)-?\d+(\.\d+)?")
 EXIT_BAD_INPUT = 2
 EXIT_FAILED = 1
 EXIT_INTERRUPTED = 130
@@ -108,7 +114,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
         os.environ.setdefault(name, value)
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        code = guara.main(args=given, prog_name="guara", standalone_mode=False)
+        with _warnings_in_words():
+            code = guara.main(args=given, prog_name="guara", standalone_mode=False)
         sys.stdout.flush()
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.ctx.get_help() if error.ctx else error.format_message(), err=True)
@@ -127,6 +134,30 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _say(str(error), EXIT_BAD_INPUT if is_bad_input(error) else EXIT_FAILED)
     # What ctx.exit(code) gave; without it click hands on whatever the command returned, which is nothing.
     return code if isinstance(code, int) else 0
+
+
+@contextmanager
+def _warnings_in_words() -> Iterator[None]:
+    """Python's warnings as lines of this program, each once, whatever numbers stand in it."""
+    told: set[str] = set()
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        key = NUMBER.sub("#", str(message))
+        if key not in told:
+            told.add(key)
+            click.echo(f"guara: warning: {' '.join(str(message).split())}", err=True)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = show
+        yield
 
 
 def is_expected(error: Exception) -> bool:

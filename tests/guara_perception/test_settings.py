@@ -71,3 +71,29 @@ def test_wrong_values_are_refused_with_table_and_field(
     (folder / "robot.toml").write_text(text.replace(line, instead, 1))
     with pytest.raises(gp.FileFormatError, match=message):
         Settings.of(load_robot(folder))
+
+
+def test_all_wrong_values_are_told_at_once(robot: RobotModel, tmp_path: Path) -> None:
+    """Faults in five tables: one refusal that lists them all."""
+    folder = Path(shutil.copytree(robot.folder, tmp_path / "guara"))
+    text = (folder / "robot.toml").read_text()
+    for old, new in (
+        ("resolution = 0.005", "resolution = 5.0"),
+        ("drop_limit = 0.020", 'drop_limit = "2 cm"'),
+        ("disc_radius = 0.015", ""),
+        ("coarse_every = 2", "coarse_every = 0"),
+        ("[validity]", "[valid]"),
+    ):
+        assert old in text
+        text = text.replace(old, new, 1)
+    (folder / "robot.toml").write_text(text)
+    with pytest.raises(gp.FileFormatError, match="5 findings: ") as caught:
+        Settings.of(load_robot(folder))
+    for word in (
+        "grid.resolution",
+        "drop_limit is a text",
+        "disc_radius is missing",
+        "coarse_every is 0",
+        "[validity]",
+    ):
+        assert any(word in finding for finding in caught.value.findings), word

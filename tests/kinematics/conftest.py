@@ -9,7 +9,7 @@ import pytest
 
 import kinematics
 from kinematics import RobotModel, Stance, load_robot
-from kinematics.model import ROBOTS_FOLDER
+from kinematics.load import ROBOTS_FOLDER
 
 SECOND_ROBOT = Path(__file__).parent.parent / "robots" / "tapir"
 # Every robot folder of the repository: one that is added is tested without a word here.

@@ -17,7 +17,7 @@ from kinematics import (
     UnknownName,
     load_robot,
 )
-from kinematics.model import ROBOTS_FOLDER
+from kinematics.load import ROBOTS_FOLDER
 
 
 def test_names_follow_robot_toml(robot: RobotModel) -> None:

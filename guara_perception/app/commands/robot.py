@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import click
@@ -57,8 +58,11 @@ def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
 @click.option("--walk", is_flag=True, help="also walk it for ten pauses in simulation, scanning")
 @click.option("--view", is_flag=True, help="show it in a browser until Ctrl-C (extra `view`)")
 @click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="of the page of --view")
+@click.option("--json", "as_json", is_flag=True, help="print one JSON object with all findings instead")
 @click.pass_context
-def check(context: click.Context, folder: Path, picture: Path | None, walk: bool, view: bool, port: int) -> None:
+def check(
+    context: click.Context, folder: Path, picture: Path | None, walk: bool, view: bool, port: int, as_json: bool
+) -> None:
     """Say all that is wrong or doubtful about a robot folder (or a robot by name).
 
     Exit 0: sound; 1: something is wrong; 2: it does not load. Notes do not count.
@@ -72,26 +76,34 @@ def check(context: click.Context, folder: Path, picture: Path | None, walk: bool
     from guara_perception.app.robot_folder.finding import Weight
     from guara_perception.app.robot_folder.trial_walk import trial_walk
 
+    def say(text: str) -> None:
+        click.echo(text, err=as_json)
+
     checked = check_robot(folder)
     findings = list(checked.findings)
+    found: dict[str, object] = {"folder": str(folder), "robot": checked.robot.name if checked.robot else None}
     if checked.robot is not None and checked.worst is not Weight.UNUSABLE:
         if walk:
             with progress("Walking") as advance:
                 walked = trial_walk(checked.robot, progress=advance)
-            click.echo(f"simulated walk: {walked.pauses} pauses, {walked.feet} footholds, known {walked.known:.0%}")
+            say(f"simulated walk: {walked.pauses} pauses, {walked.feet} footholds, known {walked.known:.0%}")
+            found["walk"] = {"pauses": walked.pauses, "footholds": walked.feet, "known": walked.known}
             findings += walk_findings(walked)
         if picture is not None:
             from guara_perception.app.robot_folder.picture import draw_robot
 
             draw_robot(checked.robot, picture)
-            click.echo(f"picture: {picture}")
-    for weight in Weight:
-        for finding in findings:
-            if finding.weight is weight:
-                click.echo(str(finding))
+            say(f"picture: {picture}")
     weights = [finding.weight for finding in findings]
     bad = weights.count(Weight.UNUSABLE) + weights.count(Weight.WRONG)
-    click.echo(f"{folder}: {f'{bad} findings' if bad else 'sound'}, {weights.count(Weight.NOTE)} notes")
+    in_order = [finding for weight in Weight for finding in findings if finding.weight is weight]
+    if as_json:
+        verdict = "unusable" if Weight.UNUSABLE in weights else "wrong" if bad else "sound"
+        click.echo(json.dumps({**found, "verdict": verdict, "findings": [finding.to_dict() for finding in in_order]}))
+    else:
+        for finding in in_order:
+            click.echo(str(finding))
+        click.echo(f"{folder}: {f'{bad} findings' if bad else 'sound'}, {weights.count(Weight.NOTE)} notes")
     if view and checked.robot is not None and Weight.UNUSABLE not in weights:
         from guara_perception.app.robot_folder.show import show_robot
 

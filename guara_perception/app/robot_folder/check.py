@@ -11,7 +11,7 @@ from guara_perception.app.robot_folder.body_checks import body_findings
 from guara_perception.app.robot_folder.finding import Finding, Weight, note, wrong
 from guara_perception.app.robot_folder.scan_checks import scan_findings
 from guara_perception.app.robot_folder.trial_walk import TrialWalk
-from guara_perception.exceptions import PerceptionError
+from guara_perception.exceptions import FileFormatError, PerceptionError
 from guara_perception.settings import Settings
 from kinematics import KinematicsError, RobotFileError, RobotFileWarning, RobotModel, load_robot
 
@@ -44,7 +44,7 @@ def check_robot(folder: Path) -> RobotCheck:
             warnings.simplefilter("ignore", RobotFileWarning)
             robot = load_robot(folder)
         Settings.of(robot)
-    except RobotFileError as error:
+    except (RobotFileError, FileFormatError) as error:
         findings += [Finding(Weight.UNUSABLE, *_parted(text)) for text in error.findings]
     except (KinematicsError, PerceptionError) as error:
         findings.append(Finding(Weight.UNUSABLE, str(folder), str(error)))
@@ -67,6 +67,9 @@ def _parted(text: str) -> tuple[str, str]:
 def _file_findings(robot: RobotModel) -> Iterator[Finding]:
     for text in robot.notes:
         yield wrong("urdf", text) if "left without its shape" in text else note("urdf", f"not used: {text}")
+    for text in robot.doubts:
+        place, _, rest = text.partition(": ")
+        yield wrong(f"robot.toml {place}", rest)
     for key, what in robot.config.assumed.items():
         yield note(f"robot.toml [assumed] {key}", f"nobody has measured it: {what}")
 

@@ -32,6 +32,10 @@ class Finding:
         """In one line."""
         return f"{self.weight.value}: {self.place}: {self.text}"
 
+    def to_dict(self) -> dict[str, str]:
+        """As plain values, for JSON."""
+        return {"weight": self.weight.value, "place": self.place, "text": self.text}
+
 
 def wrong(place: str, text: str) -> Finding:
     """Something to mend."""

@@ -12,14 +12,12 @@ from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
 from guara_perception.simulation.specimen import specimen
 from kinematics import RobotModel, SelfFilter, Stance
-from kinematics.scan_pattern import sheet_on_floor
+from kinematics.scan_pattern import PATTERN_M, sheet_on_floor
 
 PICTURE_PX = (640, 512)
 CELLS = (46, 55)
 # Shares of the area that may be hidden or out of view before it is worth a word.
 HIDDEN_SHARE, UNSEEN_SHARE = 0.02, 0.005
-# The pattern may miss the area's ends by so much [m]: a cell.
-PATTERN_M = 0.005
 # The mirror's axis may be off the y axis by so much [rad].
 AXIS = 0.01
 
@@ -92,19 +90,10 @@ def _sheets(robot: RobotModel) -> tuple[float, float]:
 
 
 def scan_findings(robot: RobotModel) -> Iterator[Finding]:
-    """All findings of camera, laser and pattern."""
-    settings = Settings.of(robot)
+    """All findings of camera and laser; `load_robot` itself doubts a pattern that misses the area."""
     axis = robot.transform_laser_to_base[:3, 1]
     if abs(axis[1]) < np.cos(AXIS):
         yield wrong("frames.laser", "its y axis, the mirror's, is not parallel to y of the base")
-    first, last = _sheets(robot)
-    near, far = settings.footprint_x
-    if first > near + PATTERN_M or last < far - PATTERN_M:
-        yield wrong(
-            "robot.toml [scan]",
-            f"the pattern sweeps the floor from x {first:.3f} to {last:.3f} m, the area of [grid.footprint] from "
-            f"{near:g} to {far:g}: set mirror_angle_first and _last to atan((x - mirror x) / mirror height) / 2",
-        )
     seen = coverage(robot)
     for link in seen.inside:
         yield wrong(

@@ -1,8 +1,10 @@
 """The command line: help with an example everywhere, exit codes, one line for a mistake, never a traceback for it."""
 
 import errno
+import math
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import click
@@ -211,3 +213,45 @@ def test_verbose_behind_the_command_shows_the_log(data: Path, tmp_path: Path):
     for words, level in ((["info", str(data), "-v"], "20"), (["info", str(data)], "30"), (["-v", "info", "x"], "20")):
         done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=True)
         assert done.stdout.splitlines()[-1] == level
+
+
+def test_warnings_are_told_in_words_and_once(guara, monkeypatch: pytest.MonkeyPatch):
+    """Python's warnings become one line each of the program; one that differs by its numbers is not told again."""
+
+    def callback() -> None:
+        for angle in (0.7, 0.8):
+            warnings.warn(f"joint lf_haa_joint is at {angle} rad", UserWarning, stacklevel=1)
+        warnings.warn("joint rf_haa_joint is\n at 0.7 rad", UserWarning, stacklevel=1)
+
+    monkeypatch.setattr(LazyGroup, "get_command", lambda *_: click.Command("process", callback=callback))
+    said = guara("process")
+    assert said.code == 0
+    assert said.err.splitlines() == [
+        "guara: warning: joint lf_haa_joint is at 0.7 rad",
+        "guara: warning: joint rf_haa_joint is at 0.7 rad",
+    ]
+
+
+def test_joints_in_degrees_are_bad_input(guara, tmp_path: Path, edited_scan, calibration_file: Path):
+    """A scan whose stance is in degrees: one line, exit 2, no grid."""
+
+    def in_degrees(content: dict) -> None:
+        joints = content["stance"]["joint_positions"]
+        content["stance"]["joint_positions"] = {name: math.degrees(value) for name, value in joints.items()}
+
+    said = guara("process", edited_scan(in_degrees), "-c", calibration_file, "-o", tmp_path / "t.npz")
+    assert said.code == 2 and said.err.count("\n") == 1 and not (tmp_path / "t.npz").exists()
+    assert "half a turn or more beyond its limits" in said.err and "positions are in radians" in said.err
+
+
+def test_joints_beyond_their_limits_are_one_line(guara, tmp_path: Path, edited_scan, calibration_file: Path):
+    """Every hip is over its limit: a grid is made, and one line names three and counts the rest."""
+
+    def beyond(content: dict) -> None:
+        for name in content["stance"]["joint_positions"]:
+            if name.endswith("haa_joint"):
+                content["stance"]["joint_positions"][name] = 0.61 if name[0] == "l" else -0.61
+
+    said = guara("process", edited_scan(beyond), "-c", calibration_file, "-o", tmp_path / "t.npz")
+    warned = [line for line in said.err.splitlines() if line.startswith("guara: warning: ")]
+    assert said.code == 0 and len(warned) == 1 and warned[0].endswith("; and 1 more joints"), said.err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 import shutil
 import tomllib
@@ -263,6 +264,33 @@ def test_a_folder_without_robot_is_unusable(tmp_path: Path, capsys: pytest.Captu
     """Exit 2, and the names of the robots there are."""
     assert run(["robot", "check", str(tmp_path)]) == 2
     assert "one of the names guara" in capsys.readouterr().out
+
+
+def test_findings_as_json(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One object with the verdict and every finding; the exit code is that of the text."""
+    toml = folder / "robot.toml"
+    toml.write_text(toml.read_text().replace("mirror_angle_last = 0.325", "mirror_angle_last = 0.200"))
+    picture = folder.parent / "guara.png"
+    assert run(["robot", "check", str(folder), "--json", "--picture", str(picture)]) == 1
+    captured = capsys.readouterr()
+    said = json.loads(captured.out)
+    assert (said["folder"], said["robot"], said["verdict"]) == (str(folder), "guara", "wrong")
+    assert [f["place"] for f in said["findings"] if f["weight"] == "wrong"] == ["robot.toml [scan]"]
+    assert "set mirror_angle_first = " in said["findings"][0]["text"] and captured.err == f"picture: {picture}\n"
+    toml.write_text(toml.read_text().replace('name = "guara"', "name = 3"))
+    assert run(["robot", "check", str(folder), "--json"]) == 2
+    said = json.loads(capsys.readouterr().out)
+    assert said["verdict"] == "unusable" and said["robot"] is None
+    assert said["findings"][0]["place"].endswith("robot.toml:3")
+
+
+def test_all_that_makes_it_unusable_is_listed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Faults in settings of perception come together too, a line each."""
+    toml = folder / "robot.toml"
+    toml.write_text(toml.read_text().replace("pauses = 40", "pauses = 0").replace("stripes = 70", "stripes = 1"))
+    assert run(["robot", "check", str(folder)]) == 2
+    lines = capsys.readouterr().out.splitlines()
+    assert sum(line.startswith("unusable: ") for line in lines) == 2 and lines[-1].endswith(": 2 findings, 0 notes")
 
 
 def test_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,161 @@
+"""A robot folder as a whole: all that is wrong told at once, what is doubtful said, folders that are added tested."""
+
+from __future__ import annotations
+
+import math
+import re
+import shutil
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from kinematics import JointLimitWarning, JointPositionError, RobotFileError, RobotFileWarning, RobotModel, load_robot
+from kinematics.scan_pattern import sheet_on_floor
+
+ROOT = Path(__file__).parents[2]
+
+
+def edit(path: Path, *changes: tuple[str, str]) -> None:
+    text = path.read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text, f"{old!r} is not in {path.name}"
+        text = text.replace(old, new, 1)
+    path.write_text(text, encoding="utf-8")
+
+
+def test_what_is_wrong_in_all_three_files_comes_at_once(broken_folder: Callable[..., Path]) -> None:
+    """Eight faults in robot.toml, URDF and SRDF: eight findings, each with its file and the line that holds it."""
+    folder = broken_folder("robot.toml", "encoder_sigma = 0.0035", "encoder_sigma = -1.0")
+    edit(
+        folder / "robot.toml",
+        ('scan_posture = "scan"', 'scan_posture = "sit"'),
+        ('camera = "camera_optical_frame"', 'camera = "eye"'),
+        ('["rf_haa_joint",', '["lf_haa_joint",'),
+        ("slip_sigmas = 4.5", 'slip_sigmas = "4"'),
+        ("hip_height = 0.360 ", "hip_heigth = 0.360 "),
+    )
+    edit(
+        folder / "srdf" / "guara.srdf",
+        ('link2="lf_hip_link"', 'link2="lf_hip"'),
+        ('"lf_haa_joint" value="0"', '"lf_haa_joint" value="zero"'),
+    )
+    with pytest.raises(RobotFileError) as caught:
+        load_robot(folder)
+    wanted = {
+        "robot.toml": [
+            '"sit"',
+            '"eye"',
+            '["lf_haa_joint", "rf_hfe',
+            "encoder_sigma = -1",
+            "slip_sigmas",
+            "[postures.scan]",
+        ],
+        "guara.srdf": ['link2="lf_hip"', 'value="zero"'],
+    }
+    assert len(caught.value.findings) == 8, caught.value.findings
+    for file, texts in wanted.items():
+        lines = next(folder.rglob(file)).read_text().splitlines()
+        told = [re.match(rf".*{file}:(\d+): ", finding) for finding in caught.value.findings if f"{file}:" in finding]
+        found = [lines[int(match[1]) - 1] for match in told if match]
+        for text in texts:
+            assert any(text in line for line in found), (text, caught.value.findings)
+
+
+def test_geometry_is_told_beside_wrong_settings(broken_folder: Callable[..., Path]) -> None:
+    """A sole frame 20 mm too high does not hide behind a wrong setting, nor the other way round."""
+    folder = broken_folder("robot.toml", "margin = 0.010", "margin = -1.0")
+    edit(folder / "urdf" / "guara.urdf", ('<origin xyz="0 0 -0.100"', '<origin xyz="0 0 -0.080"'))
+    with pytest.raises(RobotFileError) as caught:
+        load_robot(folder)
+    assert any("[self_filter] margin is -1.0" in finding for finding in caught.value.findings)
+    assert any("20.0 mm above the lowest point" in finding for finding in caught.value.findings)
+
+
+def test_a_broken_urdf_does_not_hide_robot_toml(broken_folder: Callable[..., Path]) -> None:
+    """Findings of both."""
+    folder = broken_folder("robot.toml", "hold_time = 0.2", "hold_time = 0")
+    edit(folder / "urdf" / "guara.urdf", ("<axis xyz", "<axes xyz"))
+    with pytest.raises(RobotFileError) as caught:
+        load_robot(folder)
+    assert any("[pause] hold_time is 0; a number above 0" in finding for finding in caught.value.findings)
+    assert any("<axes>" in finding for finding in caught.value.findings)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "found"),
+    [
+        ("mirror_angle_last = 0.325", "mirror_angle_last = 0.200", r"from x 0.495 to 0.799 m, .* from 0.5 to 0.95"),
+        ("mirror_angle_first = -0.110", "mirror_angle_first = 0.110", r"from x 0.705 to 0.957 m"),
+        ("x = [0.50, 0.95]", "x = [0.50, 1.10]", r"of \[grid.footprint\] from 0.5 to 1.1"),
+    ],
+)
+def test_a_pattern_off_the_area_is_warned_of(
+    old: str, new: str, found: str, broken_folder: Callable[..., Path], guara: RobotModel
+) -> None:
+    """It loads, since a calibration brings angles of its own; the warning gives the two angles that mend it."""
+    folder = broken_folder("robot.toml", old, new)
+    with pytest.warns(RobotFileWarning, match=found) as caught:
+        robot = load_robot(folder)
+    assert len(caught) == 1 and len(robot.doubts) == 1 and guara.doubts == ()
+    remedy = dict(re.findall(r"(mirror_angle_\w+) = (-?[\d.]+)", str(caught[0].message)))
+    text = (folder / "robot.toml").read_text()
+    for key, value in remedy.items():
+        text = re.sub(rf"{key} = -?[\d.]+", f"{key} = {value}", text)
+    (folder / "robot.toml").write_text(text)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mended = load_robot(folder)
+    near, far = mended.section("grid")["footprint"]["x"]  # type: ignore[index]
+    first, last = (sheet_on_floor(0.600, 0.470, float(remedy[f"mirror_angle_{end}"])) for end in ("first", "last"))
+    assert near - 0.01 < first <= near + 0.001 and far - 0.001 <= last < far + 0.01
+
+
+def test_a_pattern_that_cannot_be_read_is_left_to_its_reader(broken_folder: Callable[..., Path]) -> None:
+    """Perception reads [scan] and [grid]; a robot whose folder has none loads."""
+    robot = load_robot(broken_folder("robot.toml", "[scan]", "[scam]"))
+    assert robot.doubts == ()
+
+
+def test_joints_in_degrees_are_refused(robot: RobotModel) -> None:
+    """A hip at 20 rad is no measurement: refused, with the joint, its limits and what it would be in radians."""
+    posture = robot.posture("scan")
+    in_degrees = {joint: math.degrees(value) for joint, value in posture.items()}
+    first = next(joint for joint in robot.joint_names if abs(in_degrees[joint]) > 10.0)
+    with pytest.raises(JointPositionError, match=rf"{first} is at .* rad, half a turn or more beyond .* in radians \("):
+        robot.state(in_degrees)
+
+
+def test_joints_beyond_their_limits_are_told_in_one_warning(robot: RobotModel) -> None:
+    """Every joint of the robot is beyond its limit; one warning names three and counts the others."""
+    with pytest.warns(JointLimitWarning) as caught:
+        state = robot.state(robot.tree.upper_limits + 0.1)
+    assert len(caught) == 1 and len(state.beyond_limits) == len(robot.joint_names)
+    assert str(caught[0].message).endswith(f"; and {len(robot.joint_names) - 3} more joints")
+    assert str(caught[0].message).count("beyond its limits") == 3
+
+
+@pytest.mark.slow
+def test_a_folder_that_is_added_to_robots_is_tested(tmp_path: Path) -> None:
+    """In a copy of the checkout with one robot more, the table-driven tests run over it, and fail where it is wrong."""
+    for folder in ("kinematics", "robots", "tests/kinematics", "tests/robots"):
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "tests" / "robots" / "tapir", tmp_path / "robots" / "mine")
+    for file in (tmp_path / "robots" / "mine").rglob("tapir*"):
+        file.write_text(file.read_text().replace('<robot name="tapir"', '<robot name="mine"'))
+        file.rename(file.with_stem("mine"))
+    edit(tmp_path / "robots" / "mine" / "robot.toml", ('name = "tapir"', 'name = "mine"'))
+    words = ["-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/kinematics/test_model.py", "-k", "mine"]
+
+    def tested() -> str:
+        done = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+        return done.stdout + done.stderr
+
+    said = tested()
+    assert (passed := re.search(r"(\d+) passed", said)) and int(passed[1]) >= 8 and "failed" not in said, said
+    toml = tmp_path / "robots" / "mine" / "robot.toml"
+    toml.write_text(re.sub(r"mirror_angle_last = [\d.]+", "mirror_angle_last = 0.1", toml.read_text()))
+    assert "test_scan_pattern_covers_the_area[mine]" in tested()
