@@ -13,7 +13,7 @@ import guara_perception as gp
 from benchmarks.reference import Reference
 from benchmarks.skeletons import library_skeletons, red_skeleton
 from guara_perception.stripes.extract import METHODS
-from guara_perception.stripes.thinning import skeleton
+from guara_perception.stripes.paper import skeleton
 
 Frame = npt.NDArray[np.uint8]
 Rows = npt.NDArray[np.float32]

@@ -92,7 +92,7 @@ def _plane(plane: np.ndarray) -> np.ndarray:
 def heights(recording: scenes.Recording, calibration: gp.Calibration) -> np.ndarray:
     """The elevation that the frames of a recording give with a calibration [m]."""
     processor = replace(recording, calibration=calibration).processor()
-    processor.add_all([(index, on, off) for index, on, off in recording.frames])
+    processor.add_all([gp.FramePair(*frames) for frames in recording.frames])
     return processor.finish().elevation
 
 

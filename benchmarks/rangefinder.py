@@ -47,7 +47,7 @@ def main() -> None:
     print("the paper states 0.5 % near and 2.5 % far: 2.7 and 13.5 mm of 540 mm; ms without decoding the frames\n")
     print(HEADER)
     for name, scan, truth, calibration in scans_with_truth(arguments):
-        frames = [(stripe.index, on, off) for stripe, on, off in scan.frames()]
+        frames = [gp.FramePair(stripe.index, on, off) for stripe, on, off in scan.frames()]
         for method in arguments.method.split(","):
             processor = gp.ScanProcessor(calibration, robot, scan.stance, scan.mode, method=method)
             start = time.process_time()

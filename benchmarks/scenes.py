@@ -68,7 +68,7 @@ class Recording:
     def add_to(self, processor: gp.ScanProcessor, but_last: int = 0) -> None:
         """Add all frames, without the last few, in groups as the node does when they wait for it."""
         for group in in_groups(list(self.frames[: len(self.frames) - but_last])):
-            processor.add_all(group)
+            processor.add_all([gp.FramePair(*frames) for frames in group])
 
     def bands(self) -> list[tuple[Frame, Frame, int]]:
         """Laser on, laser off and first row of the predicted band of every stripe that is in view."""

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         PerceptionError,
         UnsafeGrid,
     )
+    from guara_perception.frame_pair import FramePair
     from guara_perception.process import process_scan
     from guara_perception.scan import Scan, ScanStripe
     from guara_perception.scan_processor import ScanProcessor
@@ -80,6 +81,7 @@ __all__ = [
     "Foothold",
     "FootholdVerdict",
     "FootholdVerdicts",
+    "FramePair",
     "GridComparison",
     "Hazard",
     "HeightScan",
@@ -145,6 +147,7 @@ _MODULES = {
     "Foothold": "guara_perception.terrain.questions.best_foothold",
     "FootholdVerdict": "guara_perception.terrain.questions.foothold",
     "FootholdVerdicts": "guara_perception.terrain.questions.foothold",
+    "FramePair": "guara_perception.frame_pair",
     "GridComparison": "guara_perception.terrain.questions.compare",
     "Hazard": "guara_perception.terrain.layers.hazard",
     "HeightScan": "guara_perception.terrain.questions.height_scan",

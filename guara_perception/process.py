@@ -6,14 +6,14 @@ import dataclasses
 import logging
 from pathlib import Path
 
-from guara_perception.arrays import Image
 from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import CalibrationMismatch, FileFormatError, InvalidInput, MissingFile
+from guara_perception.frame_pair import FramePair
 from guara_perception.progress import Progress
 from guara_perception.ranging.groups import in_groups
 from guara_perception.ranging.range_images import range_images
-from guara_perception.scan import FrameReader, Scan, ScanStripe
+from guara_perception.scan import FrameReader, Scan
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
@@ -144,20 +144,20 @@ def run_scan(
     unreadable: list[MissingFile | FileFormatError] = []
     reader = FrameReader(scan)
     for group in in_groups(list(scan.stripes)):
-        frames: list[tuple[ScanStripe, Image, Image | None]] = []
+        read: list[tuple[str, FramePair]] = []
         for stripe in group:
             try:
-                frames.append((stripe, *reader.read(stripe)))
+                read.append((stripe.on, reader.read(stripe)))
             except (MissingFile, FileFormatError) as error:
                 if strict:
                     raise
                 unreadable.append(error)
                 processor.mark_bad(stripe.index, str(error))
-        profiles = processor.add_all([(stripe.index, on, off) for stripe, on, off in frames]) if frames else []
-        for (stripe, on, _), profile in zip(frames, profiles, strict=True):
+        profiles = processor.add_all([pair for _, pair in read])
+        for (name, pair), profile in zip(read, profiles, strict=True):
             if strict and profile.is_frame_bad:
-                raise InvalidInput(f"{scan.source}: frame {stripe.on}: {profile.reason}")
-            fitting += on.shape[:2] == (height, width)
+                raise InvalidInput(f"{scan.source}: frame {name}: {profile.reason}")
+            fitting += pair.on.shape[:2] == (height, width)
         for _ in group:
             done += 1
             if progress is not None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from guara_perception.arrays import Image
 from guara_perception.exceptions import InvalidInput
+from guara_perception.frame_pair import FramePair
 from guara_perception.settings import MODES
 
 if TYPE_CHECKING:
@@ -81,7 +82,8 @@ class Scan:
         """
         reader = FrameReader(self)
         for stripe in self.stripes:
-            yield stripe, *reader.read(stripe)
+            pair = reader.read(stripe)
+            yield stripe, pair.on, pair.off
 
 
 class FrameReader:
@@ -92,8 +94,8 @@ class FrameReader:
         self._read_frame = scan.read_frame
         self._last: tuple[str, Image] | None = None
 
-    def read(self, stripe: ScanStripe) -> tuple[Image, Image | None]:
-        """Laser-on and laser-off picture; an off frame shared with the stripe read before is not read again.
+    def read(self, stripe: ScanStripe) -> FramePair:
+        """The pictures of a stripe; an off frame shared with the stripe read before is not read again.
 
         Raises:
             MissingFile, FileFormatError: a frame cannot be read; the message names it.
@@ -103,4 +105,4 @@ class FrameReader:
             if self._last is None or self._last[0] != stripe.off:
                 self._last = (stripe.off, self._read_frame(stripe.off))
             off = self._last[1]
-        return self._read_frame(stripe.on), off
+        return FramePair(stripe.index, self._read_frame(stripe.on), off)

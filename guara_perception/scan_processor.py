@@ -12,6 +12,7 @@ import numpy as np
 from guara_perception.arrays import Float, Image, Index
 from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
+from guara_perception.frame_pair import FramePair
 from guara_perception.methods import METHODS, check_method
 from guara_perception.own_body import OwnBody
 from guara_perception.ranging.locate import locator
@@ -156,9 +157,9 @@ class ScanProcessor:
 
     def add(self, index: int, on: Image, off: Image | None = None) -> StripeProfile:
         """Process one frame pair as `add_all` does, with the same errors, and give its stripe."""
-        return self.add_all([(index, on, off)])[0]
+        return self.add_all([FramePair(index, on, off)])[0]
 
-    def add_all(self, frames: Sequence[tuple[int, Image, Image | None]]) -> list[StripeProfile]:
+    def add_all(self, pairs: Sequence[FramePair]) -> list[StripeProfile]:
         """Process frame pairs in any order, one at a time or several: faster, with the same result. None is kept.
 
         Without laser-off frames one channel of the last few frames is kept instead: the darker of two of them is the
@@ -168,8 +169,7 @@ class ScanProcessor:
         scan goes on and its report says so.
 
         Args:
-            frames: per stripe its index in the standard pattern, the picture with the laser on, as OpenCV reads it,
-                and the picture with the laser off, or None.
+            pairs: one of each stripe.
 
         Returns:
             The stripes that were found, in the same order.
@@ -178,13 +178,13 @@ class ScanProcessor:
             InvalidInput: an index is not in the pattern of this mode, or was added before; nothing was processed.
             CalibrationMismatch: an index is not calibrated; nothing was processed.
         """
-        indices = [index for index, _, _ in frames]
+        indices = [pair.index for pair in pairs]
         for number, index in enumerate(indices):
             self._check_new(index, indices[:number])
             self._calibration.stripe(index)
         start = time.perf_counter()
         stripes = self._geometry.stripes
-        found = self._finder.find_all([(index, stripes[index].band, on, off) for index, on, off in frames])
+        found = self._finder.find_all(pairs, {index: stripes[index].band for index in indices})
         profiles = dict(zip(indices, found, strict=True))
         extracted = time.perf_counter()
         points = self._ranger.points({index: each for index, each in profiles.items() if not each.is_frame_bad})

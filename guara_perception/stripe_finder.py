@@ -3,58 +3,57 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from guara_perception.arrays import Image
+from guara_perception.frame_pair import FramePair
 from guara_perception.methods import METHODS
 from guara_perception.stripes.background import SweepBackground
-from guara_perception.stripes.band import Band
-from guara_perception.stripes.channels import OffRows, SharedFrame
+from guara_perception.stripes.band import Band, OffRows, SharedFrame
 from guara_perception.stripes.extract import unusable_frame
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 
-# The channels of a whole laser-off frame take as long as those of the bands of this many stripes.
+# Cutting out the channels of a whole laser-off frame takes as long as for the bands of this number of stripes.
 SHARED_FROM = 4
 
 
 class StripeFinder:
     """Turns frame pairs into stripe profiles; a frame that cannot be used gives a profile that says why."""
 
-    def __init__(self, method: str, size: tuple[int, int], step: int) -> None:
+    def __init__(self, method: str, size: tuple[int, int], stride: int) -> None:
         """Prepare a sweep.
 
         Args:
             method: one of `guara_perception.methods.METHODS`.
             size: width and height of the calibrated camera's pictures [px].
-            step: index difference of neighbouring stripes.
+            stride: index difference of neighbouring stripes.
         """
         self._extract = METHODS[method].extract
         self._size = size
-        self._background = SweepBackground(step)
+        self._background = SweepBackground(stride)
 
-    def find_all(self, frames: Sequence[tuple[int, tuple[int, int], Image, Image | None]]) -> list[StripeProfile]:
+    def find_all(self, pairs: Sequence[FramePair], rows: Mapping[int, tuple[int, int]]) -> list[StripeProfile]:
         """The stripes of some frame pairs.
 
         Args:
-            frames: of each stripe its index; first and end row of the band in which it can appear; the picture with the
-                laser on; and that with the laser off, or None: earlier frames of the sweep serve instead.
+            pairs: one of each stripe.
+            rows: by index of the stripe, first and end row between which it can appear.
         """
         # For the time of this call only: later the same array may hold another picture.
-        uses = Counter(id(off) for _, _, _, off in frames)
+        uses = Counter(id(pair.off) for pair in pairs)
         shared = {
-            id(off): SharedFrame(off) for _, _, _, off in frames if off is not None and uses[id(off)] >= SHARED_FROM
+            id(pair.off): SharedFrame(pair.off)
+            for pair in pairs
+            if pair.off is not None and uses[id(pair.off)] >= SHARED_FROM
         }
-        bands = [self._band(*frame, shared.get(id(frame[3]))) for frame in frames]
+        bands = [self._band(pair, rows[pair.index], shared.get(id(pair.off))) for pair in pairs]
         found = iter(self._extract([band for band in bands if isinstance(band, Band)]))
         return [bad_frame(self._size[0], band) if isinstance(band, str) else next(found) for band in bands]
 
-    def _band(
-        self, index: int, rows: tuple[int, int], on: Image, off: Image | None, shared: SharedFrame | None
-    ) -> Band | str:
-        """What a stripe is sought in, or why it cannot be; `shared` is `off` where it serves other stripes as well."""
-        width, height = self._size
+    def _band(self, pair: FramePair, rows: tuple[int, int], shared: SharedFrame | None) -> Band | str:
+        """The band of a stripe, or why there is none; `shared` is its laser-off frame where that serves others too."""
+        (width, height), on, off = self._size, pair.on, pair.off
         if not isinstance(on, np.ndarray) or on.dtype not in (np.uint8, np.uint16) or on.ndim not in (2, 3):
             given = f"{on.dtype} {on.shape}" if isinstance(on, np.ndarray) else type(on).__name__
             return f"the frame is {given}, it must be a uint8 or uint16 picture"
@@ -70,5 +69,5 @@ class StripeFinder:
             return reason
         if off is not None:
             return Band(on[first:end], OffRows(off[first:end], shared, first), first)
-        background = self._background.add(index, on, rows)
+        background = self._background.add(pair.index, on, rows)
         return background.reason or Band.of(background.on, background.off, first)

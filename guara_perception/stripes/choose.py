@@ -3,29 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from guara_perception.stripes.path import follow
+from guara_perception.arrays import Array, Float, Float32, Index, Mask
 from guara_perception.stripes.peaks import Peaks, candidates
-
-Float32 = npt.NDArray[np.float32]
-Index = npt.NDArray[np.intp]
-Mask = npt.NDArray[np.bool_]
 
 # A second peak this strong is looked into.
 RIVAL_OF_PEAK = 0.35
-# So many columns without a rival lead in and out of every run of columns with one.
+# Columns without a rival that lead in and out of every run of columns with one.
 CONTEXT_COLUMNS = 6
-# A run of so few columns with two peaks is where the stripe jumps.
+# A run of columns with two peaks that is no longer than this is where the stripe jumps.
 EDGE_COLUMNS = 4
 # A choice that costs less than this more to make otherwise is no choice.
 LEAST_MARGIN = 1.5
-# Peaks of one column nearer than so many sigmas of the stripe are one peak.
+# Peaks of one column nearer than this, in sigmas of the stripe, are one peak.
 APART_SIGMAS = 3.0
 APART_PX = 5
+# Cost of a peak per logarithm of how much weaker it is than the strongest of its column.
+WEAKNESS_COST = 2.0
+# Rows that cost one unit between neighbouring columns; a jump (an edge) never costs more than JUMP_COST.
+ROWS_PER_COST = 2.0
+JUMP_COST = 4.0
+# Saying that a column has no stripe although it has peaks, and entering or leaving that state.
+DROPOUT_COST = 3.0
+GAP_COST = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +45,7 @@ class Choice:
     is_ambiguous: Mask
 
 
-def choose_peaks(smooth: npt.NDArray[Any], peaks: Peaks, threshold: float, sigma: float) -> Choice:
+def choose_peaks(smooth: Array, peaks: Peaks, threshold: float, sigma: float) -> Choice:
     """Keep the highest peak where it is alone; elsewhere follow the stripe from column to column.
 
     Args:
@@ -66,7 +68,7 @@ def choose_peaks(smooth: npt.NDArray[Any], peaks: Peaks, threshold: float, sigma
         columns = np.arange(max(begin - CONTEXT_COLUMNS, 0), min(end + CONTEXT_COLUMNS, top.size))
         rows, heights = candidates(smooth, columns, threshold, distance)
         heights[heights < RIVAL_OF_PEAK * heights.max(axis=0)] = 0
-        chosen, margin = follow(rows, heights)
+        chosen, margin = follow_candidates(rows, heights)
         every = np.arange(columns.size)
         use = chosen >= 0
         top[columns[use]] = rows[chosen[use], every[use]]
@@ -78,8 +80,49 @@ def choose_peaks(smooth: npt.NDArray[Any], peaks: Peaks, threshold: float, sigma
 
 def _runs(mask: Mask) -> list[tuple[int, int]]:
     """First and end of the runs of True, runs closer than the context taken together."""
-    places = np.flatnonzero(mask)
-    breaks = np.flatnonzero(np.diff(places) > 2 * CONTEXT_COLUMNS)
-    first = places[np.append(0, breaks + 1)]
-    last = places[np.append(breaks, places.size - 1)]
+    indices = np.flatnonzero(mask)
+    breaks = np.flatnonzero(np.diff(indices) > 2 * CONTEXT_COLUMNS)
+    first = indices[np.append(0, breaks + 1)]
+    last = indices[np.append(breaks, indices.size - 1)]
     return [(int(a), int(b) + 1) for a, b in zip(first, last, strict=True)]
+
+
+def follow_candidates(rows: Index, heights: Float32) -> tuple[Index, Float]:
+    """Choose one peak, or none, in each of a run of neighbouring columns: dynamic programming with explicit dropout.
+
+    Args:
+        rows: (k, n) rows of the candidates of each column.
+        heights: (k, n) their heights, 0 where a column has fewer than k.
+
+    Returns:
+        choice (n,): index of the chosen candidate, -1 for none; margin (n,): by how much the cheapest path that
+        chooses otherwise in this column costs more than the best path.
+    """
+    k, n = rows.shape
+    strongest = np.maximum(heights.max(axis=0), 1e-6)
+    own = np.full((k + 1, n), np.inf)
+    with np.errstate(divide="ignore"):
+        own[:k] = np.where(heights > 0, -WEAKNESS_COST * np.log(heights / strongest), np.inf)
+    own[k] = DROPOUT_COST
+    moves = _costs_of_moves(rows)
+    forward = own.copy()
+    for i in range(1, n):
+        forward[:, i] += (forward[:, i - 1, None] + moves[i - 1]).min(axis=0)
+    backward = np.zeros((k + 1, n))
+    for i in range(n - 2, -1, -1):
+        backward[:, i] = (moves[i] + (own[:, i + 1] + backward[:, i + 1])).min(axis=1)
+    total = forward + backward
+    best = total.argmin(axis=0)
+    ordered = np.sort(total, axis=0)
+    margin = np.where(np.isfinite(ordered[1]), ordered[1] - ordered[0], np.inf)
+    return np.where(best == k, -1, best), margin
+
+
+def _costs_of_moves(rows: Index) -> Float:
+    """Costs (n - 1, k + 1, k + 1) of going from each state of a column to each of the next; the last is the dropout."""
+    k, n = rows.shape
+    cost = np.full((n - 1, k + 1, k + 1), GAP_COST)
+    before, after = rows.T[:-1, :, None], rows.T[1:, None, :]
+    cost[:, :k, :k] = np.minimum(np.abs(before - after) / ROWS_PER_COST, JUMP_COST)
+    cost[:, k, k] = 0.0
+    return cost

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Image
 from guara_perception.exceptions import InvalidInput
 from guara_perception.stripes.band import Band
-from guara_perception.stripes.judge import is_clipped
+from guara_perception.stripes.laser_light import is_clipped
 from guara_perception.stripes.paper import extract_paper
 from guara_perception.stripes.precise import extract_precise
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 
-# Whether a frame is blank or white is asked in every so many rows of so many columns.
+# Rows from one to the next, and number of columns, in which it is checked whether a frame is blank or white.
 CHECKED_ROWS, CHECKED_COLUMNS = 8, 40
 Extract = Callable[[Sequence[Band]], list[StripeProfile]]
 METHODS: dict[str, Extract] = {"precise": extract_precise, "paper": extract_paper}
 
 
 def extract_stripe(
-    on: npt.NDArray[Any],
-    off: npt.NDArray[Any] | None = None,
+    on: Image,
+    off: Image | None = None,
     along: str = "columns",
     band: tuple[int, int] | None = None,
     method: str = "precise",
@@ -63,7 +62,7 @@ def extract_stripe(
     return METHODS[method]([Band.of(on[first:end], None if off is None else off[first:end], first)])[0]
 
 
-def unusable_frame(band: npt.NDArray[Any], off: npt.NDArray[Any] | None, shape: tuple[int, ...]) -> str:
+def unusable_frame(band: Image, off: Image | None, shape: tuple[int, ...]) -> str:
     """Why a frame cannot be used, or an empty text.
 
     Args:
@@ -84,7 +83,7 @@ def unusable_frame(band: npt.NDArray[Any], off: npt.NDArray[Any] | None, shape: 
     return ""
 
 
-def _check_picture(on: npt.NDArray[Any]) -> None:
+def _check_picture(on: Image) -> None:
     if not isinstance(on, np.ndarray):
         raise InvalidInput(f"the picture is {type(on).__name__}, it must be a numpy array")
     if on.dtype not in (np.uint8, np.uint16) or on.ndim not in (2, 3) or (on.ndim == 3 and on.shape[2] not in (1, 3)):

@@ -3,29 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from functools import lru_cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Float, Grey, Image, Index, Mask
 from guara_perception.stripes.band import Band
-from guara_perception.stripes.middle import middle
+from guara_perception.stripes.laser_light import MAX_AMBIENT_CHANGE, opening
+from guara_perception.stripes.median import upper_median
 from guara_perception.stripes.profile import StripeProfile, StripeStatus, bad_frame
-from guara_perception.stripes.signal import MAX_AMBIENT_CHANGE, opening
-from guara_perception.stripes.thinning import skeleton
-
-Grey = npt.NDArray[np.uint8]
 
 # Red-enhanced grey of a BGR picture: the paper names no numbers; red carries the laser, the rest steadies the grey.
 BLUE_SHARE, GREEN_SHARE, RED_SHARE = 0.05, 0.15, 0.80
-# Otsu's threshold splits the noise where there is no stripe: below so many sigmas of it nothing counts.
+# Otsu's threshold splits the noise where there is no stripe: below this many sigmas of it nothing counts.
 THRESHOLD_SIGMAS = 5.0
 UPPER_QUARTILE = 0.674
 # A skeleton is right to about half a pixel.
 SIGMA_PX = 0.5
-# Skeleton pixels of one column that spread over more rows belong to two lines.
-MOST_SPREAD_PX = 4
+# Skeleton pixels of one column that extend over more rows belong to two lines.
+MOST_EXTENT_PX = 4
+# Thinning takes one layer of pixels per pass off each side; nothing in a band of rows is thicker than this.
+MOST_PASSES = 200
 
 
 def extract_paper(bands: Sequence[Band]) -> list[StripeProfile]:
@@ -37,7 +36,7 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
     """Find one stripe as the paper does.
 
     Args:
-        band: rows to look in.
+        band: rows that can hold the stripe.
         threshold: fixed threshold of the binarisation [grey levels of 8 bits]; None = Otsu's.
 
     Returns:
@@ -46,7 +45,7 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
     rows, columns = band.on.shape[:2]
     grey = red_enhanced_grey(band.on)
     background = opening(grey) if band.off is None else red_enhanced_grey(band.off.frame)
-    change = middle(grey[::8, ::24].astype(np.int16) - background[::8, ::24])
+    change = upper_median(grey[::8, ::24].astype(np.int16) - background[::8, ::24])
     if abs(change) > MAX_AMBIENT_CHANGE * 255:
         return bad_frame(
             columns, f"brightness beside the stripe changed by {change:+.0f} of 255 between laser off and on"
@@ -57,7 +56,7 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
     peak = light.max(axis=0).astype(np.float32)
     found = np.isfinite(row)
     status = np.where(found, StripeStatus.OK, StripeStatus.DROPOUT).astype(np.uint8)
-    status[found & (extent > MOST_SPREAD_PX)] = StripeStatus.AMBIGUOUS
+    status[found & (extent > MOST_EXTENT_PX)] = StripeStatus.AMBIGUOUS
     with np.errstate(invalid="ignore"):
         status[found & ((row < 2) | (row > rows - 3))] = StripeStatus.OUT_OF_BAND
     usable = status == StripeStatus.OK
@@ -72,7 +71,7 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
     )
 
 
-def red_enhanced_grey(frame: npt.NDArray[Any]) -> Grey:
+def red_enhanced_grey(frame: Image) -> Grey:
     """Grey picture of 8 bits in which red counts most; a mono picture is taken as it is."""
     if frame.dtype == np.uint16:
         frame = (frame >> 8).astype(np.uint8)
@@ -89,7 +88,7 @@ def remove_background(grey: Grey, background: Grey) -> Grey:
     return np.asarray(cv2.subtract(grey, background), dtype=np.uint8)
 
 
-def binarise(light: Grey, threshold: float | None = None) -> npt.NDArray[np.bool_]:
+def binarise(light: Grey, threshold: float | None = None) -> Mask:
     """Where the light exceeds a fixed threshold, or Otsu's but never the noise.
 
     Args:
@@ -104,11 +103,53 @@ def binarise(light: Grey, threshold: float | None = None) -> npt.NDArray[np.bool
     return np.asarray(light > threshold)
 
 
-def mean_rows(thin: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-    """Mean row (columns,) of the pixels of each column, NaN where there are none, and how far apart they lie."""
+def mean_rows(thin: Mask) -> tuple[Float, Index]:
+    """Mean row (columns,) of the pixels of each column, NaN where it has no pixel, and how far apart they lie."""
     count = thin.sum(axis=0)
     rows = np.arange(len(thin))[:, None]
     mean = np.where(count > 0, (thin * rows).sum(axis=0) / np.maximum(count, 1), np.nan)
     first = thin.argmax(axis=0)
     last = len(thin) - 1 - thin[::-1].argmax(axis=0)
     return mean, np.where(count > 0, last - first, 0)
+
+
+def skeleton(mask: Mask) -> Mask:
+    """Thin a mask (rows, columns) to lines one pixel wide, connections kept; works on the pixels of the mask only.
+
+    Zhang, Suen: A fast parallel algorithm for thinning digital patterns, CACM 27 (1984): in turn the south-east
+    and the north-west border pixels are taken off, those that do not end or connect lines.
+    """
+    rows, columns = mask.shape
+    padded = np.zeros((rows + 2, columns + 2), dtype=np.uint8)
+    padded[1:-1, 1:-1] = mask
+    flat = padded.ravel()
+    width = columns + 2
+    # Neighbours P2 ... P9: north first, then clockwise.
+    around = np.array([-width, -width + 1, 1, width + 1, width, width - 1, -1, -width - 1])
+    pixels = np.flatnonzero(flat)
+    for _ in range(MOST_PASSES):
+        before = pixels.size
+        for table in deletable():
+            code = np.zeros(pixels.size, dtype=np.uint8)
+            for bit, shift in enumerate(around):
+                code |= flat[pixels + shift] << np.uint8(bit)
+            goes = table[code]
+            flat[pixels[goes]] = 0
+            pixels = pixels[~goes]
+        if pixels.size == before:
+            break
+    return padded[1:-1, 1:-1].astype(bool)
+
+
+@lru_cache(maxsize=1)
+def deletable() -> tuple[Mask, Mask]:
+    """For each of the 256 neighbourhoods whether the pixel may go, for both halves of a pass."""
+    codes = np.arange(256)
+    p = [(codes >> bit) & 1 for bit in range(8)]
+    neighbours = sum(p)
+    starts = sum((p[i] == 0) & (p[(i + 1) % 8] == 1) for i in range(8))
+    north, east, south, west = p[0], p[2], p[4], p[6]
+    removable = (neighbours >= 2) & (neighbours <= 6) & (starts == 1)
+    first = removable & (north * east * south == 0) & (east * south * west == 0)
+    second = removable & (north * east * west == 0) & (north * south * west == 0)
+    return first, second

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-import numpy.typing as npt
 
+from guara_perception.arrays import Codes, Float32
 from guara_perception.readonly import readonly
 
 
 class StripeStatus(IntEnum):
-    """What happened in one column; values are fixed (contract, section 2)."""
+    """What happened in one column; the values never change."""
 
     OK = 0
     DROPOUT = 1
@@ -36,11 +36,11 @@ class StripeProfile:
         reason: why the whole frame is bad, empty when it is not.
     """
 
-    position_px: npt.NDArray[np.float32]
-    sigma_px: npt.NDArray[np.float32]
-    status: npt.NDArray[np.uint8]
-    peak: npt.NDArray[np.float32]
-    doubtful_px: npt.NDArray[np.float32]
+    position_px: Float32
+    sigma_px: Float32
+    status: Codes
+    peak: Float32
+    doubtful_px: Float32
     reason: str = ""
 
     def __post_init__(self) -> None:
@@ -60,7 +60,7 @@ def bad_frame(n: int, reason: str) -> StripeProfile:
     return StripeProfile(nothing(n), nothing(n), status, nothing(n), nothing(n), reason)
 
 
-def nothing(n: int) -> npt.NDArray[np.float32]:
+def nothing(n: int) -> Float32:
     """NaN (n,) read-only, in the memory of one number: a scan keeps the profiles of all its stripes."""
     one = np.full((), np.nan, dtype=np.float32)
     one.setflags(write=False)

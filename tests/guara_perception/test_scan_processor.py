@@ -35,13 +35,17 @@ def same_result(first: gp.ScanProcessor, second: gp.ScanProcessor) -> None:
             np.testing.assert_array_equal(getattr(each, name).points, getattr(other, name).points)
 
 
-def grouped(frames: Sequence[Frames], sizes: Sequence[int]) -> Iterator[list[Frames]]:
+def pairs(frames: Sequence[Frames]) -> list[gp.FramePair]:
+    return [gp.FramePair(*each) for each in frames]
+
+
+def grouped(frames: Sequence[Frames], sizes: Sequence[int]) -> Iterator[list[gp.FramePair]]:
     """The frames in runs of these sizes, over and over."""
-    begin, place = 0, 0
+    begin, turn = 0, 0
     while begin < len(frames):
-        size = sizes[place % len(sizes)]
-        yield list(frames[begin : begin + size])
-        begin, place = begin + size, place + 1
+        size = sizes[turn % len(sizes)]
+        yield pairs(frames[begin : begin + size])
+        begin, turn = begin + size, turn + 1
 
 
 @pytest.mark.parametrize("name", ["paper", "dark", "tilt"])
@@ -66,7 +70,7 @@ def test_any_order_and_grouping_gives_the_same_bits(name: str, data: st.DataObje
     sizes = data.draw(st.lists(st.integers(1, 12), min_size=1, max_size=6))
     for group in grouped(shuffled, sizes):
         profiles = several.add_all(group)
-        assert [profile.reason for profile in profiles] == [single.profiles[index].reason for index, _, _ in group]
+        assert [profile.reason for profile in profiles] == [single.profiles[pair.index].reason for pair in group]
     same_result(several, single)
 
 
@@ -105,9 +109,9 @@ def test_group_with_a_wrong_index_is_refused_whole() -> None:
         (frames[0], "stripe index 0 was added before; a scan takes each stripe once"),
     ):
         with pytest.raises(gp.InvalidInput, match=message):
-            scan.add_all([frames[0], frames[1], wrong])
+            scan.add_all(pairs([frames[0], frames[1], wrong]))
     assert list(scan.points) == list(scan.profiles) == [4]
-    assert len(scan.add_all([frames[0], frames[1]])) == 2
+    assert len(scan.add_all(pairs(frames[:2]))) == 2
 
 
 def test_group_with_an_uncalibrated_index_is_refused_whole() -> None:
@@ -123,9 +127,9 @@ def test_group_with_an_uncalibrated_index_is_refused_whole() -> None:
     )
     processor = gp.ScanProcessor(partial, guara(), scan.stance, scan.mode)
     with pytest.raises(gp.CalibrationMismatch, match="stripe index 4 is not in the calibration"):
-        processor.add_all(frames[:3])
+        processor.add_all(pairs(frames[:3]))
     assert not processor.profiles
-    processor.add_all(frames[:2])
+    processor.add_all(pairs(frames[:2]))
     assert list(processor.profiles) == [0, 2]
 
 
@@ -134,17 +138,17 @@ def test_group_that_fails_half_way_is_not_taken(monkeypatch: pytest.MonkeyPatch)
     frames = recording("paper")[1][:4]
     undisturbed, scan = processor("paper"), processor("paper")
     for each in (undisturbed, scan):
-        each.add_all(frames[:2])
+        each.add_all(pairs(frames[:2]))
 
     def fail(*_: object) -> None:
         raise MemoryError
 
     with monkeypatch.context() as patch, pytest.raises(MemoryError):
         patch.setattr(StripeRanger, "points", fail)
-        scan.add_all(frames[2:])
+        scan.add_all(pairs(frames[2:]))
     assert list(scan.profiles) == list(scan.points) == [0, 2]
     for each in (undisturbed, scan):
-        each.add_all(frames[2:])
+        each.add_all(pairs(frames[2:]))
     same_result(scan, undisturbed)
 
 

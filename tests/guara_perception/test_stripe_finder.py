@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from guara_perception.stripe_finder import SHARED_FROM, StripeFinder
 
 WIDTH, HEIGHT = 160, 120
 Frame = npt.NDArray[np.uint8]
-Pair = tuple[int, tuple[int, int], Any, Any]
+Banded = tuple[int, tuple[int, int], Any, Any]
 
 
 def off_frame(level: float = 30.0, seed: int = 9) -> Frame:
@@ -31,10 +32,10 @@ def on_frame(row: float, peak: float, off: Frame, seed: int) -> Frame:
     return np.clip(np.rint(off + noise + line[:, :, None] * (0.2, 0.3, 1.0)), 0, 255).astype(np.uint8)
 
 
-def sweep(seed: int = 0) -> list[Pair]:
+def sweep(seed: int = 0) -> list[Banded]:
     """Stripes dim, bright, clipped and out of the band, and frames that cannot be used, with bands of many sizes."""
     random = np.random.default_rng(seed)
-    frames: list[Pair] = []
+    frames: list[Banded] = []
     for index in range(9):
         off = off_frame(seed=index)
         row = 20.0 + 9.3 * index
@@ -46,6 +47,12 @@ def sweep(seed: int = 0) -> list[Pair]:
     frames.append((12, (0, 40), frames[1][2][:50], frames[1][3]))
     frames.append((13, (50, 90), frames[0][2], frames[0][3]))
     return frames
+
+
+def find_all(finder: StripeFinder, frames: Sequence[Banded]) -> list[gp.StripeProfile]:
+    """Stripes of frames that each have a band of their own."""
+    pairs = [gp.FramePair(index, on, off) for index, _, on, off in frames]
+    return finder.find_all(pairs, {index: rows for index, rows, _, _ in frames})
 
 
 def assert_same(one: gp.StripeProfile, other: gp.StripeProfile) -> None:
@@ -61,10 +68,10 @@ def test_several_at_once_are_each_found_as_if_alone(method: str, has_off: bool, 
     """Whatever the groups: the same positions, sigmas, statuses and reasons, bad frames among them or not."""
     frames = [frame if has_off else (*frame[:3], None) for frame in sweep()]
     one_by_one = StripeFinder(method, (WIDTH, HEIGHT), 1)
-    alone = [one_by_one.find_all([frame])[0] for frame in frames]
+    alone = [find_all(one_by_one, [frame])[0] for frame in frames]
     grouped = StripeFinder(method, (WIDTH, HEIGHT), 1)
     borders = [0, *sorted(set(cuts)), len(frames)]
-    together = [p for a, b in zip(borders, borders[1:], strict=False) for p in grouped.find_all(frames[a:b])]
+    together = [p for a, b in zip(borders, borders[1:], strict=False) for p in find_all(grouped, frames[a:b])]
     assert len(together) == len(frames)
     for one, other in zip(alone, together, strict=True):
         assert_same(one, other)
@@ -72,7 +79,7 @@ def test_several_at_once_are_each_found_as_if_alone(method: str, has_off: bool, 
 
 def test_each_stripe_is_found_where_it_is() -> None:
     """Found in the full picture's rows, whatever the bands; what cannot be used says why."""
-    found = StripeFinder("precise", (WIDTH, HEIGHT), 1).find_all(sweep())
+    found = find_all(StripeFinder("precise", (WIDTH, HEIGHT), 1), sweep())
     for index in range(9):
         error = found[index].position_px - (20.0 + 9.3 * index)
         assert np.nanmax(np.abs(error)) < 0.6 and np.isfinite(error).mean() > 0.8
@@ -88,7 +95,7 @@ def test_shared_off_frame_gives_what_copies_give() -> None:
     shared = [(i, (10, 60), on_frame(30.0 + i, 90.0, off, i), off) for i in range(2 * SHARED_FROM)]
     apart = [(*frame[:3], off.copy()) for frame in shared]
     finders = [StripeFinder("precise", (WIDTH, HEIGHT), 1) for _ in range(2)]
-    for one, other in zip(*(f.find_all(of) for f, of in zip(finders, (shared, apart), strict=True)), strict=True):
+    for one, other in zip(*(find_all(f, of) for f, of in zip(finders, (shared, apart), strict=True)), strict=True):
         assert_same(one, other)
 
 
@@ -105,7 +112,7 @@ def test_off_buffer_that_is_used_again_is_looked_at_again(kind: str, count: int)
         on = on_frame(40.0, 90.0, buffer, seed)
         (buffer if kind == "frozen" else handed).setflags(write=kind == "writable")
         expected = gp.extract_stripe(on, buffer, band=(20, 60))
-        for found in finder.find_all([(count * seed + i, (20, 60), on, handed) for i in range(count)]):
+        for found in find_all(finder, [(count * seed + i, (20, 60), on, handed) for i in range(count)]):
             assert_same(found, expected)
 
 
@@ -118,7 +125,7 @@ def test_on_buffer_that_is_used_again_serves_later_stripes_as_it_was() -> None:
         buffer[:] = on_frame(row, 90.0, off_frame(seed=index), index)[:, :, 2]
         band = int(row - 18), int(row + 20)
         again, fresh = (
-            finder.find_all([(index, band, frame, None)])[0]
+            find_all(finder, [(index, band, frame, None)])[0]
             for finder, frame in zip(finders, (buffer, buffer.copy()), strict=True)
         )
         assert np.isfinite(fresh.position_px).mean() > 0.8

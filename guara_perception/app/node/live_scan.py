@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from drivers import DriverError, StripeCapture
 from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
+from guara_perception.frame_pair import FramePair
 from guara_perception.scan_processor import ScanProcessor
 
 
@@ -78,11 +79,11 @@ def live_scan(
 
 
 def _process(processor: ScanProcessor, group: Sequence[StripeCapture]) -> None:
-    frames = []
+    pairs = []
     for capture in group:
         if capture.on is None or not capture.verdict.in_step:
             processor.mark_bad(capture.index, f"frame {capture.verdict.value}")
         else:
-            frames.append((capture.index, capture.on, capture.off))
-    if frames:
-        processor.add_all(frames)
+            pairs.append(FramePair(capture.index, capture.on, capture.off))
+    if pairs:
+        processor.add_all(pairs)

@@ -6,7 +6,7 @@ import numpy.typing as npt
 import pytest
 
 import guara_perception as gp
-from guara_perception.stripes.follow_stripe import follow_stripe
+from guara_perception.stripes.any_light.follow_stripe import follow_stripe
 
 STATUS = gp.StripeStatus
 ROWS, COLUMNS = 160, 320

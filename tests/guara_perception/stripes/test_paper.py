@@ -10,8 +10,14 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from benchmarks.synthetic_stripes import CASES, figures
 from guara_perception.stripes.band import Band
-from guara_perception.stripes.paper import binarise, mean_rows, paper_stripe, red_enhanced_grey, remove_background
-from guara_perception.stripes.thinning import skeleton
+from guara_perception.stripes.paper import (
+    binarise,
+    mean_rows,
+    paper_stripe,
+    red_enhanced_grey,
+    remove_background,
+    skeleton,
+)
 
 
 def slow_skeleton(mask: np.ndarray) -> np.ndarray:

@@ -8,21 +8,20 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.stripes.middle import spread
-
-Float32 = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from guara_perception.arrays import Float32, Mask
+from guara_perception.stripes.median import robust_sigma
 
 # Widths of ridges [px]; neighbours overlap, together they cover stripes of 1 to 15 px.
 SIGMAS_PX = (1.2, 2.4, 4.8)
-# The sides are looked at so many sigmas from the middle.
+# Distance from the middle of a ridge to each of its sides, in sigmas.
 SIDE_SIGMAS = 2.5
 COLUMNS_MEAN = 3
-# Noise below this many grey levels cannot be told from quantisation.
+# Noise of fewer grey levels than this cannot be separated from quantisation.
 LEAST_NOISE = 0.15
-# Texture counts as noise of which its strongest hundredth is so many sigmas.
+# Texture counts as noise whose strongest hundredth begins at this number of sigmas.
 TEXTURE_QUANTILE, TEXTURE_SIGMAS = 0.99, 3.0
-# Evidence grows with the strength of a ridge up to so many sigmas, then with its logarithm; it is zero at the first.
+# Evidence is zero at the first of these strengths of a ridge, grows in proportion up to the second, then with the
+# logarithm times the gain.
 ZERO_SIGMAS, LINEAR_SIGMAS, LOG_GAIN = 3.2, 8.0, 3.0
 
 
@@ -51,7 +50,7 @@ class Ridges:
 def ridges(light: Float32, elsewhere: Mask | None = None) -> Ridges:
     """The ridges along the columns of a picture.
 
-    A step of brightness, which a second derivative takes for a line, has a higher side and is none here.
+    A step of brightness, which a second derivative takes for a line, has a higher side and is no ridge here.
 
     Args:
         light: (rows, columns) float32 grey levels.
@@ -61,7 +60,7 @@ def ridges(light: Float32, elsewhere: Mask | None = None) -> Ridges:
     width = np.zeros(light.shape, np.int8)
     for i, sigma in enumerate(SIGMAS_PX):
         ridge = ridge_of_width(light, sigma)
-        noise = max(spread(ridge[::3, ::7]), LEAST_NOISE)
+        noise = max(robust_sigma(ridge[::3, ::7]), LEAST_NOISE)
         if elsewhere is not None:
             some = ridge[::2, ::3][elsewhere[::2, ::3]]
             if some.size:

@@ -1,55 +1,51 @@
-"""Detects the stripe in any light: where it runs, before anything is measured."""
+"""Finds the path of a stripe in any light: where it runs, before anything is measured."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from guara_perception.stripes.follow_stripe import follow_stripe
-from guara_perception.stripes.laser_colour import (
+from guara_perception.arrays import Float, Float32, Image, Index, Mask
+from guara_perception.stripes.any_light.follow_stripe import follow_stripe
+from guara_perception.stripes.any_light.laser_colour import (
     CLIPPED,
     core_colour,
     covariance,
     details,
-    laser_plane,
+    in_laser_colour,
     laser_weights,
     purity,
     relative_colour,
     rim_colour,
 )
-from guara_perception.stripes.ridges import SIGMAS_PX, Ridges, ridge_of_width, ridges
+from guara_perception.stripes.any_light.ridges import SIGMAS_PX, Ridges, ridge_of_width, ridges
 
-Float = npt.NDArray[np.float64]
-Float32 = npt.NDArray[np.float32]
-Index = npt.NDArray[np.intp]
-Mask = npt.NDArray[np.bool_]
-
-# Which channel is the laser's is asked in every so many columns of a picture at least this wide.
+# Columns from one to the next in the first look, which finds the laser's channel, and width of a picture from which
+# on any are left out.
 FIRST_LOOK_COLUMNS, FIRST_LOOK_FROM = 4, 160
-# Those that are worth this share of the best are looked at in full.
+# Channels whose score reaches this share of the best are looked at in full.
 HOPEFUL = 0.2
-# The stripe and its halo lie so near to its path; the scene is what is further away.
+# The stripe and its halo lie within this many rows of its path; the scene is what is further away.
 NEAR_PEAK_PX, NEAR_PATH_PX = 10, 12
 # A piece of the path ends where it moves by more rows than this from one column to the next.
-PIECE_STEP_PX = 4
+PIECE_JUMP_PX = 4
 # Pieces that are shorter, or weaker than this share of the strong ones, are no stripe. Without colour nothing else
 # tells a weak stripe from texture.
 LEAST_COLUMNS, LEAST_SHARE, LEAST_SHARE_MONO = 12, 0.15, 0.5
 STRONG_PERCENTILE = 75
 # A laser keeps the ratio of its channels on any surface; what is not of it deviates by more.
 MOST_COLOUR_DEVIATION = 0.9
-# Of what a stripe adds to the picture without laser so much is a ridge of the picture with it, in so many of the
-# columns of a piece: beside the scene's edges it need not be. A moved edge is none anywhere.
+# Least share of what a stripe adds to the laser-off picture that is a ridge of the laser-on picture, and least share
+# of a piece's columns in which it must be: beside the scene's edges it need not. A moved edge is no ridge anywhere.
 LEAST_OWN_RIDGE, LEAST_OWN_COLUMNS = 0.4, 0.25
-# The gain between laser off and on is fitted where that takes this share off the difference that is left.
-GAIN_ROUNDS, TRIM_DEVIATIONS, GAIN_WORTH = 6, 2.5, 0.7
+# Rounds of the fit of the gain between laser off and on, deviations from which on a pixel is left out, and the share
+# of the plain difference to which the fit must bring it down, or it is not used.
+GAIN_ROUNDS, TRIM_DEVIATIONS, MOST_LEFT = 6, 2.5, 0.7
 
 
 @dataclass(frozen=True, slots=True)
-class Detection:
+class StripePath:
     """Where a stripe runs.
 
     Attributes:
@@ -60,8 +56,8 @@ class Detection:
         sigma: (columns,) width of the ridge found [px].
         height: (columns,) of the ridge [grey levels].
         channel: the laser's own.
-        weights: (channels,) of the plane.
-        plane: (rows, columns) float32 light in the laser's colour.
+        weights: (channels,) that mix the channels to `laser`.
+        laser: (rows, columns) float32 light in the laser's colour.
         light: (rows, columns, channels) float32 light, background removed where there was a picture of it.
     """
 
@@ -73,12 +69,12 @@ class Detection:
     height: Float32
     channel: int
     weights: Float
-    plane: Float32
+    laser: Float32
     light: Float32
 
 
-def detect(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> Detection:
-    """Detect the stripe that runs across the columns.
+def find_path(on: Image, off: Image | None) -> StripePath:
+    """Find the path of the stripe that runs across the columns.
 
     Args:
         on: (rows, columns[, channels]) uint8 or uint16, laser on.
@@ -87,12 +83,12 @@ def detect(on: npt.NDArray[Any], off: npt.NDArray[Any] | None) -> Detection:
     frame = levels(on)
     light = frame if off is None else subtract(frame, levels(off))
     detail = details(light)
-    tried = [_detect(light, frame, detail, channel) for channel in _hopeful_channels(light, frame, detail)]
+    tried = [_path_of(light, frame, detail, channel) for channel in _hopeful_channels(light, frame, detail)]
     best = max(tried, key=lambda each: each[1])[0]
     return best if off is None else _without_moved_edges(best, frame)
 
 
-def _detect(light: Float32, frame: Float32, detail: Float32, channel: int) -> tuple[Detection, float]:
+def _path_of(light: Float32, frame: Float32, detail: Float32, channel: int) -> tuple[StripePath, float]:
     """The stripe of a laser of one channel, and how much speaks for it."""
     every = np.ones(frame.shape[1], dtype=bool)
     elsewhere = _away(detail[:, :, channel].argmax(axis=0), every, frame.shape[:2], NEAR_PEAK_PX)
@@ -100,21 +96,21 @@ def _detect(light: Float32, frame: Float32, detail: Float32, channel: int) -> tu
     known: Mask | None = None
     # What only a first look sees, before texture counts as noise, is doubtful.
     for _ in range(2):
-        plane, core = laser_plane(light, frame, scene, colour, channel)
-        found = ridges(plane, known)
+        laser, core = in_laser_colour(light, frame, scene, colour, channel)
+        found = ridges(laser, known)
         evidence = found.evidence()
         rows, is_stripe, _ = (each[0] for each in follow_stripe(evidence.T[None]))
         if known is None:
             seen_first, is_seen_first = rows, is_stripe
-            known = _away(rows, is_stripe, plane.shape, NEAR_PATH_PX)
+            known = _away(rows, is_stripe, laser.shape, NEAR_PATH_PX)
             scene = covariance(detail, known)
             colour = relative_colour(rim_colour(light, frame, rows, is_stripe, channel), channel)
     columns = np.arange(rows.size)
     is_core = core[rows, columns]
     is_good = _good_pieces(found, rows, is_stripe, is_core, has_colour=frame.shape[2] == 3)
     is_good = _of_laser_colour(frame, detail, rows, is_good, colour, channel)
-    worth = float(evidence[rows, columns][is_good].sum())
-    detection = Detection(
+    score = float(evidence[rows, columns][is_good].sum())
+    path = StripePath(
         row=np.where(is_stripe, rows, seen_first),
         is_path=is_stripe | is_seen_first,
         is_stripe=is_good,
@@ -123,13 +119,13 @@ def _detect(light: Float32, frame: Float32, detail: Float32, channel: int) -> tu
         height=found.height[rows, columns],
         channel=channel,
         weights=laser_weights(scene, colour),
-        plane=plane,
+        laser=laser,
         light=light,
     )
-    return detection, worth * _purity(light, frame, detail, rows, is_good, channel)
+    return path, score * _purity(light, frame, detail, rows, is_good, channel)
 
 
-def levels(frame: npt.NDArray[Any]) -> Float32:
+def levels(frame: Image) -> Float32:
     """A frame as (rows, columns, channels) float32 of 0 to 255."""
     scale = np.float32(255 / np.iinfo(frame.dtype).max)
     picture = np.ascontiguousarray(frame).astype(np.float32)
@@ -150,7 +146,7 @@ def subtract(on: Float32, off: Float32) -> Float32:
         offset = float(np.median(bright - dark))
         plain = float(np.median(np.abs(bright - dark - offset)))
         gain, fitted_offset, left = _fitted(dark, bright)
-        if left < GAIN_WORTH * plain:
+        if left < MOST_LEFT * plain:
             light[:, :, channel] = on[:, :, channel] - np.float32(gain) * off[:, :, channel]
             offset = fitted_offset
         light[:, :, channel] -= np.float32(offset)
@@ -180,8 +176,10 @@ def _hopeful_channels(light: Float32, frame: Float32, detail: Float32) -> list[i
     channels = light.shape[2]
     if channels == 1:
         return [0]
-    step = FIRST_LOOK_COLUMNS if light.shape[1] >= FIRST_LOOK_FROM else 1
-    light, frame, detail = (np.ascontiguousarray(picture[:, step // 2 :: step]) for picture in (light, frame, detail))
+    interval = FIRST_LOOK_COLUMNS if light.shape[1] >= FIRST_LOOK_FROM else 1
+    light, frame, detail = (
+        np.ascontiguousarray(picture[:, interval // 2 :: interval]) for picture in (light, frame, detail)
+    )
     every = np.ones(light.shape[1], dtype=bool)
     shape = light.shape[:2]
     away = [_away(detail[:, :, channel].argmax(axis=0), every, shape, NEAR_PEAK_PX) for channel in range(channels)]
@@ -189,14 +187,14 @@ def _hopeful_channels(light: Float32, frame: Float32, detail: Float32) -> list[i
     for look in range(2):
         evidence = []
         for channel in range(channels):
-            plane, _ = laser_plane(light, frame, covariance(detail, away[channel]), colours[channel], channel)
-            evidence.append(ridges(plane, away[channel] if look else None).evidence().T)
-        rows, is_stripe, worth = follow_stripe(np.stack(evidence))
+            laser, _ = in_laser_colour(light, frame, covariance(detail, away[channel]), colours[channel], channel)
+            evidence.append(ridges(laser, away[channel] if look else None).evidence().T)
+        rows, is_stripe, scores = follow_stripe(np.stack(evidence))
         seen = [rim_colour(light, frame, rows[c], is_stripe[c], c) for c in range(channels)]
         away = [_away(rows[c], is_stripe[c], shape, NEAR_PATH_PX) for c in range(channels)]
         colours = [relative_colour(seen[c], c) for c in range(channels)]
-    score = worth * np.array([_purity(light, frame, detail, rows[c], is_stripe[c], c) for c in range(channels)])
-    return [c for c in range(channels) if score[c] >= HOPEFUL * score.max()]
+    scores *= [_purity(light, frame, detail, rows[c], is_stripe[c], c) for c in range(channels)]
+    return [c for c in range(channels) if scores[c] >= HOPEFUL * scores.max()]
 
 
 def _purity(light: Float32, frame: Float32, detail: Float32, rows: Index, is_stripe: Mask, channel: int) -> float:
@@ -217,7 +215,7 @@ def _away(rows: Index, is_stripe: Mask, shape: tuple[int, ...], reach: int) -> M
 def _pieces(rows: Index, is_stripe: Mask) -> list[slice]:
     """The unbroken pieces of a path."""
     cut = is_stripe[1:] != is_stripe[:-1]
-    cut |= (np.abs(np.diff(rows)) > PIECE_STEP_PX) & is_stripe[1:] & is_stripe[:-1]
+    cut |= (np.abs(np.diff(rows)) > PIECE_JUMP_PX) & is_stripe[1:] & is_stripe[:-1]
     edges = np.flatnonzero(np.concatenate(([True], cut, [True])))
     return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if is_stripe[a]]
 
@@ -256,8 +254,8 @@ def _of_laser_colour(
     return good
 
 
-def _without_moved_edges(found: Detection, frame: Float32) -> Detection:
-    """Only the pieces that are ridges of the picture with the laser too: an edge that moved between both is none."""
+def _without_moved_edges(found: StripePath, frame: Float32) -> StripePath:
+    """Only the pieces that are ridges of the laser-on picture too: an edge that moved between both is no ridge."""
     own = np.asarray(frame @ found.weights.astype(np.float32))
     columns = np.arange(found.row.size)
     height = np.max([ridge_of_width(own, sigma)[found.row, columns] for sigma in SIGMAS_PX], axis=0)

@@ -1,15 +1,11 @@
-"""The laser's colour, from the picture itself: a plane in which the laser stands out from what else changes there."""
+"""The laser's colour, from the picture itself, and the light in that colour, in which it stands out from the scene."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float64]
-Float32 = npt.NDArray[np.float32]
-Index = npt.NDArray[np.intp]
-Mask = npt.NDArray[np.bool_]
+from guara_perception.arrays import Float, Float32, Index, Mask
 
 # Grey level, of 255, from which a pixel may be clipped: JPEG and demosaicing keep it from reaching the end.
 CLIPPED = 245.0
@@ -45,10 +41,12 @@ def laser_weights(scene: Float, colour: Float) -> Float:
     return np.asarray(weights / max(float(colour @ weights), 1e-9))
 
 
-def laser_plane(picture: Float32, frame: Float32, scene: Float, colour: Float, channel: int) -> tuple[Float32, Mask]:
+def in_laser_colour(
+    picture: Float32, frame: Float32, scene: Float, colour: Float, channel: int
+) -> tuple[Float32, Mask]:
     """The picture seen in the colour of the laser (Fisher's linear discriminant), and where it is clipped.
 
-    A clipped pixel is at least as bright as the rim of its core, whatever the other channels say: there the plane is
+    A clipped pixel is at least as bright as the rim of its core, whatever the other channels say: there it is
     filled from the rim, and slightly raised by the other channels, which still show the middle.
 
     Args:
@@ -60,18 +58,18 @@ def laser_plane(picture: Float32, frame: Float32, scene: Float, colour: Float, c
     """
     weights = laser_weights(scene, colour)
     channels = picture.shape[2]
-    plane: Float32 = np.ascontiguousarray(picture[:, :, 0])
+    mixed: Float32 = np.ascontiguousarray(picture[:, :, 0])
     if channels > 1:
-        mixed = cv2.transform(picture, weights[None].astype(np.float32))
-        plane = np.asarray(mixed, np.float32).reshape(picture.shape[:2])
+        transformed = cv2.transform(picture, weights[None].astype(np.float32))
+        mixed = np.asarray(transformed, np.float32).reshape(picture.shape[:2])
     full = (np.ascontiguousarray(frame[:, :, channel]) >= CLIPPED).astype(np.uint8)
     if channels == 1 or not full.any():
-        return plane, full > 0
+        return mixed, full > 0
     core = cv2.dilate(full, np.ones((3, 1), np.uint8)) > 0
-    filled = np.asarray(cv2.morphologyEx(plane, cv2.MORPH_CLOSE, np.ones((WIDEST_CORE_PX, 1), np.uint8)), np.float32)
+    filled = np.asarray(cv2.morphologyEx(mixed, cv2.MORPH_CLOSE, np.ones((WIDEST_CORE_PX, 1), np.uint8)), np.float32)
     others = np.float32(OTHERS_SHARE) * (picture.sum(axis=2) - picture[:, :, channel])
     raised = filled + np.clip(others, 0, np.float32(MOST_OF_CORE) * np.maximum(filled, 0))
-    return np.where(core, raised, plane).astype(np.float32), core
+    return np.where(core, raised, mixed).astype(np.float32), core
 
 
 def rim_colour(picture: Float32, frame: Float32, row: Index, is_stripe: Mask, channel: int) -> Float:

@@ -1,0 +1,218 @@
+"""Turns a pair of frames into one picture of laser light: background removed, one channel or several fused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from guara_perception.arrays import Array, Float32, Image, Index, Mask
+from guara_perception.stripes.band import OffRows, channel_of, has_colour, rows_from, sampled
+from guara_perception.stripes.median import SIGMA_PER_DEVIATION, upper_median, upper_medians
+
+# Rows from one judged row to the next, and number of judged columns: a thin stripe is missed in some, never in all.
+JUDGED_ROWS, JUDGED_COLUMNS = 3, 16
+# Mean deviations by which the peak of a column must exceed it: noise alone reaches four of them.
+NOISE_DEVIATIONS, PEAK_DEVIATIONS = 4.0, 6.0
+# From this share of full scale a pixel counts as clipped; JPEG and demosaicing keep it from reaching 1.
+CLIPPED = 0.98
+# From this share of clipped tops on, the channels are fused.
+FUSE_FROM_CLIPPED = 0.2
+# Half the height of the opening that stands in for a missing off frame: wider than any stripe, narrower than texture.
+BACKGROUND_HALF_HEIGHT_PX = 12
+# A frame whose brightness away from the stripe moved by more than this share of full scale is not a pair.
+MAX_AMBIENT_CHANGE = 0.15
+# Columns from one sampled top of the stripe to the next, and sigmas of noise by which a top stands out.
+TOP_COLUMNS = 16
+TOP_SIGMAS = 5.0
+# Even a channel that is clipped throughout says where the shoulders of the stripe are.
+LEAST_HEADROOM = 0.3
+# How far to each side of its top the core is looked at, in sigmas of the stripe.
+REACH_SIGMAS = 3.0
+# A clipped core wider than this, in sigmas of the stripe, leaves no shoulders to judge by.
+MAX_CLIPPED_SIGMAS = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """What some columns of a band say.
+
+    Attributes:
+        channel: number of the channel in which the stripe stands out most from the noise; 0 for mono.
+        is_swapped: whether the dark side looks like a stripe and the bright side does not.
+        change: how much brighter the surroundings of the stripe are than the background [grey levels].
+        is_core_clipped: whether the stripe's core is clipped in that channel in a good part of the columns.
+    """
+
+    channel: int
+    is_swapped: bool
+    change: float
+    is_core_clipped: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LaserLight:
+    """The laser's own light in a band of rows.
+
+    Attributes:
+        light: (rows, columns) int16 or float32, grey levels above background, negative where noise makes it so.
+        frame: (rows, columns[, channels]) laser on, as delivered; only the channel used where only one was.
+        background: the same with the laser off, None where there was no picture of it.
+        channel: of `frame` and `background` that the laser lights most.
+        is_fused: whether `light` is of all channels together; otherwise it is of that one.
+        is_clipped: whether any pixel of that channel is at the end of its scale.
+        reason: why the pair cannot be used, empty when it can.
+    """
+
+    light: Array
+    frame: Image
+    background: Image | None
+    channel: int = 0
+    is_fused: bool = False
+    is_clipped: bool = False
+    reason: str = ""
+
+
+def laser_light(on: Image, off: OffRows | None) -> LaserLight:
+    """Subtract the background in the channel that the laser lights most; fuse the channels where that one is clipped.
+
+    Args:
+        on: (rows, columns) or (rows, columns, channels), uint8 or uint16, laser on.
+        off: the same with the laser off, or None: the background is then a vertical grey opening of `on`.
+    """
+    dark = None if off is None else off.frame
+    seen = judge(on, dark)
+    full_scale = float(np.iinfo(on.dtype).max)
+    if seen.is_swapped:
+        return _unusable(on, "the stripe is darker than its surroundings: laser-on and laser-off frames are swapped")
+    if off is not None and abs(seen.change) > MAX_AMBIENT_CHANGE * full_scale:
+        return _unusable(
+            on,
+            f"brightness beside the stripe changed by {seen.change:+.0f} of {full_scale:.0f} between laser off and on",
+        )
+    if seen.is_core_clipped and has_colour(on):
+        return LaserLight(fused_light(on, dark, seen.channel), on, dark, seen.channel, is_fused=True, is_clipped=True)
+    bright, background = channel_of(on, seen.channel), None if off is None else off.channel(seen.channel)
+    light = difference(bright, background)
+    offset = upper_median(sampled(light))
+    if abs(offset) > full_scale / 256:
+        light -= light.dtype.type(offset)
+    return LaserLight(light, bright, background, is_clipped=bool(bright.max() >= clipped_from(bright.dtype)))
+
+
+def _unusable(on: Image, reason: str) -> LaserLight:
+    return LaserLight(np.zeros((0, 0), np.int16), on, None, reason=reason)
+
+
+def judge(on: Image, off: Image | None) -> Judgement:
+    """Judge a pair by some columns: which channel shows the stripe best, and whether its core is clipped.
+
+    Args:
+        on: (rows, columns[, channels]) uint8 or uint16, laser on.
+        off: the same with the laser off, or None.
+    """
+    interval = max(on.shape[1] // JUDGED_COLUMNS, 1)
+    seen = _judged(on, interval)
+    light = seen - (np.median(seen, axis=0) if off is None else _judged(off, interval))
+    # Mean absolute value instead of a robust sigma: the stripe is a small share of a column and raises it alike.
+    noise = np.add.reduce(np.abs(light)) / np.float32(len(light))
+    height = light.max(axis=0)
+    channel = int(np.add.reduce(height - NOISE_DEVIATIONS * noise).argmax())
+    change = upper_median(light[:, :, channel])
+    tops = seen[:, :, channel].max(axis=0)[height[:, channel] > PEAK_DEVIATIONS * noise[:, channel]]
+    clipped = np.count_nonzero(tops >= clipped_from(on.dtype))
+    is_swapped = _is_swapped(-light.min(axis=0), height, noise)
+    return Judgement(channel, is_swapped, change, clipped > FUSE_FROM_CLIPPED * max(tops.size, 1))
+
+
+def _judged(frame: Image, interval: int) -> Float32:
+    """Judged pixels (rows, columns, channels)."""
+    some = frame[::JUDGED_ROWS, ::interval]
+    return some.astype(np.float32).reshape(*some.shape[:2], -1)
+
+
+def _is_swapped(depth: Float32, height: Float32, noise: Float32) -> bool:
+    """Whether the deepest dips exceed twice the highest peaks, and most columns (columns, channels) have one."""
+    if depth.max() <= 2 * height.max():
+        return False
+    channel = int(np.argmax(depth.mean(axis=0)))
+    return bool(np.median(depth[:, channel] - PEAK_DEVIATIONS * noise[:, channel]) > 0)
+
+
+def fused_light(on: Image, off: Image | None, channel: int) -> Float32:
+    """Light of all channels together, for stripes whose core clips the strongest one.
+
+    Each channel is weighted by its headroom (the share of stripe tops at which it is not clipped) times its signal
+    over its noise variance, all taken from the data, so a line of any colour works alike.
+
+    Args:
+        on: (rows, columns, 3) uint8 or uint16, laser on.
+        off: the same with the laser off, or None.
+        channel: that the laser lights most: its tops are those of the stripe.
+
+    Returns:
+        (rows, columns) float32, in grey levels of the strongest channel.
+    """
+    full_scale = float(np.iinfo(on.dtype).max)
+    on = np.ascontiguousarray(on)
+    light = np.asarray(cv2.subtract(on, opening(on) if off is None else off, dtype=cv2.CV_32F))
+    sample = np.ascontiguousarray(sampled(light).reshape(-1, 3).T)
+    offsets = upper_medians(sample).astype(np.float64)
+    noise = SIGMA_PER_DEVIATION * upper_medians(np.abs(sample - offsets[:, None].astype(np.float32)))
+    noise = np.maximum(noise.astype(np.float64), full_scale / 512)
+    smooth = cv2.GaussianBlur(np.ascontiguousarray(light[:, ::TOP_COLUMNS, channel]), (1, 5), 0)
+    shown = np.flatnonzero(smooth.max(axis=0) > TOP_SIGMAS * noise[channel])
+    shown = shown if shown.size else np.arange(smooth.shape[1])
+    top, columns = smooth.argmax(axis=0)[shown], TOP_COLUMNS * shown
+    headroom = np.maximum(1 - is_clipped(on[top, columns]).mean(axis=0), LEAST_HEADROOM)
+    gains = np.maximum(upper_medians(light[top, columns].T) - offsets - noise, 0.0)
+    weights = headroom**2 * gains / noise**2
+    shares = weights * (gains.max() / max(float(weights @ gains), 1e-12))
+    mixture = np.append(shares, -float(shares @ offsets)).astype(np.float32)
+    return np.asarray(cv2.transform(light, mixture[None]))
+
+
+def difference(bright: Image, background: Image | None) -> Array:
+    """One channel minus background, not saturating: negative values carry the noise."""
+    background = opening(bright) if background is None else background
+    return np.subtract(bright, background, dtype=np.int16 if bright.dtype == np.uint8 else np.float32)
+
+
+def opening(picture: Image) -> Image:
+    """Vertical grey opening: the picture without anything as narrow as a stripe."""
+    kernel = np.ones((2 * BACKGROUND_HALF_HEIGHT_PX + 1, 1), np.uint8)
+    return np.asarray(cv2.morphologyEx(picture, cv2.MORPH_OPEN, kernel))
+
+
+def clipped_columns(on: Image, top: Index, sigma: float, channel: int, *, is_fused: bool) -> tuple[Mask, Mask]:
+    """Columns whose core is clipped in one channel, and those whose core is lost.
+
+    Args:
+        on: (rows, columns[, channels]) laser on.
+        top: (columns,) rows of the stripe.
+        sigma: width of the stripe [px].
+        channel: that the laser lights most.
+        is_fused: whether light of all channels was used: then the core is lost only where all are clipped.
+    """
+    reach = int(REACH_SIGMAS * sigma)
+    first, count = top - reach, 2 * reach + 1
+    columns = np.arange(top.size)
+    clipped = is_clipped(rows_from(on, first, count, columns, channel)).sum(axis=0)
+    is_lost = clipped > MAX_CLIPPED_SIGMAS * sigma
+    if is_fused and is_lost.any():
+        wide = np.flatnonzero(is_lost)
+        every = [is_clipped(rows_from(on, first[wide], count, wide, i)) for i in range(on.shape[2])]
+        is_lost[wide] = np.logical_and.reduce(every).sum(axis=0) > MAX_CLIPPED_SIGMAS * sigma
+    return clipped > 0, is_lost
+
+
+def is_clipped(values: Image) -> Mask:
+    """Which grey levels of a picture are at the end of its scale."""
+    return np.asarray(values >= clipped_from(values.dtype))
+
+
+def clipped_from(kind: np.dtype[Any]) -> int:
+    """Grey level from which a pixel of this type counts as clipped."""
+    return int(np.ceil(CLIPPED * np.iinfo(kind).max))

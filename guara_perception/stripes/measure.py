@@ -1,0 +1,192 @@
+"""Measures detected stripes: the sub-pixel centre of every column with its sigma, or the reason why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.arrays import Array, Float32, Image, Index, Mask
+from guara_perception.stripes.centre import centres
+from guara_perception.stripes.peaks import ROW_SMOOTHING_SIGMA_PX, SCALE
+from guara_perception.stripes.profile import StripeProfile, StripeStatus, nothing
+
+OK, SATURATED, DROPOUT = (
+    np.uint8(status) for status in (StripeStatus.OK, StripeStatus.SATURATED, StripeStatus.DROPOUT)
+)
+NAN = np.float32(np.nan)
+# A peak on the first or last rows of the band may be the flank of a stripe outside.
+EDGE_ROWS = 2
+# Speckle moves the centre of a stripe by this share of its sigma, whatever the light.
+SPECKLE_OF_SIGMA = 0.06
+# A surface that is brighter on one side of the stripe pulls its centre over: share of the first-order shift.
+ALBEDO_SHARE = 0.5
+# Distance above and below the stripe at which its surface is looked at, in sigmas and at least [px].
+BESIDE_SIGMAS, LEAST_BESIDE_PX = 1.5, 2
+# Columns to each side that are averaged with their mirror image, so that a straight line stays where it is.
+REACH_COLUMNS = 3
+# What the line may move by per column; more is a jump, which is left as it is.
+STEEPEST_PX_PER_COLUMN = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class DetectedStripe:
+    """What a band says of its stripe, column by column, before the centre is measured.
+
+    Attributes:
+        top: (columns,) row of the stripe's peak within the band.
+        height: (columns,) float32 light there, times SCALE.
+        is_peak: (columns,) whether that is enough for a stripe.
+        is_clipped: (columns,) whether the stripe's core is clipped.
+        is_unsure: (columns,) whether another peak would have been as good, or nothing is left of a clipped core.
+        responses: (shifts, columns) of the derivative filters about the top.
+        above, below: (columns,) the laser-off picture above and below the top; zero where there is no such picture.
+        beside_px: how far above and below.
+        sigma: width of the stripe [px].
+        noise: standard deviation of a row times the slope of its response.
+        rows: of the band.
+        first_row: of the band in the full picture.
+    """
+
+    top: Index
+    height: Float32
+    is_peak: Mask
+    is_clipped: Mask
+    is_unsure: Mask
+    responses: Float32
+    above: Image
+    below: Image
+    beside_px: int
+    sigma: float
+    noise: float
+    rows: int
+    first_row: int
+
+
+def distance_beside(sigma: float) -> int:
+    """How far above and below a stripe of this width its surface is looked at [px]."""
+    return max(int(round(BESIDE_SIGMAS * sigma)), LEAST_BESIDE_PX)
+
+
+def sigma_of_filter(sigma: float) -> float:
+    """Width of the filter that finds the centre of a stripe of this width in smoothed light [px].
+
+    Speckle makes a thin stripe's own width too narrow a window; of a wide one, clipped or in a halo, the core is best.
+    The smoothing of the light already counts towards it.
+    """
+    return round(float(np.sqrt((0.85 * sigma) ** 2 + 1.3**2 - ROW_SMOOTHING_SIGMA_PX**2)), 1)
+
+
+def measure(stripes: Sequence[DetectedStripe]) -> list[StripeProfile]:
+    """Profiles of one or more stripes with as many columns each; arrays in here are (stripes, columns)."""
+    top, height, is_peak = (
+        _stacked([s.top for s in stripes]),
+        _stacked([s.height for s in stripes]),
+        _stacked([s.is_peak for s in stripes]),
+    )
+    sigma, noise = _numbers([s.sigma for s in stripes]), _numbers([s.noise for s in stripes])
+    first_row, rows = _numbers([s.first_row for s in stripes]), _numbers([s.rows for s in stripes])
+    from_top, slope = centres(_stacked([s.responses for s in stripes]))
+    row = np.where(is_peak, top.astype(np.float32) + from_top, NAN)
+    is_found = np.isfinite(row)
+    status = np.where(is_found, np.where(_stacked([s.is_clipped for s in stripes]), SATURATED, OK), DROPOUT)
+    status[is_peak & (~is_found | _stacked([s.is_unsure for s in stripes]))] = StripeStatus.AMBIGUOUS
+    status[is_peak & ((top < EDGE_ROWS) | (top >= rows - EDGE_ROWS))] = StripeStatus.OUT_OF_BAND
+    usable = (status == OK) | (status == SATURATED)
+    row, shrink = smooth_line(row, height)
+    row += first_row
+    variance = (noise * shrink / slope) ** 2 + (SPECKLE_OF_SIGMA * sigma) ** 2 * shrink
+    variance += _albedo_shift(stripes, sigma) ** 2
+    is_doubtful = is_peak & ~usable
+    # Without a centre the row of the peak says where the return was.
+    seen = np.where(is_found, row, top + first_row)
+    has_doubtful = is_doubtful.any(axis=1).tolist()
+    position, deviation = np.where(usable, row, NAN), np.where(usable, np.sqrt(variance), NAN)
+    peak = height / np.float32(SCALE)
+    for array in (position, deviation, status, peak):
+        # No other reference to these exists: they need not be copied to be frozen.
+        array.setflags(write=False)
+    return [
+        StripeProfile(
+            position_px=position[i],
+            sigma_px=deviation[i],
+            status=status[i],
+            peak=peak[i],
+            doubtful_px=np.where(is_doubtful[i], seen[i], NAN) if has_doubtful[i] else nothing(top.shape[1]),
+        )
+        for i in range(len(stripes))
+    ]
+
+
+def _albedo_shift(stripes: Sequence[DetectedStripe], sigma: Float32) -> Float32:
+    """How far the brightness gradient of the surface may have pulled the centre [px].
+
+    Reflectance that changes by a factor exp(g) per row shifts a Gaussian stripe by g sigma^2 rows. The laser-off
+    picture shows the reflectance under ambient light, noise included, hence only a share of it.
+    """
+    above = _stacked([stripe.above for stripe in stripes]).astype(np.float32)
+    below = _stacked([stripe.below for stripe in stripes]).astype(np.float32)
+    pull = ALBEDO_SHARE * sigma**2 / _numbers([stripe.beside_px for stripe in stripes])
+    return np.asarray(pull * (below - above) / np.maximum(above + below, np.float32(1)))
+
+
+def _stacked(arrays: Sequence[Array]) -> Array:
+    """One array (..., stripes, columns) of those of all stripes; that of a single one is not copied."""
+    return arrays[0][..., None, :] if len(arrays) == 1 else np.stack(arrays, axis=-2)
+
+
+def _numbers(values: Sequence[float]) -> Float32:
+    """One number of each stripe (stripes, 1)."""
+    return np.array(values, dtype=np.float32)[:, None]
+
+
+def smooth_line(position: Float32, weight: Float32) -> tuple[Float32, Float32]:
+    """Even out the positions of a stripe along its run: speckle moves each column on its own, the surface does not.
+
+    Neighbours enter in pairs, one from each side with the same weight: a straight line is not changed, and nothing is
+    averaged across a gap or a jump.
+
+    Args:
+        position: (..., n) rows of each of n columns, NaN where there is no stripe.
+        weight: (..., n) of each position, for instance the square of the peak.
+
+    Returns:
+        (..., n) smoothed positions, NaN where they were, and (..., n) the factor by which independent noise shrinks.
+    """
+    known = np.isfinite(position)
+    weights, values = _shifted(np.where(known, weight, 0)), _shifted(np.where(known, position, 0))
+    left, right = np.s_[REACH_COLUMNS - 1 :: -1], np.s_[REACH_COLUMNS + 1 :]
+    here, own = values[REACH_COLUMNS], weights[REACH_COLUMNS]
+    reach = np.arange(1, REACH_COLUMNS + 1, dtype=np.float32)[:, None]
+    farthest = np.maximum(np.abs(values[left] - here), np.abs(values[right] - here))
+    pair = np.minimum(weights[left], weights[right])
+    allowed = (farthest < STEEPEST_PX_PER_COLUMN * reach) & (pair > 0) & (own > 0)
+    for near, far in pairwise(allowed):
+        far &= near
+    pair *= allowed
+    sum_of_weights = own + 2 * pair.sum(axis=0)
+    sum_of_squares = own**2 + 2 * (pair**2).sum(axis=0)
+    total = own * here + (pair * (values[left] + values[right])).sum(axis=0)
+    divisor = np.where(sum_of_weights > 0, sum_of_weights, np.float32(1))
+    smooth, shrink = _lines(total / divisor, position.shape), _lines(np.sqrt(sum_of_squares) / divisor, position.shape)
+    return np.where(known, smooth, np.float32(np.nan)), shrink
+
+
+def _shifted(lines: npt.NDArray[np.floating]) -> Float32:
+    """View (2 * REACH_COLUMNS + 1, m): the lines shifted to the right, as they are, and shifted to the left.
+
+    The lines follow each other with 2 * REACH_COLUMNS empty columns between, across which nothing is averaged.
+    """
+    n = lines.shape[-1]
+    length = lines.size // n * (n + 2 * REACH_COLUMNS)
+    padded = np.zeros(length + 2 * REACH_COLUMNS, np.float32)
+    _lines(padded[REACH_COLUMNS : length + REACH_COLUMNS], lines.shape)[...] = lines
+    return np.ndarray((2 * REACH_COLUMNS + 1, length), np.float32, padded, strides=2 * padded.strides)
+
+
+def _lines(row: Float32, shape: tuple[int, ...]) -> Float32:
+    """View of the lines (..., n) that follow each other in a row."""
+    return row.reshape(*shape[:-1], -1)[..., : shape[-1]]

@@ -1,0 +1,46 @@
+"""The peaks of a band, and the smoothing before them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from guara_perception.stripes.peaks import SCALE, candidates, highest_peaks, smooth_light, smooth_wide, sums_of_columns
+
+
+def gaussian(centre: float, sigma: float, rows: int = 60, columns: int = 5) -> np.ndarray:
+    line = 100 * np.exp(-0.5 * ((np.arange(rows) - centre) / sigma) ** 2)
+    return np.tile(line[:, None], (1, columns)).astype(np.float32)
+
+
+@given(rows=st.integers(8, 70), seed=st.integers(0, 1000))
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_highest_peak_is_the_argmax_whatever_the_number_of_rows(rows: int, seed: int) -> None:
+    """Taking maxima of blocks first changes nothing."""
+    picture = np.random.default_rng(seed).integers(-500, 500, (rows, 17)).astype(np.int16)
+    peaks = highest_peaks(picture.copy())
+    np.testing.assert_array_equal(peaks.height, picture.max(axis=0))
+    np.testing.assert_array_equal(picture[peaks.top, np.arange(17)], picture.max(axis=0))
+    assert (peaks.second <= peaks.height).all()
+
+
+def test_candidates_are_local_maxima_in_order_of_height() -> None:
+    """Three humps give three candidates; what is below the threshold or too near gives none."""
+    column = gaussian(10, 1.5) + 0.6 * gaussian(30, 1.5) + 0.3 * gaussian(50, 1.5) + 0.1 * gaussian(20, 1.5)
+    rows, heights = candidates(column, np.array([2, 4]), threshold=20.0, distance=6)
+    np.testing.assert_array_equal(rows[:3], [[10, 10], [30, 30], [50, 50]])
+    np.testing.assert_allclose(heights[:, 0], [100, 60, 30, 0], atol=0.5)
+
+
+@pytest.mark.parametrize("kind", [np.int16, np.float32])
+def test_smoothing_is_the_mean_around_times_a_scale(kind: type) -> None:
+    """A smoothed pixel is SCALE times the mean of its neighbourhood, and the sums of columns are of the same pixels."""
+    light = np.random.default_rng(3).integers(-200, 250, (40, 60)).astype(kind)
+    np.testing.assert_allclose(smooth_light(light)[20, 30], SCALE * light[19:22, 29:32].mean(), rtol=1e-5)
+    assert smooth_light(np.full((20, 20), 255, kind)).max() == SCALE * 255
+    np.testing.assert_allclose(smooth_wide(np.full((40, 20), 255, kind), 4.0), SCALE * 255, rtol=2e-3)
+    np.testing.assert_array_equal(
+        sums_of_columns(light, 8, 24)[1], [light[8, :3].sum(), light[8, 24:27].sum(), light[8, 48:51].sum()]
+    )
