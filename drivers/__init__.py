@@ -7,6 +7,7 @@ same interface. pyusb and OpenCV are imported when a device is opened.
 from __future__ import annotations
 
 from drivers.acquisition import StripeStream, acquire, prepare
+from drivers.aravis_camera import AravisCamera
 from drivers.board import LaserBoard
 from drivers.board_config import BoardConfig
 from drivers.camera import Camera, CameraSettings
@@ -28,6 +29,7 @@ __all__ = [
     "UDEV_RULE_FILE",
     "AcquireOptions",
     "AcquisitionError",
+    "AravisCamera",
     "BoardConfig",
     "BoardError",
     "BoardFault",

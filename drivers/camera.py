@@ -50,12 +50,14 @@ class Camera(ABC):
             finds it out.
         triggered: exposes at each pulse on its trigger line and at no other time, and tells `Frame.device_time`.
         trigger_period: shortest time between two triggers that it bears at its present exposure [s].
+        counts_frames: `Frame.counter` is the device's own, so that a frame lost before the host had it shows as a gap.
     """
 
     name: str = "camera"
     lag: float | None = None
     triggered: bool = False
     trigger_period: float = 0.0
+    counts_frames: bool = False
 
     def __enter__(self) -> Self:
         """Open the camera."""

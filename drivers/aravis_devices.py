@@ -1,0 +1,47 @@
+"""The cameras that Aravis finds on networks and buses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivers.aravis_library import load_aravis
+
+
+@dataclass(frozen=True, slots=True)
+class AravisDevice:
+    """A camera that Aravis found.
+
+    Attributes:
+        name: to open it by.
+        maker, model, serial: as it says.
+        address: of the network or the bus.
+        protocol: "GigEVision", "USB3Vision" or "Fake".
+    """
+
+    name: str
+    maker: str
+    model: str
+    serial: str
+    address: str
+    protocol: str
+
+
+def find_aravis_cameras() -> tuple[AravisDevice, ...]:
+    """Look for cameras on all networks and buses; takes about a second.
+
+    Raises:
+        CameraBackendMissing: Aravis is not installed.
+    """
+    aravis = load_aravis()
+    aravis.update_device_list()
+    return tuple(
+        AravisDevice(
+            name=aravis.get_device_id(number),
+            maker=aravis.get_device_vendor(number) or "",
+            model=aravis.get_device_model(number) or "",
+            serial=aravis.get_device_serial_nbr(number) or "",
+            address=aravis.get_device_address(number) or "",
+            protocol=aravis.get_device_protocol(number) or "",
+        )
+        for number in range(aravis.get_n_devices())
+    )

@@ -1,0 +1,32 @@
+"""Bayer mosaics: which pixel sees which colour."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drivers.frame import Image
+
+# By GenICam's names of the pixel formats: channel (of BGR) that each pixel of the upper left 2 x 2 sees, row by row.
+PATTERNS = {
+    "BayerRG8": ((2, 1), (1, 0)),
+    "BayerGR8": ((1, 2), (0, 1)),
+    "BayerGB8": ((1, 0), (2, 1)),
+    "BayerBG8": ((0, 1), (1, 2)),
+}
+
+
+def mosaic(picture: Image, pattern: str) -> Image:
+    """What a sensor behind a Bayer filter sees of a picture.
+
+    Args:
+        picture: (height, width, 3) BGR.
+        pattern: one of PATTERNS.
+
+    Returns:
+        (height, width), of the same kind.
+    """
+    seen = np.empty(picture.shape[:2], picture.dtype)
+    for row in (0, 1):
+        for column in (0, 1):
+            seen[row::2, column::2] = picture[row::2, column::2, PATTERNS[pattern][row][column]]
+    return seen

@@ -1,0 +1,18 @@
+"""What a `FakeGigeCamera` and its process say to one another."""
+
+from __future__ import annotations
+
+import struct
+from typing import IO
+
+# Kind, time of the exposure on the camera's clock [ns], bytes of the picture that follows.
+REQUEST = struct.Struct("<cQI")
+EXPOSE, ASK = b"X", b"?"
+# Whether it was done; width, height, pixel format, exposure [us], gain, source of the output line.
+STATE = struct.Struct("<7I")
+
+
+def read_exactly(stream: IO[bytes], count: int) -> bytes | None:
+    """Read so many bytes; None when the stream ends before."""
+    data = stream.read(count)
+    return data if len(data) == count else None

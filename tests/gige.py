@@ -1,0 +1,33 @@
+"""A fake GigE Vision camera for tests; skips where Aravis is not installed."""
+
+from __future__ import annotations
+
+import fcntl
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from drivers.emulator.gige import FakeGigeCamera
+from drivers.errors import CameraBackendMissing
+
+# GigE Vision has one port, and loopback one address: two tests at once would take it from one another.
+LOCK = Path(tempfile.gettempdir()) / "guara-fake-gige-camera.lock"
+
+
+@contextmanager
+def fake_gige(size: tuple[int, int] = (320, 256), lost_packets: float = 0.0) -> Iterator[FakeGigeCamera]:
+    """The camera, alone on loopback while the block lasts."""
+    with LOCK.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        camera = FakeGigeCamera(size=size, lost_packets=lost_packets)
+        try:
+            camera.__enter__()
+        except CameraBackendMissing as missing:
+            pytest.skip(str(missing))
+        try:
+            yield camera
+        finally:
+            camera.__exit__(None, None, None)
