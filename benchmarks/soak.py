@@ -141,12 +141,14 @@ def main() -> None:
     node = Child("node", endpoint, options.shared)
     # The first planner lives through all; the second is killed.
     lasting, other = (Child("planner", endpoint, options.shared) for _ in range(2))
+    memory: list[float] = []
     try:
         while time.monotonic() < end:
             time.sleep(min(options.period, max(0.1, end - time.monotonic())))
             victim = chance.choice(["node", "node", "planner"])
             kills[victim] += 1
             if victim == "node":
+                memory.append(lasting.last["memory_mb"])
                 node.kill()
                 node = Child("node", endpoint, options.shared)
             else:
@@ -160,9 +162,11 @@ def main() -> None:
     print(f"kill -9: {dict(kills)}")
     print("counts of all planners:", ", ".join(f"{name} {count}" for name, count in sorted(counts.items())))
     print(
-        f"the planner that lived on: {first['memory_mb']:.0f} to {last['memory_mb']:.0f} MB, "
+        f"the planner that lived on: {first['memory_mb']:.1f} to {last['memory_mb']:.1f} MB, "
         f"{first['descriptors']} to {last['descriptors']} descriptors over {kills['node']} restarts of the node"
     )
+    series = [f"{restarts}: {megabytes:.1f}" for restarts, megabytes in enumerate(memory) if restarts % 5 == 0]
+    print("its memory [MB] by restarts of the node before:", ", ".join(series))
     for name in ("out of order", "of other values than sent"):
         print(f"{'ok  ' if not counts[name] else 'FAIL'} {name}: {counts[name]}")
     sys.exit(1 if counts["out of order"] or counts["of other values than sent"] or not counts["scans"] else 0)
