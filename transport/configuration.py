@@ -17,6 +17,11 @@ LEASE_MS = 2000
 # [us] A sample that a link cannot take within this time is dropped for that link: the healthy readers wait as long.
 WAIT_BEFORE_DROP_US = 20_000
 
+# Batches of 64 KiB that wait for a link, by priority (Zenoh's default is 2, the most it takes 16): the grid of a scan
+# fits whole, so does the largest piece of one that is asked for, and most of a map. A reader on a busy machine that
+# does not run for some milliseconds then loses nothing, and a put waits for nobody.
+QUEUES = {"data_high": 16, "data_low": 8, "background": 16}
+
 PROTOCOLS = ("tcp", "tls", "udp", "quic", "ws", "unixsock-stream")
 
 RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
@@ -67,11 +72,9 @@ def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:
 
 
 def sending() -> dict[str, Any]:
-    """The `transport/link/tx` section: how long a silent side counts as there, how long a put may wait for one link."""
-    return {
-        "lease": LEASE_MS,
-        "queue": {"congestion_control": {"drop": {"max_wait_before_drop_fragments": WAIT_BEFORE_DROP_US}}},
-    }
+    """The `transport/link/tx` section: how long a silent side counts as there, what waits for a link and how long."""
+    drop = {"max_wait_before_drop_fragments": WAIT_BEFORE_DROP_US}
+    return {"lease": LEASE_MS, "queue": {"size": dict(QUEUES), "congestion_control": {"drop": drop}}}
 
 
 def _base(*, shared_memory: bool) -> dict[str, Any]:

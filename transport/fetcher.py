@@ -20,8 +20,9 @@ GRACE = 0.3
 # [byte/s] On a slower link most of what is sent by itself is lost half way, and what was sent of it keeps other things
 # waiting: a reader there unsubscribes, and fetches what is announced.
 SUBSCRIBING_RATE = 3e6
-# [s] Within this time a piece must come; pieces are made larger below the second and smaller above the third.
-PIECE_TIMEOUT = 5.0
+# [s] Within this time a piece must come, and a larger one than the first, which only a quick link is asked for: with
+# the answer the word that there is none may be lost too. Pieces are made larger below QUICK and smaller above SLOW.
+PIECE_TIMEOUT, LARGE_PIECE_TIMEOUT = 5.0, 1.0
 QUICK, SLOW = 0.025, 0.25
 # [byte] First and smallest piece: less than one batch of Zenoh (64 KiB), so that small messages never wait behind more.
 FIRST_PIECE, SMALLEST_PIECE = 48 * 1024, 16 * 1024
@@ -135,11 +136,12 @@ class Fetcher:
     def _fetch(self, source: str, number: int) -> None:
         """Fetch the last message of one publisher, and forget the announcement when that cannot be done."""
         buffer = bytearray()
-        failures, start, fetched = 0, time.monotonic(), 0
+        failures, took, fetched = 0, 0.0, 0
         while not self._is_closed:
             with self._changed:
                 if self._newest.get(source, -1) >= number:
                     return
+            start = time.monotonic()
             piece = self._piece(source, len(buffer), number)
             if piece is None:
                 failures += 1
@@ -147,6 +149,7 @@ class Fetcher:
                     break
                 time.sleep(PAUSE)
                 continue
+            took += time.monotonic() - start
             head, content = piece
             if head[0] != number:
                 number, buffer = head[0], bytearray()
@@ -163,7 +166,7 @@ class Fetcher:
             fetched += len(content)
             if len(buffer) >= head[1]:
                 if fetched >= FIRST_PIECE:
-                    self._judge(fetched / (time.monotonic() - start))
+                    self._judge(fetched / took)
                 self.take(source, number, bytes(buffer))
                 return
         with self._changed:
@@ -198,6 +201,7 @@ class Fetcher:
     ) -> None:
         """Ask for one piece and wait for the end of the answers, of which there may be none."""
         finished = threading.Event()
+        timeout = LARGE_PIECE_TIMEOUT if size > FIRST_PIECE else PIECE_TIMEOUT
 
         def sort(place: str, attachment: bytes, content: bytes) -> None:
             if len(attachment) == PIECE.size and len(content) <= size:
@@ -205,10 +209,10 @@ class Fetcher:
 
         selector = f"{key}?piece={begin};size={size};number={number}"
         self._session.attempt(
-            lambda: zenoh_api.get_pieces(self._session.raw, selector, PIECE_TIMEOUT, sort, finished.set),
+            lambda: zenoh_api.get_pieces(self._session.raw, selector, timeout, sort, finished.set),
             f"cannot ask {key!r}",
         )
-        deadline = time.monotonic() + PIECE_TIMEOUT
+        deadline = time.monotonic() + timeout
         while not finished.wait(0.1) and not self._is_closed and time.monotonic() < deadline:
             pass
 

@@ -25,8 +25,8 @@ logger = logging.getLogger(__name__)
 HEARTBEAT = 0.5
 # Questions that are answered at a time; more are dropped, and asked again.
 MAXIMUM_ANSWERS = 16
-# [byte] Largest piece.
-MAXIMUM_PIECE = 4 * 1024 * 1024
+# [byte] Largest piece; it fits into the queue of a link (`configuration.QUEUES`).
+MAXIMUM_PIECE = 768 * 1024
 # Messages kept beyond the last for readers in the middle of fetching them, and [s] for how long after a question.
 KEPT = 3
 KEPT_FOR = 10.0
