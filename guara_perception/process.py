@@ -56,7 +56,7 @@ def process_scan(
     Raises:
         CalibrationMismatch: robot, stripes or picture size of scan and calibration do not belong together.
         InvalidInput: no calibration; unknown method, bad resolution, a stance or a stripe index that does not fit the
-            robot; with `strict` a frame that cannot be used.
+            robot; a scan whose grid the node withdrew; with `strict` a frame that cannot be used.
         MissingFile, FileFormatError: a file of the three is not there or not valid; a frame cannot be read, with
             `strict`; otherwise only when none can.
         kinematics.KinematicsError: no such robot.
@@ -172,7 +172,9 @@ def run_scan(
 
 
 def _check_still(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
-    """Refuse a scan during which the camera moved by more than robot.toml allows."""
+    """Refuse a scan that the node took back, or during which the camera moved by more than robot.toml allows."""
+    if scan.withdrawn:
+        raise InvalidInput(f"{scan.source}: its grid was withdrawn on the robot, none is made of it ({scan.withdrawn})")
     if scan.stance_end is None:
         return
     try:

@@ -49,6 +49,7 @@ class Scan:
         calibration_hash: of the calibration that was in use, or None.
         source: where it came from, for messages.
         read_frame: gives the picture of a frame name, (h, w) or (h, w, 3).
+        withdrawn: why the node took the grid of this scan back, as the recording says; empty when it did not.
     """
 
     robot: str
@@ -61,6 +62,7 @@ class Scan:
     calibration_hash: str | None
     source: str
     read_frame: Callable[[str], Image]
+    withdrawn: str = ""
 
     def __post_init__(self) -> None:
         """Check what no field alone can show."""

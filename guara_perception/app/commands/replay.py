@@ -48,7 +48,8 @@ def command(
 ) -> None:
     """Replay recorded SCANs (folders or .mcap) in the order given, with fusion over pauses.
 
-    A scan whose step does not come after the one before begins another walk: the map starts anew.
+    A scan whose step does not come after the one before begins another walk: the map starts anew. A scan whose grid
+    the node withdrew is left out.
 
     \b
     Example:
@@ -74,7 +75,13 @@ def command(
         raise InvalidInput("--listen, --connect and --security say where to publish: give --publish too")
     calibrated = calibration_for(scans[0], calibration)
     # Of a pause that holds two scans, the coarse one and the same with the stripes between, the later has more.
-    walk = [scan for path in scans for scan in {scan.step: scan for scan in open_scans(path)}.values()]
+    found = [scan for path in scans for scan in {scan.step: scan for scan in open_scans(path)}.values()]
+    for scan in found:
+        if scan.withdrawn:
+            click.echo(f"step {scan.step}: withdrawn on the robot, left out ({scan.withdrawn})")
+    walk = [scan for scan in found if not scan.withdrawn]
+    if not walk:
+        raise InvalidInput(f"{', '.join(map(str, scans))}: no scan whose grid stands, nothing to replay")
     model = load_robot(robot or walk[0].robot)
     walk_map = WalkMap(model, calibrated)
     last: int | None = None

@@ -28,7 +28,7 @@ def convert(
         progress: called with (stripes done, stripes in all).
 
     Raises:
-        InvalidInput: the target exists, or both are of one kind.
+        InvalidInput: the target exists, both are of one kind, or the grid of the scan was withdrawn.
         MissingFile, FileFormatError: the source cannot be read.
     """
     source, target = Path(source), Path(target)
@@ -75,6 +75,9 @@ def _write_recording(
 
 
 def _write_folder(scan: Scan, calibration: Calibration | None, target: Path, progress: Progress | None) -> None:
+    if scan.withdrawn:
+        # A folder has no place to say so.
+        raise InvalidInput(f"{scan.source}: its grid was withdrawn on the robot ({scan.withdrawn}); not converted")
     with ScanFolderWriter(target) as writer:
         for done, (stripe, on, off) in enumerate(scan.frames(), start=1):
             writer.add(stripe.index, stripe.mirror_angle, on, off, off_key=stripe.off, stamp=stripe.stamp)

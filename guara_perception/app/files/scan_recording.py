@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from guara_perception.bounded_files import decode_picture
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.scan import Scan, ScanStripe
 from kinematics import KinematicsError
-from transport import TransportError
+from transport import Health, TerrainMessage, TransportError
 from transport.recording import FrameReference, Recording, ScanRecord, open_recording
 
 
@@ -30,10 +31,41 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
         recording = open_recording(path)
     except TransportError as error:
         raise FileFormatError(str(error)) from None
-    return [_scan(recording, record, path) for record in recording.scans]
+    try:
+        withdrawn = _reasons(recording.scans, _taken_back(recording))
+    except TransportError as error:
+        raise FileFormatError(f"{path}: a recorded grid cannot be read: {error}") from None
+    return [_scan(recording, record, path, withdrawn.get(place, "")) for place, record in enumerate(recording.scans)]
 
 
-def _scan(recording: Recording, record: ScanRecord, path: Path) -> Scan:
+def _taken_back(recording: Recording) -> list[TerrainMessage]:
+    """The withdrawn grids of a recording, without those of scans whose pause had confirmed them for the map."""
+    withdrawn = [grid for grid in recording.terrains() if grid.withdrawn]
+    confirmed = set()
+    if withdrawn:
+        maps = (fused for fused in recording.terrains("map") if fused.health is not Health.ERROR)
+        confirmed = {(fused.epoch, fused.step) for fused in maps if not fused.provisional}
+    return [grid for grid in withdrawn if (grid.epoch, grid.step) not in confirmed]
+
+
+def _reasons(scans: Sequence[ScanRecord], taken_back: list[TerrainMessage]) -> dict[int, str]:
+    """Why the grids of scans were withdrawn, by the place of the scan: all scans of a pause go together.
+
+    A gait that counts anew has the same step again: meant is the last scan of that step that began before.
+    """
+    found: dict[int, str] = {}
+    for grid in taken_back:
+        of_step = [place for place, scan in enumerate(scans) if scan.step == grid.step]
+        before = [place for place in of_step if scans[place].stamp <= grid.stamp]
+        # After a clock was set back none began before: then each may be meant.
+        last = before[-1:] or of_step
+        while last and last[0] > 0 and scans[last[0] - 1].step == grid.step:
+            last.insert(0, last[0] - 1)
+        found |= dict.fromkeys(last, "; ".join(grid.health_reasons) or "no reason is told")
+    return found
+
+
+def _scan(recording: Recording, record: ScanRecord, path: Path, withdrawn: str) -> Scan:
     source = f"{path} step {record.step}"
     names: dict[str, FrameReference] = {}
 
@@ -71,6 +103,7 @@ def _scan(recording: Recording, record: ScanRecord, path: Path) -> Scan:
             calibration_hash=record.calibration_hash or None,
             source=source,
             read_frame=read_frame,
+            withdrawn=withdrawn,
         )
     except (InvalidInput, KinematicsError) as error:
         raise FileFormatError(f"{source}: {error}") from None

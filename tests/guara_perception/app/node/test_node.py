@@ -11,11 +11,13 @@ from drivers.emulator import Fault, FaultKind
 from drivers.protocol import Request
 from guara_perception.app.files.open_scan import open_scans
 from guara_perception.app.node.recorder import ScanRecorder
+from guara_perception.app.node.walk_map import WalkMap
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import RobotModel, Stance
 from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, running, wait_until
 from transport import Health, PausePhase
+from transport.recording import open_recording
 
 pytestmark = pytest.mark.slow
 
@@ -148,3 +150,67 @@ def test_a_full_disk_costs_the_recording_and_not_the_scan(
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
     np.testing.assert_array_equal(terrain.hazard, rig.reference.hazard)
+
+
+def test_a_failing_map_costs_the_map_of_that_pause_and_nothing_else(
+    rig: Rig,
+    free_endpoint: str,
+    robot: RobotModel,
+    calibration: gp.Calibration,
+    paper_scan: gp.Scan,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The scan is published and its recording closed, the status says what failed; later pauses are whole."""
+    path = tmp_path / "walk.mcap"
+    recorder = ScanRecorder(path, robot="guara", calibration=calibration)
+    with recorder, running(rig, free_endpoint, robot, calibration, paper_scan.stance, recorder) as bench:
+        with monkeypatch.context() as patch:
+            patch.setattr(WalkMap, "update", lambda *_, **__: 1 / 0)
+            bench.gait.say(0, PausePhase.BEGIN)
+            terrain = bench.client.wait_for_step(0, timeout=TIMEOUT)
+            assert wait_until(lambda: any("step 0: division by zero" in i.message for i in bench.status.items()))
+            with pytest.raises(gp.ScanFailed, match="division by zero"):
+                bench.client.request_scan(timeout=TIMEOUT)
+            bench.gait.say(0, PausePhase.END)
+        np.testing.assert_array_equal(terrain.hazard, rig.reference.hazard)
+        assert bench.client.counts("map")["received"] == 0
+        for step in (1, 2):
+            bench.gait.say(step, PausePhase.BEGIN)
+            assert bench.client.wait_for_step(step, timeout=TIMEOUT, extent="map").metadata["scans"] == step
+            bench.gait.say(step, PausePhase.END)
+        assert not any("division" in item.message for item in bench.status.items())
+    with open_recording(path) as recording:
+        assert [(scan.step, scan.is_whole) for scan in recording.scans] == [(s, True) for s in (0, 0, 1, 2)]
+
+
+def test_a_withdrawn_scan_is_not_replayed(
+    guara,
+    rig: Rig,
+    free_endpoint: str,
+    robot: RobotModel,
+    calibration: gp.Calibration,
+    paper_scan: gp.Scan,
+    tmp_path: Path,
+) -> None:
+    """No grid is made of its frames: replay leaves it out, process and convert refuse it, all in words."""
+    both, moved = tmp_path / "both.mcap", tmp_path / "moved.mcap"
+    for path, steps in ((both, (0, 1)), (moved, (1,))):
+        recorder = ScanRecorder(path, robot="guara", calibration=calibration)
+        with recorder, running(rig, free_endpoint, robot, calibration, paper_scan.stance, recorder) as bench:
+            for step in steps:
+                bench.gait.say(step, PausePhase.BEGIN)
+                bench.client.wait_for_step(step, timeout=TIMEOUT, extent="map")
+                bench.gait.say(step, PausePhase.END, bench.gait.moved() if step else None)
+            assert wait_until(lambda: any("step 1: withdrawn" in item.message for item in bench.status.items()))
+    first, second = open_scans(both)
+    assert not first.withdrawn and "withdrawn: " in second.withdrawn
+    said = guara("replay", both, "-o", tmp_path / "grids", "--extent", "footprint")
+    assert said.code == 0 and "step 1: withdrawn on the robot, left out (" in said.out
+    assert [place.name for place in (tmp_path / "grids").iterdir()] == ["0000-step0-footprint.npz"]
+    out = tmp_path / "out"
+    for words in (["process", both, "--step", "1", "-o", tmp_path / "t.npz"], ["convert", both, out, "--step", "1"]):
+        refused = guara(*words)
+        assert refused.code == 2 and "its grid was withdrawn on the robot" in refused.err
+        assert refused.err.count("\n") == 1
+    assert "no scan whose grid stands" in guara("replay", moved, "-o", out).err and not out.exists()
