@@ -31,6 +31,7 @@ PROGRAMS = {
     "transport": "messages: latency, rates, damaged payloads, lost links",
     "truth": "a calibration made of the truth of rendered data",
     "usable_ground": "ground that a planner may use, beside the truth",
+    "viewers": "delays of a local planner beside a viewer on a slow link",
 }
 
 

@@ -13,9 +13,9 @@ from multiprocessing.shared_memory import SharedMemory
 import numpy as np
 
 import transport
+from benchmarks.peers import Peer, free_endpoint, free_port, peers
 from benchmarks.rounds import Ratio, number
 from benchmarks.section import Effort, Section
-from benchmarks.transport import Peer, free_endpoint, free_port, peers
 from benchmarks.transport_peer import make_terrain
 from guara_perception.arrays import Codes
 

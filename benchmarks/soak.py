@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import transport
-from benchmarks.transport import free_endpoint
+from benchmarks.peers import free_endpoint
 from benchmarks.transport_peer import is_whole, make_terrain
 
 

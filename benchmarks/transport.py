@@ -6,24 +6,20 @@ Usage: python -m benchmarks.transport [--quick]
 from __future__ import annotations
 
 import argparse
-import json
-import os
 import signal
 import socket
 import statistics
-import subprocess
-import sys
 import threading
 import time
 import tracemalloc
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 import transport
+from benchmarks.peers import free_endpoint, free_port, peers
+from benchmarks.slow_link import SlowLink
 from benchmarks.transport_peer import is_whole, make_terrain
 from transport import keys
 from transport.scan_messages import (
@@ -38,63 +34,6 @@ from transport.scan_messages import (
 )
 
 PATIENCE = 60.0
-
-
-class Peer:
-    """A process of `transport_peer.py`."""
-
-    def __init__(self, *words: str) -> None:
-        """Start it and wait until it is ready."""
-        command = [sys.executable, "-m", "benchmarks.transport_peer", *words]
-        root = str(Path(__file__).resolve().parents[1])
-        self.popen = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=root, env=dict(os.environ)
-        )
-        self.hear()
-
-    def tell(self, **words: Any) -> None:
-        """Give it a command."""
-        assert self.popen.stdin is not None
-        self.popen.stdin.write(json.dumps(words) + "\n")
-        self.popen.stdin.flush()
-
-    def hear(self) -> dict[str, Any]:
-        """Its next line."""
-        assert self.popen.stdout is not None
-        return dict(json.loads(self.popen.stdout.readline() or "{}"))
-
-    def end(self) -> None:
-        """Kill it."""
-        self.popen.kill()
-        self.popen.wait()
-
-
-@contextmanager
-def peers() -> Iterator[Callable[..., Peer]]:
-    """Starts processes, and ends them all."""
-    started: list[Peer] = []
-
-    def start(*words: str) -> Peer:
-        started.append(Peer(*words))
-        return started[-1]
-
-    try:
-        yield start
-    finally:
-        for peer in started:
-            peer.end()
-
-
-def free_port() -> int:
-    """A port of this machine that nobody uses."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def free_endpoint() -> str:
-    """A Zenoh endpoint of this machine that nobody uses."""
-    return f"tcp/127.0.0.1:{free_port()}"
 
 
 def report(what: str, measured: str, allowed: str, is_met: bool) -> None:
@@ -254,11 +193,11 @@ def slow_planner(seconds: float) -> None:
 def slow_link(count: int) -> None:
     """Grids of 0.8 MB at 10 Hz over 20 Mbit/s, where one takes 0.3 s, then silence: does the last one arrive?"""
     with peers() as start:
-        endpoint, port = free_endpoint(), free_port()
+        endpoint = free_endpoint()
         node = start("node", endpoint, "listen")
-        with throttled(port, int(endpoint.rpartition(":")[2]), 20e6 / 8):
+        with SlowLink(endpoint, 20e6 / 8) as link:
             # Without shared memory, or the payload would not go through the slow link at all.
-            session = transport.open_client(f"tcp/127.0.0.1:{port}", shared_memory=False, timeout=PATIENCE)
+            session = transport.open_client(link.endpoint, shared_memory=False, timeout=PATIENCE)
             with transport.PerceptionClient(session) as client:
                 receiver = client.receiver()
                 client.wait_until_alive(PATIENCE)
@@ -272,46 +211,6 @@ def slow_link(count: int) -> None:
     report(
         f"last of {count} grids of 0.8 MB over 20 Mbit/s", words, "arrives, put <= 50 ms", result["longest_ms"] <= 50.0
     )
-
-
-@contextmanager
-def throttled(port: int, target: int, rate: float) -> Iterator[None]:
-    """A TCP proxy from `port` to `target` that passes `rate` bytes a second each way."""
-    block = 16384
-    sockets: list[socket.socket] = []
-
-    def pump(source: socket.socket, sink: socket.socket) -> None:
-        due = time.monotonic()
-        try:
-            while data := source.recv(block):
-                due = max(due, time.monotonic()) + len(data) / rate
-                time.sleep(max(0.0, due - time.monotonic()))
-                sink.sendall(data)
-        except OSError:
-            return
-
-    def serve(server: socket.socket) -> None:
-        while True:
-            try:
-                near, _ = server.accept()
-            except OSError:
-                return
-            far = socket.create_connection(("127.0.0.1", target))
-            # Small buffers, or the kernel would hide the slowness.
-            for end in (near, far):
-                end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 65536)
-                end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 65536)
-            sockets.extend((near, far))
-            for pair in ((near, far), (far, near)):
-                threading.Thread(target=pump, args=pair, daemon=True).start()
-
-    with socket.create_server(("127.0.0.1", port)) as server:
-        threading.Thread(target=serve, args=(server,), daemon=True).start()
-        try:
-            yield
-        finally:
-            for end in sockets:
-                end.close()
 
 
 def killed_nodes(count: int) -> None:

@@ -3,7 +3,6 @@
 import importlib.util
 import queue
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.slow_link import SlowLink
 from tests.ports import free_endpoint
 
 PEER = Path(__file__).with_name("peer.py")
@@ -125,48 +125,6 @@ def shared_node() -> Iterator[tuple[Process, str]]:
     for begin in _starter():
         endpoint = free_endpoint()
         yield begin("node", endpoint), endpoint
-
-
-class SlowLink:
-    """A TCP proxy to an endpoint that passes so many bytes a second each way."""
-
-    def __init__(self, target: str, rate: float) -> None:
-        self._target = int(target.rpartition(":")[2])
-        self._rate = rate
-        self._sockets: list[socket.socket] = []
-        self._server = socket.create_server(("127.0.0.1", 0))
-        protocol, _, host = target.rpartition(":")[0].partition("/")
-        self.endpoint = f"{protocol}/{host}:{self._server.getsockname()[1]}"
-        threading.Thread(target=self._serve, daemon=True).start()
-
-    def _serve(self) -> None:
-        while True:
-            try:
-                near, _ = self._server.accept()
-            except OSError:
-                return
-            far = socket.create_connection(("127.0.0.1", self._target))
-            self._sockets += [near, far]
-            for source, sink in ((near, far), (far, near)):
-                # Small buffers, or the kernel would hide the slowness.
-                source.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 65536)
-                source.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 65536)
-                threading.Thread(target=self._pump, args=(source, sink), daemon=True).start()
-
-    def _pump(self, source: socket.socket, sink: socket.socket) -> None:
-        due = time.monotonic()
-        try:
-            while data := source.recv(16384):
-                due = max(due, time.monotonic()) + len(data) / self._rate
-                time.sleep(max(0.0, due - time.monotonic()))
-                sink.sendall(data)
-        except OSError:
-            return
-
-    def close(self) -> None:
-        """End it."""
-        for end in (self._server, *self._sockets):
-            end.close()
 
 
 @pytest.fixture

@@ -1,0 +1,96 @@
+"""A TCP proxy that passes so many bytes a second: a slow link on one machine."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from types import TracebackType
+from typing import Self
+
+# [byte] Read at a time, and in each of the kernel's buffers: larger ones would hide the slowness.
+BLOCK, BUFFER = 16384, 65536
+
+
+class SlowLink:
+    """Listens on a port of its own and passes each connection on to an endpoint; both ways are slow alike.
+
+    Attributes:
+        endpoint: Zenoh endpoint to connect to in place of the real one.
+    """
+
+    def __init__(self, target: str, rate: float) -> None:
+        """Listen.
+
+        Args:
+            target: Zenoh endpoint on this machine, over TCP or TLS.
+            rate: [byte/s] each way.
+        """
+        place, _, port = target.rpartition(":")
+        self._target, self._rate = int(port), rate
+        self._lock = threading.Lock()
+        self._is_closed = False
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self._sockets = [self._server]
+        self.endpoint = f"{place}:{self._server.getsockname()[1]}"
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def __enter__(self) -> Self:
+        """The link itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                near, _ = self._server.accept()
+                far = socket.create_connection(("127.0.0.1", self._target))
+            except OSError:
+                if self._is_closed:
+                    return
+                # Nobody listens at the far end: the near one is told so.
+                near.close()
+                continue
+            with self._lock:
+                self._sockets += [near, far]
+                if self._is_closed:
+                    return
+            for source, sink in ((near, far), (far, near)):
+                source.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+                source.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+                threading.Thread(target=self._pump, args=(source, sink), daemon=True).start()
+
+    def _pump(self, source: socket.socket, sink: socket.socket) -> None:
+        due = time.monotonic()
+        try:
+            while data := source.recv(BLOCK):
+                due = max(due, time.monotonic()) + len(data) / self._rate
+                time.sleep(max(0.0, due - time.monotonic()))
+                sink.sendall(data)
+        except OSError:
+            pass
+        # One side has gone: the other must see it.
+        for end in (source, sink):
+            _shut(end)
+
+    def close(self) -> None:
+        """Cut all connections; safe to call twice."""
+        with self._lock:
+            self._is_closed = True
+            ends, self._sockets = self._sockets, []
+        for end in ends:
+            _shut(end)
+            end.close()
+
+
+def _shut(end: socket.socket) -> None:
+    """Wake who reads from a socket, which closing it alone does not."""
+    try:
+        end.shutdown(socket.SHUT_RDWR)
+    except OSError:
+        return

@@ -1,0 +1,221 @@
+"""A local planner beside a viewer on a slow link: its delay from the end of a scan to the grid's arrival, and failures.
+
+Usage: python -m benchmarks.viewers [--scans 50] [--json]
+
+A node, a planner that asks for scans and a viewer of both extents are processes of their own; the viewer comes through
+a proxy that passes 2, 5 or 20 Mbit/s. Scans without a viewer and beside each link take turns in one run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import random
+import sys
+import tempfile
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import transport
+from benchmarks.peers import Peer, free_endpoint, peers
+from benchmarks.slow_link import SlowLink
+from benchmarks.transport_peer import SHAPE, make_terrain, say
+from transport.security import init_security
+
+# [Mbit/s] of the viewer's link; 0 stands for no viewer.
+RATES = (0.0, 2.0, 5.0, 20.0)
+# Cells of the fused map: 2.3 MB with all layers.
+MAP_SHAPE = (240, 260)
+# Scans in a row before the viewer changes: it joins, asks for what it missed, stays and goes.
+PER_TURN = 10
+# [s] Between two scans, and for a request.
+PERIOD, PATIENCE = 0.4, 20.0
+# [ms] What a viewer may add to the 95th percentile.
+ALLOWED_MS = 50.0
+
+
+@dataclass(slots=True)
+class Delays:
+    """What the planner saw beside one kind of viewer.
+
+    Attributes:
+        footprint_ms, map_ms: from the end of each scan to the arrival.
+        failed: requests that failed.
+    """
+
+    footprint_ms: list[float] = field(default_factory=list)
+    map_ms: list[float] = field(default_factory=list)
+    failed: int = 0
+
+
+def run_node(endpoint: str, security: str) -> None:
+    """A node that answers scan requests with grids of both extents and what is derived from them."""
+    footprint = make_terrain(1)
+    fused = dataclasses.replace(make_terrain(1, MAP_SHAPE), extent="map")
+    occupancy = np.zeros(SHAPE, np.int8)
+    with transport.open_node(listen=endpoint, security=security or None) as session:
+        server = transport.PerceptionServer(session)
+
+        def scan(_: transport.ScanJob) -> transport.TerrainMessage:
+            now, number = time.time_ns(), server.next_sequence("footprint")
+            changes: dict[str, Any] = {
+                "sequence": number,
+                "step": number,
+                "stamp": now,
+                "scan_start": now,
+                "scan_end": now,
+            }
+            made = dataclasses.replace(footprint, **changes)
+            server.publish(made, occupancy=occupancy)
+            server.publish(dataclasses.replace(fused, **changes))
+            return made
+
+        server.serve_scans(scan)
+        say(ready=True)
+        sys.stdin.read()
+
+
+def run_planner(endpoint: str, security: str) -> None:
+    """A planner; asks for as many scans as each line says, and tells the delays."""
+    session = transport.open_client(endpoint, security=security or None, timeout=PATIENCE)
+    with transport.PerceptionClient(session) as client:
+        client.receiver("map")
+        say(ready=True)
+        for line in sys.stdin:
+            found = Delays()
+            for _ in range(json.loads(line)["scans"]):
+                time.sleep(PERIOD)
+                try:
+                    sequence = client.request_scan(timeout=PATIENCE).sequence
+                    for extent, delays in (("footprint", found.footprint_ms), ("map", found.map_ms)):
+                        received = client.receive(
+                            lambda grid, n=sequence: grid.sequence == n,  # type: ignore[misc]
+                            extent=extent,
+                            timeout=PATIENCE,
+                        )
+                        delays.append((received.arrival_stamp - received.message.scan_end) * 1e-6)
+                except transport.TransportError as error:
+                    print(f"failed: {error}", file=sys.stderr, flush=True)
+                    found.failed += 1
+            say(**dataclasses.asdict(found))
+
+
+def run_viewer(_: str, security: str) -> None:
+    """A viewer; joins at each endpoint that it is told, and leaves when it is told none."""
+    counts = {"received": 0, "missed": 0}
+    client: transport.PerceptionClient | None = None
+    say(ready=True)
+    for line in sys.stdin:
+        endpoint = json.loads(line)["endpoint"]
+        if client is not None:
+            for extent in ("footprint", "map"):
+                receiver = client.receiver(extent)
+                counts["received"] += receiver.received
+                counts["missed"] += receiver.missed
+            client.close()
+            client = None
+        if endpoint:
+            client = transport.PerceptionClient(
+                transport.open_client(endpoint, security=security or None, timeout=PATIENCE)
+            )
+            for extent in ("footprint", "map"):
+                client.receiver(extent)
+        say(**counts)
+
+
+def measure(scans: int, folders: dict[str, str]) -> tuple[dict[float, Delays], dict[float, dict[str, int]]]:
+    """Delays and the viewer's counts by the rate of its link [Mbit/s]; `folders` of the roles, empty without TLS."""
+    found = {rate: Delays() for rate in RATES}
+    seen = {rate: {"received": 0, "missed": 0} for rate in RATES if rate}
+    chance = random.Random(0)
+    endpoint = free_endpoint()
+    if folders:
+        endpoint = endpoint.replace("tcp/127.0.0.1", "tls/localhost")
+    with ExitStack() as stack:
+        start = stack.enter_context(peers())
+
+        def begin(role: str) -> Peer:
+            peer: Peer = start(role, endpoint, folders.get(role, ""), module="viewers")
+            return peer
+
+        _, planner = begin("node"), begin("planner")
+        viewers = {rate: begin("viewer") for rate in seen}
+        links = {rate: stack.enter_context(SlowLink(endpoint, rate * 1e6 / 8)) for rate in seen}
+        # The first scans pay for what is done once.
+        planner.tell(scans=3)
+        planner.hear()
+        left = dict.fromkeys(RATES, scans)
+        while any(left.values()):
+            for rate in chance.sample(RATES, len(RATES)):
+                turn = min(PER_TURN, left[rate])
+                left[rate] -= turn
+                if rate:
+                    viewers[rate].tell(endpoint=links[rate].endpoint)
+                    viewers[rate].hear()
+                planner.tell(scans=turn)
+                told = planner.hear()
+                found[rate].footprint_ms += told["footprint_ms"]
+                found[rate].map_ms += told["map_ms"]
+                found[rate].failed += told["failed"]
+                if rate:
+                    viewers[rate].tell(endpoint="")
+                    seen[rate] = viewers[rate].hear()
+    return found, seen
+
+
+def summary(delays: Delays) -> dict[str, float]:
+    """Figures of one row."""
+    figures: dict[str, float] = {"scans": len(delays.footprint_ms), "failed": delays.failed}
+    for name, values in (("footprint", delays.footprint_ms), ("map", delays.map_ms)):
+        middle, high = np.percentile(values, (50, 95)) if values else (np.inf, np.inf)
+        figures |= {f"{name}_p50_ms": round(float(middle), 1), f"{name}_p95_ms": round(float(high), 1)}
+        figures[f"{name}_worst_ms"] = round(max(values, default=np.inf), 1)
+    return figures
+
+
+def main() -> None:
+    """Command line, or one of the processes."""
+    if len(sys.argv) == 4 and sys.argv[1] in ("node", "planner", "viewer"):
+        {"node": run_node, "planner": run_planner, "viewer": run_viewer}[sys.argv[1]](*sys.argv[2:])
+        return
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scans", type=int, default=50, help="beside each kind of viewer; at most 1000")
+    parser.add_argument("--json", action="store_true", help="print all figures as one JSON object in the last line")
+    options = parser.parse_args()
+    figures: dict[str, Any] = {}
+    is_met = True
+    print(
+        "[ms]  beside        failed     footprint: p50    p95  worst  p95 above none    map: p50    p95  worst  it got"
+    )
+    for link in ("tcp", "tls"):
+        with tempfile.TemporaryDirectory() as place:
+            keys = init_security(Path(place) / "keys") if link == "tls" else None
+            folders = {role: str(keys / role) for role in ("node", "planner", "viewer")} if keys else {}
+            found, seen = measure(min(max(options.scans, 1), 1000), folders)
+        rows = {rate: summary(delays) for rate, delays in found.items()}
+        for rate, row in rows.items():
+            above = row["footprint_p95_ms"] - rows[0.0]["footprint_p95_ms"]
+            is_met = is_met and not row["failed"] and above <= ALLOWED_MS
+            got = "{received}, missed {missed}".format(**seen[rate]) if rate else ""
+            beside = f"{rate:g} Mbit/s" if rate else "no viewer"
+            print(
+                f"{link:<5} {beside:<11} {row['failed']:>3.0f} of {options.scans:<5}"
+                f"{row['footprint_p50_ms']:>17.1f} {row['footprint_p95_ms']:>6.1f} {row['footprint_worst_ms']:>6.1f}"
+                f"{above:>+16.1f} {row['map_p50_ms']:>11.1f} {row['map_p95_ms']:>6.1f} {row['map_worst_ms']:>6.1f}"
+                f"  {got}"
+            )
+        figures[link] = {f"{rate:g}": row | seen.get(rate, {}) for rate, row in rows.items()}
+    print(f"{'ok  ' if is_met else 'FAIL'} no request fails, p95 at most {ALLOWED_MS:g} ms above that without a viewer")
+    if options.json:
+        print(json.dumps(figures))
+    sys.exit(not is_met)
+
+
+if __name__ == "__main__":
+    main()
