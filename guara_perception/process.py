@@ -13,11 +13,12 @@ from guara_perception.frame_pair import FramePair
 from guara_perception.progress import Progress
 from guara_perception.ranging.groups import in_groups
 from guara_perception.ranging.range_images import range_images
+from guara_perception.robot_model import RobotLike, robot_model
 from guara_perception.scan import FrameReader, Scan
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
-from kinematics import KinematicsError, RobotModel, load_robot
+from kinematics import KinematicsError, RobotModel
 from kinematics.pause import check_camera_still
 
 logger = logging.getLogger(__name__)
@@ -29,7 +30,7 @@ MIRROR_TOLERANCE = 5e-4
 def process_scan(
     scan: Scan | str | Path,
     calibration: Calibration | str | Path | None = None,
-    robot: RobotModel | str | Path | None = None,
+    robot: RobotLike | None = None,
     method: str = "precise",
     resolution: float | None = None,
     *,
@@ -65,8 +66,7 @@ def process_scan(
         calibration = _calibration(scan, calibration)
     if not isinstance(scan, Scan):
         scan = _scan(scan)
-    if robot is None or isinstance(robot, str | Path):
-        robot = _robot(scan.robot if robot is None else robot)
+    robot = robot_model(scan.robot if robot is None else robot)
     processor = run_scan(scan, calibration, robot, method, resolution, strict=strict, progress=progress)
     terrain = processor.finish()
     return with_pictures(terrain, processor) if pictures else terrain
@@ -86,11 +86,6 @@ def _scan(path: str | Path) -> Scan:
     from guara_perception.app.files.open_scan import open_scan
 
     return open_scan(path)
-
-
-def _robot(name: str | Path) -> RobotModel:
-
-    return load_robot(name)
 
 
 def with_pictures(terrain: TerrainGrid, processor: ScanProcessor) -> TerrainGrid:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from guara_perception.arrays import Float, Image, Index
 from guara_perception.calibration.calibration import Calibration, format_indices
+from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.frame_pair import FramePair
 from guara_perception.methods import METHODS, check_method
@@ -20,6 +22,7 @@ from guara_perception.ranging.scan_geometry import scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.stripe_ranger import StripeRanger
 from guara_perception.ranging.surface_raster import SurfaceRaster
+from guara_perception.robot_model import RobotLike, robot_model
 from guara_perception.scan_report import scan_report
 from guara_perception.settings import Settings
 from guara_perception.stripe_finder import StripeFinder
@@ -30,7 +33,7 @@ from guara_perception.terrain.assessment.lost_cells import lost_cells
 from guara_perception.terrain.assessment.raster import pool, pool_flags
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
-from kinematics import RobotModel, Stance
+from kinematics import Stance
 
 # Finer than this the raster need not be; coarser grids are pooled from it, so a lost stripe always leaves a gap.
 FINEST_CELL_M = 0.005
@@ -47,8 +50,8 @@ class ScanProcessor:
 
     def __init__(
         self,
-        calibration: Calibration,
-        robot: RobotModel,
+        calibration: Calibration | str | Path,
+        robot: RobotLike,
         stance: Stance | Mapping[str, Any],
         mode: str = "standard",
         *,
@@ -60,8 +63,8 @@ class ScanProcessor:
         """Prepare a scan: everything that does not depend on the frames is computed here.
 
         Args:
-            calibration: of this rangefinder.
-            robot: model of the robot that carries it.
+            calibration: of this rangefinder, or the path of its file.
+            robot: model, name or folder of the robot that carries it.
             stance: joint positions, support feet and gravity at this pause.
             mode: "coarse" or "standard".
             method: one of `guara_perception.methods.METHODS`.
@@ -72,9 +75,13 @@ class ScanProcessor:
         Raises:
             InvalidInput: unknown mode or method, a resolution that does not divide the area.
             CalibrationMismatch: the calibration belongs to another robot or holds no stripe of this mode.
-            kinematics.KinematicsError: the stance does not fit the robot.
+            MissingFile, FileFormatError: the calibration's file is not there or not valid.
+            kinematics.KinematicsError: no such robot, or the stance does not fit it.
         """
         check_method(method)
+        if not isinstance(calibration, Calibration):
+            calibration = load_calibration(calibration)
+        robot = robot_model(robot)
         if calibration.robot != robot.name:
             raise CalibrationMismatch(
                 f"the calibration belongs to robot {calibration.robot!r}, the robot is {robot.name!r}: use its own"

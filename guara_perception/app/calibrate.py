@@ -10,17 +10,17 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.result import CalibrationResult
 from guara_perception.exceptions import CalibrationRefused
 from guara_perception.progress import Progress
-from kinematics import RobotModel, load_robot
+from guara_perception.robot_model import RobotLike, robot_model
 
 
 def calibrate(
-    session_folder: str | Path, robot: RobotModel | None = None, *, distortion: str = "k1k2", force: bool = False
+    session_folder: str | Path, robot: RobotLike | None = None, *, distortion: str = "k1k2", force: bool = False
 ) -> Calibration:
     """Calibrate camera, mount and laser from one session folder.
 
     Args:
         session_folder: a folder with `session.json` (docs/files.md).
-        robot: its model; None = the robot that the session names.
+        robot: its model, name or folder; None = the robot that the session names.
         distortion: lens coefficients to estimate: "k1k2", "k1k2p1p2" or "k1k2p1p2k3".
         force: return a calibration whose verdict is `refused` instead of raising.
 
@@ -35,7 +35,7 @@ def calibrate(
 
 def calibrate_folder(
     session_folder: str | Path,
-    robot: RobotModel | None = None,
+    robot: RobotLike | None = None,
     *,
     distortion: str = "k1k2",
     force: bool = False,
@@ -47,7 +47,7 @@ def calibrate_folder(
         See `calibrate`.
     """
     session = open_session(session_folder)
-    model = robot if robot is not None else load_robot(session.robot)
+    model = robot_model(session.robot if robot is None else robot)
     result = calibrate_session(session, model, distortion=distortion, progress=progress)
     if not force:
         refuse(result)

@@ -100,13 +100,13 @@ class TerrainClient:
         return message_to_terrain(self._client.latest(extent=extent, max_age=max_age))
 
     def stream(
-        self, extent: str = "footprint", timeout: float | None = None, *, max_age: float | None = None
+        self, timeout: float | None = None, extent: str = "footprint", *, max_age: float | None = None
     ) -> Iterator[TerrainGrid]:
         """Yield the newest grid, then each newer one as it comes; older ones, and those too old, are skipped.
 
         Args:
-            extent: "footprint" or "map".
             timeout: seconds to wait for each grid; None waits without end (Ctrl-C works).
+            extent: "footprint" or "map".
             max_age: as of `latest`; infinite takes grids of any age.
 
         Raises:
@@ -197,8 +197,8 @@ class TerrainClient:
     def query(
         self,
         region: tuple[float, float, float, float] | None = None,
-        extent: str = "footprint",
         timeout: float = 5.0,
+        extent: str = "footprint",
         *,
         max_age: float | None = None,
     ) -> TerrainGrid:

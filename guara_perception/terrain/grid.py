@@ -28,7 +28,7 @@ from guara_perception.terrain.questions.swing import Swing, swing
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from kinematics import RobotModel
+    from guara_perception.robot_model import RobotLike
 
 
 # No `slots=True`: dataclasses would then put its own pickling in place of the one inherited.
@@ -70,16 +70,16 @@ class TerrainGrid(LayeredGrid):
 
     @overload
     def check_foothold(
-        self, x: float, y: float, leg: str | None = None, robot: RobotModel | None = None
+        self, x: float, y: float, leg: str | None = None, robot: RobotLike | None = None
     ) -> FootholdVerdict: ...
 
     @overload
     def check_foothold(
-        self, x: npt.ArrayLike, y: npt.ArrayLike, leg: str | None = None, robot: RobotModel | None = None
+        self, x: npt.ArrayLike, y: npt.ArrayLike, leg: str | None = None, robot: RobotLike | None = None
     ) -> FootholdVerdicts: ...
 
     def check_foothold(
-        self, x: npt.ArrayLike, y: npt.ArrayLike, leg: str | None = None, robot: RobotModel | None = None
+        self, x: npt.ArrayLike, y: npt.ArrayLike, leg: str | None = None, robot: RobotLike | None = None
     ) -> FootholdVerdict | FootholdVerdicts:
         """Whether a sole, aligned with x, may be set down centred on each point, and if not, why.
 
@@ -106,7 +106,7 @@ class TerrainGrid(LayeredGrid):
         radius: float,
         leg: str | None = None,
         previous: Foothold | tuple[float, float] | None = None,
-        robot: RobotModel | None = None,
+        robot: RobotLike | None = None,
     ) -> Foothold | None:
         """The best place for a sole near a wish; None where there is none.
 
@@ -149,7 +149,7 @@ class TerrainGrid(LayeredGrid):
         end: npt.ArrayLike,
         clearance: float,
         leg: str | None = None,
-        robot: RobotModel | None = None,
+        robot: RobotLike | None = None,
     ) -> Swing:
         """A way for a foot from one place to another that `check_path` accepts, or why there is none.
 
@@ -177,7 +177,7 @@ class TerrainGrid(LayeredGrid):
         radius: float,
         leg: str | None = None,
         previous: SteppableRegion | None = None,
-        robot: RobotModel | None = None,
+        robot: RobotLike | None = None,
     ) -> SteppableRegion | None:
         """A convex area of places for a sole around a wish, for planners that optimise; None where there is none.
 
@@ -196,7 +196,7 @@ class TerrainGrid(LayeredGrid):
         """
         return steppable_region(self, x, y, radius, leg, previous, robot)
 
-    def steppable_regions(self, leg: str | None = None, robot: RobotModel | None = None) -> list[SteppableRegion]:
+    def steppable_regions(self, leg: str | None = None, robot: RobotLike | None = None) -> list[SteppableRegion]:
         """Convex areas of places for a sole over the whole grid, the roomiest first; they may overlap.
 
         Each is as `steppable_region` gives it, of 4 cm^2 or more; small rests of safe ground are left out.

@@ -41,7 +41,7 @@ def command(
     patience = CONNECTING_SECONDS if timeout is None else min(timeout, CONNECTING_SECONDS)
     with TerrainClient(endpoint, robot=robot, security=security, timeout=patience) as client:
         try:
-            for terrain in client.stream(extent, timeout):
+            for terrain in client.stream(timeout, extent):
                 seen += 1
                 sequence = terrain.metadata["sequence"]
                 if as_json:

@@ -79,6 +79,8 @@ def check(
     def say(text: str) -> None:
         click.echo(text, err=as_json)
 
+    if as_json and view:
+        raise click.UsageError("--json and --view exclude each other: a page is served until Ctrl-C")
     checked = check_robot(folder)
     findings = list(checked.findings)
     found: dict[str, object] = {"folder": str(folder), "robot": checked.robot.name if checked.robot else None}

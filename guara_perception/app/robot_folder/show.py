@@ -38,6 +38,7 @@ def robot_moment(robot: RobotModel) -> Moment:
     metadata = {
         **floor.metadata,
         "robot": robot.name,
+        "mode": "nominal",
         "stance": stance.to_dict(),
         "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),
     }

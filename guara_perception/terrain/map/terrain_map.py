@@ -5,13 +5,14 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import FileFormatError, InvalidInput
+from guara_perception.robot_model import RobotLike, robot_model
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -25,10 +26,6 @@ from guara_perception.terrain.map.map_report import map_report
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.snapshot import MapPause, snapshot_layers
 from guara_perception.terrain.map.support_feet import fill_under_foot, sole_error, support_feet
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
-
 
 # The window is moved when the robot has gone this far: seldom, and still little memory.
 MARGIN_M = 0.2
@@ -56,18 +53,18 @@ class TerrainMap:
             fused = terrain_map.update(terrain, pose.transform_footprint_to_odom, pose.covariance)
     """
 
-    def __init__(self, robot: RobotModel, *, resolution: float | None = None) -> None:
+    def __init__(self, robot: RobotLike, *, resolution: float | None = None) -> None:
         """Start with nothing known.
 
         Args:
-            robot: its robot.toml gives the area, limits and validity; its kinematics the soles.
+            robot: model, name or folder; its robot.toml gives the area, limits and validity; its kinematics the soles.
             resolution: cell edge [m]; None = the robot's default.
 
         Raises:
             InvalidInput: the resolution does not divide the area of the map.
         """
-        self._robot = robot
-        self._settings = Settings.of(robot)
+        self._robot = robot_model(robot)
+        self._settings = Settings.of(self._robot)
         x, y = self._settings.map_x, self._settings.map_y
         self._grid = GridGeometry.over(x, y, self._settings.resolution if resolution is None else float(resolution))
         self._reach = float(np.hypot(max(map(abs, x)), max(map(abs, y)))) + MARGIN_M
@@ -181,24 +178,21 @@ class TerrainMap:
         write_map(path, self._robot.name, self._cells, {name: getattr(self, name) for name in STATE})
 
     @classmethod
-    def load(cls, path: str | Path, robot: RobotModel | None = None) -> TerrainMap:
+    def load(cls, path: str | Path, robot: RobotLike | None = None) -> TerrainMap:
         """The map that `save` wrote.
 
         Args:
             path: of the file.
-            robot: its model; None = the one of that name that comes with the package.
+            robot: its model, name or folder; None = the one of that name that comes with the package.
 
         Raises:
             MissingFile: no such file.
             FileFormatError: not such a file, damaged, or of a robot with another map.
             kinematics.KinematicsError: no such robot.
         """
-        from kinematics import load_robot
-
         saved = read_map(path)
-        if robot is None:
-            robot = load_robot(saved.robot)
-        elif robot.name != saved.robot:
+        robot = robot_model(saved.robot if robot is None else robot)
+        if robot.name != saved.robot:
             raise FileFormatError(f"{path}: a map of robot {saved.robot!r}, the model given is {robot.name!r}")
         terrain_map = cls(robot, resolution=saved.resolution)
         if terrain_map._cells.side != saved.side:

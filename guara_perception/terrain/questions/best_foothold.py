@@ -16,7 +16,7 @@ from guara_perception.terrain.questions.foothold import FootholdVerdicts, check_
 from guara_perception.terrain.questions.normal import normal_at
 
 if TYPE_CHECKING:
-    from kinematics import RobotModel
+    from guara_perception.robot_model import RobotLike
 
 
 # At the rim of the search a place scores half: near the wish the body moves as the gait planned it.
@@ -65,7 +65,7 @@ def best_foothold(
     radius: float,
     leg: str | None = None,
     previous: Foothold | tuple[float, float] | None = None,
-    robot: RobotModel | None = None,
+    robot: RobotLike | None = None,
 ) -> Foothold | None:
     """See `TerrainGrid.best_foothold`."""
     if not (np.isfinite(x) and np.isfinite(y)):

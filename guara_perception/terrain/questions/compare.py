@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.readonly import readonly
+from guara_perception.terrain.file import load_terrain
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.questions.points import known_cells
 
@@ -46,16 +48,18 @@ class GridComparison:
         )
 
 
-def compare(a: LayeredGrid, b: LayeredGrid) -> GridComparison:
+def compare(a: LayeredGrid | str | Path, b: LayeredGrid | str | Path) -> GridComparison:
     """Compare two grids cell by cell.
 
     Args:
-        a: the one that b is measured against.
-        b: of the same cells: equal origin, resolution and shape.
+        a: the one that b is measured against, or the path of its file.
+        b: likewise; of the same cells: equal origin, resolution and shape.
 
     Raises:
         InvalidInput: the grids have different cells.
+        MissingFile, FileFormatError: a file is not there or no grid.
     """
+    a, b = (load_terrain(grid) if isinstance(grid, str | Path) else grid for grid in (a, b))
     same = a.shape == b.shape and np.isclose(a.resolution, b.resolution, rtol=1e-9, atol=0)
     if not same or not np.allclose(a.origin, b.origin, rtol=0, atol=1e-6 * a.resolution):
         raise InvalidInput(

@@ -22,7 +22,7 @@ from guara_perception.terrain.questions.leg_reach import beyond_reach
 from guara_perception.terrain.questions.sole_cells import sole_flags, sole_window
 
 if TYPE_CHECKING:
-    from kinematics import RobotModel
+    from guara_perception.robot_model import RobotLike
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ class FootholdVerdicts:
 
 
 def check_foothold(
-    terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, leg: str | None = None, robot: RobotModel | None = None
+    terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, leg: str | None = None, robot: RobotLike | None = None
 ) -> FootholdVerdict | FootholdVerdicts:
     """See `TerrainGrid.check_foothold`."""
     px, py = coordinates(x, y)

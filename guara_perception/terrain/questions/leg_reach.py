@@ -5,24 +5,26 @@ from __future__ import annotations
 import dataclasses
 import json
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
+from guara_perception.robot_model import RobotLike, robot_model
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from kinematics import RobotModel, RobotNotFound, Stance, StancePose, load_robot, robot_from_description
 from kinematics.reach import leg_kinematics, reach_from_pose
 
 
-def beyond_reach(terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robot: RobotModel | None = None) -> Float:
+def beyond_reach(terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robot: RobotLike | None = None) -> Float:
     """How far the leg's joints would have to go beyond their limits [rad]: 0 within reach, NaN where nothing helps.
 
     Args:
         terrain: grid with the stance in its metadata.
         leg: name of the leg.
         soles_in_footprint: (n, 3) sole centres on the ground [m].
-        robot: its model; None = the one of that name that comes with the package.
+        robot: its model, name or folder; None = the one that the grid carries, or of its name.
 
     Raises:
         InvalidInput: the grid does not say robot, stance and transform.
@@ -36,7 +38,7 @@ def beyond_reach(terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robo
     return np.where(reach.is_reachable, 0.0, np.where(excess > 0, excess, np.nan))
 
 
-def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotModel | None = None) -> Float:
+def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotLike | None = None) -> Float:
     """Where a leg's sole centre was when the grid was made, (3,) in its base_footprint [m].
 
     Raises:
@@ -48,7 +50,7 @@ def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotModel | None = Non
     return np.asarray(transform[:3, :3] @ pose.state.soles_in_base([leg])[0] + transform[:3, 3])
 
 
-def _pose_of(terrain: LayeredGrid, robot: RobotModel | None) -> StancePose:
+def _pose_of(terrain: LayeredGrid, robot: RobotLike | None) -> StancePose:
     metadata = terrain.metadata
     missing = [name for name in ("robot", "stance", "transform_base_to_footprint") if metadata.get(name) is None]
     if missing:
@@ -58,10 +60,18 @@ def _pose_of(terrain: LayeredGrid, robot: RobotModel | None) -> StancePose:
         )
     if robot is None:
         robot = _robot(str(metadata["robot"]), metadata.get("robot_description"))
-    elif robot.name != metadata["robot"]:
+    else:
+        robot = _loaded(robot) if isinstance(robot, str | Path) else robot
+    if robot.name != metadata["robot"]:
         raise InvalidInput(f"the grid belongs to robot {metadata['robot']!r}, the model given is {robot.name!r}")
     key = json.dumps([metadata["stance"], metadata["transform_base_to_footprint"]], sort_keys=True)
     return _pose(robot, key)
+
+
+@lru_cache(maxsize=4)
+def _loaded(robot: str | Path) -> RobotModel:
+    """A planner asks many times: its robot is loaded once."""
+    return robot_model(robot)
 
 
 @lru_cache(maxsize=4)

@@ -16,7 +16,7 @@ from guara_perception.terrain.questions.convex import ConvexPolygon, grow_polygo
 from guara_perception.terrain.questions.leg_reach import beyond_reach
 
 if TYPE_CHECKING:
-    from kinematics import RobotModel
+    from guara_perception.robot_model import RobotLike
 
 # Ground that lies further off the plane of a region does not belong to it.
 PLANE_TOLERANCE_M = 0.006
@@ -74,7 +74,7 @@ def steppable_region(
     radius: float,
     leg: str | None = None,
     previous: SteppableRegion | None = None,
-    robot: RobotModel | None = None,
+    robot: RobotLike | None = None,
 ) -> SteppableRegion | None:
     """See `TerrainGrid.steppable_region`."""
     if not np.isfinite([x, y]).all():
@@ -101,7 +101,7 @@ def steppable_region(
 
 
 def steppable_regions(
-    terrain: LayeredGrid, leg: str | None = None, robot: RobotModel | None = None
+    terrain: LayeredGrid, leg: str | None = None, robot: RobotLike | None = None
 ) -> list[SteppableRegion]:
     """See `TerrainGrid.steppable_regions`."""
     (x0, y0), (ny, nx) = terrain.origin, terrain.shape
@@ -142,7 +142,7 @@ class _Window:
 
     @staticmethod
     def about(
-        terrain: LayeredGrid, x: float, y: float, radius: float, leg: str | None, robot: RobotModel | None
+        terrain: LayeredGrid, x: float, y: float, radius: float, leg: str | None, robot: RobotLike | None
     ) -> _Window:
         cx, cy = terrain.geometry.centres()
         reach = radius + terrain.resolution / 2
@@ -174,7 +174,7 @@ class _Window:
 
 
 def _reached(
-    terrain: LayeredGrid, cx: Float, cy: Float, free: Mask, height: Float, leg: str, robot: RobotModel | None
+    terrain: LayeredGrid, cx: Float, cy: Float, free: Mask, height: Float, leg: str, robot: RobotLike | None
 ) -> Mask:
     """Free cells of which a leg reaches all corners."""
     iy, ix = np.nonzero(free)

@@ -19,7 +19,7 @@ from guara_perception.terrain.questions.leg_reach import beyond_reach
 from guara_perception.terrain.questions.path import LONGEST_PATH_M, check_path, checked_points
 
 if TYPE_CHECKING:
-    from kinematics import RobotModel
+    from guara_perception.robot_model import RobotLike
 
 
 # Where the straight way is barred: corners at these shares of it, and so far beside it [m].
@@ -63,7 +63,7 @@ def swing(
     end: npt.ArrayLike,
     clearance: float,
     leg: str | None = None,
-    robot: RobotModel | None = None,
+    robot: RobotLike | None = None,
 ) -> Swing:
     """See `TerrainGrid.swing`."""
     try:
@@ -99,7 +99,7 @@ def _tracks(ends: Float) -> Iterator[Float]:
 
 
 def _over(
-    terrain: LayeredGrid, ends: Float, track: Float, clearance: float, leg: str | None, robot: RobotModel | None
+    terrain: LayeredGrid, ends: Float, track: Float, clearance: float, leg: str | None, robot: RobotLike | None
 ) -> Swing:
     """The swing that stays over a way on the ground."""
     line = sampled(track, terrain.resolution / 2)
@@ -153,7 +153,7 @@ def _bends(way: Float) -> Float:
     return np.asarray(way[np.concatenate(([True], turns, [True]))])
 
 
-def _out_of_reach(terrain: LayeredGrid, way: Float, leg: str | None, robot: RobotModel | None) -> tuple[Reason, ...]:
+def _out_of_reach(terrain: LayeredGrid, way: Float, leg: str | None, robot: RobotLike | None) -> tuple[Reason, ...]:
     """Why the leg cannot go this way with the body where it stood; empty where it can or none is asked for."""
     if leg is None:
         return ()

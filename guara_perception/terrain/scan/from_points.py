@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Flags, Float, Mask
 from guara_perception.exceptions import InvalidInput
+from guara_perception.robot_model import RobotLike, robot_model
 from guara_perception.settings import Settings, limits_to_dict
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster, merge, rasterise, without_cells
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
 
 # A line of sight passes over a cell that reaches no higher than so much above it.
 SIGHT_TOLERANCE_M = 0.002
@@ -28,7 +26,7 @@ def terrain_from_points(
     points: npt.ArrayLike,
     sigma: npt.ArrayLike,
     sensor_origin: npt.ArrayLike,
-    robot: RobotModel | None = None,
+    robot: RobotLike | None = None,
     *,
     no_returns: npt.ArrayLike | None = None,
     resolution: float | None = None,
@@ -47,7 +45,7 @@ def terrain_from_points(
         points: (n, 3) in base_footprint [m]; rows with NaN are left out. Take points of the robot's own body out first.
         sigma: standard deviation of the heights, one number or (n,) [m].
         sensor_origin: (3,) where the sensor looks from, in base_footprint [m].
-        robot: gives the area, the height gates and the limits; None = the Guará.
+        robot: model, name or folder; gives the area, the height gates and the limits; None = the Guará.
         no_returns: (m, 3) directions in base_footprint in which the sensor looked and measured nothing, for instance
             the rays of a depth camera's pixels without a depth. What the map knew there is then forgotten. None = it
             is not known where it looked in vain; then what the map knew there stays and ages.
@@ -60,10 +58,7 @@ def terrain_from_points(
         InvalidInput: arrays of other shapes, a sigma or origin that is not finite, a resolution that does not divide
             the area.
     """
-    if robot is None:
-        from kinematics import load_robot
-
-        robot = load_robot("guara")
+    robot = robot_model("guara" if robot is None else robot)
     settings = Settings.of(robot)
     cell = settings.resolution if resolution is None else float(resolution)
     geometry = GridGeometry.over(settings.footprint_x, settings.footprint_y, cell)

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from guara_perception.arrays import Index, Mask
 from guara_perception.exceptions import InvalidInput
+from guara_perception.robot_model import RobotLike, robot_model
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, names
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
-
 
 # Clear pauses in a row before a walk goes back to coarse scans: one cycle, so that every foot has stepped once.
 CLEAR_PAUSES = 4
@@ -54,17 +50,18 @@ class ScanPolicy:
             terrain = refined(coarse, processor.finish())
     """
 
-    def __init__(self, robot: RobotModel, *, height_limit: float | None = None) -> None:
+    def __init__(self, robot: RobotLike, *, height_limit: float | None = None) -> None:
         """Start clear.
 
         Args:
-            robot: its hips and soles span the corridor, its robot.toml gives patterns and limits.
+            robot: model, name or folder; hips and soles span the corridor, robot.toml gives patterns and limits.
             height_limit: heights that differ more from the support plane are obstacles [m]; None = half of the
                 allowed drop.
 
         Raises:
             InvalidInput: a height limit that is not above 0.
         """
+        robot = robot_model(robot)
         self._settings = Settings.of(robot)
         limits = self._settings.limits
         self._height_limit = limits.drop / 2 if height_limit is None else float(height_limit)

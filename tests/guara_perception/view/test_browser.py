@@ -104,6 +104,41 @@ def test_the_command_serves_a_grid_until_it_is_stopped(page: Chromium, grid: gp.
     assert process.wait(30) == 0
 
 
+@needs_chromium
+def test_robot_check_shows_the_robot_and_what_it_would_see(page: Chromium, robot: RobotModel) -> None:
+    """`guara robot check --view`: the robot, its area, and lines from camera and mirror; ends cleanly on Ctrl-C."""
+    program = [sys.executable, "-u", "-m", "guara_perception.app.main", "robot", "check", "guara"]
+    process = subprocess.Popen(
+        [*program, "--view", "--port", "18110"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    try:
+        assert process.stdout is not None
+        said = []
+        for text in process.stdout:
+            said.append(text)
+            if "open http" in text:
+                address = text.split("open ")[1].split(" ")[0]
+                break
+        else:
+            pytest.fail(f"the command ended with {process.wait(10)}: {''.join(said)}")
+        assert "guara: sound, 1 notes" in "".join(said)
+        page.call("Page.navigate", url=address)
+        page.wait_for("document.body.innerText.includes('a foot may be set here')")
+        deadline = time.monotonic() + 60
+        while True:
+            picture = page.screenshot()[:, :650]
+            ground = share(picture, rgb(HAZARD_COLOURS[gp.Hazard.EDGE]), 70)
+            lines = (picture[..., 0] > 180) & (picture[..., 1] < 130) & (picture[..., 2] < 100)
+            if (ground > 0.005 and lines.mean() > 0.001) or time.monotonic() > deadline:
+                break
+            time.sleep(0.5)
+        assert ground > 0.005 and lines.mean() > 0.001
+        assert page.evaluate("document.body.innerText.includes('nominal scan')")
+    finally:
+        process.send_signal(signal.SIGINT)
+    assert process.wait(30) == 0
+
+
 def test_nothing_to_show_is_refused(robot: RobotModel) -> None:
     """A recording without grids is no recording to look at."""
     with BrowserView(robot, port=18100) as view, pytest.raises(InvalidInput, match="nothing to show"):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import guara_perception as gp
 from guara_perception.app.demo.check import CheckedFoothold, DemoCheck
 from guara_perception.app.files.open_scan import open_scans
 
@@ -46,6 +47,32 @@ def test_pictures_and_recording_are_left(demo: tuple[Path, str]) -> None:
     for name, magic in (("scan.png", b"\x89PNG"), ("map.png", b"\x89PNG"), ("walk.gif", b"GIF8")):
         assert (demo[0] / name).read_bytes()[:4] == magic
     assert {scan.step for scan in open_scans(demo[0] / "walk.mcap")} == {0, 1, 2, 3, 4}
+
+
+def test_a_robot_outside_of_the_package_walks_too(tmp_path: Path) -> None:
+    """`--robot FOLDER`, made from a URDF by `robot new`: its own legs and name, from the folder to the planner."""
+    urdf = Path(__file__).parents[3] / "robots" / "tapir" / "urdf" / "tapir.urdf"
+    program = [sys.executable, "-m", "guara_perception.app.main"]
+    mine, out = tmp_path / "mine", tmp_path / "out"
+    subprocess.run([*program, "robot", "new", str(urdf), "-o", str(mine)], capture_output=True, check=True, timeout=120)
+    done = subprocess.run(
+        [*program, "demo", "--robot", str(mine), "--out", str(out), "--cycles", "1"],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    said = done.stdout.splitlines()
+    assert "grids: 5 published, 5 received by the planner" in said
+    assert "swings: 4 planned, 0 refused by check_path" in said and said[-1] == "the demo's check passed"
+    with gp.open_recording(out / "walk.mcap") as recording:
+        grids = list(recording)
+        assert {scan.robot for scan in recording.scans} == {"mine"}
+    assert {grid.metadata["robot"] for grid in grids} == {"mine"}
+    # The grid carries the robot: its legs are known to whoever has the recording alone.
+    assert grids[0].check_foothold(0.7, 0.0, leg="lf").reasons is not None
 
 
 def foothold(**changes: object) -> CheckedFoothold:
