@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from guara_perception.settings import TraversabilityLimits
     from guara_perception.stripes.extract import extract_stripe
     from guara_perception.stripes.profile import StripeProfile, StripeStatus
+    from guara_perception.terrain.compare import GridComparison, compare
     from guara_perception.terrain.file import load_terrain
     from guara_perception.terrain.grid import TerrainGrid
     from guara_perception.terrain.layers.hazard import Hazard
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
     from guara_perception.terrain.map.known_ground import KnownGround
     from guara_perception.terrain.map.terrain_map import TerrainMap
     from guara_perception.terrain.questions.best_foothold import Foothold
-    from guara_perception.terrain.questions.compare import GridComparison, compare
     from guara_perception.terrain.questions.foothold import FootholdVerdict, FootholdVerdicts
     from guara_perception.terrain.questions.height_scan import HeightScan
     from guara_perception.terrain.questions.obstacles import Obstacle
@@ -148,7 +148,7 @@ _MODULES = {
     "FootholdVerdict": "guara_perception.terrain.questions.foothold",
     "FootholdVerdicts": "guara_perception.terrain.questions.foothold",
     "FramePair": "guara_perception.frame_pair",
-    "GridComparison": "guara_perception.terrain.questions.compare",
+    "GridComparison": "guara_perception.terrain.compare",
     "Hazard": "guara_perception.terrain.layers.hazard",
     "HeightScan": "guara_perception.terrain.questions.height_scan",
     "InvalidInput": "guara_perception.exceptions",
@@ -188,7 +188,7 @@ _MODULES = {
     "assess_terrain": "guara_perception.terrain.scan.assess_terrain",
     "calibrate": "guara_perception.app.calibrate",
     "check_drift": "guara_perception.calibration.drift",
-    "compare": "guara_perception.terrain.questions.compare",
+    "compare": "guara_perception.terrain.compare",
     "extract_stripe": "guara_perception.stripes.extract",
     "interpolate_pattern": "guara_perception.calibration.pattern",
     "load_calibration": "guara_perception.calibration.file",
