@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.aravis_library import load_aravis
+from drivers.aravis_library import glib_error, load_aravis
+from drivers.errors import CameraNotFound
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,3 +46,21 @@ def find_aravis_cameras() -> tuple[AravisDevice, ...]:
         )
         for number in range(aravis.get_n_devices())
     )
+
+
+def trigger_lines(name: str) -> tuple[str, ...]:
+    """Ask a camera on which of its lines it can be triggered.
+
+    Args:
+        name: as `find_aravis_cameras` gives it.
+
+    Raises:
+        CameraBackendMissing: Aravis is not installed.
+        CameraNotFound: it does not answer, or another program holds it.
+    """
+    aravis = load_aravis()
+    try:
+        sources = aravis.Camera.new(name).dup_available_trigger_sources()
+    except glib_error() as error:
+        raise CameraNotFound(f"it does not answer ({error}): does another program hold it?") from None
+    return tuple(source for source in sources if source.startswith("Line"))

@@ -13,15 +13,20 @@ from guara_perception.fields import Fields
 from guara_perception.whole_file import whole_file
 
 if TYPE_CHECKING:
-    from drivers import BoardConfig, Camera, CameraSettings
+    from drivers import BoardConfig, Camera, CameraSettings, SweepOptions
 
 FORMAT = "guara-devices/1"
 # A file of devices has a dozen lines.
 LARGEST_BYTES = 64 * 1024
 SETTINGS = ("exposure", "gain", "white_balance", "gamma")
+LINES = ("trigger", "exposure_output", "pixel_format")
+# What stands before the colon of a camera's source, for classes that know more of it than OpenCV does.
+ARAVIS = "aravis"
+# Seconds for which a triggered camera exposes when nothing else was said, and the laser shines.
+TRIGGERED_EXPOSURE_S = 0.004
 KNOWN = {
     "": {"format", "camera", "board"},
-    "camera": {"source", "size", "fps", "lag", *SETTINGS},
+    "camera": {"source", "size", "fps", "lag", *LINES, *SETTINGS},
     "board": {"vendor_id", "product_id", "serial"},
 }
 
@@ -31,12 +36,16 @@ class Devices:
     """What the commands need to open the devices and to hold them as they were when calibrated.
 
     Attributes:
-        source: of the camera: number, device path, GStreamer pipeline, or "package.module:Class" of a `drivers.Camera`.
+        source: of the camera: number, device path, GStreamer pipeline, "aravis" or "aravis:NAME" for GigE and USB3
+            Vision, or "package.module:Class" of a `drivers.Camera`.
         size: picture width and height [px], or None for the camera's own.
         fps: frames per second to ask for, or None.
         lag: measured [s], or None.
         settings: exposure [s], gain, white_balance [K], gamma: locked when the camera is opened and read back.
         board: vendor_id, product_id, serial of the laser board; missing ones are the protocol's.
+        trigger: line of the camera on which the board's TRIGGER arrives: the board sweeps by itself; None: runs freely.
+        exposure_output: line of the camera that shall show when it exposes, or None.
+        pixel_format: to ask for, or None for the camera's best.
     """
 
     source: str = "0"
@@ -45,30 +54,73 @@ class Devices:
     lag: float | None = None
     settings: dict[str, float] = field(default_factory=dict)
     board: dict[str, int | str] = field(default_factory=dict)
+    trigger: str | None = None
+    exposure_output: str | None = None
+    pixel_format: str | None = None
 
-    def camera(self) -> Camera:
+    def camera(self, *, free: bool = False) -> Camera:
         """The camera, not yet open.
 
+        Args:
+            free: let it run freely although it has a trigger: for pictures that no sweep takes.
+
         Raises:
-            InvalidInput: "package.module:Class" cannot be imported, or is no `drivers.Camera`.
+            InvalidInput: "package.module:Class" cannot be imported, or is no `drivers.Camera`; a trigger for a camera
+                that has none.
         """
-        from drivers import Camera, OpenCvCamera
+        from drivers import AravisCamera, Camera, OpenCvCamera
 
         module, between, name = self.source.partition(":")
+        if module == ARAVIS:
+            try:
+                return AravisCamera(
+                    name,
+                    trigger=None if free else self.trigger,
+                    exposure_output=self.exposure_output,
+                    pixel_format=self.pixel_format,
+                    size=self.size,
+                    fps=self.fps,
+                    lag=self.lag,
+                )
+            except ValueError as error:
+                raise InvalidInput(str(error)) from None
         if between and name.isidentifier() and all(part.isidentifier() for part in module.split(".")):
             made = _own_camera(module, name)
             if not isinstance(made, Camera):
                 raise InvalidInput(f"camera source {self.source!r} is no drivers.Camera: derive the class from it")
             if self.lag is not None:
                 made.lag = self.lag
-            return made
-        source: int | str = int(self.source) if self.source.isdigit() else self.source
-        return OpenCvCamera(source, size=self.size, fps=self.fps, lag=self.lag)
+        else:
+            source: int | str = int(self.source) if self.source.isdigit() else self.source
+            made = OpenCvCamera(source, size=self.size, fps=self.fps, lag=self.lag)
+        if self.trigger is not None and not free and not made.triggered:
+            raise InvalidInput(
+                f"trigger is {self.trigger!r}, but camera {self.source!r} cannot wait for one: leave it out, or take a "
+                "GigE Vision or USB3 Vision camera (`guara cameras` lists them)"
+            )
+        return made
+
+    def sweep_options(self) -> SweepOptions | None:
+        """How the board sweeps by itself with a triggered camera; None for one that runs freely.
+
+        Raises:
+            InvalidInput: the exposure is not one for which the laser may shine.
+        """
+        from drivers import SweepOptions
+
+        if self.trigger is None:
+            return None
+        try:
+            return SweepOptions(flash=self.settings.get("exposure", TRIGGERED_EXPOSURE_S))
+        except ValueError as error:
+            raise InvalidInput(f"the laser shines while a triggered camera exposes: {error}") from None
 
     def camera_settings(self) -> CameraSettings:
         """What is locked when the camera is opened."""
         from drivers import CameraSettings
 
+        if self.trigger is not None:
+            return CameraSettings(**{"exposure": TRIGGERED_EXPOSURE_S, **self.settings})
         return CameraSettings(**self.settings)
 
     def board_config(self) -> BoardConfig:
@@ -120,6 +172,7 @@ def load_devices(path: str | Path) -> Devices:
         size=size,
         fps=camera.number("fps", 0.1, 10_000) if camera.has("fps") else None,
         lag=camera.number("lag", 0.0, 10.0) if camera.has("lag") else None,
+        **{name: camera.text(name) for name in LINES if camera.has(name)},
         settings={name: camera.number(name, *limits[name]) for name in SETTINGS if camera.has(name)},
         board=board,
     )
@@ -133,6 +186,7 @@ def save_devices(devices: Devices, path: str | Path) -> None:
     """
     lines = ["# Camera and laser board as `guara record` found them; every command takes it as --devices.", ""]
     lines += [f'format = "{FORMAT}"', "", "[camera]", f"source = {_quoted(devices.source)}"]
+    lines += [f"{name} = {_quoted(value)}" for name in LINES if (value := getattr(devices, name)) is not None]
     if devices.size is not None:
         lines.append(f"size = [{devices.size[0]}, {devices.size[1]}]")
     for name, value in (("fps", devices.fps), ("lag", devices.lag), *devices.settings.items()):

@@ -12,9 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers import DriverError, LaserBoard, OpenCvCamera
+from drivers import DriverError, LaserBoard
+from drivers.camera_evidence import evidence_of
 from drivers.session import SWEEPS_SINCE
 from drivers.usb_link import default_backend
+from guara_perception.app.devices_file import Devices
 from guara_perception.app.files.open_scan import open_scan
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.drift import DRIFTING, HOLDS, check_drift
@@ -24,7 +26,7 @@ from guara_perception.process import run_scan
 from kinematics import KinematicsError, load_robot
 
 OK, SKIP, WARN, FAIL = "ok", "skip", "warn", "FAIL"
-CHECKS = ("usb", "board", "camera", "zenoh", "calibration", "drift", "disk", "speed", "certificates")
+CHECKS = ("usb", "board", "camera", "cameras", "zenoh", "calibration", "drift", "disk", "speed", "certificates")
 # After this long a camera mount has had its knocks; the paper's rig was calibrated before each session.
 CALIBRATION_AGE_DAYS = 30
 # A standard scan with its recording takes about 60 MB; ten of them should fit.
@@ -51,6 +53,7 @@ class Finding:
 def examine(
     *,
     camera: str,
+    trigger: str | None = None,
     calibration: Path | None,
     listen: str,
     folder: Path,
@@ -61,7 +64,8 @@ def examine(
     """Run the checks one by one.
 
     Args:
-        camera: number or path of the camera.
+        camera: as `Devices.source`.
+        trigger: line of it that the board triggers, or None.
         calibration: file to check, or None.
         listen: endpoint on which the node would listen.
         folder: where recordings would be written.
@@ -71,7 +75,8 @@ def examine(
     every: dict[str, Callable[[], Finding]] = {
         "usb": check_usb,
         "board": check_board,
-        "camera": lambda: check_camera(camera),
+        "camera": lambda: check_camera(camera, trigger),
+        "cameras": check_cameras,
         "zenoh": lambda: check_endpoint(listen),
         "calibration": lambda: check_calibration(calibration),
         "drift": lambda: check_scan_drift(calibration, scan),
@@ -109,16 +114,31 @@ def check_board() -> Finding:
     )
 
 
-def check_camera(source: str) -> Finding:
-    """Whether the camera opens and gives a frame."""
-    name: int | str = int(source) if source.isdigit() else source
+def check_camera(source: str, trigger: str | None = None) -> Finding:
+    """Whether the camera opens and gives a frame, and what it can prove of its frames."""
+    devices = Devices(source=source, trigger=trigger)
     try:
-        with OpenCvCamera(name) as camera:
+        triggered = devices.camera()
+        with devices.camera(free=True) as camera:
             frame = camera.grab(2.0)
-    except (DriverError, ValueError) as error:
+        if triggered.triggered:
+            with triggered:
+                pass  # It has the line.
+    except (DriverError, PerceptionError, ValueError) as error:
         return Finding("camera", FAIL, str(error))
     height, width = frame.image.shape[:2]
-    return Finding("camera", OK, f"camera {source} gives {width}x{height} px")
+    return Finding("camera", OK, f"camera {source} gives {width}x{height} px; it {evidence_of(triggered)}")
+
+
+def check_cameras() -> Finding:
+    """Which cameras there are, and what each can prove."""
+    from guara_perception.app.find_cameras import find_cameras
+
+    found, missing = find_cameras()
+    words = [f"{camera.source}: {camera.evidence}" for camera in found] + ([missing] if missing else [])
+    if not found:
+        return Finding("cameras", WARN, "; ".join(["none found", *words]))
+    return Finding("cameras", OK, "; ".join(words))
 
 
 def check_endpoint(listen: str) -> Finding:

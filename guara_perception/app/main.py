@@ -19,6 +19,7 @@ COMMANDS = {
     name: name
     for name in (
         "calibrate",
+        "cameras",
         "convert",
         "demo",
         "doctor",

@@ -10,7 +10,8 @@ import click
 
 @click.command(name="doctor")
 @click.option("-c", "--calibration", type=click.Path(path_type=Path), help="calibration.json to check")
-@click.option("--camera", default="0", show_default=True, help="number or path of the camera")
+@click.option("--camera", default="0", show_default=True, help="as `guara cameras` lists it")
+@click.option("--trigger", metavar="LINE", help="line of the camera that the board triggers")
 @click.option("--listen", default="tcp/127.0.0.1:7447", show_default=True, help="where the node would listen")
 @click.option("--scan", type=click.Path(path_type=Path), help="recorded scan with floor in view, for the drift check")
 @click.option("--security", type=click.Path(path_type=Path), help="security folder whose certificates to check")
@@ -21,6 +22,7 @@ def command(
     context: click.Context,
     calibration: Path | None,
     camera: str,
+    trigger: str | None,
     listen: str,
     scan: Path | None,
     security: Path | None,
@@ -42,6 +44,7 @@ def command(
     failed = False
     for finding in examine(
         camera=camera,
+        trigger=trigger,
         calibration=calibration,
         listen=listen,
         folder=Path.cwd(),

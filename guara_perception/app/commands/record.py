@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -19,7 +20,8 @@ RULER_MM = 150.0
 @click.option("--simulated", is_flag=True, help="simulated robot, devices and helping hands")
 @click.option("--devices", type=click.Path(path_type=Path), help="devices.toml: camera and board to use")
 @click.option("--robot", default="guara", show_default=True, help="name or folder of the robot")
-@click.option("--camera", help="number, device path or GStreamer pipeline; default: that of --devices, or 0")
+@click.option("--camera", help="as `guara cameras` lists it, or a GStreamer pipeline; default: that of --devices, or 0")
+@click.option("--trigger", metavar="LINE", help="line that the board will trigger in scans, kept in devices.toml")
 @click.option("--board", default="9x7", show_default=True, help="inner corners of the checkerboard, COLUMNSxROWS")
 @click.option("--square", type=float, default=0.030, show_default=True, help="edge of its squares as drawn [m]")
 @click.option("--plates", default="0,0.04,0.08", show_default=True, help="measured heights of the plates [m]")
@@ -37,6 +39,7 @@ def command(
     devices: Path | None,
     robot: str,
     camera: str | None,
+    trigger: str | None,
     board: str,
     square: float,
     plates: str,
@@ -89,7 +92,8 @@ def command(
     points = (
         cross_points(model) * scale if crosses is None else read_json(crosses).array("points_in_footprint", (None, 2))
     )
-    known = Devices(source=camera or "0") if devices is None else load_devices(devices)
+    known = Devices() if devices is None else load_devices(devices)
+    known = replace(known, source=camera or known.source, trigger=trigger or known.trigger)
     plan = SessionPlan(model.name, spec, np.asarray(points), heights_of_words(plates), standing)
     with ExitStack() as stack:
         page = stack.enter_context(LivePage(port))
@@ -99,7 +103,7 @@ def command(
             workshop.use_board(spec)
             rangefinder, known, operator = workshop.rangefinder, Devices(source="simulated"), workshop
         else:
-            rangefinder = rangefinder_of(known)
+            rangefinder = rangefinder_of(known, free=True)
             operator = TextOperator(page.tell)
         writer = SessionWriter(session, plan)
         click.echo(f"live page: {page.address}")

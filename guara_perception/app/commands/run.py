@@ -23,7 +23,8 @@ import click
 @click.option("--name", help="instance name in the keys; default: the robot's")
 @click.option("--mode", type=click.Choice(["adaptive", "standard", "coarse"]), default="adaptive", show_default=True)
 @click.option("--devices", type=click.Path(path_type=Path), help="devices.toml as `guara record` writes it")
-@click.option("--camera", help="number, device path or GStreamer pipeline; default: that of --devices, or 0")
+@click.option("--camera", help="as `guara cameras` lists it, or a GStreamer pipeline; default: that of --devices, or 0")
+@click.option("--trigger", metavar="LINE", help="line of the camera that the board triggers: it sweeps by itself")
 @click.option("--fps", type=click.FloatRange(min=0.1), help="frames per second to ask of the camera")
 @click.option("--off-frames", type=click.Choice(["one", "per stripe", "none"]), default="one", show_default=True)
 def command(
@@ -42,6 +43,7 @@ def command(
     mode: str,
     devices: Path | None,
     camera: str | None,
+    trigger: str | None,
     fps: float | None,
     off_frames: str,
 ) -> None:
@@ -68,6 +70,7 @@ def command(
             calibration=calibration,
             robot=robot,
             camera=camera,
+            trigger=trigger,
             fps=fps,
             off_frames=off_frames,
             devices=devices,

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 @click.option("--stance", type=click.Path(path_type=Path), help="JSON with the stance; default: the scan posture")
 @click.option("--robot", help="name or folder of the robot; default: the calibration's")
 @click.option("--devices", type=click.Path(path_type=Path), help="devices.toml as `guara record` writes it")
-@click.option("--camera", help="number, device path or GStreamer pipeline; default: that of --devices, or 0")
+@click.option("--camera", help="as `guara cameras` lists it, or a GStreamer pipeline; default: that of --devices, or 0")
+@click.option("--trigger", metavar="LINE", help="line of the camera that the board triggers: it sweeps by itself")
 @click.option("--fps", type=click.FloatRange(min=0.1), help="frames per second to ask of the camera")
 @click.option("--off-frames", type=click.Choice(["one", "per stripe", "none"]), default="one", show_default=True)
 @click.option("--no-calibration", is_flag=True, help="only record, in robot.toml's pattern: a plate to calibrate with")
@@ -39,6 +40,7 @@ def command(
     robot: str | None,
     devices: Path | None,
     camera: str | None,
+    trigger: str | None,
     fps: float | None,
     off_frames: str,
     no_calibration: bool,
@@ -75,6 +77,7 @@ def command(
         calibration=calibration,
         robot=robot,
         camera=camera,
+        trigger=trigger,
         fps=fps,
         off_frames=off_frames,
         devices=devices,

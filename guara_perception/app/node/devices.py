@@ -54,6 +54,7 @@ def choose_rig(
     camera: str | None,
     fps: float | None,
     off_frames: str,
+    trigger: str | None = None,
     devices: Path | None = None,
     needs_calibration: bool = True,
     on_the_move: bool = False,
@@ -64,9 +65,10 @@ def choose_rig(
         simulated: simulated robot, world and devices.
         calibration: file; needed unless simulated.
         robot: name or folder; None = the calibration's, or the Guara.
-        camera: number of the camera, device path, or a GStreamer pipeline; None = that of `devices`, or 0.
+        camera: as `Devices.source`; None = that of `devices`, or 0.
         fps: frames per second to ask for; None = those of `devices`, or the camera's own.
         off_frames: "one", "per stripe" or "none".
+        trigger: line of the camera that the board triggers; None = that of `devices`, or none.
         devices: devices.toml as `guara record` writes it.
         needs_calibration: False for a scan to calibrate with.
         on_the_move: feet will be set by the grids: values of robot.toml that concern safety must have been measured.
@@ -84,7 +86,7 @@ def choose_rig(
         made = SimulatedRobot(robot or "guara", calibration)
         return Rig(made.robot, made.calibration, made.rangefinder, made)
     known = Devices() if devices is None else load_devices(devices)
-    chosen = replace(known, source=camera or known.source, fps=fps or known.fps)
+    chosen = replace(known, source=camera or known.source, fps=fps or known.fps, trigger=trigger or known.trigger)
     if not needs_calibration:
         return Rig(load_robot(robot or "guara"), None, rangefinder_of(chosen, off_frames), None)
     if calibration is None:
@@ -112,11 +114,21 @@ def _refuse_assumed(robot: RobotModel) -> None:
         )
 
 
-def rangefinder_of(devices: Devices, off_frames: str = "one") -> Rangefinder:
-    """Board and camera of a file of devices, not yet open; the camera's settings are locked when it is opened."""
+def rangefinder_of(devices: Devices, off_frames: str = "one", *, free: bool = False) -> Rangefinder:
+    """Board and camera of a file of devices, not yet open; the camera's settings are locked when it is opened.
+
+    Args:
+        devices: of the file.
+        off_frames: "one", "per stripe" or "none".
+        free: let the camera run freely although it has a trigger, as for pictures of a checkerboard.
+
+    Raises:
+        InvalidInput: see `Devices.camera` and `Devices.sweep_options`.
+    """
+    sweep = None if free else devices.sweep_options()
     return Rangefinder(
         board=LaserBoard(devices.board_config()),
-        camera=devices.camera(),
-        options=AcquireOptions(off=OffFrames(off_frames), together=STRIPES_TOGETHER),
-        settings=devices.camera_settings() if devices.settings else None,
+        camera=devices.camera(free=free),
+        options=AcquireOptions(off=OffFrames(off_frames), together=STRIPES_TOGETHER, sweep=sweep),
+        settings=devices.camera_settings() if devices.settings or sweep is not None else None,
     )

@@ -1,0 +1,65 @@
+"""Which cameras this machine has, and what each can prove of its frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from drivers import AravisCamera, DriverError, OpenCvCamera
+from drivers.aravis_devices import AravisDevice, find_aravis_cameras, trigger_lines
+from drivers.camera_evidence import evidence_of
+from drivers.errors import CameraBackendMissing
+from guara_perception.app.devices_file import ARAVIS
+
+VIDEO_CLASS: Final = Path("/sys/class/video4linux")
+
+
+@dataclass(frozen=True, slots=True)
+class FoundCamera:
+    """One camera of this machine.
+
+    Attributes:
+        source: what --camera and devices.toml take.
+        description: maker and model, and how it is reached.
+        evidence: what it can prove.
+        lines: on which it can be triggered, for --trigger; empty when it runs freely only.
+    """
+
+    source: str
+    description: str
+    evidence: str
+    lines: tuple[str, ...] = ()
+
+
+def find_cameras(video_class: Path = VIDEO_CLASS) -> tuple[list[FoundCamera], str]:
+    """Look for cameras; takes a second or two.
+
+    Args:
+        video_class: where the kernel lists its video devices.
+
+    Returns:
+        The cameras, and where nobody could look and why; empty when everything was looked through.
+    """
+    found = [_video(folder) for folder in sorted(video_class.glob("video*"))]
+    try:
+        return found + [_aravis(device) for device in find_aravis_cameras()], ""
+    except CameraBackendMissing as missing:
+        return found, str(missing)
+
+
+def _video(folder: Path) -> FoundCamera:
+    path = f"/dev/{folder.name}"
+    name = (folder / "name").read_text(errors="replace").strip()
+    return FoundCamera(path, f"{name} (V4L2)", evidence_of(OpenCvCamera(path)))
+
+
+def _aravis(device: AravisDevice) -> FoundCamera:
+    description = f"{device.maker} {device.model} ({device.protocol}, {device.address})"
+    source = f"{ARAVIS}:{device.name}"
+    try:
+        lines = trigger_lines(device.name)
+    except DriverError as error:
+        return FoundCamera(source, description, str(error))
+    camera = AravisCamera(device.name, trigger=lines[0] if lines else None)
+    return FoundCamera(source, description, evidence_of(camera), lines)

@@ -1,0 +1,114 @@
+"""`guara cameras`, the camera's part of `guara doctor`, and sources of `devices.toml` that Aravis opens."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from drivers import AravisCamera, CameraSettings
+from guara_perception.app import doctor, find_cameras
+from guara_perception.app.devices_file import Devices, load_devices, save_devices
+from guara_perception.app.main import run
+from guara_perception.app.node.devices import rangefinder_of
+from guara_perception.exceptions import InvalidInput
+from tests.gige import fake_gige
+
+
+@pytest.fixture
+def video_class(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A kernel's list with one webcam."""
+    (tmp_path / "video0").mkdir()
+    (tmp_path / "video0" / "name").write_text("Imaginary Webcam\n")
+    return tmp_path
+
+
+def test_each_camera_is_listed_with_what_it_can_prove(
+    video_class: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A webcam cannot tell a lost frame; a camera with a trigger is proved by its clock, and its lines are named."""
+    monkeypatch.setattr(find_cameras.find_cameras, "__defaults__", (video_class,))
+    with fake_gige():
+        assert run(["cameras"]) == 0
+        words = capsys.readouterr().out
+        assert run(["cameras", "--json"]) == 0
+        first, second = map(json.loads, capsys.readouterr().out.splitlines())
+        finding = doctor.check_cameras()
+    assert "/dev/video0  Imaginary Webcam (V4L2)\n    runs freely" in words and "does not show" in words
+    assert "Aravis Fake (GigEVision, 127.0.0.1)\n    waits for the board's trigger" in words
+    assert "--trigger Line0 or Line1" in words
+    assert (first["source"], second["source"]) == ("/dev/video0", "aravis:Aravis-Fake-GUARA1")
+    assert second["lines"] == ["Line0", "Line1"]
+    assert finding.level == doctor.OK and "/dev/video0: runs freely" in finding.message
+    assert "aravis:Aravis-Fake-GUARA1: waits for the board's trigger" in finding.message
+
+
+def test_no_camera_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Said so, with exit 1; and where nobody could look."""
+    from drivers import aravis_library
+
+    monkeypatch.setattr(find_cameras.find_cameras, "__defaults__", (tmp_path,))
+    monkeypatch.setitem(__import__("sys").modules, "gi", None)
+    monkeypatch.setattr(aravis_library, "SYSTEM_PACKAGES", ("/nowhere",))
+    assert run(["cameras"]) == 1
+    said = capsys.readouterr().err
+    assert "no camera found: check cable" in said and "apt install gir1.2-aravis-0.8" in said
+    finding = doctor.check_cameras()
+    assert finding.level == doctor.WARN and "none found; GigE Vision" in finding.message
+
+
+def test_doctor_says_what_the_chosen_camera_proves() -> None:
+    """Free and triggered; a line that it lacks is named with those it has."""
+    with fake_gige() as fake:
+        source = f"aravis:{fake.name}"
+        free, triggered = doctor.check_camera(source), doctor.check_camera(source, "Line1")
+        wrong = doctor.check_camera(source, "Line9")
+    assert free.level == triggered.level == doctor.OK
+    assert "320x256 px; it runs freely" in free.message and "shows in the camera's counting" in free.message
+    assert "320x256 px; it waits for the board's trigger" in triggered.message
+    assert wrong.level == doctor.FAIL and "'Line9', it has Line0, Line1" in wrong.message
+
+
+def test_a_webcam_cannot_be_triggered() -> None:
+    finding = doctor.check_camera("/dev/video7", "Line1")
+    assert finding.level == doctor.FAIL and "cannot wait for one" in finding.message
+
+
+def test_a_triggered_camera_makes_the_board_sweep(tmp_path: Path) -> None:
+    """Source, lines and format survive the file; the laser shines as long as the camera exposes."""
+    devices = Devices(
+        "aravis:Maker-42",
+        trigger="Line1",
+        exposure_output="Line2",
+        pixel_format="BayerRG8",
+        settings={"exposure": 0.003},
+    )
+    save_devices(devices, tmp_path / "devices.toml")
+    assert load_devices(tmp_path / "devices.toml") == devices
+    rangefinder = rangefinder_of(devices)
+    assert isinstance(rangefinder.camera, AravisCamera) and rangefinder.camera.triggered
+    assert rangefinder.options is not None and rangefinder.options.sweep is not None
+    assert rangefinder.options.sweep.flash == 0.003
+    assert rangefinder.settings == CameraSettings(exposure=0.003)
+    free = rangefinder_of(devices, free=True)
+    assert not free.camera.triggered and free.options is not None and free.options.sweep is None
+
+
+def test_without_an_exposure_a_triggered_camera_gets_one() -> None:
+    """Otherwise flash and exposure would not fit one another."""
+    rangefinder = rangefinder_of(Devices("aravis", trigger="Line1"))
+    assert rangefinder.settings == CameraSettings(exposure=0.004)
+    assert rangefinder.options is not None and rangefinder.options.sweep is not None
+    assert rangefinder.options.sweep.flash == 0.004
+
+
+@pytest.mark.parametrize(
+    ("devices", "words"),
+    [
+        (Devices("0", trigger="Line1"), "trigger is 'Line1', but camera '0' cannot wait for one"),
+        (Devices("aravis", trigger="Line1", settings={"exposure": 0.5}), "shines while a triggered camera exposes"),
+        (Devices("aravis", pixel_format="RGB8"), "pixel format is 'RGB8', allowed: Mono8"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(devices: Devices, words: str) -> None:
+    with pytest.raises(InvalidInput, match=words):
+        rangefinder_of(devices)
