@@ -129,7 +129,7 @@ def run_scan(
             scan.mode,
             method=method,
             resolution=resolution,
-            stamp=scan.stamp,
+            stamp=scan.end,
             step=scan.step,
         )
     except KinematicsError as error:

@@ -41,7 +41,7 @@ class Scan:
     Attributes:
         robot: name of the robot.
         mode: "coarse" or "standard".
-        stamp: time of the scan [ns since the epoch].
+        stamp: begin of the scan [ns since the epoch].
         step: number of the stance pause.
         stripes: in recorded order.
         stance: at the beginning.
@@ -75,6 +75,11 @@ class Scan:
             seen.add(stripe.index)
         if not self.stripes:
             raise InvalidInput(f"{self.source}: the scan holds no stripe")
+
+    @property
+    def end(self) -> int:
+        """Stamp of the last stripe [ns since the epoch]; that of the scan where its stripes tell none."""
+        return max(self.stamp, *(stripe.stamp or 0 for stripe in self.stripes))
 
     def frames(self) -> Iterator[tuple[ScanStripe, Image, Image | None]]:
         """Stripe, laser-on and laser-off picture, one stripe at a time; a shared off frame is read once in a row.

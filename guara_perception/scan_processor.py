@@ -69,7 +69,7 @@ class ScanProcessor:
             mode: "coarse" or "standard".
             method: one of `guara_perception.methods.METHODS`.
             resolution: cell edge [m]; None = the robot's default. It must divide the area.
-            stamp: time of the scan [ns since the epoch].
+            stamp: end of the scan [ns since the epoch].
             step: number of the stance pause.
 
         Raises:

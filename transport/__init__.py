@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from transport.camera_info import camera_info_message
 from transport.client import PerceptionClient
 from transport.codec import decode, encode
 from transport.configuration import DEFAULT_ENDPOINT
@@ -25,10 +26,13 @@ from transport.exceptions import (
     UnknownPhase,
     VersionError,
 )
+from transport.frames import frames_message
 from transport.grids import grid_map_message, occupancy_message
 from transport.keys import DEFAULT_ROBOT
 from transport.liveliness import AliveToken, AliveWatcher
+from transport.markers import markers_message
 from transport.outbox import Outbox
+from transport.point_cloud import point_cloud_message
 from transport.publisher import Publisher
 from transport.query import QueryServer, query_terrain
 from transport.receiver import NewestReceiver, Received
@@ -47,6 +51,7 @@ from transport.status_reporter import StatusReporter
 from transport.submessages import GroundPatch, ObstacleMessage, StanceMessage, TransformMessage
 from transport.terrain_codec import decode_terrain, encode_terrain
 from transport.terrain_message import LAYERS, Health, TerrainMessage
+from transport.text import text_message
 
 __all__ = [
     "DEFAULT_ENDPOINT",
@@ -102,6 +107,7 @@ __all__ = [
     "TransportError",
     "UnknownPhase",
     "VersionError",
+    "camera_info_message",
     "check_security",
     "decode",
     "decode_stance_pause",
@@ -112,11 +118,15 @@ __all__ = [
     "encode_status",
     "encode_terrain",
     "format_matrix",
+    "frames_message",
     "grid_map_message",
     "init_security",
+    "markers_message",
     "occupancy_message",
     "open_client",
     "open_node",
+    "point_cloud_message",
     "query_terrain",
     "request_scan",
+    "text_message",
 ]

@@ -199,6 +199,10 @@ class PerceptionServer(Resource):
         if is_news:
             self._status.changed()
 
+    def follow_status(self, take: Callable[[bytearray], None]) -> None:
+        """Hand the payload of each status that is sent to `take` too, which must be quick."""
+        self._status.follow(take)
+
     def status_changed(self) -> None:
         """Send the status now; returns at once."""
         self._status.changed()

@@ -44,6 +44,7 @@ class StatusReporter(Resource):
             lambda: zenoh_api.declare_queryable(session.raw, self._publisher.key, self._on_query),
             f"cannot serve {self._publisher.key!r}",
         )
+        self._followers: list[Callable[[bytearray], None]] = []
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name="transport-status", daemon=True)
         super().__init__(session)
@@ -52,6 +53,10 @@ class StatusReporter(Resource):
     def changed(self) -> None:
         """Report now; returns at once."""
         self._wake.set()
+
+    def follow(self, take: Callable[[bytearray], None]) -> None:
+        """Hand the payload of each status that is sent to `take` too, which must be quick."""
+        self._followers.append(take)
 
     def _run(self) -> None:
         while not self._is_closed:
@@ -77,7 +82,10 @@ class StatusReporter(Resource):
 
     def _report(self) -> None:
         try:
-            self._publisher.put(self._status())
+            payload = self._status()
+            self._publisher.put(payload)
+            for take in list(self._followers):
+                take(payload)
         except TransportError as error:
             if not self._is_closed:
                 logger.error("status was not sent: %s", error)

@@ -22,6 +22,11 @@ GRID_MAP = "grid_map_msgs/msg/GridMap"
 STATUS = "diagnostic_msgs/msg/DiagnosticArray"
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+FRAMES = "tf2_msgs/msg/TFMessage"
+TEXT = "std_msgs/msg/String"
+MARKERS = "visualization_msgs/msg/MarkerArray"
 
 
 def message_files() -> dict[str, str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from guara_perception.app.messages import message_to_terrain
+from guara_perception.app.scene.planned_footholds import planned_footholds
 from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import parse_calibration
@@ -58,26 +59,6 @@ def live_moment(robot: RobotModel, grids: dict[str, TerrainGrid]) -> Moment:
     """The newest grids, by extent."""
     terrain = grids.get("map") or grids["footprint"]
     return Moment(dict(grids), footholds=planned_footholds(robot, terrain))
-
-
-def planned_footholds(robot: RobotModel, terrain: TerrainGrid) -> dict[str, tuple[float, float, float]]:
-    """Where a simple planner would set each foot next on this grid, where it finds one.
-
-    Empty for a grid that does not say how the robot stands.
-    """
-    from guara_perception.simulation.gait import WaveGait
-    from guara_perception.simulation.planner import plan_foothold
-
-    if any(name not in terrain.metadata for name in ("robot", "stance", "transform_base_to_footprint", "limits")):
-        return {}
-    gait = WaveGait.of(robot)
-    planned = {}
-    for leg in robot.legs:
-        x, y = gait.landing(leg)
-        found = plan_foothold(terrain, leg, (x + gait.advance, y), robot=robot)
-        if found is not None:
-            planned[leg] = (found.x, found.y, found.z)
-    return planned
 
 
 def _processed(scan: Scan, robot: RobotModel, calibration: Calibration) -> Moment:

@@ -119,14 +119,19 @@ def test_messages_of_other_topics_are_kept(tmp_path: Path, peer) -> None:
     """Occupancy and stance pauses are recorded too; a message on a wrong topic is refused."""
     grid = transport.occupancy_message(np.zeros((2, 3), np.int8), 0.1, (0, 0), "f", peer.STAMP)
     pause = transport.StancePause(robot="guara", step=2, phase=1, stamp=7, stance=peer.make_stance())
+    status = transport.Status(stamp=9, items=(transport.StatusItem(name="scanner", level=transport.Health.OK),))
     with RecordingWriter(tmp_path / "a.mcap") as writer:
         writer.add_message("occupancy", grid)
         writer.add_stance_pause(pause)
+        writer.add_status(transport.encode_status(status))
+        writer.add_message("/robot_description", transport.text_message("<robot/>"))
         with pytest.raises(RecordingError, match="'grid_map' does not take nav_msgs/msg/OccupancyGrid"):
             writer.add_message("grid_map", grid)
     with open_recording(tmp_path / "a.mcap") as recording:
         assert [message.info.width for message in recording.messages("occupancy")] == [3]
         assert [found.step for found in recording.stance_pauses()] == [2]
+        assert [found.status[0].name for found in recording.messages("status")] == ["scanner"]
+        assert [found.data for found in recording.messages("/robot_description")] == ["<robot/>"]
         assert recording.scans == () and recording.calibration is None
         with pytest.raises(RecordingError, match="topic 'x' is unknown"):
             next(recording.messages("x"))
@@ -134,6 +139,63 @@ def test_messages_of_other_topics_are_kept(tmp_path: Path, peer) -> None:
             next(recording.terrains("x"))
         with pytest.raises(RecordingError, match="holds no frame"):
             recording.frame(FrameReference("/guara/camera/on", 1))
+
+
+def test_log_time_is_the_order_of_writing(tmp_path: Path, peer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Times of writing, never going back though the clock does; frames keep their stamps, and are found by them."""
+    from mcap.reader import make_reader
+
+    clock = iter([50, 60, 40, *range(70, 200)])
+    monkeypatch.setattr("transport.recording.writer.time.time_ns", lambda: next(clock))
+    pictures = _write(tmp_path / "a.mcap", peer)
+    with (tmp_path / "a.mcap").open("rb") as file:
+        found = [(c, m) for _, c, m in make_reader(file).iter_messages(log_time_order=False)]
+    times = [message.log_time for _, message in found]
+    assert times[:3] == [50, 60, 60] and times == sorted(times) and times[-1] < 200
+    stamps = [message.publish_time for channel, message in found if channel.topic == "/guara/camera/on"]
+    assert len(set(stamps)) == len(stamps) == 8 and min(stamps) >= peer.STAMP
+    with open_recording(tmp_path / "a.mcap") as recording:
+        last = recording.scans[1].stripes[4]
+        np.testing.assert_array_equal(recording.frame(last.on).pixels, pictures[5])
+
+
+def test_every_channel_says_how_it_was_offered(tmp_path: Path, peer) -> None:
+    """MCAP's profile ros2 asks for it; rosbags, another reader, understands it. Grids are latched, frames are not."""
+    from rosbags.highlevel import AnyReader
+
+    _write(tmp_path / "a.mcap", peer)
+    with AnyReader([tmp_path / "a.mcap"]) as reader:
+        offered = {c.topic: c.ext.offered_qos_profiles for c in reader.connections}
+    assert all(len(profiles) == 1 for profiles in offered.values()) and len(offered) == 7
+    assert {profile.reliability.name for (profile,) in offered.values()} == {"RELIABLE"}
+    durable = {topic for topic, (profile,) in offered.items() if profile.durability.name == "TRANSIENT_LOCAL"}
+    assert durable == {"/guara/terrain", "/guara/map"}
+
+
+def test_recordings_of_earlier_versions_are_read(tmp_path: Path, peer) -> None:
+    """There log_time was the stamp, went back and forth, and no channel had metadata."""
+    from mcap.reader import make_reader
+    from mcap.writer import Writer
+
+    pictures = _write(tmp_path / "new.mcap", peer)
+    with (tmp_path / "new.mcap").open("rb") as new, (tmp_path / "old.mcap").open("wb") as old:
+        writer = Writer(old, chunk_size=64 * 1024)
+        writer.start(profile="ros2")
+        ids: dict[str, int] = {}
+        for schema, channel, message in make_reader(new).iter_messages(log_time_order=False):
+            if channel.topic not in ids:
+                schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+                ids[channel.topic] = writer.register_channel(channel.topic, "cdr", schema_id)
+            is_frame = "camera" in channel.topic
+            stamp = message.publish_time if is_frame else peer.STAMP + (7 * message.log_time) % 10**9
+            writer.add_message(ids[channel.topic], stamp, message.data, stamp)
+        writer.finish()
+    with open_recording(tmp_path / "old.mcap") as recording:
+        assert [scan.is_whole for scan in recording.scans] == [True, True]
+        for scan in recording.scans:
+            for i in (0, 1, 2, 4):
+                np.testing.assert_array_equal(recording.frame(scan.stripes[i].on).pixels, pictures[i + 1])
+        assert [terrain.sequence for terrain in recording.terrains()] == [1, 2]
 
 
 def test_what_was_acknowledged_survives_a_kill(tmp_path: Path, start) -> None:

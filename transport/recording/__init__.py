@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from transport.recording.reader import Recording, open_recording
-from transport.recording.records import FrameRecord, FrameReference, ScanRecord, StripeRecord
+from transport.recording.records import CAMERA_FRAME, FrameRecord, FrameReference, ScanRecord, StripeRecord
 from transport.recording.recover import Recovery, recover_recording
 from transport.recording.writer import RecordingWriter
 
 __all__ = [
+    "CAMERA_FRAME",
     "FrameRecord",
     "FrameReference",
     "Recording",

@@ -18,6 +18,7 @@ from transport.terrain_codec import decode_terrain
 from transport.terrain_message import EXTENTS, TerrainMessage
 
 SCAN_PARTS = ("scan/start", "scan/stripe", "scan/end")
+CAMERAS = ("camera/on", "camera/off", "camera/on/compressed", "camera/off/compressed")
 
 
 class Recording:
@@ -44,6 +45,7 @@ class Recording:
             if self._summary is None or not self._summary.statistics:
                 raise RecordingError(f"{self.path} has no index; `guara recover` makes one")
             self.calibration = self._read_calibration()
+            self._frames: dict[tuple[str, int], int] = {}
             self.scans = tuple(self._read_scans())
         except RecordingError:
             self._file.close()
@@ -72,11 +74,12 @@ class Recording:
             RecordingError: it is not in the file.
             MessageError: it is damaged.
         """
-        short, stamp = short_name(reference.topic), reference.stamp
-        if "camera" in short and short in TYPES:
-            for _, payload in self._iterate([reference.topic], stamp):
-                return read_frame(decode(payload, TYPES[short]), stamp)
-        raise RecordingError(f"{self.path} holds no frame of {reference.topic} at {stamp} ns")
+        topic, stamp = reference.topic, reference.stamp
+        if (topic, stamp) in self._frames:
+            for _, found, payload in self._iterate([topic], self._frames[topic, stamp]):
+                if found == stamp:
+                    return read_frame(decode(payload, TYPES[short_name(topic)]), stamp)
+        raise RecordingError(f"{self.path} holds no frame of {topic} at {stamp} ns")
 
     def terrains(self, extent: str = "footprint") -> Iterator[TerrainMessage]:
         """The grids of one extent, in order; MessageError for a damaged one."""
@@ -111,19 +114,25 @@ class Recording:
         return [channel.topic for channel in channels if short_name(channel.topic) in short_names]
 
     def _payloads(self, short: str) -> Iterator[bytes]:
-        for _, payload in self._iterate(self._topics(short)):
+        for _, _, payload in self._iterate(self._topics(short)):
             yield payload
 
-    def _iterate(self, topics: list[str], stamp: int | None = None) -> Iterator[tuple[str, bytes]]:
-        """Topic and payload, all or those of one stamp, in the order of writing: clocks may differ."""
+    def _iterate(self, topics: list[str], place: int | None = None) -> Iterator[tuple[str, int, bytes]]:
+        """Topic, stamp and payload, all or those of the chunk at one place, in the order of writing."""
+        for _, topic, stamp, payload in self._placed(topics, place):
+            yield topic, stamp, payload
+
+    def _placed(self, topics: list[str], place: int | None = None) -> Iterator[tuple[int, str, int, bytes]]:
+        """As `_iterate`, with the place of the chunk in front."""
         if not topics:
             return
         summary = cast(Any, self._summary)
         wanted = {number: channel.topic for number, channel in summary.channels.items() if channel.topic in topics}
         try:
-            for message in self._stored(summary, set(wanted), stamp):
-                if message.channel_id in wanted and stamp in (None, message.log_time):
-                    yield wanted[message.channel_id], message.data
+            for at, message in self._stored(summary, set(wanted), place):
+                if message.channel_id in wanted:
+                    # The stamp of a frame stands in publish_time; in recordings of earlier versions also in log_time.
+                    yield at, wanted[message.channel_id], message.publish_time, message.data
         except GeneratorExit:
             raise
         except Exception as error:  # the container, the decompressor and Python each have their own
@@ -131,8 +140,11 @@ class Recording:
                 f"{self.path} is damaged ({type(error).__name__}: {error}); `guara recover` restores the rest"
             ) from error
 
-    def _stored(self, summary: Any, channels: set[int], stamp: int | None) -> Iterator[Any]:
-        """Messages of the chunks that may hold some of these channels and of this stamp, in the order of the file."""
+    def _stored(self, summary: Any, channels: set[int], place: int | None) -> Iterator[tuple[int, Any]]:
+        """Messages of the chunks that may hold some of these channels, or of that at one place, in order.
+
+        Each with the place of its chunk in the file; 0 in a file without an index of chunks.
+        """
         from mcap.data_stream import ReadDataStream
         from mcap.records import Chunk, Message
         from mcap.stream_reader import StreamReader
@@ -141,17 +153,18 @@ class Recording:
             self._file.seek(0)
             for record in StreamReader(cast(Any, self._file), record_size_limit=MAXIMUM_CHUNK).records:
                 if isinstance(record, Message):
-                    yield record
+                    yield 0, record
             return
         unpacker = Unpacker(self._file.size)
         for index in sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset):
-            is_of_time = stamp is None or index.message_start_time <= stamp <= index.message_end_time
-            if is_of_time and (not index.message_index_offsets or channels & index.message_index_offsets.keys()):
+            at = index.chunk_start_offset
+            is_there = place in (None, at)
+            if is_there and (not index.message_index_offsets or channels & index.message_index_offsets.keys()):
                 # Behind the opcode and the length of the record.
-                self._file.seek(index.chunk_start_offset + 9)
+                self._file.seek(at + 9)
                 for record in unpacker.records(Chunk.read(ReadDataStream(cast(Any, self._file)))):
                     if isinstance(record, Message):
-                        yield record
+                        yield at, record
 
     def _read_calibration(self) -> bytes | None:
         found = None
@@ -163,8 +176,11 @@ class Recording:
     def _read_scans(self) -> Iterator[ScanRecord]:
         start: Any = None
         stripes: list[StripeRecord] = []
-        for topic, payload in self._iterate(self._topics(*SCAN_PARTS)):
+        for place, topic, stamp, payload in self._placed(self._topics(*SCAN_PARTS, *CAMERAS)):
             short = short_name(topic)
+            if short in CAMERAS:
+                self._frames[topic, stamp] = place
+                continue
             body = decode(payload, TYPES[short])
             if short == "scan/start":
                 if start is not None:

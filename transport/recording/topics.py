@@ -6,20 +6,25 @@ from dataclasses import dataclass
 
 from transport.keys import check_name
 from transport.typestore import (
+    CAMERA_INFO,
     COMPRESSED_IMAGE,
+    FRAMES,
     GRID_MAP,
     IMAGE,
+    MARKERS,
     OCCUPANCY,
+    POINT_CLOUD,
     STANCE_PAUSE,
     STATUS,
     TERRAIN,
+    TEXT,
 )
 
 SCAN_START = "guara_msgs/msg/ScanStart"
 STRIPE = "guara_msgs/msg/Stripe"
 SCAN_END = "guara_msgs/msg/ScanEnd"
 
-# Type of each topic by its short name: what follows `/<robot>/`.
+# Type of each topic by its short name: what follows `/<robot>/`, or the whole name where no robot's stands in it.
 TYPES = {
     "scan/start": SCAN_START,
     "scan/stripe": STRIPE,
@@ -34,7 +39,32 @@ TYPES = {
     "grid_map": GRID_MAP,
     "status": STATUS,
     "stance": STANCE_PAUSE,
+    "camera/camera_info": CAMERA_INFO,
+    "scan/points": POINT_CLOUD,
+    "map/points": POINT_CLOUD,
+    "map/occupancy": OCCUPANCY,
+    "map/grid_map": GRID_MAP,
+    "markers": MARKERS,
+    "/tf": FRAMES,
+    "/tf_static": FRAMES,
+    "/robot_description": TEXT,
 }
+
+# Topics of which a late subscriber wants the last message; of the others it wants what comes.
+LATCHED = frozenset(TYPES) - {
+    "scan/start",
+    "scan/stripe",
+    "scan/end",
+    "camera/on",
+    "camera/off",
+    "camera/on/compressed",
+    "camera/off/compressed",
+    "status",
+    "/tf",
+}
+
+# What ROS 2 takes for no limit of time: 2^63 - 1 ns.
+_ENDLESS = "{sec: 9223372036, nsec: 854775807}"
 
 # Name of the attachment that holds the calibration.
 CALIBRATION_NAME = "calibration.json"
@@ -54,9 +84,27 @@ class Topics:
         """Full name of a topic, as `/guara/scan/start`; KeyError for one that is not in `TYPES`."""
         if short not in TYPES:
             raise KeyError(short)
-        return f"/{self.robot}/{short}"
+        return short if short.startswith("/") else f"/{self.robot}/{short}"
 
 
 def short_name(topic: str) -> str:
-    """A topic's name without the robot's, empty when nothing follows."""
-    return topic.lstrip("/").partition("/")[2]
+    """A topic's name without the robot's, empty when nothing follows; names that hold no robot's stay as they are."""
+    return topic if topic in TYPES else topic.lstrip("/").partition("/")[2]
+
+
+def quality_of_service(short: str) -> str:
+    """How a topic is offered, in rosbag2's YAML: by it `ros2 bag play` publishes."""
+    depth, durability = (1, "transient_local") if short in LATCHED else (10, "volatile")
+    return "\n".join(
+        (
+            "- history: keep_last",
+            f"  depth: {depth}",
+            "  reliability: reliable",
+            f"  durability: {durability}",
+            f"  deadline: {_ENDLESS}",
+            f"  lifespan: {_ENDLESS}",
+            "  liveliness: automatic",
+            f"  liveliness_lease_duration: {_ENDLESS}",
+            "  avoid_ros_namespace_conventions: false",
+        )
+    )

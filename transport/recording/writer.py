@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 import threading
+import time
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast
 
-from transport.codec import encode, make_header, make_time, read_time
+from transport.codec import encode, make_header, make_time
 from transport.exceptions import RecordingError
 from transport.keys import DEFAULT_ROBOT
 from transport.recording.growing_file import GrowingFile
 from transport.recording.records import CAMERA_FRAME, FrameRecord, FrameReference, ScanRecord, make_frame
-from transport.recording.topics import CALIBRATION_NAME, SCAN_END, SCAN_START, STRIPE, TYPES, Topics
+from transport.recording.topics import (
+    CALIBRATION_NAME,
+    SCAN_END,
+    SCAN_START,
+    STRIPE,
+    TYPES,
+    Topics,
+    quality_of_service,
+)
 from transport.stance_pause import StancePause, encode_stance_pause
 from transport.submessage_codec import make_stance
 from transport.submessages import StanceMessage
@@ -36,6 +46,9 @@ class RecordingWriter:
     A scan is acknowledged when `end_scan` returns, a grid when `add_terrain` returns: from then on it survives
     the end of the process, whatever ends it. What a full disk refused is kept, up to `MAXIMUM_PENDING`, and written
     when there is room again; the file itself never holds a torn piece in its middle.
+
+    In the file, log_time is when a message was written and never goes back. publish_time is the same, but for frames:
+    theirs is the stamp by which stripes refer to them.
     """
 
     def __init__(
@@ -70,6 +83,7 @@ class RecordingWriter:
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._stamps: dict[str, int] = {}
+        self._log_time = 0
         self._scan: ScanRecord | None = None
         self._stripes = 0
         self._closed = False
@@ -126,7 +140,7 @@ class RecordingWriter:
                 calibration_hash=scan.calibration_hash,
                 stance=make_stance(scan.stance),
             )
-            self._add("scan/start", message, scan.stamp)
+            self._add_payload("scan/start", encode(message))
             self._scan, self._stripes = scan, 0
 
     def add_frame(self, frame: FrameRecord, *, laser_on: bool) -> FrameReference:
@@ -140,7 +154,7 @@ class RecordingWriter:
             given = frame.stamp or (self._scan.stamp if self._scan else 0)
             stamp = max(given, self._stamps.get(short, -1) + 1)
             self._stamps[short] = stamp
-            self._add(short, make_frame(frame, stamp), stamp)
+            self._add_payload(short, encode(make_frame(frame, stamp)), stamp)
             return FrameReference(self._topics.name(short), stamp)
 
     def add_stripe(
@@ -180,7 +194,7 @@ class RecordingWriter:
                 off_topic=off_at.topic if off_at else "",
                 off_stamp=make_time(off_at.stamp if off_at else 0),
             )
-            self._add("scan/stripe", message, when)
+            self._add_payload("scan/stripe", encode(message))
             self._stripes += 1
 
     def end_scan(self, *, stance_end: StanceMessage | None = None, stamp: int | None = None) -> None:
@@ -200,28 +214,46 @@ class RecordingWriter:
                 has_stance_end=stance_end is not None,
                 stance_end=make_stance(stance_end or NO_STANCE),
             )
-            self._add("scan/end", message, when)
+            self._add_payload("scan/end", encode(message))
             self._scan = None
             self.flush()
 
     def add_terrain(self, terrain: TerrainMessage) -> None:
         """Add a grid of either extent; when this returns it is safe."""
         short = "terrain" if terrain.extent == "footprint" else "map"
-        self._put(short, encode_terrain(terrain), terrain.stamp)
+        self._put(short, encode_terrain(terrain))
 
     def add_stance_pause(self, pause: StancePause) -> None:
         """Add the begin or end of a stance pause; when this returns it is safe."""
-        self._put("stance", encode_stance_pause(pause), pause.stamp)
+        self._put("stance", encode_stance_pause(pause))
 
     def add_message(self, short: str, message: Any) -> None:
-        """Add a message object of one of the other topics: "occupancy", "grid_map" or "status".
+        """Add a message object of one of the other topics, such as "occupancy" or "/tf", by its name in `TYPES`.
 
         Raises:
             RecordingError: unknown topic, or a message of another type.
         """
-        if TYPES.get(short) != message.__msgtype__:
-            raise RecordingError(f"topic {short!r} does not take {message.__msgtype__}; topics are {', '.join(TYPES)}")
-        self._put(short, encode(message), read_time(message.header.stamp))
+        self.add_messages([(short, message)])
+
+    def add_messages(self, named: Iterable[tuple[str, Any]]) -> None:
+        """Add several message objects, by topic as in `add_message`; all are safe when this returns.
+
+        Raises:
+            RecordingError: as of `add_message`; what came before the faulty one is kept.
+        """
+        with self._lock:
+            for short, message in named:
+                if TYPES.get(short) != message.__msgtype__:
+                    raise RecordingError(
+                        f"topic {short!r} does not take {message.__msgtype__}; topics are {', '.join(TYPES)}"
+                    )
+                self._add_payload(short, encode(message))
+            self.flush()
+
+    def add_status(self, payload: bytes | bytearray) -> None:
+        """Add the CDR payload of a status of the node, as it was sent; it is safe with the next that is."""
+        with self._lock:
+            self._add_payload("status", payload)
 
     def flush(self) -> None:
         """Hand all that was added to the operating system, and to the disk with `sync`.
@@ -270,19 +302,20 @@ class RecordingWriter:
         if self._closed:
             raise RecordingError(f"the recording {self.path} is closed")
 
-    def _put(self, short: str, payload: bytes | bytearray, stamp: int) -> None:
+    def _put(self, short: str, payload: bytes | bytearray) -> None:
         with self._lock:
-            self._add_payload(short, payload, stamp)
+            self._add_payload(short, payload)
             self.flush()
 
-    def _add(self, short: str, message: Any, stamp: int) -> None:
-        self._add_payload(short, encode(message), stamp)
-
-    def _add_payload(self, short: str, payload: bytes | bytearray, stamp: int) -> None:
+    def _add_payload(self, short: str, payload: bytes | bytearray, stamp: int | None = None) -> None:
         self._check_open()
         if len(self._file.pending) > MAXIMUM_PENDING:
             self.flush()
-        self._writer.add_message(self._channel(short), stamp, bytes(payload), stamp)
+        # A clock may be set back while it is recorded; readers want the order of writing.
+        self._log_time = max(self._log_time, time.time_ns())
+        self._writer.add_message(
+            self._channel(short), self._log_time, bytes(payload), self._log_time if stamp is None else stamp
+        )
         # Nothing of this is acknowledged yet: an error shows, if it lasts, when it is.
         with suppress(OSError):
             self._file.append()
@@ -294,5 +327,7 @@ class RecordingWriter:
                 text = message_definition(name).encode()
                 self._schemas[name] = self._writer.register_schema(name, "ros2msg", text)
             topic = self._topics.name(short)
-            self._channels[short] = self._writer.register_channel(topic, "cdr", self._schemas[name])
+            self._channels[short] = self._writer.register_channel(
+                topic, "cdr", self._schemas[name], {"offered_qos_profiles": quality_of_service(short)}
+            )
         return self._channels[short]

@@ -16,6 +16,7 @@ from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
+from guara_perception.app.scene.scene import Scene
 from guara_perception.simulation.walk import Choice, WalkPause
 from guara_perception.terrain.grid import TerrainGrid
 from transport import DEFAULT_ROBOT, open_client, open_node
@@ -81,7 +82,13 @@ def demo_walk(
         recorder = None
         if recording is not None:
             recorder = stack.enter_context(
-                ScanRecorder(recording, robot=instance, calibration=robot.calibration, jpeg_quality=JPEG_QUALITY)
+                ScanRecorder(
+                    recording,
+                    robot=instance,
+                    calibration=robot.calibration,
+                    jpeg_quality=JPEG_QUALITY,
+                    scene=Scene(robot.robot, robot.calibration),
+                )
             )
         node = stack.enter_context(
             PerceptionNode(

@@ -89,7 +89,9 @@ class PerceptionNode:
         if mode not in SWEEPS:
             raise InvalidInput(f"mode is {mode!r}, allowed: {', '.join(SWEEPS)}")
         self.status = status or NodeStatus(calibration)
-        self._mode, self._server, self._robot = mode, server, robot
+        self._mode, self._server, self._robot, self._recorder = mode, server, robot, recorder
+        if recorder is not None:
+            server.follow_status(recorder.add_status)
         self._camera, self._settings = calibration.transform_camera_to_base, Settings.of(robot)
         self._scanner = PauseScanner(
             robot, calibration, rangefinder, server, self.status, method=method, recorder=recorder
@@ -124,6 +126,8 @@ class PerceptionNode:
         still is not scanned, and a scan under way is not used.
         """
         now = time.monotonic()
+        if self._recorder is not None:
+            self._recorder.add_stance(announcement)
         refusal = self._foreign(announcement)
         if refusal:
             self.status.problem("stance", f"step {announcement.step}: {refusal}; nothing was changed by it")

@@ -121,7 +121,7 @@ class PauseScanner:
             self.settle()
             if pause.broken and pause.still_until < scan.last_frame:
                 raise CameraMoved(pause.broken)
-            terrain = with_problems(terrain, scan)
+            terrain = dataclasses.replace(with_problems(terrain, scan), stamp=scan.end)
         except BaseException:
             if recording is not None:
                 recording.abandon()
@@ -129,6 +129,8 @@ class PauseScanner:
         before = self._published
         self._published = published = Published(pause, terrain, scan)
         message = self._send(published, terrain)
+        if recording is not None:
+            recording.add_points(processor.points, scan.end)
         self._status.scanned(terrain, scan, time.monotonic() - scan.last_frame)
         if logger.isEnabledFor(logging.INFO):
             logger.info("%s", summary(terrain))

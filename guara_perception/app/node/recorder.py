@@ -7,7 +7,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -15,15 +15,18 @@ from typing import TYPE_CHECKING, Self
 import cv2
 
 from guara_perception.app.messages import stance_to_message
+from guara_perception.app.scene.clouds import stripe_cloud
+from guara_perception.app.scene.scene import Scene
 from guara_perception.arrays import Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import to_json
 from kinematics import Stance
-from transport import Health, StanceMessage, StatusItem, TerrainMessage
+from transport import Health, StanceMessage, StancePause, StatusItem, TerrainMessage
 from transport.recording import FrameRecord, FrameReference, RecordingWriter, ScanRecord
 
 if TYPE_CHECKING:
     from drivers import StripeCapture
+    from guara_perception.ranging.stripe_points import StripePoints
 
 logger = logging.getLogger(__name__)
 JPEG_444 = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
@@ -41,7 +44,13 @@ class ScanRecorder:
     """
 
     def __init__(
-        self, path: str | Path, *, robot: str, calibration: Calibration, jpeg_quality: int | None = None
+        self,
+        path: str | Path,
+        *,
+        robot: str,
+        calibration: Calibration,
+        jpeg_quality: int | None = None,
+        scene: Scene | None = None,
     ) -> None:
         """Create the file.
 
@@ -50,6 +59,7 @@ class ScanRecorder:
             robot: instance name.
             calibration: in use; attached to the file.
             jpeg_quality: 1 ... 100 compresses frames with loss, to a tenth of the size; None keeps every bit.
+            scene: makes what 3-D viewers draw: robot, transforms, clouds, markers, grids of ROS; None leaves it out.
 
         Raises:
             transport.RecordingError: it exists, or cannot be written.
@@ -57,6 +67,7 @@ class ScanRecorder:
         self._robot, self._hash, self._quality = robot, calibration.hash, jpeg_quality
         self._path = Path(path)
         self._writer = RecordingWriter(path, robot=robot, calibration=to_json(calibration).encode())
+        self._scene = scene
         self._changed = threading.Condition()
         self._tasks: deque[tuple[int, Callable[[], None]]] = deque()
         self._waiting = 0
@@ -65,6 +76,9 @@ class ScanRecorder:
         self._problem = ""
         self._thread = threading.Thread(target=self._run, name="guara-recorder", daemon=True)
         self._thread.start()
+        if scene is not None:
+            now = time.time_ns()
+            self._add_later("the robot", lambda: self._writer.add_messages(scene.unchanging(now)))
 
     def __enter__(self) -> Self:
         """The recorder itself."""
@@ -86,14 +100,21 @@ class ScanRecorder:
 
     def begin(self, step: int, mode: str, stance: Stance) -> ScanRecording:
         """Start a scan."""
+        stamp = time.time_ns()
         record = ScanRecord(
             robot=self._robot,
             mode=mode,
-            stamp=time.time_ns(),
+            stamp=stamp,
             step=step,
             stance=stance_to_message(stance),
             calibration_hash=self._hash,
         )
+        scene = self._scene
+        if scene is not None:
+            self._add_later(
+                f"the stance of step {step}",
+                lambda: self._writer.add_messages(scene.of_stance(stance, stamp)),
+            )
         return ScanRecording(self, self._writer, record, self._quality)
 
     def add_terrains(self, step: int, terrains: Sequence[TerrainMessage]) -> None:
@@ -101,12 +122,37 @@ class ScanRecorder:
 
         def add() -> None:
             try:
-                for terrain in terrains:
-                    self._writer.add_terrain(terrain)
+                self.write_terrains(terrains)
             except Exception as error:
                 self.ended(step, str(error))
 
         self.post(0, add)
+
+    def add_stance(self, pause: StancePause) -> None:
+        """Add what the gait said of a stance pause; returns at once."""
+        self._add_later("a stance", lambda: self._writer.add_stance_pause(pause))
+
+    def add_status(self, payload: bytes | bytearray) -> None:
+        """Add a status of the node as it was sent; returns at once."""
+        self._add_later("a status", lambda: self._writer.add_status(payload))
+
+    def add_points(self, points: Mapping[int, StripePoints], stamp: int) -> None:
+        """Add the points of a scan's stripes, by index; returns at once. They are never changed, so none is copied."""
+        scene = self._scene
+        if scene is not None:
+            kept = dict(points)
+            self._add_later(
+                "the points of a scan",
+                lambda: self._writer.add_messages(scene.of_points(stripe_cloud(kept.items()), stamp)),
+            )
+
+    def write_terrains(self, terrains: Sequence[TerrainMessage]) -> None:
+        """Write grids, then what is drawn of them; on the recorder's thread."""
+        for terrain in terrains:
+            self._writer.add_terrain(terrain)
+        if self._scene is not None:
+            for terrain in terrains:
+                self._writer.add_messages(self._scene.of_grid(terrain))
 
     def flush(self, timeout: float) -> bool:
         """Wait until all that was handed over is written or lost; False when `timeout` [s] passed before."""
@@ -145,6 +191,17 @@ class ScanRecorder:
             self._problem = problem and f"step {step} is not, or not wholly, recorded: {problem}"
         if problem:
             logger.error("recording failed: step %d: %s", step, problem)
+
+    def _add_later(self, what: str, add: Callable[[], None]) -> None:
+        """Hand over something beside the scans; when it cannot be written the log says so, and the scans go on."""
+
+        def guarded() -> None:
+            try:
+                add()
+            except Exception as error:
+                logger.error("not recorded: %s: %s", what, error)
+
+        self.post(0, guarded)
 
     def _run(self) -> None:
         while True:
@@ -194,6 +251,10 @@ class ScanRecording:
             self._is_full = True
             self._post(0, lambda: self._fail("the disk is too slow, frames were left out"))
 
+    def add_points(self, points: Mapping[int, StripePoints], stamp: int) -> None:
+        """Record the points of the stripes, by index; returns at once."""
+        self._recorder.add_points(points, stamp)
+
     def extend(self, mode: str | None) -> None:
         """The scan goes on with the stripes between.
 
@@ -240,8 +301,10 @@ class ScanRecording:
     def _begin_again(self, mode: str) -> None:
         self._writer.end_scan(stamp=time.time_ns())
         self._writer.begin_scan(dataclasses.replace(self._record, mode=mode))
-        for index, angle, on, off, stamp in self._stripes:
-            self._writer.add_stripe(index, angle, on, off, stamp=stamp)
+        # Readers want no topic's time to go back: all get the stamp of the last; each one's own is its frame's.
+        last = self._stripes[-1][-1] if self._stripes else None
+        for index, angle, on, off, _ in self._stripes:
+            self._writer.add_stripe(index, angle, on, off, stamp=last)
 
     def _add(
         self,
@@ -283,8 +346,7 @@ class ScanRecording:
                 # Also after an error: the next scan must find none open.
                 self._is_open = False
                 self._writer.end_scan(stance_end=end, stamp=stamp)
-            for terrain in terrains:
-                self._writer.add_terrain(terrain)
+            self._recorder.write_terrains(terrains)
         except Exception as error:
             self._fail(str(error))
         self._recorder.ended(self._record.step, self._problem)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
+from guara_perception.app.commands.run import recording_size
 from guara_perception.app.main import run
 from kinematics import RobotModel
 
@@ -69,6 +70,15 @@ def test_without_a_board_a_scan_fails_and_says_so(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_what_a_recording_takes_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    """Lossless or not, in gigabytes an hour; both at once is a contradiction."""
+    assert run(["run", "--simulated", "--lossless", "--jpeg", "90", "--record", "walk.mcap"]) == 2
+    assert "--lossless and --jpeg contradict one another" in capsys.readouterr().err
+    assert "frames lossless, about 35 GB an hour" in recording_size(None)
+    assert "JPEG of quality 90, about 5 GB an hour" in recording_size(90)
+    assert "more than 5 GB" in recording_size(95)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
 def test_a_running_node_ends_cleanly(free_endpoint: str, number: signal.Signals, tmp_path: Path) -> None:
     """It publishes, records, and on a signal ends with exit code 0, the recording whole and the laser off."""
@@ -87,6 +97,7 @@ def test_a_running_node_ends_cleanly(free_endpoint: str, number: signal.Signals,
         node.kill()
     assert node.returncode == 0
     assert printed.splitlines()[-1] == "stopped, laser off"
+    assert f"recording to {recording}: frames as JPEG of quality 80, about 5 GB an hour" in printed
     assert np.isfinite(terrain.elevation).any()
     assert gp.open_scan(recording, step=0).step == 0
 

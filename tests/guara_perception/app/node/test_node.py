@@ -10,13 +10,16 @@ import guara_perception as gp
 from drivers.emulator import Fault, FaultKind
 from drivers.protocol import Request
 from guara_perception.app.files.open_scan import open_scans
+from guara_perception.app.messages import message_to_terrain
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.walk_map import WalkMap
+from guara_perception.app.scene.scene import Scene
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import RobotModel, Stance
 from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, running, wait_until
 from transport import Health, PausePhase
+from transport.codec import read_time
 from transport.recording import open_recording
 
 pytestmark = pytest.mark.slow
@@ -117,7 +120,7 @@ def test_a_recording_can_be_processed_again(
 ) -> None:
     """What the node recorded gives the grids that it published."""
     path = tmp_path / "walk.mcap"
-    recorder = ScanRecorder(path, robot="guara", calibration=calibration)
+    recorder = ScanRecorder(path, robot="guara", calibration=calibration, scene=Scene(robot, calibration))
     with recorder, running(rig, free_endpoint, robot, calibration, paper_scan.stance, recorder) as bench:
         for step in (0, 1):
             bench.gait.say(step, PausePhase.BEGIN)
@@ -127,6 +130,51 @@ def test_a_recording_can_be_processed_again(
     assert [scan.step for scan in scans] == [0, 1]
     terrain = gp.process_scan(scans[1], calibration, robot, pictures=False)
     np.testing.assert_array_equal(terrain.hazard, rig.reference.hazard)
+    with open_recording(path) as recording:
+        pauses = [pause.phase for pause in recording.stance_pauses()]
+        assert pauses == [PausePhase.BEGIN, PausePhase.END] * 2
+        assert any(item.name == "scanner" for m in recording.messages("status") for item in m.status)
+        for extent, prefix in (("footprint", ""), ("map", "map/")):
+            grids = list(recording.terrains(extent))
+            occupancies = list(recording.messages(f"{prefix}occupancy"))
+            assert len(grids) == len(occupancies) == len(list(recording.messages(f"{prefix}grid_map"))) > 1
+            for grid, occupancy in zip(grids, occupancies, strict=True):
+                # One word everywhere: the end of the scan.
+                assert grid.stamp == grid.scan_end == read_time(occupancy.header.stamp)
+                wanted = message_to_terrain(grid).to_occupancy()
+                np.testing.assert_array_equal(occupancy.data.reshape(wanted.shape), wanted)
+        assert len(list(recording.messages("scan/points"))) == 2
+        assert len(list(recording.messages("map/points"))) == len(list(recording.messages("markers"))) > 1
+
+
+def test_nothing_that_is_drawn_costs_a_scan(
+    rig: Rig,
+    free_endpoint: str,
+    robot: RobotModel,
+    calibration: gp.Calibration,
+    paper_scan: gp.Scan,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """When what viewers draw cannot be made, log and status say so; grid and frames are published and recorded."""
+
+    def fail(*_: object) -> None:
+        raise ValueError("no cloud today")
+
+    monkeypatch.setattr(Scene, "of_points", fail)
+    monkeypatch.setattr(Scene, "of_grid", fail)
+    path = tmp_path / "walk.mcap"
+    recorder = ScanRecorder(path, robot="guara", calibration=calibration, scene=Scene(robot, calibration))
+    with recorder, running(rig, free_endpoint, robot, calibration, paper_scan.stance, recorder) as bench:
+        bench.gait.say(0, PausePhase.BEGIN)
+        terrain = bench.client.wait_for_step(0, timeout=TIMEOUT, extent="map")
+        assert wait_until(lambda: "no cloud today" in recorder.status_item().message)
+    assert terrain.step == 0
+    assert "not recorded: the points of a scan: no cloud today" in caplog.text
+    with open_recording(path) as recording:
+        assert [scan.is_whole for scan in recording.scans] == [True]
+        assert len(list(recording.terrains("map"))) == 1
 
 
 def test_a_full_disk_costs_the_recording_and_not_the_scan(

@@ -17,6 +17,8 @@ from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
 from guara_perception.app.node.simulated_walk import walk_until_stopped
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from transport import Session, open_client, open_node
+from transport.codec import read_time
+from transport.recording import open_recording
 from transport.server import PerceptionServer
 from transport.stance_link import StancePublisher, StanceReceiver
 
@@ -72,6 +74,10 @@ def test_an_obstacle_brings_the_stripes_between_within_the_pause(free_endpoint: 
     assert not np.any((terrain.traversability > 0) & ((terrain.hazard & UNKNOWN_MASK) != 0))
     again = gp.process_scan(open_scan(path), robot.calibration, robot.robot, pictures=False)
     np.testing.assert_array_equal(again.hazard, terrain.hazard)
+    with open_recording(path) as recording:
+        times = [read_time(stripe.header.stamp) for stripe in recording.messages("scan/stripe")]
+    # The coarse stripes stand twice, and no topic's time goes back.
+    assert len(times) == 35 + 70 and times == sorted(times)
 
 
 def test_the_simulated_walk_goes_on_until_it_is_stopped(free_endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:

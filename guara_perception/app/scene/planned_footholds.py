@@ -1,0 +1,29 @@
+"""Where a simple planner would set each foot next: what views and markers show of a grid."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from guara_perception.terrain.grid import TerrainGrid
+    from kinematics import RobotModel
+
+
+def planned_footholds(robot: RobotModel, terrain: TerrainGrid) -> dict[str, tuple[float, float, float]]:
+    """Where a simple planner would set each foot next on this grid, where it finds one.
+
+    Empty for a grid that does not say how the robot stands.
+    """
+    from guara_perception.simulation.gait import WaveGait
+    from guara_perception.simulation.planner import plan_foothold
+
+    if any(name not in terrain.metadata for name in ("robot", "stance", "transform_base_to_footprint", "limits")):
+        return {}
+    gait = WaveGait.of(robot)
+    planned = {}
+    for leg in robot.legs:
+        x, y = gait.landing(leg)
+        found = plan_foothold(terrain, leg, (x + gait.advance, y), robot=robot)
+        if found is not None:
+            planned[leg] = (found.x, found.y, found.z)
+    return planned

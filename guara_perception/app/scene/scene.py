@@ -1,0 +1,114 @@
+"""The scene of a pause as ROS messages: what a viewer needs to draw robot, ground, cloud and pictures together."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from guara_perception.app.messages import message_to_terrain
+from guara_perception.app.scene.clouds import Fields, cell_cloud
+from guara_perception.app.scene.planned_footholds import planned_footholds
+from guara_perception.app.scene.robot_frames import RobotFrames
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.exceptions import InvalidInput
+from kinematics import BASE_FOOTPRINT, RobotModel, Stance
+from transport import (
+    LAYERS,
+    TerrainMessage,
+    TransformMessage,
+    camera_info_message,
+    frames_message,
+    grid_map_message,
+    markers_message,
+    occupancy_message,
+    point_cloud_message,
+    text_message,
+)
+from transport.recording import CAMERA_FRAME
+
+# Topic by its short name (transport.recording.topics) and message object.
+Named = tuple[str, Any]
+# Layers of a GridMap, which can hold float32 alone; the flags are whole numbers below 2^24 and so come through exactly.
+GRID_MAP_LAYERS = (*(name for name, kind in LAYERS.items() if kind.dtype == np.float32), "hazard")
+PREFIX = {"footprint": "", "map": "map/"}
+
+
+class Scene:
+    """Makes the messages of one robot's scenes; stamps are [ns] since the epoch."""
+
+    def __init__(self, robot: RobotModel, calibration: Calibration) -> None:
+        """For a robot and its rangefinder.
+
+        Raises:
+            InvalidInput: the calibration belongs to another robot.
+        """
+        if calibration.robot != robot.name:
+            raise InvalidInput(f"the calibration is of robot {calibration.robot!r}, the robot is {robot.name!r}")
+        self._robot, self._calibration = robot, calibration
+        self._frames = RobotFrames(robot, calibration.transform_camera_to_base)
+
+    def unchanging(self, stamp: int) -> Iterator[Named]:
+        """What stands for the whole walk: the robot's URDF and what no joint moves."""
+        yield "/robot_description", text_message(self._robot.tree.urdf.text)
+        yield "/tf_static", frames_message(self._frames.fixed(), stamp)
+
+    def of_stance(self, stance: Stance, stamp: int) -> Iterator[Named]:
+        """The robot as it stands before a scan, and the camera that will look.
+
+        Raises:
+            kinematics.KinematicsError: the stance does not fit the robot.
+        """
+        yield "/tf", frames_message(self._frames.standing(stance), stamp)
+        camera = self._calibration.camera
+        yield (
+            "camera/camera_info",
+            camera_info_message(camera.size, camera.matrix, camera.distortion, CAMERA_FRAME, stamp),
+        )
+
+    def of_points(self, points: Fields, stamp: int) -> Iterator[Named]:
+        """The points of a scan, as of `stripe_cloud`."""
+        yield "scan/points", point_cloud_message(points, BASE_FOOTPRINT, stamp)
+
+    def of_grid(self, message: TerrainMessage, *, unknown: int = 100) -> Iterator[Named]:
+        """What is made of a grid: occupancy and grid map; of a map also cells as points, obstacles, footholds, odom.
+
+        Args:
+            message: as it was sent.
+            unknown: what unknown cells of the occupancy hold, 100 or -1.
+
+        Raises:
+            UnsafeGrid: the grid breaks the safety invariant.
+        """
+        terrain = message_to_terrain(message)
+        prefix = PREFIX[terrain.extent]
+        geometry = (terrain.resolution, terrain.origin, terrain.frame, message.stamp)
+        yield f"{prefix}occupancy", occupancy_message(terrain.to_occupancy(unknown), *geometry)
+        yield f"{prefix}grid_map", grid_map_message(grid_map_layers(message), *geometry)
+        if terrain.extent != "map":
+            return
+        yield "/tf", frames_message(self._placed(message), message.stamp)
+        yield "map/points", point_cloud_message(cell_cloud(terrain), terrain.frame, message.stamp)
+        footholds = {} if message.withdrawn else planned_footholds(self._robot, terrain)
+        yield (
+            "markers",
+            markers_message(message.obstacles, footholds, self._robot.sole, terrain.frame, message.stamp),
+        )
+
+    def _placed(self, message: TerrainMessage) -> list[TransformMessage]:
+        """The robot as it stood at the scan of a map, in `odom`."""
+        base = self._robot.config.base_frame
+        # Of the message's transforms those of the body; the camera stands among what no joint moves.
+        body = [
+            dataclasses.replace(item, source_frame=base if item.source_frame == "base_link" else item.source_frame)
+            for item in message.transforms
+            if item.source_frame in ("base_link", BASE_FOOTPRINT)
+        ]
+        return [*body, *self._frames.moving(message.stance.joint_positions)]
+
+
+def grid_map_layers(message: TerrainMessage) -> Mapping[str, Any]:
+    """The layers of a grid that its GridMap holds."""
+    return {name: message.layers[name] for name in GRID_MAP_LAYERS}
