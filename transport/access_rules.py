@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from transport.keys import perception_prefix, query_key, scan_key, stance_key, status_key
+from transport.keys import claim_key, perception_prefix, query_key, scan_key, stance_key, status_key
 
 # Roles that get a certificate; the node is the router that enforces the rules.
 ROLES = ("node", "gait", "planner", "viewer")
@@ -15,8 +15,9 @@ def access_control(robot: str, members: Mapping[str, Sequence[str]] | None = Non
     """The `access_control` section of the router's Zenoh configuration.
 
     Nothing is allowed but: planner and viewer read everything under `<robot>/perception/v1` and ask for the
-    newest grid; the planner also requests scans; gait publishes stance pauses. A rule without `flows` would
-    hold in both directions, and `**` does not cover chunks that start with `@`: both are spelt out.
+    newest grid and the status; the planner also requests scans; gait publishes stance pauses; a second node may
+    show that it waits for the name. A rule without `flows` would hold in both directions, and `**` does not cover
+    chunks that start with `@`: both are spelt out.
 
     Args:
         robot: instance name.
@@ -45,9 +46,15 @@ def access_control(robot: str, members: Mapping[str, Sequence[str]] | None = Non
         rule("trigger", "ingress", ["query"], [scan_key(robot)]),
         rule("stance_in", "ingress", serving, stance_keys),
         rule("stance_out", "egress", [*subscribing, "query"], stance_keys),
+        rule("claim", "ingress", ["liveliness_token"], [claim_key(robot)]),
     ]
     reading = ["read", "history", "send", "ask"]
-    policies = {"planner": [*reading, "trigger"], "viewer": reading, "gait": ["stance_in", "stance_out"]}
+    policies = {
+        "planner": [*reading, "trigger"],
+        "viewer": reading,
+        "gait": ["stance_in", "stance_out"],
+        "node": ["claim"],
+    }
     # A subject without names would stand for everybody.
     named = {role: list((members or {}).get(role, [] if members else [role])) for role in policies}
     named = {role: names for role, names in named.items() if names}

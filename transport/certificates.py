@@ -11,9 +11,11 @@ from typing import Any
 
 from transport.access_rules import ROLES, access_control
 from transport.authority import Credentials, make_certificate
+from transport.configuration import sending
 from transport.exceptions import SecurityError
 from transport.keys import check_name
-from transport.security import CONFIGURATION, configured_robot, load_configuration
+from transport.security import CONFIGURATION, configured_robot, load_configuration, read_configuration
+from transport.terrain_message import Health
 
 # [days] Before its end a certificate is warned of.
 WARNING_DAYS = 30
@@ -43,25 +45,54 @@ def expiries(folder: str | Path) -> dict[str, float]:
     return {str(path.relative_to(place)): days_left(path) for path in found}
 
 
-def judge_expiries(folder: str | Path) -> tuple[bool, str]:
-    """Whether all certificates are valid for more than `WARNING_DAYS`, and in words which end first.
+def judge_security(folder: str | Path) -> tuple[Health, str]:
+    """How a security folder stands, and in words what to do: keys that others can read, certificates that end, rules.
+
+    Returns:
+        ERROR for a key that others can read or a certificate that has expired, WARN for one that ends within
+        `WARNING_DAYS` and for access rules of an earlier version, else OK.
 
     Raises:
-        SecurityError: there is none, or one cannot be read.
+        SecurityError: there is no certificate, or a file cannot be read.
     """
-    left = expiries(folder)
+    place, left = Path(folder), expiries(folder)
     if not left:
         raise SecurityError(f"{folder} holds no certificate; give what `guara security init` made, or a role's folder")
+    readable = [path for path in sorted({*place.glob("*.key"), *place.glob("*/*.key")}) if _is_open(path)]
+    if readable:
+        return Health.ERROR, f"{readable[0].relative_to(place)} can be read by others on this machine; chmod 600 it"
     name, days = min(left.items(), key=lambda item: item[1])
     if days <= 0:
-        return False, f"{name} expired {-days:.0f} days ago; `guara security renew`, then copy the folder anew"
+        return Health.ERROR, f"{name} expired {-days:.0f} days ago; `guara security renew`, then copy the folder anew"
     if days <= WARNING_DAYS:
-        return False, f"{name} expires in {days:.0f} days; `guara security renew`, then copy the folder anew"
-    return True, f"{len(left)} certificates, the first ends in {days:.0f} days ({name})"
+        return Health.WARN, f"{name} expires in {days:.0f} days; `guara security renew`, then copy the folder anew"
+    for node in (place, place / "node"):
+        if (node / "node.pem").is_file() and (node / CONFIGURATION).is_file() and not _has_present_rules(node):
+            return Health.WARN, (
+                "the access rules were made by another version: planners may have to judge ages by wall clocks; "
+                "`guara security renew`, then copy the folder anew"
+            )
+    return Health.OK, f"{len(left)} certificates, the first ends in {days:.0f} days ({name})"
+
+
+def _is_open(key: Path) -> bool:
+    try:
+        return bool(key.stat().st_mode & 0o077)
+    except OSError as error:
+        raise SecurityError(f"cannot read {key}: {error.strerror}") from error
+
+
+def _has_present_rules(node: Path) -> bool:
+    told = {rule["id"]: set(rule["key_exprs"]) for rule in read_configuration(node, "access_control/rules") or []}
+    made = access_control(configured_robot(node))["rules"]
+    return all(told.get(rule["id"], set()) >= set(rule["key_exprs"]) for rule in made)
 
 
 def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Give members new keys and certificates by the same CA; empty `names` renews all.
+
+    What an earlier version wrote into their configurations is brought up to date: the access rules of the node, and
+    how much waits for a link.
 
     Returns:
         Who was renewed.
@@ -80,7 +111,22 @@ def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
             raise SecurityError(f"{place} has no member {name!r}; members: {', '.join((*ROLES, *members['added']))}")
     for name in chosen:
         _put_certificate(place / name, name, make_certificate(authority, name, _hosts(place / name / f"{name}.pem")))
+        _bring_up_to_date(place / name / CONFIGURATION)
+    if "node" in chosen:
+        _save(place, members)
     return chosen
+
+
+def _bring_up_to_date(path: Path) -> None:
+    """Add what a member's configuration does not say yet; what its owner changed stays."""
+    try:
+        configuration = json.loads(path.read_text(encoding="utf-8"))
+        link, made = configuration["transport"]["link"], sending()
+        told = link.get("tx", {})
+        link["tx"] = {**made, **told, "queue": {**made["queue"], **told.get("queue", {})}}
+        _replace(path, (json.dumps(configuration, indent=2) + "\n").encode())
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise SecurityError(f"cannot change {path}: {error}; it must be as `guara security init` made it") from error
 
 
 def add(folder: str | Path, name: str, role: str) -> Path:
@@ -155,7 +201,7 @@ def _save(place: Path, members: dict[str, Any]) -> None:
     path = place / "node" / CONFIGURATION
     try:
         configuration = json.loads(path.read_text(encoding="utf-8"))
-        names = {role: [role] for role in ROLES if role != "node"}
+        names = {role: [role] for role in ROLES}
         for name, role in members["added"].items():
             names[role].append(name)
         kept = {role: [name for name in who if name not in members["revoked"]] for role, who in names.items()}

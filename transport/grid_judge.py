@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Mapping
@@ -12,6 +13,7 @@ from transport.keys import alive_key, run_key, status_key
 from transport.liveliness import AliveWatcher, TokenWatcher
 from transport.node_clock import NodeClock
 from transport.receiver import NewestReceiver, Received
+from transport.seldom import Seldom
 from transport.session import Session
 from transport.status_message import STATUS_NAME, Status, decode_status
 from transport.terrain_message import TerrainMessage
@@ -23,6 +25,7 @@ FRAME = "base_footprint"
 REMEMBERED = 64
 # [s] Between two looks for news.
 POLL = 0.05
+logger = logging.getLogger(__name__)
 ADVICE = "Wait for the next, ask for a scan, or give a larger max_age"
 
 
@@ -41,6 +44,7 @@ class GridJudge:
         self._run = ""
         self._over: dict[str, None] = {}
         self._sequences: dict[str, int] = {}
+        self._unasked = Seldom(logger)
         self._live = TokenWatcher(session, run_key(robot, "*"))
         self._status = NewestReceiver(session, status_key(robot), decode_status, latched=False)
         self.clock = NodeClock(session, robot)
@@ -114,6 +118,12 @@ class GridJudge:
             age = self.clock.age(terrain.run, terrain.scan_end_clock)
             if age is not None:
                 return max(age, received.age)
+            if self.node.is_alive:
+                self._unasked.say(
+                    "the node of %r does not answer for its clock: ages come from the clocks on the wall of both "
+                    "machines. Access rules made by an earlier version? `guara security renew` on their machine",
+                    self._robot,
+                )
         return received.age + max(0.0, (received.arrival_stamp - terrain.scan_end) * NS)
 
     def check(self, received: Received[TerrainMessage], max_age: float | None, *, wait: float = 0.0) -> TerrainMessage:

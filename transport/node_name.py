@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import time
 import uuid
 from collections.abc import Callable
@@ -12,8 +13,9 @@ from pathlib import Path
 from transport import zenoh_api
 from transport.configuration import DEFAULT_ENDPOINT
 from transport.exceptions import ConnectionFailed, NameTaken, TransportError
-from transport.keys import DEFAULT_ROBOT, alive_key, claim_key, run_key
+from transport.keys import DEFAULT_ROBOT, NODE_ROLE, alive_key, claim_key, run_key
 from transport.liveliness import AliveToken
+from transport.security import configured_endpoints, role_folder
 from transport.session import Session, open_client, open_node
 
 logger = logging.getLogger(__name__)
@@ -23,6 +25,7 @@ NAME_TIMEOUT = 15.0
 POLL = 0.25
 # [s] To reach the node that holds the port.
 KNOCK_TIMEOUT = 0.5
+ANYWHERE = re.compile(r"/(0\.0\.0\.0|\[::\]):")
 
 
 def claim_name(session: Session, robot: str, *, timeout: float = NAME_TIMEOUT) -> AliveToken:
@@ -100,15 +103,18 @@ def open_only_node(
                 if not has_knocked:
                     has_knocked = True
                     logger.warning("the port is taken; waiting until it is free, %g s at most: %s", timeout, error)
-                    if security is None:
-                        _knock(stack, listen or DEFAULT_ENDPOINT, robot)
+                    _knock(stack, listen, security, robot)
             time.sleep(POLL)
 
 
-def _knock(stack: ExitStack, endpoint: str, robot: str) -> None:
+def _knock(stack: ExitStack, listen: str | None, security: str | Path | None, robot: str) -> None:
     """Let the node there see that another one wants its place."""
     try:
-        session = stack.enter_context(open_client(endpoint, timeout=KNOCK_TIMEOUT))
+        folder = None if security is None else role_folder(security, NODE_ROLE)
+        own = (DEFAULT_ENDPOINT,) if folder is None else configured_endpoints(folder, "listen")
+        # Who listens on all networks is reached on this machine, under the name that its certificate has too.
+        endpoint = ANYWHERE.sub("/localhost:", listen or own[0])
+        session = stack.enter_context(open_client(endpoint, security=folder, timeout=KNOCK_TIMEOUT))
         AliveToken(session, claim_key(robot, uuid.uuid4().hex))
-    except TransportError as error:
+    except (TransportError, IndexError) as error:
         logger.debug("nobody to knock at: %s", error)

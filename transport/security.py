@@ -208,6 +208,18 @@ def _existing(folder: Path, name: str, *, is_key: bool) -> Path:
     return path
 
 
+def read_configuration(folder: Path, key: str) -> Any:
+    """One value of a role's Zenoh configuration, None where it is not set; `key` is a path with slashes.
+
+    Raises:
+        SecurityError: the configuration cannot be read.
+    """
+    try:
+        return zenoh_api.configuration_value(_configuration_text(folder), key)
+    except (OSError, ValueError, zenoh_api.zenoh_error()) as error:
+        raise SecurityError(f"cannot use {folder / CONFIGURATION}: {error}") from error
+
+
 def configured_robot(folder: Path) -> str:
     """The instance name for which the access rules of a node's folder were made.
 
@@ -215,10 +227,9 @@ def configured_robot(folder: Path) -> str:
         SecurityError: the configuration cannot be read, or holds no rules.
     """
     try:
-        text = _configuration_text(folder)
-        rules = zenoh_api.configuration_value(text, "access_control/rules") or []
+        rules = read_configuration(folder, "access_control/rules") or []
         return str(rules[0]["key_exprs"][0]).partition("/")[0]
-    except (OSError, ValueError, LookupError, TypeError, zenoh_api.zenoh_error()) as error:
+    except (LookupError, TypeError) as error:
         raise SecurityError(f"cannot find the access rules in {folder / CONFIGURATION}: {error}") from error
 
 
@@ -228,11 +239,7 @@ def configured_endpoints(folder: Path, kind: str) -> tuple[str, ...]:
     Raises:
         SecurityError: the configuration cannot be read.
     """
-    try:
-        text = _configuration_text(folder)
-        found = zenoh_api.configuration_value(text, f"{kind}/endpoints")
-    except (OSError, ValueError, zenoh_api.zenoh_error()) as error:
-        raise SecurityError(f"cannot use {folder / CONFIGURATION}: {error}") from error
+    found = read_configuration(folder, f"{kind}/endpoints")
     # Zenoh writes endpoints either as one list, or as one list per mode of a session.
     if isinstance(found, dict):
         found = [endpoint for endpoints in found.values() for endpoint in endpoints]

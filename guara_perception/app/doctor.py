@@ -216,17 +216,17 @@ def check_disk(folder: Path) -> Finding:
 
 
 def check_certificates(folder: Path | None) -> Finding:
-    """Whether the certificates of a security folder are valid for another month."""
+    """Whether the certificates of a security folder are valid for another month, its keys private, its rules new."""
     if folder is None:
-        return Finding("certificates", OK, "not checked: give --security DIR")
-    from transport import TransportError
-    from transport.certificates import judge_expiries
+        return Finding("certificates", SKIP, "not checked: give --security DIR")
+    from transport import Health, TransportError
+    from transport.certificates import judge_security
 
     try:
-        is_well, message = judge_expiries(folder)
+        level, message = judge_security(folder)
     except TransportError as error:
         return Finding("certificates", FAIL, str(error))
-    return Finding("certificates", OK if is_well else FAIL if "expired" in message else WARN, message)
+    return Finding("certificates", {Health.OK: OK, Health.WARN: WARN}.get(level, FAIL), message)
 
 
 def check_speed() -> Finding:

@@ -1,15 +1,19 @@
 """Certificates live and end: renewed, added, shut out, warned of; keys that others can read are refused."""
 
+import json
+import time
 from pathlib import Path
 
 import pytest
 
 import transport
-from transport import SecurityError
+from transport import Health, SecurityError, clock
 from transport.authority import Credentials, make_certificate
-from transport.certificates import add, days_left, judge_expiries, renew, revoke
-from transport.keys import terrain_key
+from transport.certificates import add, days_left, judge_security, renew, revoke
+from transport.configuration import QUEUES
+from transport.keys import status_key, terrain_key
 from transport.publisher import Publisher
+from transport.security import CONFIGURATION
 
 
 @pytest.fixture
@@ -59,13 +63,14 @@ def test_renewed_members_get_in_and_keep_their_names(endpoint: str, folder: Path
 
 def test_the_end_of_a_certificate_is_said_in_time(folder: Path) -> None:
     """More than 30 days left: well; less: a warning; none: expired."""
-    assert judge_expiries(folder)[0] and judge_expiries(folder / "node")[0]
+    assert judge_security(folder)[0] is judge_security(folder / "node")[0] is Health.OK
     ca = Credentials((folder / "ca" / "ca.pem").read_bytes(), (folder / "ca" / "ca.key").read_bytes())
-    for days, told in ((20, "gait/gait.pem expires in 20 days"), (-3, "gait/gait.pem expired 3 days ago")):
+    ends = {20: (Health.WARN, "expires in 20 days"), -3: (Health.ERROR, "expired 3 days ago")}
+    for days, (level, told) in ends.items():
         (folder / "gait" / "gait.pem").write_bytes(make_certificate(ca, "gait", ["gait"], days=days).certificate)
         assert abs(days_left(folder / "gait" / "gait.pem") - days) < 0.1
-        is_well, message = judge_expiries(folder)
-        assert not is_well and told in message and "guara security renew" in message
+        found, message = judge_security(folder)
+        assert found is level and f"gait/gait.pem {told}" in message and "guara security renew" in message
 
 
 def test_a_key_that_others_can_read_is_refused(endpoint: str, folder: Path) -> None:
@@ -73,6 +78,49 @@ def test_a_key_that_others_can_read_is_refused(endpoint: str, folder: Path) -> N
     (folder / "planner" / "planner.key").chmod(0o644)
     with pytest.raises(SecurityError, match="planner.key has mode 644.*chmod 600"):
         transport.open_client(_secured(endpoint), security=folder / "planner", timeout=0.1)
+
+
+def _make_old(folder: Path) -> None:
+    """As an earlier version made it: nobody may ask for the status, nothing is said of what waits for a link."""
+    for role in ("node", "planner"):
+        path = folder / role / CONFIGURATION
+        configuration = json.loads(path.read_text())
+        del configuration["transport"]["link"]["tx"]["queue"]["size"]
+        configuration["transport"]["link"]["tx"]["lease"] = 1500
+        if role == "node":
+            access = configuration["access_control"]
+            access["rules"] = [rule for rule in access["rules"] if rule["id"] != "claim"]
+            access["subjects"] = [subject for subject in access["subjects"] if subject["id"] != "node"]
+            access["policies"] = [policy for policy in access["policies"] if policy["subjects"] != ["node"]]
+            (ask,) = [rule for rule in access["rules"] if rule["id"] == "ask"]
+            ask["key_exprs"].remove(status_key("guara"))
+        path.write_text(json.dumps(configuration))
+
+
+def test_a_folder_of_an_earlier_version_works_and_says_so_until_it_is_renewed(
+    endpoint: str, peer, folder: Path, caplog
+) -> None:
+    """Planners get grids but not the node's clock: ages by the clocks on the wall, and a warning; `renew` mends it."""
+    _make_old(folder)
+    level, message = judge_security(folder / "node")
+    assert level is Health.WARN and "the access rules were made by another version" in message
+    for is_renewed in (False, True):
+        with transport.open_node(listen=_secured(endpoint), security=folder) as session:
+            server = transport.PerceptionServer(session)
+            metadata = json.dumps({"run": server.run, "scan_end_clock": clock.now()})
+            server.publish(peer.make_terrain(1, stamp=time.time_ns(), metadata=metadata))
+            with transport.open_client(_secured(endpoint), security=folder / "planner", timeout=20.0) as other:
+                client = transport.PerceptionClient(other)
+                assert client.wait_for_step(1, timeout=20.0, max_age=60.0).sequence == 1
+                assert (client.clock_offset is not None) == is_renewed
+        assert ("does not answer for its clock" in caplog.text) != is_renewed
+        caplog.clear()
+        if not is_renewed:
+            renew(folder)
+            assert judge_security(folder)[0] is Health.OK
+            tx = json.loads((folder / "planner" / CONFIGURATION).read_text())["transport"]["link"]["tx"]
+            # What its owner had changed stays.
+            assert tx["lease"] == 1500 and tx["queue"]["size"] == QUEUES
 
 
 def test_mistakes_are_told(folder: Path, tmp_path: Path) -> None:

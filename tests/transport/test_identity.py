@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -225,14 +226,23 @@ def test_a_second_node_of_a_name_is_refused_and_both_say_why(start, endpoint: st
         assert client.request_scan(timeout=PATIENCE).sequence >= 1
 
 
-def test_a_second_node_waits_for_the_port_of_the_first(start, endpoint: str, eventually) -> None:
+@pytest.mark.parametrize("is_secured", [False, True], ids=["plain", "tls"])
+def test_a_second_node_waits_for_the_port_of_the_first(
+    start, endpoint: str, eventually, tmp_path: Path, is_secured: bool
+) -> None:
     """Where the node is its own router: refused after a while, with words on both sides; after a kill -9 it has it."""
-    first = start("node", endpoint)
+    folder = None
+    if is_secured:
+        folder = transport.init_security(tmp_path / "keys")
+        # On all networks, as a secured node listens unless told otherwise.
+        endpoint = endpoint.replace("tcp/127.0.0.1", "tls/0.0.0.0")
+    first = start("node", endpoint, "listen", str(folder or ""))
     with pytest.raises(transport.ConnectionFailed, match=r"waited 1 s for the port"):
-        open_only_node(listen=endpoint, timeout=1.0)
+        open_only_node(listen=endpoint, security=folder, timeout=1.0)
     opened: list[transport.Session] = []
-    waiting = threading.Thread(target=lambda: opened.append(open_only_node(listen=endpoint)))
-    with transport.PerceptionClient(transport.open_client(endpoint, timeout=PATIENCE)) as client:
+    waiting = threading.Thread(target=lambda: opened.append(open_only_node(listen=endpoint, security=folder)))
+    near, planner = endpoint.replace("0.0.0.0", "localhost"), folder and folder / "planner"
+    with transport.PerceptionClient(transport.open_client(near, security=planner, timeout=PATIENCE)) as client:
         waiting.start()
         assert eventually(lambda: client.status() is not None and client.status().item("name") is not None)
         first.kill()

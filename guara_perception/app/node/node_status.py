@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from guara_perception.calibration.drift import DRIFTING, Drift
 from transport import Health, StatusItem, TransportError
-from transport.certificates import judge_expiries
+from transport.certificates import judge_security
 
 if TYPE_CHECKING:
     from guara_perception.app.node.live_scan import LiveScan
@@ -137,9 +137,9 @@ class NodeStatus:
 
 
 def certificates_item(folder: Path) -> StatusItem:
-    """How long the certificates of a security folder are still valid; a warning for the last 30 days."""
+    """How the security folder stands: certificates that end within 30 days, keys that others can read, old rules."""
     try:
-        is_well, message = judge_expiries(folder)
+        level, message = judge_security(folder)
     except TransportError as error:
-        is_well, message = False, str(error)
-    return StatusItem(name="certificates", level=Health.OK if is_well else Health.WARN, message=message)
+        level, message = Health.WARN, str(error)
+    return StatusItem(name="certificates", level=level, message=message)

@@ -1,0 +1,133 @@
+"""`guara security` and who reports on its folder: members renewed, added, shut out; what doctor and status say."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from guara_perception.app.node.node_status import certificates_item
+from transport import Health, init_security, open_client
+from transport.authority import Credentials, make_certificate
+from transport.client import PerceptionClient
+from transport.security import CONFIGURATION
+
+GUARA = ("-m", "guara_perception.app.main")
+PATIENCE = 60.0
+
+
+@pytest.fixture
+def keys(tmp_path: Path) -> Path:
+    return init_security(tmp_path / "keys")
+
+
+def _give(keys: Path, name: str, days: int) -> None:
+    """A certificate that ends in so many days."""
+    ca = Credentials((keys / "ca" / "ca.pem").read_bytes(), (keys / "ca" / "ca.key").read_bytes())
+    made = make_certificate(ca, name, [name, "localhost"], days=days)
+    (keys / name / f"{name}.pem").write_bytes(made.certificate)
+    (keys / name / f"{name}.key").write_bytes(made.key)
+
+
+def test_renew_says_whom_and_what_to_do(guara, keys: Path) -> None:
+    """All, or those that are named: other keys than before, of mode 600."""
+    before = (keys / "viewer" / "viewer.key").read_bytes()
+    said = guara("security", "renew", keys)
+    assert said.code == 0 and said.err == ""
+    assert said.out == (
+        "renewed: node, gait, planner, viewer; copy each folder to its machine again and restart what runs there\n"
+    )
+    after = (keys / "viewer" / "viewer.key").read_bytes()
+    assert guara("security", "renew", keys, "planner").out.startswith("renewed: planner; copy")
+    assert before != after == (keys / "viewer" / "viewer.key").read_bytes()
+    assert (keys / "viewer" / "viewer.key").stat().st_mode & 0o777 == 0o600
+
+
+def test_add_and_revoke_say_what_to_copy(guara, keys: Path) -> None:
+    """A second planner is made and the first shut out; the node's rules name the one and not the other."""
+    said = guara("security", "add", keys, "planner-2")
+    assert said.code == 0 and f"{keys / 'planner-2'}: for the new planner; copy {keys / 'node'}" in said.out
+    said = guara("security", "revoke", keys, "planner")
+    assert said.code == 0 and said.out.startswith("planner is shut out as soon as")
+    subjects = json.loads((keys / "node" / CONFIGURATION).read_text())["access_control"]["subjects"]
+    names = {subject["id"]: subject["cert_common_names"] for subject in subjects}
+    assert names["planner"] == ["planner-2"] and names["viewer"] == ["viewer"]
+    assert guara("security", "renew", keys).out.startswith("renewed: node, gait, viewer, planner-2;")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["renew", "KEYS", "rex"], "has no member 'rex'; members: node, gait, planner, viewer"),
+        (["renew", "NOWHERE"], "cannot read the CA of"),
+        (["add", "KEYS", "viewer"], "the name 'viewer' is taken or was shut out"),
+        (["add", "KEYS", "a/b"], "a/b"),
+        (["add", "KEYS", "second", "--role", "node"], "'node' is not one of"),
+        (["add", "NOWHERE", "second"], "cannot read the CA of"),
+        (["revoke", "KEYS", "node"], "the node cannot be shut out of itself"),
+        (["revoke", "KEYS", "rex"], "has no member 'rex'"),
+    ],
+)
+def test_mistakes_end_in_one_line(guara, keys: Path, tmp_path: Path, words: list[str], told: str) -> None:
+    """Exit 2, and the folder is as it was."""
+    before = sorted(path.relative_to(keys) for path in keys.rglob("*"))
+    given = {"KEYS": keys, "NOWHERE": tmp_path / "nowhere"}
+    said = guara("security", *(given.get(word, word) for word in words))
+    assert said.code == 2 and told in said.err and said.err.count("\n") == 1 and said.out == ""
+    assert sorted(path.relative_to(keys) for path in keys.rglob("*")) == before
+
+
+FLAWS: dict[str, tuple[Callable[[Path], None], Health, str, str, int]] = {
+    "none": (lambda keys: None, Health.OK, "ok", "certificates, the first ends in", 0),
+    "31 days left": (lambda keys: _give(keys, "node", 31), Health.OK, "ok", "ends in 31 days (node/node.pem)", 0),
+    "29 days left": (lambda keys: _give(keys, "node", 29), Health.WARN, "warn", "node/node.pem expires in 29 days", 0),
+    "expired": (lambda keys: _give(keys, "node", -2), Health.ERROR, "FAIL", "node/node.pem expired 2 days ago", 1),
+    "readable": (
+        lambda keys: (keys / "node" / "node.key").chmod(0o640),
+        Health.ERROR,
+        "FAIL",
+        "node/node.key can be read by others on this machine; chmod 600 it",
+        1,
+    ),
+}
+
+
+@pytest.mark.parametrize("flaw", FLAWS)
+def test_doctor_and_status_warn_in_time(guara, keys: Path, flaw: str) -> None:
+    """The same words in both; doctor's exit code is 1 only when nothing would start."""
+    make, level, word, told, code = FLAWS[flaw]
+    make(keys)
+    item = certificates_item(keys)
+    assert item.name == "certificates" and item.level is level and told in item.message
+    said = guara("doctor", "--only", "certificates", "--security", keys)
+    assert said.code == code and said.out.startswith(word) and told in said.out
+
+
+def test_doctor_says_when_it_was_given_no_folder(guara, tmp_path: Path) -> None:
+    """Not checked is not the same as well; an empty folder is no security folder."""
+    assert guara("doctor", "--only", "certificates").out.startswith("skip")
+    said = guara("doctor", "--only", "certificates", "--security", tmp_path)
+    assert said.code == 1 and "holds no certificate" in said.out
+
+
+@pytest.mark.parametrize(("words", "key"), [(["listen"], "planner"), (["run", "--simulated"], "node")])
+def test_keys_that_others_can_read_start_nothing(guara, keys: Path, words: list[str], key: str) -> None:
+    """Node and planner refuse them in one line that says what to do."""
+    (keys / key / f"{key}.key").chmod(0o644)
+    said = guara(*words, "--security", keys)
+    assert said.code == 2 and f"{key}.key has mode 644" in said.err and "chmod 600" in said.err
+    assert said.err.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_a_running_node_warns_planners(start, keys: Path, free_endpoint: str, eventually) -> None:
+    """The status that a planner gets over TLS says which certificate ends soon."""
+    _give(keys, "node", 20)
+    endpoint = free_endpoint.replace("tcp/127.0.0.1", "tls/localhost")
+    node = start(*GUARA, "run", "--simulated", "--mode", "coarse", "--security", keys / "node", "--listen", endpoint)
+    assert node.line(PATIENCE) == f"guara: listening on {endpoint}; Ctrl-C stops"
+    with PerceptionClient(open_client(endpoint, security=keys / "planner", timeout=PATIENCE)) as client:
+        assert eventually(lambda: client.status() is not None and client.status().item("certificates") is not None)
+        item = client.status().item("certificates")
+    assert item.level is Health.WARN and "node.pem expires in 20 days" in item.message
+    assert node.interrupt() == 0
