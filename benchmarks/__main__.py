@@ -13,6 +13,7 @@ import sys
 # What is too long or too special for the suite: name of the module, and what it prints.
 PROGRAMS = {
     "accuracy": "error of recorded scans against their truth",
+    "announcements": "what HOLD and floods of bad announcements cost a node",
     "calibration": "error of calibrations against the truth of their session",
     "drivers": "costs of the laser board's driver and of proving stripes",
     "hostile": "what files that were made to harm cost before they are refused",

@@ -1,0 +1,172 @@
+"""What the gait's words cost a running node: HOLD at 100 Hz and more, and floods of what is no announcement for it.
+
+Usage: python -m benchmarks.announcements [--seconds 5] [--json]
+
+The node runs in this process, so that its processor time can be read; the gait speaks from one of its own. Silence and
+each kind of words take turns.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import logging
+import statistics
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks.peers import Peer, free_endpoint, peers
+from benchmarks.transport_peer import say
+from guara_perception.app.messages import stance_to_message
+from guara_perception.app.node.node import PerceptionNode
+from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.app.node.simulated import SimulatedRobot
+from transport import PausePhase, StancePause, encode_stance_pause, open_client, open_node
+from transport.keys import stance_key
+from transport.publisher import Publisher
+from transport.server import PerceptionServer
+from transport.stance_link import StanceReceiver
+
+# What is said, and how often a second. Floods come last: what cannot be read ends the pause.
+HOLDS = (("hold", 100.0), ("hold", 500.0))
+FLOODS = (("malformed", 1000.0), ("of another robot", 1000.0))
+ROUNDS = 3
+TIMEOUT = 60.0
+# Lines of the log a second that a flood may cost.
+ALLOWED_LINES = 1.0
+
+
+@dataclass(slots=True)
+class Cost:
+    """What one kind of words cost.
+
+    Attributes:
+        sent: how many were sent.
+        spent_ms: processor time of each above silence, median of the rounds.
+        lines: of the log in a second, largest of the rounds.
+    """
+
+    sent: int
+    spent_ms: float
+    lines: float
+
+
+class _Counter(logging.Handler):
+    """Counts lines of the log."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.INFO)
+        self.lines = 0
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.lines += 1
+
+
+def _payload(kind: str, hold: StancePause) -> bytes | bytearray:
+    if kind == "malformed":
+        return b"no message at all"
+    return encode_stance_pause(hold if kind == "hold" else dataclasses.replace(hold, robot="other"))
+
+
+def run_gait(endpoint: str) -> None:
+    """Says BEGIN of step 0, then what each line wants, as often and as long as it wants."""
+    stance = stance_to_message(next(SimulatedRobot().walk(cycles=0)).stance)
+    begin = StancePause(robot="guara", step=0, phase=PausePhase.BEGIN, stamp=time.time_ns(), stance=stance)
+    with open_client(endpoint, timeout=TIMEOUT) as session:
+        latched = Publisher(session, stance_key("guara"))
+        plain = Publisher(session, stance_key("guara"), latched=False)
+        latched.put(encode_stance_pause(begin))
+        say(ready=True)
+        for line in sys.stdin:
+            words = json.loads(line)
+            start, count = time.monotonic(), 0
+            while (now := time.monotonic() - start) < words["seconds"]:
+                if now < count / words["rate"]:
+                    time.sleep(count / words["rate"] - now)
+                    continue
+                plain.put(
+                    _payload(words["kind"], dataclasses.replace(begin, phase=PausePhase.HOLD, stamp=time.time_ns()))
+                )
+                count += 1
+            say(sent=count)
+
+
+@contextmanager
+def standing_node() -> Iterator[tuple[Peer, NodeStatus]]:
+    """A node whose robot stands in a pause that was scanned, and its gait."""
+    simulated = SimulatedRobot()
+    endpoint = free_endpoint()
+    with simulated.rangefinder, open_node(listen=endpoint) as session, peers() as start:
+        status = NodeStatus(simulated.calibration)
+        server = PerceptionServer(session, collect_status=status.items)
+        with PerceptionNode(
+            simulated.robot, simulated.calibration, simulated.rangefinder, server, mode="coarse", status=status
+        ) as node:
+            StanceReceiver(session, on_pause=node.on_pause, on_refused=node.on_refused)
+            gait = start("gait", endpoint, module="announcements")
+            if not node.wait_for_step(0, TIMEOUT):
+                raise SystemExit(f"step 0 gave no grid within {TIMEOUT:.0f} s")
+            yield gait, status
+
+
+def measure(seconds: float) -> dict[str, Cost]:
+    """Costs by kind and rate, such as "hold at 100 Hz"."""
+    counter = _Counter()
+    root = logging.getLogger()
+    level = root.level
+    root.addHandler(counter)
+    root.setLevel(logging.INFO)
+    spent: dict[str, list[float]] = {}
+    lines: dict[str, list[float]] = {}
+    sent: dict[str, int] = {}
+    try:
+        with standing_node() as (gait, status):
+            for kinds in (HOLDS, FLOODS):
+                for _ in range(ROUNDS):
+                    for kind, rate in kinds:
+                        name = f"{kind} at {rate:g} Hz"
+                        before = time.process_time()
+                        time.sleep(seconds)
+                        silence, before, said = time.process_time() - before, time.process_time(), counter.lines
+                        gait.tell(kind=kind, rate=rate, seconds=seconds)
+                        count = gait.hear()["sent"]
+                        spent.setdefault(name, []).append(1e3 * (time.process_time() - before - silence) / count)
+                        lines.setdefault(name, []).append((counter.lines - said) / seconds)
+                        sent[name] = sent.get(name, 0) + count
+                (scanner,) = [item for item in status.items() if item.name == "scanner"]
+                if scanner.values["provisional"] != "false":
+                    raise SystemExit("the node has not taken the words HOLD as such")
+    finally:
+        root.removeHandler(counter)
+        root.setLevel(level)
+    return {name: Cost(sent[name], statistics.median(spent[name]), max(lines[name])) for name in spent}
+
+
+def main() -> None:
+    """Command line, or the gait."""
+    if sys.argv[1:2] == ["gait"]:
+        run_gait(sys.argv[2])
+        return
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=5.0, help="of each kind in each round; at most 60")
+    parser.add_argument("--json", action="store_true", help="print all figures as one JSON object in the last line")
+    options = parser.parse_args()
+    costs = measure(min(max(options.seconds, 0.1), 60.0))
+    for name, cost in costs.items():
+        print(
+            f"{name:<28} {cost.sent:>6} sent, {cost.spent_ms:6.3f} ms of processor time each, "
+            f"{cost.lines:.1f} lines of the log a second"
+        )
+    if options.json:
+        figures: dict[str, Any] = {name: dataclasses.asdict(cost) for name, cost in costs.items()}
+        print(json.dumps(figures))
+    sys.exit(any(cost.lines > ALLOWED_LINES for cost in costs.values()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,15 @@
+"""The benchmark of announcements as a smoke test: every kind is sent and taken for what it is; no time is asserted."""
+
+import pytest
+
+from benchmarks.announcements import FLOODS, HOLDS, measure
+
+pytestmark = pytest.mark.slow
+
+
+def test_every_kind_of_words_is_sent_and_none_floods_the_log() -> None:
+    """HOLD confirms the grid (the benchmark stops when it does not), of a flood one line is written at most."""
+    costs = measure(0.3)
+    assert set(costs) == {f"{kind} at {rate:g} Hz" for kind, rate in (*HOLDS, *FLOODS)}
+    assert all(cost.sent > 0 for cost in costs.values())
+    assert max(cost.lines for cost in costs.values()) * 0.3 <= 1.0
