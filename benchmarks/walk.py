@@ -57,14 +57,17 @@ class Ground:
     def height_at(self, x: Float, y: Float) -> Float:
         """True height in the world [m]."""
         ramp = 0.030 * np.clip((x - 0.8) / 0.4, 0, 1) - 0.030 * np.clip((x - 1.7) / 0.4, 0, 1)
-        rough: Float = np.zeros(np.shape(x))
-        for (px, py), length, amplitude in zip(self.phases, (0.05, 0.08, 0.13), (0.0006, 0.001, 0.0015), strict=True):
-            rough = rough + amplitude * np.sin(2 * np.pi * x / length + px) * np.sin(2 * np.pi * y / length + py)
-        rough = rough * ((x > 1.25) & (x < 1.65))
-        height = np.asarray(ramp + rough, dtype=np.float64)
+        height = np.asarray(ramp + np.zeros(np.broadcast_shapes(np.shape(x), np.shape(y))), dtype=np.float64)
+        x, y = np.broadcast_arrays(x, y)
+        rough = (x > 1.25) & (x < 1.65)
+        if rough.any():
+            for (px, py), length, amplitude in zip(
+                self.phases, (0.05, 0.08, 0.13), (0.0006, 0.001, 0.0015), strict=True
+            ):
+                way_x, way_y = 2 * np.pi * x[rough] / length, 2 * np.pi * y[rough] / length
+                height[rough] += amplitude * np.sin(way_x + px) * np.sin(way_y + py)
         for bx, by, length, width, top in self.boxes:
-            on = (np.abs(x - bx) < length / 2) & (np.abs(y - by) < width / 2)
-            height = np.where(on, height + top, height)
+            height[(np.abs(x - bx) < length / 2) & (np.abs(y - by) < width / 2)] += top
         return np.where((x > 2.2) & (x < 2.26) & (np.abs(y) < 0.12), height - 0.05, height)
 
     def is_dark(self, x: Float, y: Float) -> npt.NDArray[np.bool_]:

@@ -131,8 +131,9 @@ class TerrainGrid(LayeredGrid):
         Every cell within `clearance` of the path, seen from above, must be known and not STALE. Points with z: the
         path must stay `clearance` away from the ground (highest samples plus confidence; where looks disagree, the
         highest of all looks). Towards its ends, where a foot stands, less is wanted: at a distance d from the nearer
-        end no more than d - 5 mm - confidence, what a vertical lift has gained there. Points without z: a track on
-        the ground, where no cell may be hazardous.
+        end no more than d - 5 mm - confidence, what a vertical lift has gained there. A path that begins at a sole
+        that carried the body when the grid was made may begin on unknown ground: what lies wholly under that sole is
+        no higher than it. Points without z: a track on the ground, where no cell may be hazardous.
 
         Args:
             points: (n, 3) or (n, 2) corners of the path in base_footprint [m].

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.spatial import HalfspaceIntersection
 
 from guara_perception.arrays import Float
 
@@ -21,6 +20,9 @@ MOST_ROUNDS = 4
 LEAST_GAIN = 0.01
 # So far half-planes stay off the squares: rounding, and cells that belong to their lower edges.
 OFF_M = 2e-6
+# Farther than any region reaches, and shorter than any side that matters.
+FAR_M = 100.0
+LEAST_SIDE_M = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,17 +85,35 @@ def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float
 
 
 def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
-    # About the inner point the numbers are small, and Qhull's tolerances with them.
-    around = halfspaces.copy()
-    around[:, 2] -= halfspaces[:, :2] @ inside
-    found = HalfspaceIntersection(np.column_stack((around[:, :2], -around[:, 2])), np.zeros(2))
-    corners = found.intersections
-    corners = corners[np.argsort(np.arctan2(corners[:, 1], corners[:, 0]), kind="stable")]
-    apart = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > 1e-9
-    corners = corners[apart] if apart.sum() >= 3 else corners
-    x, y = corners.T
-    area = 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-    return ConvexPolygon(halfspaces[np.sort(found.dual_vertices)], corners + inside, area)
+    """What half-planes leave of the plane around a point inside all of them, which they must bound."""
+    # In plain numbers, for they are few: a handful of corners cut by some tens of lines.
+    corners = [(-FAR_M, -FAR_M), (FAR_M, -FAR_M), (FAR_M, FAR_M), (-FAR_M, FAR_M)]
+    # Side i leads from corner i to the next one; it lies on this half-plane's line.
+    sides = [-1] * 4
+    offsets = halfspaces[:, 2] - halfspaces[:, :2] @ inside
+    for line, ((a, b), c) in enumerate(zip(halfspaces[:, :2].tolist(), offsets.tolist(), strict=True)):
+        over = [a * x + b * y - c for x, y in corners]
+        if max(over) <= 0:
+            continue
+        kept: list[tuple[float, float]] = []
+        kept_sides: list[int] = []
+        for i, (x, y) in enumerate(corners):
+            after = (i + 1) % len(corners)
+            if over[i] <= 0:
+                kept.append((x, y))
+                kept_sides.append(sides[i])
+            if (over[i] <= 0) != (over[after] <= 0):
+                share = over[i] / (over[i] - over[after])
+                next_x, next_y = corners[after]
+                kept.append((x + share * (next_x - x), y + share * (next_y - y)))
+                kept_sides.append(line if over[i] <= 0 else sides[i])
+        corners, sides = kept, kept_sides
+    vertices = np.array(corners)
+    apart = np.abs(vertices - np.roll(vertices, -1, axis=0)).max(axis=1) > LEAST_SIDE_M
+    vertices, on = vertices[apart], np.array(sides)[apart]
+    x, y = vertices.T
+    area = 0.5 * float(x @ np.roll(y, -1) - np.roll(x, -1) @ y)
+    return ConvexPolygon(halfspaces[np.unique(on)], vertices + inside, area)
 
 
 def _ellipse(vertices: Float) -> tuple[Float, Float]:

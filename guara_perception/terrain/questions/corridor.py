@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from guara_perception.arrays import Float, Index, Mask
-from guara_perception.terrain.layers.layered_grid import LayeredGrid
-from guara_perception.terrain.layers.limits_of import limits_of
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.questions.swing_ground import SwingGround
 
 # More than any index of a cell within the longest path.
 FARTHEST = 2**32
@@ -31,9 +31,8 @@ class Corridor:
         return iy, both - iy * FARTHEST - FARTHEST // 2
 
 
-def corridor_of(terrain: LayeredGrid, samples: Float, clearance: float) -> Corridor:
+def corridor_of(geometry: GridGeometry, samples: Float, clearance: float) -> Corridor:
     """The cells within `clearance` of samples (n, 3) or (n, 2) of a path, seen from above; also those off the grid."""
-    geometry = terrain.geometry
     resolution = geometry.resolution
     iy, ix = geometry.indices(samples[:, 0], samples[:, 1])
     # The geometry clips far indices; positions give the distance, so that nothing far off counts as near.
@@ -52,20 +51,20 @@ def corridor_of(terrain: LayeredGrid, samples: Float, clearance: float) -> Corri
     return Corridor(jy, jx, aside, (aside <= clearance + resolution / 4) | own)
 
 
-def confidences(terrain: LayeredGrid, cells: Corridor) -> Float:
+def confidences(ground: SwingGround, cells: Corridor) -> Float:
     """How uncertain the ground of each cell of the corridor is: the confidence in sigmas [m]; 0 where none counts."""
     at = np.where(cells.used, cells.iy, 0), np.where(cells.used, cells.ix, 0)
-    margin = limits_of(terrain).confidence * np.sqrt(terrain.variance[at].astype(np.float64))
+    margin = ground.confidence * np.sqrt(ground.variance[at].astype(np.float64))
     return np.where(cells.used, margin, 0.0)
 
 
-def distances(terrain: LayeredGrid, samples: Float, cells: Corridor, confidence: Float) -> Float:
+def distances(ground: SwingGround, samples: Float, cells: Corridor, confidence: Float) -> Float:
     """Distance of each sample from the ground of each cell [m], negative in it; infinite for cells that do not count.
 
     Ground is taken at its highest sample plus the confidence in sigmas.
     """
     at = np.where(cells.used, cells.iy, 0), np.where(cells.used, cells.ix, 0)
-    over = samples[:, 2:3] - (terrain.elevation_max[at].astype(np.float64) + confidence)
+    over = samples[:, 2:3] - (ground.top[at].astype(np.float64) + confidence)
     distance = np.where(over >= 0, np.hypot(cells.aside, over), np.where(cells.aside > 0, cells.aside, over))
     return np.where(cells.used, distance, np.inf)
 

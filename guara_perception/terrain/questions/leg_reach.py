@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -15,6 +16,15 @@ from guara_perception.robot_model import RobotLike, robot_model
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from kinematics import RobotModel, RobotNotFound, Stance, StancePose, load_robot, robot_from_description
 from kinematics.reach import leg_kinematics, reach_from_pose
+from kinematics.stance_pose import sole_covariances
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StandingSole:
+    """A sole that carried the body when the grid was made: centre (3,) [m] and its covariance (3, 3), in its frame."""
+
+    centre: Float
+    covariance: Float
 
 
 def beyond_reach(terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robot: RobotLike | None = None) -> Float:
@@ -50,6 +60,23 @@ def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotLike | None = None
     return np.asarray(transform[:3, :3] @ pose.state.soles_in_base([leg])[0] + transform[:3, 3])
 
 
+def standing_soles(terrain: LayeredGrid, robot: RobotLike | None = None) -> tuple[StandingSole, ...]:
+    """The soles that carried the body when the grid was made.
+
+    Raises:
+        InvalidInput: the grid does not say robot, stance and transform.
+        kinematics.KinematicsError: no such robot.
+    """
+    pose, noise = _pose_of(terrain, robot), _model_of(terrain, robot).noise
+    legs = [leg for leg in terrain.metadata.get("support_feet_used", ()) if leg in pose.support_feet_used]
+    rotation = np.asarray(pose.transform_base_to_footprint)[:3, :3]
+    covariances = sole_covariances(pose.state, legs, noise)
+    return tuple(
+        StandingSole(standing_sole(terrain, leg, robot), np.asarray(rotation @ covariance @ rotation.T))
+        for leg, covariance in zip(legs, covariances, strict=True)
+    )
+
+
 def _pose_of(terrain: LayeredGrid, robot: RobotLike | None) -> StancePose:
     metadata = terrain.metadata
     missing = [name for name in ("robot", "stance", "transform_base_to_footprint") if metadata.get(name) is None]
@@ -58,14 +85,19 @@ def _pose_of(terrain: LayeredGrid, robot: RobotLike | None) -> StancePose:
             f"the grid's metadata holds no {', '.join(missing)}: whether a leg reaches a place cannot be computed, "
             "ask with leg=None"
         )
-    if robot is None:
-        robot = _robot(str(metadata["robot"]), metadata.get("robot_description"))
-    else:
-        robot = _loaded(robot) if isinstance(robot, str | Path) else robot
-    if robot.name != metadata["robot"]:
-        raise InvalidInput(f"the grid belongs to robot {metadata['robot']!r}, the model given is {robot.name!r}")
+    model = _model_of(terrain, robot)
     key = json.dumps([metadata["stance"], metadata["transform_base_to_footprint"]], sort_keys=True)
-    return _pose(robot, key)
+    return _pose(model, key)
+
+
+def _model_of(terrain: LayeredGrid, robot: RobotLike | None) -> RobotModel:
+    metadata = terrain.metadata
+    if robot is None:
+        return _robot(str(metadata["robot"]), metadata.get("robot_description"))
+    model = _loaded(robot) if isinstance(robot, str | Path) else robot
+    if model.name != metadata["robot"]:
+        raise InvalidInput(f"the grid belongs to robot {metadata['robot']!r}, the model given is {model.name!r}")
+    return model
 
 
 @lru_cache(maxsize=4)

@@ -15,6 +15,7 @@ from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.layers.polygon import touched_cells
 from guara_perception.terrain.layers.reason import Reason
 from guara_perception.terrain.questions.corridor import confidences, corridor_of, distances, sampled
+from guara_perception.terrain.questions.swing_ground import SwingGround, swing_ground
 
 # At its ends a swing touches the ground: there it may lie this much lower than the map.
 TOUCH_M = 0.005
@@ -48,18 +49,23 @@ class PathVerdict:
 def check_path(terrain: LayeredGrid, points: npt.ArrayLike, clearance: float) -> PathVerdict:
     """See `TerrainGrid.check_path`."""
     path = checked_points(points, (2, 3), 1, "points of a path")
-    if not (np.isfinite(clearance) and 0 <= clearance <= 1):
-        raise InvalidInput(f"clearance is {clearance}, it must be 0 ... 1 m")
-    samples = sampled(path, terrain.resolution / 2)
-    cells = corridor_of(terrain, samples, float(clearance))
-    reasons = _unknown(terrain, *cells.unique())
-    if path.shape[1] == 2:
-        return _verdict(reasons + _hazardous(terrain, *cells.unique()), np.nan)
-    reasons += _unreliable(terrain, *cells.unique())
+    check_clearance(clearance)
+    if path.shape[1] == 3:
+        return check_over(swing_ground(terrain, path[0]), path, float(clearance))
+    at = corridor_of(terrain.geometry, sampled(path, terrain.resolution / 2), float(clearance)).unique()
+    return _verdict(_unknown(terrain, *at) + _hazardous(terrain, *at), np.nan)
+
+
+def check_over(ground: SwingGround, path: Float, clearance: float) -> PathVerdict:
+    """A path (n, 3) over the ground that counts for it."""
+    samples = sampled(path, ground.geometry.resolution / 2)
+    cells = corridor_of(ground.geometry, samples, clearance)
+    at = cells.unique()
+    reasons = _unknown(ground, *at) + _unreliable(ground, *at)
     least = np.nan
     if not reasons:
-        confidence = confidences(terrain, cells)
-        distance = distances(terrain, samples, cells, confidence)
+        confidence = confidences(ground, cells)
+        distance = distances(ground, samples, cells, confidence)
         from_ends = np.minimum(*(np.linalg.norm(samples - end, axis=1) for end in (path[0], path[-1])))
         # What a vertical lift-off from ground that is so uncertain has gained at least.
         wanted = np.minimum(clearance, from_ends[:, None] - TOUCH_M - confidence)
@@ -69,6 +75,16 @@ def check_path(terrain: LayeredGrid, points: npt.ArrayLike, clearance: float) ->
         if free.any():
             least = float(distance[free].min())
     return _verdict(reasons, least)
+
+
+def check_clearance(clearance: float) -> None:
+    """Refuse what no clearance can be.
+
+    Raises:
+        InvalidInput: not in 0 ... 1 m.
+    """
+    if not (np.isfinite(clearance) and 0 <= clearance <= 1):
+        raise InvalidInput(f"clearance is {clearance}, it must be 0 ... 1 m")
 
 
 def check_polygon(terrain: LayeredGrid, corners: npt.ArrayLike) -> PathVerdict:
@@ -91,7 +107,7 @@ def _too_near(samples: Float, distance: Float, wanted: Float, lack: Float) -> It
             yield _at(test, sign * distance[sample, cell], sign * wanted[sample, cell], samples[sample], words)
 
 
-def _unknown(terrain: LayeredGrid, iy: Index, ix: Index) -> list[Reason]:
+def _unknown(terrain: LayeredGrid | SwingGround, iy: Index, ix: Index) -> list[Reason]:
     inside = terrain.geometry.contains(iy, ix)
     flags = terrain.hazard[iy[inside], ix[inside]] & UNKNOWN_MASK
     off, unknown = int((~inside).sum()), int((flags != 0).sum())
@@ -109,7 +125,7 @@ def _hazardous(terrain: LayeredGrid, iy: Index, ix: Index) -> list[Reason]:
     return [Reason("hazard", bad, 0.0, "cells", ", ".join(names(int(np.bitwise_or.reduce(flags)))))] if bad else []
 
 
-def _unreliable(terrain: LayeredGrid, iy: Index, ix: Index) -> list[Reason]:
+def _unreliable(terrain: SwingGround, iy: Index, ix: Index) -> list[Reason]:
     inside = terrain.geometry.contains(iy, ix)
     flags = terrain.hazard[iy[inside], ix[inside]] & UNRELIABLE
     bad = int((flags != 0).sum())

@@ -16,7 +16,8 @@ from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.layers.reason import Reason
 from guara_perception.terrain.questions.corridor import confidences, corridor_of, sampled
 from guara_perception.terrain.questions.leg_reach import beyond_reach
-from guara_perception.terrain.questions.path import LONGEST_PATH_M, check_path, checked_points
+from guara_perception.terrain.questions.path import LONGEST_PATH_M, check_clearance, check_over, checked_points
+from guara_perception.terrain.questions.swing_ground import SwingGround, swing_ground
 
 if TYPE_CHECKING:
     from guara_perception.robot_model import RobotLike
@@ -72,8 +73,10 @@ def swing(
         raise InvalidInput(f"start is {start!r} and end {end!r}, both must be (x, y, z) [m]") from None
     ends = checked_points(given, (3,), 2, "start and end of a swing")
     refused: tuple[Reason, ...] = ()
+    check_clearance(clearance)
+    ground = swing_ground(terrain, ends[0])
     for track in _tracks(ends):
-        found = _over(terrain, ends, track, float(clearance), leg, robot)
+        found = _over(terrain, ground, ends, track, float(clearance), leg, robot)
         if found.ok:
             return found
         refused = refused or found.reasons
@@ -99,21 +102,27 @@ def _tracks(ends: Float) -> Iterator[Float]:
 
 
 def _over(
-    terrain: LayeredGrid, ends: Float, track: Float, clearance: float, leg: str | None, robot: RobotLike | None
+    terrain: LayeredGrid,
+    ground: SwingGround,
+    ends: Float,
+    track: Float,
+    clearance: float,
+    leg: str | None,
+    robot: RobotLike | None,
 ) -> Swing:
     """The swing that stays over a way on the ground."""
     line = sampled(track, terrain.resolution / 2)
     # Seen from above all heights are alike: what is unknown or too old there is so for each of them.
-    blocked = check_path(terrain, line + (0.0, 0.0, LONGEST_PATH_M), clearance).reasons
+    blocked = check_over(ground, line + (0.0, 0.0, LONGEST_PATH_M), clearance).reasons
     blocked = tuple(reason for reason in blocked if reason.test in ("unknown", "hazard"))
     if blocked:
         return _none(blocked)
-    heights = _least_heights(terrain, line, clearance)
+    heights = _least_heights(ground, line, clearance)
     refused: tuple[Reason, ...] = ()
     for rise in RISES_M:
         for profile in (_hull(line, heights), np.full(len(line), heights.max())):
             way = np.concatenate((ends[:1], _bends(line + (0.0, 0.0, 1.0) * (profile + rise)[:, None]), ends[1:]))
-            verdict = check_path(terrain, way, clearance)
+            verdict = check_over(ground, way, clearance)
             reasons = verdict.reasons or _out_of_reach(terrain, way, leg, robot)
             if not reasons:
                 return Swing(True, way, verdict.clearance, ())
@@ -121,11 +130,11 @@ def _over(
     return _none(refused)
 
 
-def _least_heights(terrain: LayeredGrid, line: Float, clearance: float) -> Float:
+def _least_heights(ground: SwingGround, line: Float, clearance: float) -> Float:
     """How high (n,) the way must be over samples of the line from start to end, to keep its clearance [m]."""
-    cells = corridor_of(terrain, line, clearance)
+    cells = corridor_of(ground.geometry, line, clearance)
     at = np.where(cells.used, cells.iy, 0), np.where(cells.used, cells.ix, 0)
-    top = terrain.elevation_max[at].astype(np.float64) + confidences(terrain, cells)
+    top = ground.top[at].astype(np.float64) + confidences(ground, cells)
     return np.asarray(np.where(cells.used, top, -np.inf).max(axis=1) + clearance)
 
 

@@ -1,0 +1,74 @@
+"""The ground that a foot must stay over: the grid's, and below the sole that it starts from no more than that sole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from guara_perception.arrays import Flags, Float, Float32
+from guara_perception.exceptions import InvalidInput
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.limits_of import limits_of
+from guara_perception.terrain.questions.leg_reach import StandingSole, standing_soles
+from kinematics import KinematicsError
+
+# A way that begins so near to the centre of a standing sole begins there.
+SAME_PLACE_M = 0.010
+
+
+@dataclass(frozen=True, slots=True)
+class SwingGround:
+    """What a swing needs of a grid.
+
+    Attributes:
+        geometry: of the grid.
+        hazard: (ny, nx) flags.
+        top: (ny, nx) highest sample [m].
+        variance: (ny, nx) [m^2].
+        confidence: sigmas that are added to the top.
+    """
+
+    geometry: GridGeometry
+    hazard: Flags
+    top: Float32
+    variance: Float32
+    confidence: float
+
+
+def swing_ground(terrain: LayeredGrid, start: Float) -> SwingGround:
+    """The ground under a way that begins at `start` (3,).
+
+    A sole that stands there bears on what lies below it: nothing there is higher than the sole, whether a scan saw it
+    or not. So unknown cells that lie wholly under that sole, its own error taken off, are taken at its height. It says
+    nothing about whether a foot may be set there, nor about any cell beside the sole.
+    """
+    hazard = np.asarray(terrain.hazard)
+    top, variance = np.asarray(terrain.elevation_max), np.asarray(terrain.variance)
+    limits = limits_of(terrain)
+    ground = SwingGround(terrain.geometry, hazard, top, variance, limits.confidence)
+    sole = _sole_at(terrain, start)
+    if sole is None:
+        return ground
+    x, y = terrain.geometry.centres()
+    half = np.array([limits.sole_length, limits.sole_width]) / 2 - terrain.resolution / 2
+    half = half - limits.confidence * np.sqrt(np.diag(sole.covariance)[:2]) + 1e-9
+    columns, rows = np.abs(x - sole.centre[0]) <= half[0], np.abs(y - sole.centre[1]) <= half[1]
+    borne = rows[:, None] & columns & ((hazard & UNKNOWN_MASK) != 0)
+    if not borne.any():
+        return ground
+    hazard, top, variance = hazard.copy(), top.copy(), variance.copy()
+    hazard[borne], top[borne], variance[borne] = 0, sole.centre[2], sole.covariance[2, 2]
+    return SwingGround(terrain.geometry, hazard, top, variance, limits.confidence)
+
+
+def _sole_at(terrain: LayeredGrid, start: Float) -> StandingSole | None:
+    """The standing sole that a way begins at; None where none does, or the grid does not say how the robot stood."""
+    try:
+        soles: Sequence[StandingSole] = standing_soles(terrain)
+    except (InvalidInput, KinematicsError):
+        return None
+    return next((sole for sole in soles if np.linalg.norm(sole.centre - start) <= SAME_PLACE_M), None)
