@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Flags, Float, Float32
+from guara_perception.arrays import Flags, Float, Float32, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
@@ -50,19 +50,22 @@ def swing_ground(terrain: LayeredGrid, start: Float) -> SwingGround:
     top, variance = np.asarray(terrain.elevation_max), np.asarray(terrain.variance)
     limits = limits_of(terrain)
     ground = SwingGround(terrain.geometry, hazard, top, variance, limits.confidence)
-    sole = _sole_at(terrain, start)
+    unknown = (hazard & UNKNOWN_MASK) != 0
+    half = np.array([limits.sole_length, limits.sole_width]) / 2 - terrain.resolution / 2 + 1e-9
+    # The robot's model is asked only where it matters.
+    sole = _sole_at(terrain, start) if (unknown & _within(terrain, start, half + SAME_PLACE_M)).any() else None
     if sole is None:
         return ground
-    x, y = terrain.geometry.centres()
-    half = np.array([limits.sole_length, limits.sole_width]) / 2 - terrain.resolution / 2
-    half = half - limits.confidence * np.sqrt(np.diag(sole.covariance)[:2]) + 1e-9
-    columns, rows = np.abs(x - sole.centre[0]) <= half[0], np.abs(y - sole.centre[1]) <= half[1]
-    borne = rows[:, None] & columns & ((hazard & UNKNOWN_MASK) != 0)
-    if not borne.any():
-        return ground
+    borne = unknown & _within(terrain, sole.centre, half - limits.confidence * np.sqrt(np.diag(sole.covariance)[:2]))
     hazard, top, variance = hazard.copy(), top.copy(), variance.copy()
     hazard[borne], top[borne], variance[borne] = 0, sole.centre[2], sole.covariance[2, 2]
     return SwingGround(terrain.geometry, hazard, top, variance, limits.confidence)
+
+
+def _within(terrain: LayeredGrid, centre: Float, half: Float) -> Mask:
+    """Cells whose centres lie in a rectangle about a place."""
+    x, y = terrain.geometry.centres()
+    return np.asarray((np.abs(y - centre[1]) <= half[1])[:, None] & (np.abs(x - centre[0]) <= half[0]))
 
 
 def _sole_at(terrain: LayeredGrid, start: Float) -> StandingSole | None:
