@@ -7,17 +7,15 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 import guara_perception as gp
 from benchmarks.reference import Reference
 from benchmarks.skeletons import library_skeletons, red_skeleton
+from guara_perception.arrays import Float32, Image
 from guara_perception.stripes.extract import METHODS
 from guara_perception.stripes.paper import skeleton
 
-Frame = npt.NDArray[np.uint8]
-Rows = npt.NDArray[np.float32]
-Extract = Callable[[Frame, Frame], Rows]
+Extract = Callable[[Image, Image], Float32]
 
 REFERENCE = "reference: cv2 + numpy, band"
 LITERAL = "paper taken literally"
@@ -32,7 +30,7 @@ LEAST_LEVEL = 15
 literal: Extract = red_skeleton(lambda mask: skeleton(mask > 0))
 
 
-def reference(on: Frame, off: Frame) -> Rows:
+def reference(on: Image, off: Image) -> Float32:
     """The plain band reference with buffers made beforehand."""
     return _reference(*on.shape[:2])(on, off)
 
@@ -42,7 +40,7 @@ def _reference(rows: int, columns: int) -> Reference:
     return Reference(rows, columns)
 
 
-def opencv_user(on: Frame, off: Frame) -> Rows:
+def opencv_user(on: Image, off: Image) -> Float32:
     """Blurred red difference, its largest value per column, centre of gravity in a window around."""
     light = cv2.GaussianBlur(cv2.subtract(cv2.extractChannel(on, 2), cv2.extractChannel(off, 2)), (5, 5), 0)
     top = light.argmax(axis=0)
@@ -56,7 +54,7 @@ def opencv_user(on: Frame, off: Frame) -> Rows:
 def ours(method: str) -> Extract:
     """One method of this project."""
 
-    def extract(on: Frame, off: Frame) -> Rows:
+    def extract(on: Image, off: Image) -> Float32:
         return gp.extract_stripe(on, off, method=method).position_px
 
     return extract
@@ -70,7 +68,7 @@ def extractors() -> dict[str, Extract]:
     return found | {f"{LITERAL}, {name}": extract for name, extract in library_skeletons().items()}
 
 
-def touch(*arrays: Frame) -> int:
+def touch(*arrays: Image) -> int:
     """Read every byte once: nothing that looks at all pixels is faster."""
     total = 0
     for array in arrays:
@@ -80,12 +78,12 @@ def touch(*arrays: Frame) -> int:
     return total
 
 
-def copy(*arrays: Frame) -> None:
+def copy(*arrays: Image) -> None:
     """Copy every byte once."""
     for array in arrays:
         np.copyto(_buffer(array.shape), array)
 
 
 @lru_cache(maxsize=1024)
-def _buffer(shape: tuple[int, ...]) -> Frame:
+def _buffer(shape: tuple[int, ...]) -> Image:
     return np.empty(shape, np.uint8)

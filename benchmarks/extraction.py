@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-import numpy.typing as npt
-
 from benchmarks.contenders import LITERAL, REFERENCE, USER, copy, extractors, touch
 from benchmarks.rounds import Timings, alternate, number
 from benchmarks.scenes import Recording
 from benchmarks.section import Effort, Section
 from benchmarks.synthetic_stripes import CASES, stripe_errors, stripes
+from guara_perception.arrays import Image
 
-Frame = npt.NDArray[np.uint8]
 FLOOR, ALL_FLOOR, COPY = "floor: band read once", "floor: all bytes read once", "floor: all bytes copied"
 
 
@@ -92,7 +89,7 @@ def time_extraction(recording: Recording, effort: Effort) -> tuple[Timings, int]
     return alternate(contenders | floors, effort.rounds, slow=slow, slow_rounds=effort.slow_rounds), len(bands)
 
 
-def _over(extract: Callable[..., object], pairs: list[tuple[Frame, Frame]]) -> Callable[[], None]:
+def _over(extract: Callable[..., object], pairs: list[tuple[Image, Image]]) -> Callable[[], None]:
     def run() -> None:
         for on, off in pairs:
             extract(on, off)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float64]
+from guara_perception.arrays import Float
+
 Range = tuple[float, float]
 
 # Picture of the paper: rows along x, columns along y.

@@ -1,19 +1,17 @@
 """What a user would write to find a laser line in a photograph: three textbook methods.
 
-Each is told the laser's channel, which the product has to find by itself.
+Each is given the laser's channel, which the product has to find by itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-Picture = npt.NDArray[Any]
-Float = npt.NDArray[np.float64]
+from guara_perception.arrays import Float, Image
 
 # Steger: width of the line, hysteresis thresholds as quantiles of the ridge strength, shortest linked line.
 STEGER_SIGMA_PX = 2.0
@@ -22,7 +20,7 @@ STEGER_SHORTEST_PX = 20
 ARGMAX_LEAST, GRAVITY_REACH_PX = 20.0, 4
 
 
-def excess(on: Picture, off: Picture | None, along: str, channel: int) -> npt.NDArray[np.float32]:
+def excess(on: Image, off: Image | None, along: str, channel: int) -> npt.NDArray[np.float32]:
     """One channel minus half of the others (of a mono picture the picture), the line across the columns."""
     picture = on.astype(np.float32).reshape(*on.shape[:2], -1)
     if off is not None:
@@ -33,7 +31,7 @@ def excess(on: Picture, off: Picture | None, along: str, channel: int) -> npt.ND
     return np.ascontiguousarray(light.T if along == "rows" else light)
 
 
-def argmax(on: Picture, off: Picture | None, along: str, channel: int) -> Float:
+def argmax(on: Image, off: Image | None, along: str, channel: int) -> Float:
     """Highest value of each column, centre of gravity about it."""
     light = cv2.GaussianBlur(excess(on, off, along, channel), (0, 0), 1.0)
     columns = np.arange(light.shape[1])
@@ -45,7 +43,7 @@ def argmax(on: Picture, off: Picture | None, along: str, channel: int) -> Float:
     return np.where(light[top, columns] > least, centre, np.nan)
 
 
-def steger(on: Picture, off: Picture | None, along: str, channel: int) -> Float:
+def steger(on: Image, off: Image | None, along: str, channel: int) -> Float:
     """Steger's line points (Hessian ridges), hysteresis, linking; of each column the strongest long line."""
     light = cv2.GaussianBlur(excess(on, off, along, channel), (0, 0), STEGER_SIGMA_PX)
     second = -cv2.Sobel(light, cv2.CV_32F, 0, 2, ksize=3)
@@ -67,7 +65,7 @@ def steger(on: Picture, off: Picture | None, along: str, channel: int) -> Float:
     return np.where(length[top, columns] > 0, top + np.clip(shift[top, columns], -0.6, 0.6), np.nan)
 
 
-def tutorial(on: Picture, off: Picture | None, along: str, channel: int) -> Float:
+def tutorial(on: Image, off: Image | None, along: str, channel: int) -> Float:
     """As OpenCV tutorials do: blur, Otsu's threshold, mean row of the white pixels of each column."""
     light = np.clip(cv2.GaussianBlur(excess(on, off, along, channel), (5, 5), 0), 0, 255).astype(np.uint8)
     _, mask = cv2.threshold(light, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
@@ -77,7 +75,7 @@ def tutorial(on: Picture, off: Picture | None, along: str, channel: int) -> Floa
     return np.where(total > 0, (weight * rows).sum(axis=0) / np.maximum(total, 1), np.nan)
 
 
-PEERS: dict[str, Callable[[Picture, Picture | None, str, int], Float]] = {
+PEERS: dict[str, Callable[[Image, Image | None, str, int], Float]] = {
     "argmax": argmax,
     "Steger": steger,
     "tutorial": tutorial,

@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -21,10 +20,9 @@ import numpy.typing as npt
 
 import guara_perception as gp
 from benchmarks.photograph_peers import PEERS
+from guara_perception.arrays import Float, Image
 
-Picture = npt.NDArray[Any]
-Float = npt.NDArray[np.float64]
-Method = Callable[[Picture, Picture | None, str, int], Float]
+Method = Callable[[Image, Image | None, str, int], Float]
 
 # The laser's channel by its letter in the index; a mono picture has one.
 CHANNELS = {"b": 0, "g": 1, "r": 2, "m": 0}
@@ -86,7 +84,7 @@ class Counts:
         self.squares += float((error[error <= RIGHT_PX] ** 2).sum())
 
 
-def product(on: Picture, off: Picture | None, along: str, _channel: int) -> Float:
+def product(on: Image, off: Image | None, along: str, _channel: int) -> Float:
     """This package's precise method; nobody tells it the laser's colour."""
     return gp.extract_stripe(on, off=off, along=along).position_px.astype(np.float64)
 
@@ -116,7 +114,7 @@ def judge(folder: Path, method: Method, *, with_off: bool) -> dict[str, Counts]:
     return families
 
 
-def read(folder: Path, name: str | None, colour: str) -> Picture | None:
+def read(folder: Path, name: str | None, colour: str) -> Image | None:
     """One photograph, that of a mono camera ("m") with one channel."""
     if name is None:
         return None

@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-
-Float = npt.NDArray[np.float64]
+from guara_perception.arrays import Float
 
 POSES = 12
 DOTS = (7, 7)

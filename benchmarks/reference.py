@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-Frame = npt.NDArray[np.uint8]
-Rows = npt.NDArray[np.float32]
+from guara_perception.arrays import Float32, Image
 
 # Rows of a block, and rows of the centre of gravity on each side of the highest one.
 BLOCK, HALF = 16, 4
@@ -39,7 +37,7 @@ class Reference:
         self._in_window = np.arange(-HALF, HALF + 1)[:, None] * columns + every
         self._offsets = np.arange(-HALF, HALF + 1, dtype=np.float32)
 
-    def __call__(self, on: Frame, off: Frame) -> Rows:
+    def __call__(self, on: Image, off: Image) -> Float32:
         """Row of the stripe per column, NaN where nothing shines."""
         cv2.mixChannels([on], [self._on], [2, 0])
         cv2.mixChannels([off], [self._off], [2, 0])

@@ -39,7 +39,7 @@ class StockResult:
 
     Attributes:
         name: of the robot.
-        notes: things in the file that are not used, told in one warning.
+        notes: things in the file that are not used, named in one warning.
         seconds: processor time of `robot new`.
         findings: of `robot check` that are more than notes.
         difference: of the stance pose from an independent reader, the largest number of the 4 x 4 matrices [m or -].

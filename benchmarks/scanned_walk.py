@@ -9,7 +9,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 import guara_perception as gp
 from benchmarks.true_ground import TrueGround
@@ -20,8 +19,6 @@ from guara_perception.simulation.walk import WalkPause, simulate_walk
 from guara_perception.simulation.world import World
 from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import RobotModel
-
-Float = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,14 +15,13 @@ import numpy.typing as npt
 
 import guara_perception as gp
 from benchmarks.accuracy import Truth, load_truth, truth_of
+from guara_perception.arrays import Image
 from guara_perception.ranging.groups import in_groups
 from guara_perception.settings import Settings
 from guara_perception.simulation import SimulatedRangefinder, World, specimen
 from guara_perception.simulation.features import Box, Patch, Pit, Ramp
 from guara_perception.simulation.materials import material_index
 from kinematics import RobotModel, Stance, load_robot
-
-Frame = npt.NDArray[np.uint8]
 
 ROOT = Path(__file__).resolve().parents[1]
 ROBOTS, OWN_DATA = ROOT / "robots", ROOT / "tests" / "data"
@@ -58,7 +57,7 @@ class Recording:
     calibration: gp.Calibration
     stance: Stance
     mode: str
-    frames: tuple[tuple[int, Frame, Frame], ...]
+    frames: tuple[tuple[int, Image, Image], ...]
     truth: Truth | None
 
     def processor(self, method: str = "precise") -> gp.ScanProcessor:
@@ -70,7 +69,7 @@ class Recording:
         for group in in_groups(list(self.frames[: len(self.frames) - but_last])):
             processor.add_all([gp.FramePair(*frames) for frames in group])
 
-    def bands(self) -> list[tuple[Frame, Frame, int]]:
+    def bands(self) -> list[tuple[Image, Image, int]]:
         """Laser on, laser off and first row of the predicted band of every stripe that is in view."""
         processor = self.processor()
         found = []
@@ -156,7 +155,7 @@ def scan_stance(robot: RobotModel) -> Stance:
     )
 
 
-def _resize(frame: Frame, size: tuple[int, int]) -> Frame:
+def _resize(frame: Image, size: tuple[int, int]) -> Image:
     is_smaller = size[0] < frame.shape[1]
     return np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA if is_smaller else cv2.INTER_LINEAR))
 

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
+from guara_perception.arrays import Float
 from guara_perception.simulation import SimulatedRangefinder, World, random_world, specimen
 from guara_perception.simulation.features import Box
 from guara_perception.simulation.planner import plan_foothold
@@ -20,8 +21,6 @@ from guara_perception.simulation.walk import WalkPause
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, RobotModel, Stance, load_robot
-
-Float = npt.NDArray[np.float64]
 
 # As the README of the recorded data defines an interior cell.
 JUMP_M = 0.003

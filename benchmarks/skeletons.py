@@ -10,14 +10,15 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Frame = npt.NDArray[np.uint8]
-Contender = Callable[[Frame, Frame], Any]
+from guara_perception.arrays import Image
+
+Contender = Callable[[Image, Image], Any]
 
 
-def red_skeleton(skeleton: Callable[[Frame], npt.NDArray[Any]]) -> Contender:
+def red_skeleton(skeleton: Callable[[Image], npt.NDArray[Any]]) -> Contender:
     """The paper's way: Otsu on the red difference, a skeleton of the mask (0 and 255), mean row per column."""
 
-    def extract(on: Frame, off: Frame) -> npt.NDArray[np.float32]:
+    def extract(on: Image, off: Image) -> npt.NDArray[np.float32]:
         light = cv2.subtract(on[:, :, 2], off[:, :, 2])
         _, mask = cv2.threshold(light, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
         thin = skeleton(np.asarray(mask, np.uint8)) > 0

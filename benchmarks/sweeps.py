@@ -19,7 +19,17 @@ import numpy as np
 
 from benchmarks import scenes
 from benchmarks.section import Section
-from drivers import AcquireOptions, BoardConfig, LaserBoard, StripeCapture, SweepOptions, acquire, prepare, timing
+from drivers import (
+    AcquireOptions,
+    BoardConfig,
+    Image,
+    LaserBoard,
+    StripeCapture,
+    SweepOptions,
+    acquire,
+    prepare,
+    timing,
+)
 from drivers.camera import Camera, CameraSettings
 from drivers.emulator import (
     EmulatedBackend,
@@ -31,7 +41,6 @@ from drivers.emulator import (
     ExposureView,
     emulated_backend,
 )
-from drivers.frame import Image
 
 FLASH = 0.004
 STRIPES = (35, 70)

@@ -12,9 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-
-Float = npt.NDArray[np.float64]
-Frame = npt.NDArray[np.uint8]
+from guara_perception.arrays import Float, Image
 
 COLUMNS, ROWS, STRIPES = 1280, 160, 70
 SIGMA_PX = 1.7
@@ -36,11 +34,11 @@ class Case:
 
 
 CASES = (Case("clean", 150, 3), Case("saturated", 600, 3), Case("dim", 45, 4), Case("textured", 120, 3, 0.35))
-# Grains of the texture are so many pixels wide.
+# Width of the texture's grains [px].
 GRAIN_PX = 4
 
 
-def stripes(case: Case, seed: int = 0, count: int = STRIPES) -> Iterator[tuple[Frame, Frame, Float]]:
+def stripes(case: Case, seed: int = 0, count: int = STRIPES) -> Iterator[tuple[Image, Image, Float]]:
     """On frame, off frame and true row of each column (NaN in dropouts), one stripe after another."""
     random = np.random.default_rng(seed)
     columns = np.arange(COLUMNS)
@@ -70,7 +68,7 @@ def _texture(share: float, random: np.random.Generator) -> Float | float:
     return np.asarray(np.clip(smooth, 0.1, 2.0), np.float64)[:, :, None]
 
 
-def _as_frame(values: Float) -> Frame:
+def _as_frame(values: Float) -> Image:
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)
 
 

@@ -10,11 +10,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 import guara_perception as gp
 from benchmarks.truth import truth_calibration
 from benchmarks.walk import Ground, Pause, scan, seen_height, walk
+from guara_perception.arrays import Float
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.map.fuse_heights import OdometryDrift, forget_heights, fuse_heights
@@ -22,10 +22,8 @@ from guara_perception.terrain.map.look import look_at
 from guara_perception.terrain.map.odom_cells import OdomCells
 from kinematics import LegOdometry, RobotModel, load_robot
 
-Float = npt.NDArray[np.float64]
-
 RESOLUTION = 0.005
-# A hind foot reaches ground that was scanned before the walk began only after so many pauses.
+# A hind foot reaches ground that was scanned before the walk began only after this number of pauses.
 FIRST_HIND_PAUSE = 24
 FOOT_HALF = (0.035, 0.025)
 

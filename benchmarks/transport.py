@@ -161,8 +161,8 @@ def stopped_planner(seconds: float) -> None:
         result = node.hear()
         time.sleep(1.0)
         healthy.tell()
-        told = healthy.hear()
-    lost = count + 1 - told["received"]
+        heard = healthy.hear()
+    lost = count + 1 - heard["received"]
     words = f"lost {lost} of {count}, longest put {result['longest_ms']:.1f} ms"
     report(
         f"planner stopped for {seconds:g} s: healthy one, put", words, "lost 0, <= 50 ms",
@@ -183,10 +183,10 @@ def slow_planner(seconds: float) -> None:
         node.tell(stream=count, period=0.05)
         times = node.hear()["times"]
         slow.tell()
-        told = slow.hear()
-    ages = [(got - times[k]) / 1e6 for k, got in told["got"].items() if k in times]
+        heard = slow.hear()
+    ages = [(got - times[k]) / 1e6 for k, got in heard["got"].items() if k in times]
     # A grid is replaced one period after it was made, plus the way of its successor.
-    words = f"p50 {statistics.median(ages):.0f}, oldest {max(ages):.0f} ms, superseded {told['superseded']}"
+    words = f"p50 {statistics.median(ages):.0f}, oldest {max(ages):.0f} ms, superseded {heard['superseded']}"
     report("planner at 250 ms, grids at 20 Hz: age when taken", words, "<= 50 ms + transfer (10)", max(ages) <= 60.0)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
+from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings, limits_to_dict
 from guara_perception.simulation.materials import material_index
 from guara_perception.simulation.world import World
@@ -16,9 +17,6 @@ from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import RobotModel
-
-Float = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 CELL_M = 0.001
 # The elevation of a cell is the mean of what lies within so much of its highest point, as a scan's is.

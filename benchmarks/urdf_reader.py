@@ -22,7 +22,7 @@ def worst_difference(robot: RobotModel, source: Path) -> float:
         robot: loaded from a folder that was made of `source`.
         source: the stock URDF, which the other reader reads; where a sole lies on its foot's link is the folder's.
     """
-    # yourdfpy warns of every mesh that it is told not to load.
+    # yourdfpy warns of every mesh that it is asked not to load.
     logging.getLogger("yourdfpy.urdf").setLevel(logging.ERROR)
     import yourdfpy
 

@@ -18,6 +18,7 @@ import numpy.typing as npt
 import guara_perception as gp
 from benchmarks.scanned_walk import ScannedPause, map_geometry, scanned_walk
 from benchmarks.true_ground import TrueGround
+from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
 from guara_perception.simulation.planner import plan_foothold, plan_step
 from guara_perception.terrain.assessment.edges import half_cells
@@ -25,9 +26,6 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.questions.best_foothold import Foothold
 from guara_perception.terrain.questions.path import PathVerdict
 from kinematics import LegOdometry, RobotModel, load_robot
-
-Float = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 # Before these the map holds little but what the gait declared.
 FIRST_STEP = 4

@@ -9,13 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
+from guara_perception.arrays import Float
 from guara_perception.settings import Settings, limits_to_dict
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import RobotModel, Stance
-
-Float = npt.NDArray[np.float64]
 
 LIFT_ORDER = ("rh", "rf", "lh", "lf")
 CYCLE_M = 0.140

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 import guara_perception as gp
 from benchmarks import paper_chain as paper
 from benchmarks.contenders import Extract, literal, opencv_user
 from benchmarks.scenes import Recording
+from guara_perception.arrays import Float
 from guara_perception.settings import Settings
-
-Float = npt.NDArray[np.float64]
 
 CELL_M = 0.005
 

@@ -8,12 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.contenders import reference
 from benchmarks.scenes import recorded
-
-Float = npt.NDArray[np.float64]
+from guara_perception.arrays import Float
 
 # Per stripe where the limits were set: 0.57 ... 0.65 ms of an extraction that takes 1.75 times as long as this one.
 REFERENCE_STRIPE_S = 0.34e-3

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from drivers.acquisition import StripeStream, acquire, prepare
 from drivers.aravis_camera import AravisCamera
+from drivers.arrays import Image
 from drivers.board import LaserBoard
 from drivers.board_config import BoardConfig
 from drivers.camera import Camera, CameraSettings
 from drivers.camera_lag import LagMeasurement, measure_lag
 from drivers.capture import ScanReport, StripeCapture, StripeEvidence, StripeVerdict
 from drivers.errors import AcquisitionError, BoardError, CameraError, DriverError
-from drivers.frame import Frame, Image
+from drivers.frame import Frame
 from drivers.metering import MeteringResult, meter_exposure
 from drivers.opencv_camera import OpenCvCamera
 from drivers.options import AcquireOptions, OffFrames

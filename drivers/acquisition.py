@@ -11,11 +11,12 @@ from types import TracebackType
 
 import numpy as np
 
+from drivers.arrays import Image
 from drivers.board import LaserBoard
 from drivers.camera import Camera
 from drivers.capture import ScanReport, StripeCapture, StripeEvidence, StripeVerdict
 from drivers.errors import AcquisitionNotEntered, DriverError
-from drivers.frame import Frame, Image
+from drivers.frame import Frame
 from drivers.options import AcquireOptions
 from drivers.pattern import PatternStripe, RowRangeOf, check_pattern
 from drivers.proof import StepProof

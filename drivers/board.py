@@ -1,4 +1,4 @@
-"""The laser board: laser on and off, mirror home and to an angle; the laser is out however one leaves."""
+"""The laser board: laser on and off, mirror home and to an angle; however the program ends, the laser is out."""
 
 from __future__ import annotations
 
@@ -196,8 +196,8 @@ class LaserBoard(BoardSession):
     def still_since(self, timeout: float | None = None) -> tuple[BoardStatus, float]:
         """Wait as `wait_until_still`; return the status when it ended, and by when it surely had [s, monotonic clock].
 
-        Asked late, this does not wait: a report that nobody has fetched yet tells when the motion ended. The two
-        clocks need not agree: the answer to the command told the board's, and it was here at a known time.
+        Asked late, this does not wait: a report that waits to be fetched says when the motion ended. The two
+        clocks need not agree: the answer to the command carried the board's, and came at a known time.
 
         Args:
             timeout: longest wait [s]; None for the configured one.

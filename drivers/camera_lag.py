@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from drivers import timing
+from drivers.arrays import Float32, Image
 from drivers.board import LaserBoard
 from drivers.camera import Camera
 from drivers.errors import CameraTimeout, LaserNotSeen, StripeClipped
-from drivers.frame import Frame, Image
+from drivers.frame import Frame
 
 # Share of the laser's light at which a frame counts as wholly lit, or wholly dark.
 FULL, NONE = 0.9, 0.1
@@ -73,7 +73,7 @@ def measure_lag(board: LaserBoard, camera: Camera, *, toggles: int = 24, timeout
         on = True
         for turn in range(toggles):
             on = not on
-            # Steps of the golden section spread the moments evenly over the period.
+            # Steps of the golden section distribute the moments evenly over the period.
             timing.sleep(turn * GOLDEN % 1.0 * period)
             board.status()
             before = timing.monotonic()
@@ -119,7 +119,7 @@ class _ShareOfLight:
         if clipped > MAX_CLIPPED:
             raise StripeClipped(
                 f"{clipped:.0%} of the stripe is clipped, at most {MAX_CLIPPED:.0%} may be: meter_exposure() first, "
-                "so that a part of an exposure can be told from the whole"
+                "so that a partial exposure looks different from a whole one"
             )
         self._whole = float(difference[self._where].sum())
         if len(self._where[0]) < difference.shape[1] // 50 + 1:
@@ -132,7 +132,7 @@ class _ShareOfLight:
         return float((_flat(image) - _flat(self._dark))[self._where].sum()) / self._whole
 
 
-def _flat(image: Image) -> npt.NDArray[np.float32]:
+def _flat(image: Image) -> Float32:
     values = image.astype(np.float32)
     return values.sum(axis=2) if values.ndim == 3 else values
 

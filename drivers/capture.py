@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from drivers.frame import Image
+from drivers.arrays import Image
 
 
 class StripeVerdict(enum.Enum):

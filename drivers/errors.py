@@ -77,7 +77,7 @@ class LaserDead(BoardError, RuntimeError):
 
 
 class MirrorNotHomed(BoardError, RuntimeError):
-    """The mirror was told to go somewhere before its home was found."""
+    """The mirror was commanded to an angle before its home was found."""
 
 
 class MirrorOutOfRange(BoardError, ValueError):

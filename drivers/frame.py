@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
-Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+from drivers.arrays import Image
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers import timing
+from drivers.arrays import Image
 from drivers.board import LaserBoard
 from drivers.camera import Camera, CameraSettings
 from drivers.errors import CameraError, CameraTimeout, LaserNotSeen
-from drivers.frame import Image
 from drivers.frame_grabber import FrameGrabber
 from drivers.options import AcquireOptions
 

@@ -6,13 +6,11 @@ import math
 import statistics
 from collections import deque
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from drivers.arrays import Array, Float, Image, Mask
 from drivers.capture import StripeEvidence, StripeVerdict
-from drivers.frame import Image
 from drivers.pattern import RowRange
 
 # Sampled columns: the median row of 80 columns is good to a fraction of a pixel, in 0.2 ms.
@@ -51,9 +49,6 @@ class ProofLimits:
     max_out_of_band: float = 0.5
 
 
-_Light = npt.NDArray[Any]
-
-
 class StepProof:
     """Judges the stripes of one scan, in the order in which they were taken.
 
@@ -68,7 +63,7 @@ class StepProof:
         self._slopes: deque[float] = deque(maxlen=MEMORY)
         self._grid = _SampleGrid(1, 1)
         self._reference: Image | None = None
-        self._reference_light: _Light = np.zeros((0, 0), dtype=np.int32)
+        self._reference_light: Array = np.zeros((0, 0), dtype=np.int32)
         self._reference_is_clean = False
 
     def judge(
@@ -193,8 +188,8 @@ class _Level:
 @dataclass(frozen=True, slots=True)
 class _Seen:
     mirror_angle: float
-    rows: npt.NDArray[np.float64]
-    lit: npt.NDArray[np.bool_]
+    rows: Float
+    lit: Mask
 
     def shift_from(self, before: _Seen | None) -> float:
         """The median shift over columns lit in both [px], NaN when there are too few."""
@@ -230,7 +225,7 @@ class _SampleGrid:
         """The first sampled row in a band of image rows, and the one after its last."""
         return -(-max(band[0], 0) // self.row_step), -(-max(band[1], 0) // self.row_step)
 
-    def light(self, image: Image, rows: tuple[int, int] | None = None) -> _Light:
+    def light(self, image: Image, rows: tuple[int, int] | None = None) -> Array:
         """The channels' sum (rows, columns) on sampled columns and rows (first, end), all for None.
 
         The sum sees a laser of any colour, and keeps the sign of a difference, which the strongest channel would not.
@@ -241,12 +236,12 @@ class _SampleGrid:
         if image.ndim == 2:
             return pixels.astype(kind)
         # Channel by channel: four times quicker than summing over an axis of three.
-        total: _Light = np.add(pixels[..., 0], pixels[..., 1], dtype=kind)
+        total: Array = np.add(pixels[..., 0], pixels[..., 1], dtype=kind)
         for channel in range(2, image.shape[2]):
             total += pixels[..., channel]
         return total
 
-    def _pixels(self, image: Image, rows: slice) -> _Light:
+    def _pixels(self, image: Image, rows: slice) -> Array:
         """The sampled pixels; of colours of a byte each the three and the first of the pixel beside it.
 
         Those four are read as one number: the frame comes from memory, and each pass over it costs as much again.
@@ -259,7 +254,7 @@ class _SampleGrid:
         return words.copy().view(np.uint8).reshape(*words.shape, 4)
 
 
-def _median(values: npt.NDArray[Any]) -> float:
+def _median(values: Array) -> float:
     """The median; a third of the time that numpy's takes for so few."""
     ordered = np.sort(values, axis=None)
     half = ordered.size // 2

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from drivers import timing
+from drivers.arrays import Image
 from drivers.camera import Camera, CameraSettings
 from drivers.errors import CameraEnded, CameraNotOpen, CameraSettingRefused, CameraTimeout
-from drivers.frame import Frame, Image, read_only
+from drivers.frame import Frame, read_only
 
 
 class ReplayCamera(Camera):

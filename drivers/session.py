@@ -135,7 +135,7 @@ class BoardSession:
 
         Raises:
             LaserStuckOn: the laser still shines.
-            BoardError: the board could not be told; the device is given back nevertheless.
+            BoardError: the board did not take the command; the device is given back nevertheless.
         """
         if not self._link.is_open:
             return

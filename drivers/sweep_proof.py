@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
+
+from drivers.arrays import Float
 
 # Waits before the triggers of a sweep, in 0.5 ms, by place; 0 behind them. The gaps they make are all different at the
-# sweep's beginning, so that few frames tell any shift by whole triggers; single ones later tell it again.
+# sweep's beginning, so that few frames show any shift by whole triggers; single ones later show it again.
 WAITS = (0, 6, 0, 9, 3, 0, 12, 5, 0, 8) + (0,) * 9 + (5,) + (0,) * 13 + (7,) + (0,) * 17 + (6,)
-# By so many frames more than any other shift of the frames against the triggers the true one must explain.
+# Number of frames that the true shift of the frames against the triggers must explain more than any other.
 MARGIN = 3
 # Share of the triggers so far whose frames must have come.
 LEAST_SHARE = 0.5
 # By how much two quartz clocks may differ.
 DRIFT = 2e-4
 
-Times = npt.NDArray[np.float64]
-
 
 class ClockMatch:
     """The offset between the board's clock and the camera's, once it is proved; then the frame of a trigger.
 
-    Triggers at even intervals would look the same to a camera that missed the first: a shift is told from the truth by
-    uneven gaps, and the offset counts as proved only when no other shift explains nearly as many frames.
+    Triggers at even intervals would look the same to a camera that missed the first: uneven gaps show
+    such a shift, and the offset counts as proved only when no other shift explains nearly as many frames.
     """
 
     def __init__(self, tolerance: float) -> None:
@@ -40,7 +39,7 @@ class ClockMatch:
         """Whether the offset is known."""
         return self._offset is not None
 
-    def learn(self, triggers: Times, stamps: Times) -> None:
+    def learn(self, triggers: Float, stamps: Float) -> None:
         """Look for the offset, if it is not known yet.
 
         Args:
@@ -60,7 +59,7 @@ class ClockMatch:
         if explained[best] >= max(runner_up + MARGIN, LEAST_SHARE * triggers.size):
             self._offset, self._proved_at = offset, float(triggers[-1])
 
-    def frame_of(self, trigger: float, stamps: Times) -> int | None:
+    def frame_of(self, trigger: float, stamps: Float) -> int | None:
         """Return the number of the frame that was exposed at a trigger, None when none can be proved to be it.
 
         Args:

@@ -122,7 +122,7 @@ class MotionProfile:
         return cls(start, top, acceleration, settle * 1e-6, overshoot)
 
     def time(self, steps: int) -> float:
-        """Return how long a motion over so many steps takes, without settling [s].
+        """Return how long a motion over a number of steps takes, without settling [s].
 
         Args:
             steps: signed; one down goes too far and comes back.

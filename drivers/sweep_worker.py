@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers import timing
+from drivers.arrays import Float
 from drivers.board import LaserBoard
 from drivers.board_sweep import BoardSweep
 from drivers.camera import Camera
@@ -22,7 +23,7 @@ from drivers.pattern import PatternStripe
 from drivers.protocol import SWEEP_STRIPES, BoardFault, BoardFlag, Shot, describe_faults
 from drivers.raw_stripe import RawStripe
 from drivers.sweep_options import SweepOptions
-from drivers.sweep_proof import WAITS, ClockMatch, Times
+from drivers.sweep_proof import WAITS, ClockMatch
 from drivers.sweep_records import StripeRecord
 
 logger = logging.getLogger(__name__)
@@ -229,7 +230,7 @@ class SweepWorker(threading.Thread):
         if ready:
             self.items.put(tuple(ready))
 
-    def _settle_off(self, sweep: Sweep, number: int, stamps: Times) -> None:
+    def _settle_off(self, sweep: Sweep, number: int, stamps: Float) -> None:
         """Look for the shared off frame; when the frame of a later trigger has come and it has not, it never will."""
         if self._off_settled or sweep.records[number].shot is not Shot.OFF:
             return
@@ -237,7 +238,7 @@ class SweepWorker(threading.Thread):
         later = range(number + 1, len(sweep.records))
         self._off_settled = self._off is not None or any(self._proved(sweep, other, stamps) for other in later)
 
-    def _off_of(self, sweep: Sweep, number: int, stamps: Times) -> tuple[Frame | None, bool]:
+    def _off_of(self, sweep: Sweep, number: int, stamps: Float) -> tuple[Frame | None, bool]:
         """The off frame of a stripe, and whether the stripe may be handed over with it."""
         if self._options.off is not OffFrames.PER_STRIPE:
             return self._off, self._off_settled
@@ -246,7 +247,7 @@ class SweepWorker(threading.Thread):
         off = self._proved(sweep, number + 1, stamps)
         return off, off is not None
 
-    def _proved(self, sweep: Sweep, number: int, stamps: Times) -> Frame | None:
+    def _proved(self, sweep: Sweep, number: int, stamps: Float) -> Frame | None:
         record = sweep.records[number]
         wrong_light = (record.lit > 0) != (record.shot is Shot.STRIPE)
         if wrong_light or record.faults & NO_LASER or (self._counted and record.exposures != 1):

@@ -46,7 +46,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--connect", default="tcp/127.0.0.1:7447", help="where the node listens")
     parser.add_argument("--robot", default="guara", help="instance name of the robot")
-    parser.add_argument("--steps", type=int, default=0, help="end after so many pauses; 0 = never")
+    parser.add_argument("--steps", type=int, default=0, help="number of pauses after which to end; 0 = never")
     parser.add_argument("--timeout", type=float, default=60.0, help="seconds to wait for each pause")
     arguments = parser.parse_args()
     try:

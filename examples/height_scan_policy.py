@@ -3,7 +3,7 @@
     python examples/height_scan_policy.py terrain.npz
 
 Unknown heights are never filled in silently. This policy was trained with a mask as a second channel; one that was not
-must at least be told what it cannot see.
+must at least know what it cannot see.
 """
 
 import sys

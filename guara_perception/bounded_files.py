@@ -68,21 +68,21 @@ def _picture_size(content: bytes) -> tuple[int, int] | None:
         return width, height
     if content[:2] != b"\xff\xd8":
         return None
-    place = 2
-    while place + 9 <= len(content):
-        if content[place] != 0xFF:
+    offset = 2
+    while offset + 9 <= len(content):
+        if content[offset] != 0xFF:
             return None
-        marker = content[place + 1]
+        marker = content[offset + 1]
         if marker == 0xFF:
-            place += 1
+            offset += 1
         # Start of frame, in any coding: all of C0 to CF but the tables C4 and CC and the reserved C8.
         elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            height, width = struct.unpack(">HH", content[place + 5 : place + 9])
+            height, width = struct.unpack(">HH", content[offset + 5 : offset + 9])
             return width, height
         elif marker == 0x01 or 0xD0 <= marker <= 0xD9:
-            place += 2
+            offset += 2
         else:
-            place += 2 + int(struct.unpack(">H", content[place + 2 : place + 4])[0])
+            offset += 2 + int(struct.unpack(">H", content[offset + 2 : offset + 4])[0])
     return None
 
 

@@ -114,7 +114,7 @@ class Settings:
         """Read and check the perception tables of a robot.
 
         Raises:
-            FileFormatError: values are missing or impossible; all are told in one go, each with table and field.
+            FileFormatError: values are missing or impossible; all are reported at once, each with table and field.
         """
         known = _OF_ROBOTS.get(robot)
         if known is None:
@@ -169,7 +169,7 @@ _OF_ROBOTS: WeakKeyDictionary[RobotModel, Settings] = WeakKeyDictionary()
 
 
 def _all_read(**reads: Callable[[], object]) -> dict[str, Any]:
-    """What each reader gives; what any of them refuses is told in one go.
+    """What each reader gives; what any of them refuses is reported at once.
 
     Raises:
         FileFormatError: `findings` lists each.

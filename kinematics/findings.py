@@ -1,4 +1,4 @@
-"""What is wrong with a file of a robot folder, gathered so that all of it is told at once."""
+"""What is wrong with a file of a robot folder, gathered so that all of it is reported at once."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Findings:
         self._wrong.append((line, text))
 
     def unused(self, text: str) -> None:
-        """Something is not used; the same text is told once, with its count."""
+        """Something is not used; the same text is reported once, with its count."""
         self._unused[text] += 1
 
     @property
@@ -40,7 +40,7 @@ class Findings:
         return tuple(f"{text} ({count} times)" if count > 1 else text for text, count in self._unused.items())
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def texts(self) -> tuple[str, ...]:
         """What is wrong, in the order of the file, each with file and line."""
         return tuple(
             f"{self.path}:{line}: {text}" if line else f"{self.path}: {text}"
@@ -54,4 +54,4 @@ class Findings:
             RobotFileError: something is wrong; `findings` lists each with file and line.
         """
         if self._wrong:
-            raise RobotFileError(*self.told)
+            raise RobotFileError(*self.texts)

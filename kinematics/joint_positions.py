@@ -78,19 +78,19 @@ def beyond_limits(tree: KinematicTree, positions: Float) -> dict[str, float]:
     are nominal.
     """
     beyond: dict[str, float] = {}
-    told = []
+    complaints = []
     lower, upper = tree.lower_limits, tree.upper_limits
     for index in np.flatnonzero((positions < lower - LIMIT_TOLERANCE) | (positions > upper + LIMIT_TOLERANCE)):
         name, value = tree.joint_names[index], positions[index]
         beyond[name] = float(max(lower[index] - value, value - upper[index]))
-        told.append(
+        complaints.append(
             f"joint {name} is at {value:.4f} rad, {beyond[name]:.4f} rad beyond its limits "
             f"{lower[index]:g} ... {upper[index]:g}"
         )
-    if told:
-        more = f"; and {len(told) - NAMED} more joints" if len(told) > NAMED else ""
+    if complaints:
+        more = f"; and {len(complaints) - NAMED} more joints" if len(complaints) > NAMED else ""
         warnings.warn(
-            "; ".join(told[:NAMED]) + more,
+            "; ".join(complaints[:NAMED]) + more,
             JointLimitWarning,
             stacklevel=4,  # the caller of RobotModel.state
         )

@@ -57,7 +57,7 @@ def load_robot(name_or_path: str | Path) -> RobotModel:
     links = None if urdf is None else [link.name for link in urdf.links]
     settings = RobotSettings.from_table(root.gathering(toml), links)
     if toml.is_wrong or refused or tree is None or postures is None:
-        raise RobotFileError(*toml.told, *refused)
+        raise RobotFileError(*toml.texts, *refused)
     texts = ((folder / "robot.toml").read_text("utf-8"), srdf.read_text("utf-8"))
     robot = RobotModel(folder, tree, postures, settings, texts, (*tree.urdf.notes, *toml.notes))
     if robot.notes:

@@ -33,15 +33,15 @@ def find_mesh(filename: str, urdf: Path) -> Path:
     Raises:
         RobotFileError: no such file; the message says where it was looked for.
     """
-    places = list(_places(filename, urdf.resolve()))
-    for place in places:
-        if place.is_file():
-            return place
-    looked = ", ".join(dict.fromkeys(str(place) for place in places[:4]))
+    paths = list(_paths(filename, urdf.resolve()))
+    for path in paths:
+        if path.is_file():
+            return path
+    looked = ", ".join(dict.fromkeys(str(path) for path in paths[:4]))
     raise RobotFileError(f"the mesh {filename!r} is not there (looked for {looked})")
 
 
-def _places(filename: str, urdf: Path) -> Iterator[Path]:
+def _paths(filename: str, urdf: Path) -> Iterator[Path]:
     if filename.startswith("package://"):
         package, _, rest = filename.removeprefix("package://").partition("/")
         for folder in urdf.parents:

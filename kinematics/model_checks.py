@@ -56,10 +56,10 @@ def check_names(config: RobotToml, urdf: Urdf, findings: Findings) -> None:
 
 def check_legs(tree: KinematicTree, findings: Findings) -> None:
     """Check chains, soles and hips in pairs; what could not be checked is noted too."""
-    before = len(findings.told)
+    before = len(findings.texts)
     for leg in tree.legs.values():
         _check_chain(tree, leg, findings)
-    if len(findings.told) > before:
+    if len(findings.texts) > before:
         return
     for leg in tree.legs.values():
         _check_sole_size(tree, leg, findings)
@@ -217,13 +217,13 @@ def _lengths(tree: KinematicTree, leg: LegConfig) -> Float:
 
 
 def _check_posture(tree: KinematicTree, config: PostureConfig, posture: Posture, findings: Findings) -> None:
-    place = f"[postures.{config.name}]"
+    where = f"[postures.{config.name}]"
     line = tree.config.root.line(f"postures.{config.name}")
     for index, joint in enumerate(tree.joint_names):
         value, lower, upper = posture.joint_positions[joint], tree.lower_limits[index], tree.upper_limits[index]
         if not lower <= value <= upper:
             findings.wrong(
-                f"{place}: joint {joint!r} is at {value:g}, outside its limits {lower:g} ... {upper:g}: "
+                f"{where}: joint {joint!r} is at {value:g}, outside its limits {lower:g} ... {upper:g}: "
                 "mend the SRDF, or the limits of the URDF",
                 line,
             )
@@ -233,7 +233,7 @@ def _check_posture(tree: KinematicTree, config: PostureConfig, posture: Posture,
     for leg, sole in zip(tree.legs, soles, strict=True):
         if abs(sole[2] - floor) > HEIGHT_TOLERANCE:
             findings.wrong(
-                f"{place}: the sole of {leg!r} is {1e3 * (sole[2] - floor):+.1f} mm off the plane of all soles: "
+                f"{where}: the sole of {leg!r} is {1e3 * (sole[2] - floor):+.1f} mm off the plane of all soles: "
                 "mend its joints in the SRDF",
                 line,
             )
@@ -263,9 +263,9 @@ def sole_above_foot(tree: KinematicTree, leg: LegConfig, state: RobotState) -> f
 def _check_sole_height(tree: KinematicTree, leg: LegConfig, state: RobotState, findings: Findings) -> None:
     above = sole_above_foot(tree, leg, state)
     if above is not None and abs(above) > SOLE_TOLERANCE:
-        where = "above" if above > 0.0 else "below"
+        side = "above" if above > 0.0 else "below"
         findings.wrong(
-            f"[legs.{leg.name}] sole: the frame {leg.sole!r} is {1e3 * abs(above):.1f} mm {where} the lowest point "
+            f"[legs.{leg.name}] sole: the frame {leg.sole!r} is {1e3 * abs(above):.1f} mm {side} the lowest point "
             "of its foot in the scan posture; every foothold is so much off: put it where the foot touches the ground",
             tree.config.root.line(f"legs.{leg.name}.sole"),
         )

@@ -36,7 +36,7 @@ def build_model(urdf: Urdf, only: tuple[str, ...] | None = None) -> Any:
     first = 0
     if only is None:
         first = model.addJoint(0, pinocchio.JointModelFreeFlyer(), pinocchio.SE3.Identity(), "root_joint")
-    # Link, the joint that carries it, and its place on that joint.
+    # Link, the joint that carries it, and its index on that joint.
     open_links = [(root, first, pinocchio.SE3.Identity())]
     while open_links:
         name, carrier, placement = open_links.pop()
@@ -61,8 +61,8 @@ def _joint_model(joint: Joint) -> Any:
     import pinocchio
 
     axis = joint.axis / np.linalg.norm(joint.axis)
-    for place, letter in enumerate("XYZ"):
-        if axis[place] == 1.0:
+    for index, letter in enumerate("XYZ"):
+        if axis[index] == 1.0:
             return getattr(pinocchio, f"JointModel{'P' if joint.kind == 'prismatic' else 'R'}{letter}")()
     if joint.kind == "prismatic":
         return pinocchio.JointModelPrismaticUnaligned(axis)

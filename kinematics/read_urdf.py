@@ -1,6 +1,6 @@
 """Reads a URDF file: what places a robot's joints and shapes is checked, what does not is passed over and named.
 
-All that is wrong is told at once, each with its line. Visuals, tags of vendors, and the inertia of links say nothing
+All that is wrong is reported at once, each with its line. Visuals, vendors' tags and the inertia of links say nothing
 about where the robot is; masses only matter for its balance, so links without one are taken as weightless.
 """
 
@@ -57,23 +57,23 @@ class _Reader:
         self.path = path
         self.findings = Findings(path)
 
-    def _only(self, element: Element, tag: str, place: str, *, needed: bool = False) -> Element | None:
+    def _only(self, element: Element, tag: str, where: str, *, needed: bool = False) -> Element | None:
         found = element.findall(tag)
         if len(found) > 1:
-            self.findings.wrong(f"{place}: <{tag}> is given {len(found)} times; once is allowed", element.line)
+            self.findings.wrong(f"{where}: <{tag}> is given {len(found)} times; once is allowed", element.line)
         elif not found and needed:
-            self.findings.wrong(f"{place}: <{tag}> is missing", element.line)
+            self.findings.wrong(f"{where}: <{tag}> is missing", element.line)
         return found[0] if found else None  # type: ignore[return-value]
 
-    def _text(self, element: Element | None, name: str, place: str) -> str:
+    def _text(self, element: Element | None, name: str, where: str) -> str:
         if element is None:
             return ""
         value = element.get(name)
         if value is None:
-            self.findings.wrong(f"{place}: <{element.tag}> has no attribute {name!r}", element.line)
+            self.findings.wrong(f"{where}: <{element.tag}> has no attribute {name!r}", element.line)
         return value or ""
 
-    def _numbers(self, text: str, default: tuple[float, ...], what: str, place: str, line: int) -> tuple[float, ...]:
+    def _numbers(self, text: str, default: tuple[float, ...], what: str, where: str, line: int) -> tuple[float, ...]:
         try:
             numbers = tuple(float(word) for word in text.split())
         except ValueError:
@@ -82,30 +82,30 @@ class _Reader:
             return numbers
         count = len(default)
         self.findings.wrong(
-            f"{place}: {what} is {text!r}; needed: {count} finite number{'s' * (count > 1)} parted by spaces", line
+            f"{where}: {what} is {text!r}; needed: {count} finite number{'s' * (count > 1)} parted by spaces", line
         )
         return default
 
     def _attribute(
-        self, element: Element | None, name: str, default: tuple[float, ...], place: str
+        self, element: Element | None, name: str, default: tuple[float, ...], where: str
     ) -> tuple[float, ...]:
         """Numbers of an attribute that must be there."""
         if element is None:
             return default
         if element.get(name) is None:
-            self._text(element, name, place)
+            self._text(element, name, where)
             return default
-        return self._numbers(str(element.get(name)), default, f"{name} of <{element.tag}>", place, element.line)
+        return self._numbers(str(element.get(name)), default, f"{name} of <{element.tag}>", where, element.line)
 
-    def _origin(self, element: Element, place: str) -> Float:
-        origin = self._only(element, "origin", place)
+    def _origin(self, element: Element, where: str) -> Float:
+        origin = self._only(element, "origin", where)
         transform = np.eye(4)
         if origin is not None:
             zero = (0.0, 0.0, 0.0)
             for name in ("xyz", "rpy"):
                 if origin.get(name) is None:
                     continue
-                numbers = self._attribute(origin, name, zero, place)
+                numbers = self._attribute(origin, name, zero, where)
                 if name == "xyz":
                     transform[:3, 3] = numbers
                 else:
@@ -116,19 +116,19 @@ class _Reader:
     def link(self, element: Element) -> Link:
         """One link."""
         name = element.get("name", "")
-        place = f"link {name!r}"
+        where = f"link {name!r}"
         if not name:
             self.findings.wrong("a <link> has no name", element.line)
-        check_words(element, place, self.findings)
-        inertial = self._only(element, "inertial", place)
+        check_words(element, where, self.findings)
+        inertial = self._only(element, "inertial", where)
         mass, centre, inertia = None, np.zeros(3), np.zeros((3, 3))
         if inertial is not None:
-            (mass,) = self._attribute(self._only(inertial, "mass", place, needed=True), "value", (0.0,), place)
+            (mass,) = self._attribute(self._only(inertial, "mass", where, needed=True), "value", (0.0,), where)
             if mass < 0.0:
-                self.findings.wrong(f"{place}: mass is {mass:g} kg; it must not be negative", inertial.line)
-            transform = self._origin(inertial, place)
+                self.findings.wrong(f"{where}: mass is {mass:g} kg; it must not be negative", inertial.line)
+            transform = self._origin(inertial, where)
             centre, inertia = transform[:3, 3].copy(), self._inertia(inertial, transform, mass)
-        shapes = tuple(shape for found in element.findall("collision") if (shape := self._shape(found, place)))  # type: ignore[arg-type]
+        shapes = tuple(shape for found in element.findall("collision") if (shape := self._shape(found, where)))  # type: ignore[arg-type]
         return Link(name, mass, centre, inertia, shapes, element.line)
 
     def _inertia(self, inertial: Element, transform: Float, mass: float) -> Float:
@@ -149,71 +149,71 @@ class _Reader:
             return np.zeros((3, 3))
         return np.asarray(transform[:3, :3] @ tensor @ transform[:3, :3].T)
 
-    def _shape(self, collision: Element, place: str) -> Shape | None:
-        geometry = self._only(collision, "geometry", place, needed=True)
+    def _shape(self, collision: Element, where: str) -> Shape | None:
+        geometry = self._only(collision, "geometry", where, needed=True)
         if geometry is None:
             return None
         known = [child for child in geometry if child.tag in ("box", "cylinder", "sphere", "capsule", "mesh")]
         if len(known) != 1:
             count = len(known)
             self.findings.wrong(
-                f"{place}: <geometry> of <collision> holds {count} shapes; exactly one is needed", geometry.line
+                f"{where}: <geometry> of <collision> holds {count} shapes; exactly one is needed", geometry.line
             )
             return None
-        shape, transform = known[0], self._origin(collision, place)
+        shape, transform = known[0], self._origin(collision, where)
         assert isinstance(shape, Element)
         if shape.tag == "mesh":
-            return self._mesh(shape, transform, place)
+            return self._mesh(shape, transform, where)
         if shape.tag == "box":
-            size = self._attribute(shape, "size", (1.0, 1.0, 1.0), place)
+            size = self._attribute(shape, "size", (1.0, 1.0, 1.0), where)
         elif shape.tag == "sphere":
-            size = self._attribute(shape, "radius", (1.0,), place)
+            size = self._attribute(shape, "radius", (1.0,), where)
         else:
-            size = self._attribute(shape, "radius", (1.0,), place) + self._attribute(shape, "length", (1.0,), place)
+            size = self._attribute(shape, "radius", (1.0,), where) + self._attribute(shape, "length", (1.0,), where)
         if min(size) <= 0.0:
-            self.findings.wrong(f"{place}: size of <{shape.tag}> is {size}; every length must be positive", shape.line)
+            self.findings.wrong(f"{where}: size of <{shape.tag}> is {size}; every length must be positive", shape.line)
             return None
         if shape.tag == "capsule":
             # Its round ends are held by a cylinder that is longer by both.
             return Shape("cylinder", (size[0], size[1] + 2.0 * size[0]), transform)
         return Shape(shape.tag, size, transform)
 
-    def _mesh(self, mesh: Element, transform: Float, place: str) -> Shape | None:
-        name = self._text(mesh, "filename", place)
+    def _mesh(self, mesh: Element, transform: Float, where: str) -> Shape | None:
+        name = self._text(mesh, "filename", where)
         scale: Numbers = (1.0, 1.0, 1.0)
         if mesh.get("scale") is not None:
-            scale = self._attribute(mesh, "scale", scale, place)
+            scale = self._attribute(mesh, "scale", scale, where)
         try:
             path = find_mesh(name, self.path)
             kind, size, placed = mesh_shape(path, scale, path.stat().st_mtime_ns)
         except RobotFileError as error:
-            self.findings.unused(f"{place} is left without its shape, the self-filter does not know it: {error}")
+            self.findings.unused(f"{where} is left without its shape, the self-filter does not know it: {error}")
             return None
         return Shape(kind, size, np.asarray(transform @ placed))
 
     def joint(self, element: Element) -> Joint:
         """One joint."""
         name = element.get("name", "")
-        place = f"joint {name!r}"
+        where = f"joint {name!r}"
         if not name:
             self.findings.wrong("a <joint> has no name", element.line)
-        check_words(element, place, self.findings)
-        kind = self._text(element, "type", place)
+        check_words(element, where, self.findings)
+        kind = self._text(element, "type", where)
         if kind not in ("fixed", "revolute", "prismatic", "continuous", ""):
             self.findings.wrong(
-                f"{place}: type {kind!r} is not supported; use fixed, revolute, continuous or prismatic", element.line
+                f"{where}: type {kind!r} is not supported; use fixed, revolute, continuous or prismatic", element.line
             )
-        parent = self._text(self._only(element, "parent", place, needed=True), "link", place)
-        child = self._text(self._only(element, "child", place, needed=True), "link", place)
+        parent = self._text(self._only(element, "parent", where, needed=True), "link", where)
+        child = self._text(self._only(element, "child", where, needed=True), "link", where)
         axis, lower, upper = np.array([1.0, 0.0, 0.0]), 0.0, 0.0
         if kind != "fixed":
             lower, upper = -math.pi, math.pi
-            given = self._only(element, "axis", place)
+            given = self._only(element, "axis", where)
             if given is not None:
-                axis = np.array(self._attribute(given, "xyz", (1.0, 0.0, 0.0), place))
+                axis = np.array(self._attribute(given, "xyz", (1.0, 0.0, 0.0), where))
             if kind != "continuous":
-                limit = self._only(element, "limit", place, needed=True)
-                (lower,) = self._attribute(limit, "lower", (lower,), place)
-                (upper,) = self._attribute(limit, "upper", (upper,), place)
+                limit = self._only(element, "limit", where, needed=True)
+                (lower,) = self._attribute(limit, "lower", (lower,), where)
+                (upper,) = self._attribute(limit, "upper", (upper,), where)
         kind = kind if kind in ("fixed", "prismatic") else "revolute"
-        return Joint(name, kind, parent, child, self._origin(element, place), axis, lower, upper, element.line)
+        return Joint(name, kind, parent, child, self._origin(element, where), axis, lower, upper, element.line)

@@ -83,13 +83,13 @@ def read_robot_toml(root: Table, findings: Findings) -> RobotToml:
         root: the whole file.
         findings: of robot.toml; the result is to be used where nothing new is in it.
     """
-    told = root.gathering(findings)
-    frames, legs, postures = told.table("frames"), told.table("legs"), told.table("postures")
+    table = root.gathering(findings)
+    frames, legs, postures = table.table("frames"), table.table("legs"), table.table("postures")
     config = RobotToml(
         path=root.path,
-        name=told.text("name"),
-        sole=told.pair("sole", above=0.0),
-        scan_posture=told.text("scan_posture"),
+        name=table.text("name"),
+        sole=table.pair("sole", above=0.0),
+        scan_posture=table.text("scan_posture"),
         base_frame=frames.text("base"),
         camera_frame=frames.text("camera"),
         laser_frame=frames.text("laser"),
@@ -97,12 +97,12 @@ def read_robot_toml(root: Table, findings: Findings) -> RobotToml:
         legs=tuple(_leg(name, legs.table(name)) for name in legs.values),
         postures=tuple(_posture(name, postures.table(name)) for name in postures.values),
         root=root,
-        assumed=_assumed(told),
+        assumed=_assumed(table),
     )
     if legs.values and len(config.legs) < 3:
         findings.wrong(f"{len(config.legs)} tables [legs.<name>]; a support plane needs three legs", root.line("legs"))
     if config.scan_posture and config.scan_posture not in [posture.name for posture in config.postures]:
-        told.wrong("scan_posture", "the name of a table [postures.<name>]")
+        table.wrong("scan_posture", "the name of a table [postures.<name>]")
     _check_joints_once(config, findings)
     return config
 

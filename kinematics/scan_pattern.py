@@ -1,7 +1,7 @@
-"""Where the laser's sheet falls on the floor for a mirror angle, and the angles that sweep an area.
+"""Where the laser plane meets the floor for a mirror angle, and the angles that sweep an area.
 
-The mirror's axis is parallel to y; at angle 0 the sheet falls along -z, a positive angle turns it towards +x, by twice
-the mirror's angle. From a mirror at x_0, h over the floor, it falls at x = x_0 + h tan(2 a).
+The mirror's axis is parallel to y; at angle 0 the laser plane points along -z, a positive angle turns it towards +x, by
+twice the mirror's angle. From a mirror at x_0, h over the floor, it meets the floor at x = x_0 + h tan(2 a).
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from kinematics.toml_table import Table
 PATTERN_M: Final = 0.005
 
 
-def sheet_on_floor(mirror_x: float, mirror_height: float, mirror_angle: float) -> float:
-    """The x [m] at which the sheet meets the floor, for a mirror at `mirror_x`, `mirror_height` over the floor [m]."""
+def plane_on_floor(mirror_x: float, mirror_height: float, mirror_angle: float) -> float:
+    """The x at which the laser plane meets the floor, for a mirror at `mirror_x`, `mirror_height` over it [m]."""
     return mirror_x + mirror_height * math.tan(2.0 * mirror_angle)
 
 
 def mirror_angle_for(mirror_x: float, mirror_height: float, floor_x: float) -> float:
-    """The mirror angle [rad] at which the sheet meets the floor at `floor_x` [m]."""
+    """The mirror angle [rad] at which the laser plane meets the floor at `floor_x` [m]."""
     return math.atan2(floor_x - mirror_x, mirror_height) / 2.0
 
 
@@ -34,14 +34,14 @@ def pattern_misses(root: Table, mirror_x: float, mirror_height: float) -> str | 
         mirror_x: of the mirror's axis in `base_footprint`, in the scan posture [m].
         mirror_height: of it over the floor [m].
     """
-    told = Findings(root.path)
-    tables = root.gathering(told)
+    findings = Findings(root.path)
+    tables = root.gathering(findings)
     near, far = tables.table("grid").table("footprint").pair("x")
     scan = tables.table("scan")
     angles = (scan.number("mirror_angle_first"), scan.number("mirror_angle_last"))
-    if told.is_wrong:
+    if findings.is_wrong:
         return None
-    first, last = sorted(sheet_on_floor(mirror_x, mirror_height, angle) for angle in angles)
+    first, last = sorted(plane_on_floor(mirror_x, mirror_height, angle) for angle in angles)
     if first <= near + PATTERN_M and last >= far - PATTERN_M:
         return None
     # As a stock folder has it: a stripe before the area to a stripe past it.

@@ -35,7 +35,7 @@ def check_urdf(urdf: Urdf, root: str | None = None) -> None:
         if joint.kind != "fixed":
             _check_joint(joint, findings)
     if not any(link.mass for link in urdf.links):
-        findings.wrong("no link has a mass: the robot's balance cannot be told; give the links an <inertial>")
+        findings.wrong("no link has a mass: the robot's balance cannot be computed; give the links an <inertial>")
     findings.refuse()
 
 
@@ -96,15 +96,15 @@ def _listed(values: Iterable[float]) -> str:
 
 
 def _check_joint(joint: Joint, findings: Findings) -> None:
-    place = f"joint {joint.name!r}"
+    where = f"joint {joint.name!r}"
     length = float(np.linalg.norm(joint.axis))
     if length == 0.0:
-        findings.wrong(f"{place}: the axis is zero; a unit vector is needed", joint.line)
+        findings.wrong(f"{where}: the axis is zero; a unit vector is needed", joint.line)
     elif abs(length - 1.0) > AXIS_TOLERANCE:
         findings.wrong(
-            f"{place}: the axis {_listed(joint.axis)} has length {length:.4g}; it must be a unit vector", joint.line
+            f"{where}: the axis {_listed(joint.axis)} has length {length:.4g}; it must be a unit vector", joint.line
         )
     if not joint.lower < joint.upper:
         findings.wrong(
-            f"{place}: the lower limit {joint.lower:g} is not below the upper limit {joint.upper:g}", joint.line
+            f"{where}: the lower limit {joint.lower:g} is not below the upper limit {joint.upper:g}", joint.line
         )

@@ -46,12 +46,12 @@ COMMON = {
 LIKE_AN_ELEMENT, LIKE_AN_ATTRIBUTE = 0.75, 0.6
 
 
-def check_words(element: Element, place: str, findings: Findings) -> None:
+def check_words(element: Element, where: str, findings: Findings) -> None:
     """Look at the words of one element that is read, all the way down to the links and joints below it.
 
     Args:
         element: that is read.
-        place: for messages.
+        where: for messages.
         findings: take what looks misspelt as wrong, and what is some vendor's own as unused.
     """
     known = ATTRIBUTES.get(element.tag)
@@ -60,7 +60,7 @@ def check_words(element: Element, place: str, findings: Findings) -> None:
             like = get_close_matches(attribute, known, 1, LIKE_AN_ATTRIBUTE)
             if like and like[0] not in element.attrib:
                 findings.wrong(
-                    f"{place}: attribute {attribute!r} of <{element.tag}> is unknown; is {like[0]!r} meant?",
+                    f"{where}: attribute {attribute!r} of <{element.tag}> is unknown; is {like[0]!r} meant?",
                     element.line,
                 )
             else:
@@ -71,12 +71,12 @@ def check_words(element: Element, place: str, findings: Findings) -> None:
         if child.tag in ("link", "joint"):
             continue
         if child.tag in read:
-            check_words(child, place, findings)
+            check_words(child, where, findings)
         elif child.tag not in COMMON.get(element.tag, ()):
             like = get_close_matches(child.tag, read, 1, LIKE_AN_ELEMENT)
             if like:
                 findings.wrong(
-                    f"{place}: element <{child.tag}> is not allowed in <{element.tag}>; is <{like[0]}> meant?",
+                    f"{where}: element <{child.tag}> is not allowed in <{element.tag}>; is <{like[0]}> meant?",
                     child.line,
                 )
             else:

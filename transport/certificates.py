@@ -40,9 +40,9 @@ def days_left(certificate: str | Path) -> float:
 
 def expiries(folder: str | Path) -> dict[str, float]:
     """[days] left of each certificate below a security folder, or of the folder of one role, by its path."""
-    place = Path(folder)
-    found = sorted({*place.glob("*.pem"), *place.glob("*/*.pem")})
-    return {str(path.relative_to(place)): days_left(path) for path in found}
+    root = Path(folder)
+    found = sorted({*root.glob("*.pem"), *root.glob("*/*.pem")})
+    return {str(path.relative_to(root)): days_left(path) for path in found}
 
 
 def judge_security(folder: str | Path) -> tuple[Health, str]:
@@ -55,18 +55,18 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
     Raises:
         SecurityError: there is no certificate, or a file cannot be read.
     """
-    place, left = Path(folder), expiries(folder)
+    root, left = Path(folder), expiries(folder)
     if not left:
         raise SecurityError(f"{folder} holds no certificate; give what `guara security init` made, or a role's folder")
-    readable = [path for path in sorted({*place.glob("*.key"), *place.glob("*/*.key")}) if _is_open(path)]
+    readable = [path for path in sorted({*root.glob("*.key"), *root.glob("*/*.key")}) if _is_open(path)]
     if readable:
-        return Health.ERROR, f"{readable[0].relative_to(place)} can be read by others on this machine; chmod 600 it"
+        return Health.ERROR, f"{readable[0].relative_to(root)} can be read by others on this machine; chmod 600 it"
     name, days = min(left.items(), key=lambda item: item[1])
     if days <= 0:
         return Health.ERROR, f"{name} expired {-days:.0f} days ago; `guara security renew`, then copy the folder anew"
     if days <= WARNING_DAYS:
         return Health.WARN, f"{name} expires in {days:.0f} days; `guara security renew`, then copy the folder anew"
-    for node in (place, place / "node"):
+    for node in (root, root / "node"):
         if (node / "node.pem").is_file() and (node / CONFIGURATION).is_file() and not _has_present_rules(node):
             return Health.WARN, (
                 "the access rules were made by another version: planners may have to judge ages by wall clocks; "
@@ -83,9 +83,9 @@ def _is_open(key: Path) -> bool:
 
 
 def _has_present_rules(node: Path) -> bool:
-    told = {rule["id"]: set(rule["key_exprs"]) for rule in read_configuration(node, "access_control/rules") or []}
+    configured = {rule["id"]: set(rule["key_exprs"]) for rule in read_configuration(node, "access_control/rules") or []}
     made = access_control(configured_robot(node))["rules"]
-    return all(told.get(rule["id"], set()) >= set(rule["key_exprs"]) for rule in made)
+    return all(configured.get(rule["id"], set()) >= set(rule["key_exprs"]) for rule in made)
 
 
 def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
@@ -100,20 +100,20 @@ def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
     Raises:
         SecurityError: no such member, or the folder lacks its CA.
     """
-    place = Path(folder)
-    authority = _authority(place)
-    members = _members(place)
+    root = Path(folder)
+    authority = _authority(root)
+    members = _members(root)
     chosen = names or tuple(name for name in (*ROLES, *members["added"]) if name not in members["revoked"])
     for name in chosen:
         if name in members["revoked"]:
             raise SecurityError(f"{name} was shut out; add a member of another name instead")
-        if not (place / name / CONFIGURATION).is_file():
-            raise SecurityError(f"{place} has no member {name!r}; members: {', '.join((*ROLES, *members['added']))}")
+        if not (root / name / CONFIGURATION).is_file():
+            raise SecurityError(f"{root} has no member {name!r}; members: {', '.join((*ROLES, *members['added']))}")
     for name in chosen:
-        _put_certificate(place / name, name, make_certificate(authority, name, _hosts(place / name / f"{name}.pem")))
-        _bring_up_to_date(place / name / CONFIGURATION)
+        _put_certificate(root / name, name, make_certificate(authority, name, _hosts(root / name / f"{name}.pem")))
+        _bring_up_to_date(root / name / CONFIGURATION)
     if "node" in chosen:
-        _save(place, members)
+        _save(root, members)
     return chosen
 
 
@@ -122,8 +122,8 @@ def _bring_up_to_date(path: Path) -> None:
     try:
         configuration = json.loads(path.read_text(encoding="utf-8"))
         link, made = configuration["transport"]["link"], sending()
-        told = link.get("tx", {})
-        link["tx"] = {**made, **told, "queue": {**made["queue"], **told.get("queue", {})}}
+        configured = link.get("tx", {})
+        link["tx"] = {**made, **configured, "queue": {**made["queue"], **configured.get("queue", {})}}
         _replace(path, (json.dumps(configuration, indent=2) + "\n").encode())
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise SecurityError(f"cannot change {path}: {error}; it must be as `guara security init` made it") from error
@@ -138,23 +138,23 @@ def add(folder: str | Path, name: str, role: str) -> Path:
     Raises:
         SecurityError: the name is taken or was shut out, the role cannot be shared, or the folder lacks its CA.
     """
-    place, authority = Path(folder), _authority(Path(folder))
-    members = _members(place)
+    root, authority = Path(folder), _authority(Path(folder))
+    members = _members(root)
     check_name(name, "member")
     if role not in ROLES or role == "node":
         raise SecurityError(f"role is {role!r}; allowed: {', '.join(r for r in ROLES if r != 'node')}")
-    if name in members["revoked"] or (place / name).exists() or name == "ca":
+    if name in members["revoked"] or (root / name).exists() or name == "ca":
         raise SecurityError(f"the name {name!r} is taken or was shut out; names are never used again")
-    target = place / name
+    target = root / name
     target.mkdir()
-    text = (place / role / CONFIGURATION).read_text(encoding="utf-8")
+    text = (root / role / CONFIGURATION).read_text(encoding="utf-8")
     for ending in ("key", "pem"):
         text = text.replace(f'"{role}.{ending}"', f'"{name}.{ending}"')
     (target / CONFIGURATION).write_text(text, encoding="utf-8")
-    shutil.copyfile(place / "ca" / "ca.pem", target / "ca.pem")
+    shutil.copyfile(root / "ca" / "ca.pem", target / "ca.pem")
     _put_certificate(target, name, make_certificate(authority, name, [name]))
     members["added"][name] = role
-    _save(place, members)
+    _save(root, members)
     return target
 
 
@@ -166,29 +166,29 @@ def revoke(folder: str | Path, name: str) -> None:
     Raises:
         SecurityError: no such member, or it is the node itself.
     """
-    place = Path(folder)
-    _authority(place)
-    members = _members(place)
+    root = Path(folder)
+    _authority(root)
+    members = _members(root)
     if name == "node":
         raise SecurityError("the node cannot be shut out of itself; if its key is lost, make a new folder by init")
     if name not in (*ROLES, *members["added"]):
-        raise SecurityError(f"{place} has no member {name!r}; members: {', '.join((*ROLES, *members['added']))}")
+        raise SecurityError(f"{root} has no member {name!r}; members: {', '.join((*ROLES, *members['added']))}")
     if name not in members["revoked"]:
         members["revoked"].append(name)
-    _save(place, members)
+    _save(root, members)
 
 
-def _authority(place: Path) -> Credentials:
+def _authority(root: Path) -> Credentials:
     try:
-        return Credentials((place / "ca" / "ca.pem").read_bytes(), (place / "ca" / "ca.key").read_bytes())
+        return Credentials((root / "ca" / "ca.pem").read_bytes(), (root / "ca" / "ca.key").read_bytes())
     except OSError as error:
         raise SecurityError(
-            f"cannot read the CA of {place}: {error.strerror}; it is where `guara security init` was run"
+            f"cannot read the CA of {root}: {error.strerror}; it is where `guara security init` was run"
         ) from error
 
 
-def _members(place: Path) -> dict[str, Any]:
-    path = place / "ca" / MEMBERS
+def _members(root: Path) -> dict[str, Any]:
+    path = root / "ca" / MEMBERS
     try:
         found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
         return {"added": dict(found.get("added", {})), "revoked": list(found.get("revoked", []))}
@@ -196,21 +196,21 @@ def _members(place: Path) -> dict[str, Any]:
         raise SecurityError(f"cannot read {path}: {error}") from error
 
 
-def _save(place: Path, members: dict[str, Any]) -> None:
+def _save(root: Path, members: dict[str, Any]) -> None:
     """Write the node's rules first: a list that says more than the rules do would be a promise not kept."""
-    path = place / "node" / CONFIGURATION
+    path = root / "node" / CONFIGURATION
     try:
         configuration = json.loads(path.read_text(encoding="utf-8"))
         names = {role: [role] for role in ROLES}
         for name, role in members["added"].items():
             names[role].append(name)
         kept = {role: [name for name in who if name not in members["revoked"]] for role, who in names.items()}
-        configuration["access_control"] = access_control(configured_robot(place / "node"), kept)
+        configuration["access_control"] = access_control(configured_robot(root / "node"), kept)
         _replace(path, (json.dumps(configuration, indent=2) + "\n").encode())
-        _replace(place / "ca" / MEMBERS, (json.dumps(members, indent=2) + "\n").encode())
+        _replace(root / "ca" / MEMBERS, (json.dumps(members, indent=2) + "\n").encode())
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise SecurityError(f"cannot change {path}: {error}; it must be as `guara security init` made it") from error
-    load_configuration(place / "node")
+    load_configuration(root / "node")
 
 
 def _hosts(certificate: Path) -> list[str]:
@@ -227,9 +227,9 @@ def _hosts(certificate: Path) -> list[str]:
     return [str(entry.value) for entry in names]
 
 
-def _put_certificate(place: Path, name: str, credentials: Credentials) -> None:
-    _replace(place / f"{name}.key", credentials.key, 0o600)
-    _replace(place / f"{name}.pem", credentials.certificate)
+def _put_certificate(root: Path, name: str, credentials: Credentials) -> None:
+    _replace(root / f"{name}.key", credentials.key, 0o600)
+    _replace(root / f"{name}.pem", credentials.certificate)
 
 
 def _replace(path: Path, data: bytes, mode: int = 0o644) -> None:

@@ -253,7 +253,7 @@ class PerceptionClient:
 
         A grid that may no longer be used when its turn comes is not handed over, one that is withdrawn always.
         """
-        told = Seldom(logger)
+        notices = Seldom(logger)
 
         def hand_over(received: Received[TerrainMessage]) -> None:
             if received.message.withdrawn:
@@ -263,7 +263,7 @@ class PerceptionClient:
             try:
                 callback(self._judge.check(received, max_age, wait=SETTLE))
             except StaleTerrain as error:
-                told.say("not handed over: %s", error)
+                notices.say("not handed over: %s", error)
 
         self.receiver(extent).on_newest(hand_over)
 

@@ -1,4 +1,4 @@
-"""The clock by which ages are told: it never steps, and goes on while the machine sleeps."""
+"""The clock by which ages are measured: it never steps, and goes on while the machine sleeps."""
 
 from __future__ import annotations
 

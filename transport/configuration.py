@@ -8,7 +8,7 @@ from typing import Any
 
 from transport.exceptions import ConfigurationError
 
-# Where the node listens and clients connect unless told otherwise: this machine only.
+# Where the node listens and clients connect unless configured otherwise: this machine only.
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
 # [ms] A side that says nothing for so long is taken as gone; a hung node is seen in under 2.5 s.

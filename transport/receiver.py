@@ -102,7 +102,7 @@ class NewestReceiver(Resource, Generic[T]):
             decode: makes a message of a payload; raises MessageError when it is not one.
             latched: ask for the last message that was published before, and notice losses.
             refusal: says why a message must not take the place of the one before, empty when it may; called once for
-                each that arrives, on Zenoh's thread. What is refused is counted and told, seldom.
+                each that arrives, on Zenoh's thread. What is refused is counted, and logged now and then.
 
         Raises:
             SessionClosed: the session is closed.

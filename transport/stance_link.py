@@ -91,7 +91,7 @@ class StanceReceiver(NewestReceiver[StancePause]):
             robot: instance name.
             on_pause: called with each announcement, on a thread of its own.
             on_refused: called on that thread when an announcement is unreadable or holds a joint that is not finite:
-                what the robot does now is then not known. Of several in a row it is told once.
+                what the robot does now is then not known. Several in a row are reported once.
         """
         self._on_pause, self._on_refused = on_pause, on_refused
         self._waiting: deque[StancePause | MessageError] = deque()

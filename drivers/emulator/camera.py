@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from drivers import timing
+from drivers.arrays import Image
 from drivers.camera import Camera, CameraSettings
 from drivers.emulator.views import ExposureView
 from drivers.errors import CameraNotOpen, CameraTimeout
-from drivers.frame import Frame, Image, read_only
+from drivers.frame import Frame, read_only
 
 
 class Exposes(Protocol):

@@ -6,11 +6,12 @@ from collections.abc import Callable
 from typing import Protocol
 
 from drivers import timing
+from drivers.arrays import Image
 from drivers.camera import Camera, CameraSettings
 from drivers.emulator.shutter import Opening, Shutter
 from drivers.emulator.views import ExposureView
 from drivers.errors import CameraNotOpen, CameraTimeout
-from drivers.frame import Frame, Image, read_only
+from drivers.frame import Frame, read_only
 
 # Seconds between two looks at whether a shutter has opened.
 LOOK = 0.0005

@@ -140,7 +140,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 @contextmanager
 def _warnings_in_words() -> Iterator[None]:
     """Python's warnings as lines of this program, each once, whatever numbers stand in it."""
-    told: set[str] = set()
+    shown: set[str] = set()
 
     def show(
         message: Warning | str,
@@ -151,8 +151,8 @@ def _warnings_in_words() -> Iterator[None]:
         line: str | None = None,
     ) -> None:
         key = NUMBER.sub("#", str(message))
-        if key not in told:
-            told.add(key)
+        if key not in shown:
+            shown.add(key)
             click.echo(f"guara: warning: {' '.join(str(message).split())}", err=True)
 
     with warnings.catch_warnings():

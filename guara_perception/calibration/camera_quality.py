@@ -30,7 +30,7 @@ def coverage(views: Sequence[BoardView], size: tuple[int, int]) -> Index:
 
 
 def picture_grid(size: tuple[int, int]) -> Float:
-    """Pixels (63, 2) spread evenly over the picture."""
+    """Pixels (63, 2) distributed evenly over the picture."""
     u, v = np.meshgrid(np.linspace(0, size[0] - 1, GRID[0]), np.linspace(0, size[1] - 1, GRID[1]))
     return np.column_stack((u.ravel(), v.ravel()))
 

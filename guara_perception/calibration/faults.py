@@ -161,7 +161,7 @@ def check_mirror(sweep: Sweep) -> None:
 
 
 def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> str:
-    """Which plate the others contradict, in words; or which may be, where that cannot be told.
+    """Which plate the others contradict, in words; or which may be, where that cannot be decided.
 
     Leaving any plate out changes all heights, so the largest error names the wrong one as often as not. But only
     without the wrong one do the others agree: with four or more plates their planes fit them, with three, where two
@@ -179,7 +179,7 @@ def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> st
     if len(entries) >= 4 and measure(second) < CLEARLY * measure(worst):
         one, other = plates[worst.plate], plates[second.plate]
         return (
-            f"plates {one.name} and {other.name} contradict each other or the rest, and it cannot be told which is "
+            f"plates {one.name} and {other.name} contradict each other or the rest, and it cannot be decided which is "
             f"wrong: measure both again ({1e3 * one.height:.1f} and {1e3 * other.height:.1f} mm were given)"
         )
     plate = plates[worst.plate]

@@ -54,7 +54,7 @@ class StripePoints:
         variance: (w,) variance of the height from the stripe position [m^2], NaN likewise.
         strength: (w,) height of the return above background [grey levels]; of use only where there is a point.
         status: (w,) uint8 StripeStatus.
-        out_of_range: points seen below or above the gates.
+        out_of_range: points seen below or above the height limits.
         doubtful: points of returns that may not be used.
     """
 

@@ -17,7 +17,7 @@ from guara_perception.arrays import Array, Float, Mask
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 from guara_perception.terrain.assessment.raster import SurfaceSamples
 
-# A stripe as (index, index), a pair of neighbours as (index, next index).
+# A swath: that of a stripe as (index, index), that between a pair of neighbours as (index, next index).
 Key = tuple[int, int]
 
 # Samples along a joining line are at most a third of a cell apart, so no crossed cell is missed.
@@ -26,7 +26,7 @@ SAMPLES_PER_CELL = 3
 WEAK_RATIO = 0.4
 # ... and are joined only where their heights nearly agree.
 WEAK_JOIN_HEIGHT_M = 0.0015
-# Where a surface ends, the last stripe on it may hang over the edge by a part of its own width on the ground.
+# Where a surface ends, the last stripe on it may hang over the edge by a share of its own width on the ground.
 OPEN_END_M = 0.0005
 
 
@@ -50,18 +50,18 @@ def linked_columns(heights: tuple[Array, Array], strengths: tuple[Array, Array],
         return np.asarray(np.abs(heights[1] - heights[0]) < allowed)
 
 
-def confirmed_points(points: Array, variance: Array, confirmed: Mask, parts: Sequence[int]) -> SurfaceSamples:
+def confirmed_points(points: Array, variance: Array, confirmed: Mask, swaths: Sequence[int]) -> SurfaceSamples:
     """Points of stripes that lie within a surface.
 
     Args:
         points: (3, s, w) of the stripes.
         variance: (s, w) variance of the heights [m^2].
         confirmed: (s, w) linked to the stripe before and to the stripe after, and wanted.
-        parts: s numbers of parts, one for each stripe.
+        swaths: s numbers of swaths, one for each stripe.
     """
     inside = confirmed & np.isfinite(points[2])
     indices = np.flatnonzero(inside)
-    runs = [(part, length) for part, length in zip(parts, inside.sum(axis=1).tolist(), strict=True) if length]
+    runs = [(swath, length) for swath, length in zip(swaths, inside.sum(axis=1).tolist(), strict=True) if length]
     return SurfaceSamples(points.reshape(3, -1).take(indices, axis=1), variance.take(indices), runs)
 
 
@@ -71,7 +71,7 @@ def joined_surface(
     links: tuple[Mask, Mask, Mask],
     resolution: float,
     wanted: Mask,
-    parts: Sequence[int],
+    swaths: Sequence[int],
 ) -> list[SurfaceSamples]:
     """Sample the lines between each stripe and the next in the columns in which the two are linked.
 
@@ -85,7 +85,7 @@ def joined_surface(
             second stripe to the one after it.
         resolution: edge of the cells that will be filled [m].
         wanted: (s - 1, w) columns that are asked for.
-        parts: s - 1 numbers of parts, one for each pair.
+        swaths: s - 1 numbers of swaths, one for each pair.
 
     Returns:
         Samples of all pairs whose lines have one and the same number of samples, for each such number.
@@ -96,7 +96,7 @@ def joined_surface(
     numbers = sample_count(difference, between, resolution)
     lines = between & wanted
     lengths = lines.sum(axis=1).tolist()
-    runs = [(n, (part, length)) for n, part, length in zip(numbers, parts, lengths, strict=True) if length]
+    runs = [(n, (swath, length)) for n, swath, length in zip(numbers, swaths, lengths, strict=True) if length]
     joined = []
     for number in sorted({n for n, _ in runs}):
         alike = [n == number for n in numbers]
@@ -180,7 +180,7 @@ def surface_of(
 
     Args:
         stripes: points by index.
-        keys: (index, index) of stripes and (index, next index) of pairs; each is a part, numbered in this order.
+        keys: (index, index) of stripes and (index, next index) of pairs; each is a swath, numbered in this order.
         pattern: indices of the stripes of the scan's mode.
         join_height: largest height difference of one surface [m].
         resolution: edge of the cells that will be filled [m].
@@ -235,5 +235,5 @@ def _links(
 
 
 def _named(numbers: list[int]) -> Mask:
-    """(n, 1) which of these are numbers of parts."""
+    """(n, 1) which of these are numbers of swaths."""
     return np.array([[number >= 0] for number in numbers])

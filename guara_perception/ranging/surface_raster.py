@@ -15,7 +15,7 @@ from guara_perception.terrain.assessment.raster import (
     Raster,
     cells_of,
     merge,
-    rasterise_parts,
+    rasterise_swaths,
     without_cells,
 )
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -23,7 +23,7 @@ from guara_perception.terrain.layers.hazard import Hazard
 
 
 class SurfaceRaster:
-    """Takes the stripes of a scan in any order and rasterises each part as soon as nothing can change it any more."""
+    """Takes the stripes of a scan in any order and rasterises each swath as soon as nothing can change it any more."""
 
     def __init__(self, geometry: GridGeometry, pattern: range, join_height: float) -> None:
         """Start empty.
@@ -52,7 +52,7 @@ class SurfaceRaster:
             self._stripes.update((index, stripes[index]) for index in group)
             self._mark_out_of_range(group)
             touched = {key for index in group for key in self._touched(index)}
-            self._final.update(self._parts(sorted(key for key in touched if self._is_settled(key))))
+            self._final.update(self._swaths(sorted(key for key in touched if self._is_settled(key))))
 
     def raster(self) -> Raster:
         """Heights of all that was added so far; a cell with a return above the height limits is not known.
@@ -61,8 +61,8 @@ class SurfaceRaster:
         there it is a stray reflection.
         """
         keys = surface_keys(self._stripes, self._pattern)
-        parts = self._final | self._parts([key for key in keys if key not in self._final])
-        merged = merge((parts[key] for key in sorted(parts)), self._geometry)
+        swaths = self._final | self._swaths([key for key in keys if key not in self._final])
+        merged = merge((swaths[key] for key in sorted(swaths)), self._geometry)
         return without_cells(merged, self._too_high)
 
     def marks(self) -> Flags:
@@ -91,15 +91,15 @@ class SurfaceRaster:
         around = (first - self._pattern.step, second + self._pattern.step)
         return self._is_there(key) and all(i in self._stripes or i not in self._pattern for i in around)
 
-    def _parts(self, keys: list[Key]) -> dict[Key, CellSamples]:
+    def _swaths(self, keys: list[Key]) -> dict[Key, CellSamples]:
         cell = self._geometry.resolution
         low = self._geometry.origin[1] - cell
         y_range = (low, low + (self._geometry.shape[0] + 2) * cell)
-        parts: dict[Key, CellSamples] = {}
+        swaths: dict[Key, CellSamples] = {}
         for group in in_groups(keys, 2 * TOGETHER):
             samples = surface_of(self._stripes, group, self._pattern, self._join_height, cell, y_range)
-            parts.update(zip(group, rasterise_parts(samples, len(group), self._geometry), strict=True))
-        return parts
+            swaths.update(zip(group, rasterise_swaths(samples, len(group), self._geometry), strict=True))
+        return swaths
 
     def _mark_out_of_range(self, group: list[int]) -> None:
         """Mark the cells of returns from beyond the height limits, and those between two such returns."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from drivers import Image
 from drivers.camera import CameraSettings
 from drivers.emulator.camera import EmulatedCamera
 from drivers.emulator.views import ExposureView
-from drivers.frame import Image
 
 if TYPE_CHECKING:
     from drivers.emulator.camera import Exposes

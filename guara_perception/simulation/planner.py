@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 SEARCH_RADII_M = (0.03, 0.06)
 # Beside the wish rather than farther along the path: the legs reach further sideways than the stride leaves ahead.
 SIDEWAYS_M = (0.05, -0.05)
-# Where no way leads to the best places, others in parts of the search: their middles and radius.
-OTHER_PLACES_M = tuple((dx, dy) for dx in (0.0, -0.04, 0.04) for dy in (0.0, 0.04, -0.04, 0.08, -0.08))
+# Where no way leads to the best places, others in parts of the search: their centres and radius.
+OTHER_OFFSETS_M = tuple((dx, dy) for dx in (0.0, -0.04, 0.04) for dy in (0.0, 0.04, -0.04, 0.08, -0.08))
 OTHER_RADIUS_M = 0.02
 # What a swing keeps from the ground, beginning with a comfortable one.
 SWING_CLEARANCES_M = (0.030, 0.020)
@@ -89,8 +89,8 @@ def plan_step(
     """
     start = standing_sole(terrain, leg, robot)
     tried: set[tuple[float, float]] = set()
-    places = _best_first(terrain, leg, wish, previous, robot), _others(terrain, leg, wish, robot)
-    for foothold in (found for source in places for found in source):
+    sources = _best_first(terrain, leg, wish, previous, robot), _others(terrain, leg, wish, robot)
+    for foothold in (found for source in sources for found in source):
         if (foothold.x, foothold.y) in tried:
             continue
         tried.add((foothold.x, foothold.y))
@@ -135,7 +135,7 @@ def _best_first(
 
 def _others(terrain: TerrainGrid, leg: str, wish: tuple[float, float], robot: RobotModel | None) -> Iterator[Foothold]:
     """The best place of each part of the search, the nearest part first."""
-    for dx, dy in sorted(OTHER_PLACES_M, key=lambda place: (np.hypot(*place), abs(wish[1] + place[1]))):
+    for dx, dy in sorted(OTHER_OFFSETS_M, key=lambda offset: (np.hypot(*offset), abs(wish[1] + offset[1]))):
         found = terrain.best_foothold(wish[0] + dx, wish[1] + dy, OTHER_RADIUS_M, leg=leg, robot=robot)
         if found is not None:
             yield found

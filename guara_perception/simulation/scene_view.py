@@ -154,7 +154,7 @@ def _laser_gain(
         lobe = np.maximum((leaving * towards).sum(axis=1), 0) ** np.float32(MIRRORED_EXPONENT)
         scattered[shiny] += shine[shiny] * np.float32(MIRRORED_GAIN) * lobe * (cosine[shiny] > 0)
     beside = np.abs(points @ across.astype(np.float32)) <= np.float32(np.sin(light.fan)) * distance
-    # The fan spreads the laser plane's light along one direction only: it falls with the distance, not with its square.
+    # The fan widens the laser plane's light along one direction only: it falls with the distance, not with its square.
     return np.asarray(np.float32(light.laser * 0.5) * scattered * beside / distance, dtype=np.float32)
 
 

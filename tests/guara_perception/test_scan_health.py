@@ -92,7 +92,7 @@ def test_unknown_method_lists_all(paper_scan, calibration, robot) -> None:
 
 
 def moved(stance: Stance, by: float) -> Stance:
-    """The stance with one knee turned by so many radians."""
+    """The stance with one knee turned by an angle in radians."""
     content = stance.to_dict()
     joints = dict(content["joint_positions"])
     for leg in ("lf", "rf"):

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from kinematics import JointLimitWarning, JointPositionError, RobotFileError, RobotFileWarning, RobotModel, load_robot
-from kinematics.scan_pattern import sheet_on_floor
+from kinematics.scan_pattern import plane_on_floor
 
 ROOT = Path(__file__).parents[2]
 
@@ -110,7 +110,7 @@ def test_a_pattern_off_the_area_is_warned_of(
         warnings.simplefilter("error")
         mended = load_robot(folder)
     near, far = mended.section("grid")["footprint"]["x"]  # type: ignore[index]
-    first, last = (sheet_on_floor(0.600, 0.470, float(remedy[f"mirror_angle_{end}"])) for end in ("first", "last"))
+    first, last = (plane_on_floor(0.600, 0.470, float(remedy[f"mirror_angle_{end}"])) for end in ("first", "last"))
     assert near - 0.01 < first <= near + 0.001 and far - 0.001 <= last < far + 0.01
 
 

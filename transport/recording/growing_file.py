@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 class GrowingFile:
-    """Collects what is written and appends it when told to, all or nothing; what could not be written is kept.
+    """Collects what is written and appends it when asked to, all or nothing; what could not be written is kept.
 
     Attributes:
         pending: what was not appended yet.
@@ -33,7 +33,7 @@ class GrowingFile:
         return self._size + len(self.pending)
 
     def flush(self) -> None:
-        """Do nothing: `append` says when, and is told of errors."""
+        """Do nothing: only `append` writes, and reports errors."""
 
     def append(self) -> None:
         """Append all that was collected.

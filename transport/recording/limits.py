@@ -12,9 +12,9 @@ from transport.exceptions import RecordingError
 
 # [byte] Largest chunk once unpacked; one holds 1 MiB, or a single frame (12 Mpx of three channels at 16 bit: 72 MB).
 MAXIMUM_CHUNK = 96 * 1024 * 1024
-# [byte] A file may unpack to this, plus so many times its own length.
+# [byte] A file may unpack to this, plus its own length times the ratio.
 MAXIMUM_UNPACKED, MAXIMUM_RATIO = 256 * 1024 * 1024, 100
-# A file may hold so many records, plus one for every so many bytes of its length.
+# A file may hold this number of records, plus its own length divided by the bytes for each.
 MAXIMUM_RECORDS, BYTES_PER_RECORD = 100_000, 64
 
 

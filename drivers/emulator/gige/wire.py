@@ -13,6 +13,6 @@ STATE = struct.Struct("<7I")
 
 
 def read_exactly(stream: IO[bytes], count: int) -> bytes | None:
-    """Read so many bytes; None when the stream ends before."""
+    """Read a number of bytes; None when the stream ends before."""
     data = stream.read(count)
     return data if len(data) == count else None

@@ -61,7 +61,7 @@ def _reasons(scans: Sequence[ScanRecord], taken_back: list[TerrainMessage]) -> d
         last = before[-1:] or of_step
         while last and last[0] > 0 and scans[last[0] - 1].step == grid.step:
             last.insert(0, last[0] - 1)
-        found |= dict.fromkeys(last, "; ".join(grid.health_reasons) or "no reason is told")
+        found |= dict.fromkeys(last, "; ".join(grid.health_reasons) or "no reason is given")
     return found
 
 

@@ -75,13 +75,13 @@ class BoardAdvice:
         empty = [(r, c) for r in range(ZONES) for c in range(ZONES) if (r, c) not in self._zones]
         if empty:
             row, column = empty[0]
-            place = f"{('top', 'middle', 'bottom')[row]} {('left', 'centre', 'right')[column]}"
-            words.append(f"bring it to the {place} of the picture ({len(empty)} of {ZONES**2} parts not yet seen)")
+            zone = f"{('top', 'middle', 'bottom')[row]} {('left', 'centre', 'right')[column]}"
+            words.append(f"bring it to the {zone} of the picture ({len(empty)} of {ZONES**2} zones not yet seen)")
         sides = [side for side in SIDES if side not in self._tilts]
         if sides:
             words.append(f"tilt its {sides[0]} side away from the camera")
         if not words:
-            words.append("show it in another place or tilt")
+            words.append("show it elsewhere or tilted otherwise")
         return f"{len(self.views)} of {WANTED_PICTURES} pictures: " + ", and ".join(words)
 
 

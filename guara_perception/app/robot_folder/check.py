@@ -60,16 +60,16 @@ def check_robot(folder: Path) -> RobotCheck:
 
 def _parted(text: str) -> tuple[str, str]:
     """Place and text of a finding of `load_robot`: the file and its line, and what is wrong there."""
-    place, separator, rest = text.partition(": ")
-    return (place, rest) if separator else ("robot folder", text)
+    subject, separator, rest = text.partition(": ")
+    return (subject, rest) if separator else ("robot folder", text)
 
 
 def _file_findings(robot: RobotModel) -> Iterator[Finding]:
     for text in robot.notes:
         yield wrong("urdf", text) if "left without its shape" in text else note("urdf", f"not used: {text}")
     for text in robot.doubts:
-        place, _, rest = text.partition(": ")
-        yield wrong(f"robot.toml {place}", rest)
+        subject, _, rest = text.partition(": ")
+        yield wrong(f"robot.toml {subject}", rest)
     for key, what in robot.config.assumed.items():
         yield note(f"robot.toml [assumed] {key}", f"nobody has measured it: {what}")
 

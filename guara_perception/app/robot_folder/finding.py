@@ -16,32 +16,32 @@ class Weight(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What was found at one place of a robot folder.
+    """What was found in one file, table, leg or link of a robot folder.
 
     Attributes:
         weight: unusable: it does not load; wrong: it loads, but should be mended; note: to know.
-        place: file, table, leg or link.
+        subject: that file, table, leg or link.
         text: what is wrong, and what to do about it.
     """
 
     weight: Weight
-    place: str
+    subject: str
     text: str
 
     def __str__(self) -> str:
         """In one line."""
-        return f"{self.weight.value}: {self.place}: {self.text}"
+        return f"{self.weight.value}: {self.subject}: {self.text}"
 
     def to_dict(self) -> dict[str, str]:
         """As plain values, for JSON."""
-        return {"weight": self.weight.value, "place": self.place, "text": self.text}
+        return {"weight": self.weight.value, "place": self.subject, "text": self.text}
 
 
-def wrong(place: str, text: str) -> Finding:
+def wrong(subject: str, text: str) -> Finding:
     """Something to mend."""
-    return Finding(Weight.WRONG, place, text)
+    return Finding(Weight.WRONG, subject, text)
 
 
-def note(place: str, text: str) -> Finding:
+def note(subject: str, text: str) -> Finding:
     """Something to know."""
-    return Finding(Weight.NOTE, place, text)
+    return Finding(Weight.NOTE, subject, text)

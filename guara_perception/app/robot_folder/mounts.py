@@ -1,4 +1,4 @@
-"""Where camera and laser mirror go: the lowest place outside the robot from which both see the area."""
+"""Where camera and laser mirror go: the lowest position outside the robot from which both see the area."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def find_mounts(
         if best.hidden <= HIDDEN_ENOUGH:
             break
     if best is None:
-        # The Guará's place, for the check to find fault with.
+        # The Guará's mounts, for the check to find fault with.
         camera = np.array([near - CAMERA_BEFORE_M, 0.0, CAMERA_HEIGHT_M - posture.base_height])
         mirror = camera + (BASELINE_M, 0.0, -MIRROR_LOWER_M)
         pitch = _pitch(area_x, float(camera[0]), CAMERA_HEIGHT_M)
@@ -135,10 +135,10 @@ def _in_view(points: Float, camera: Float, pitch: float) -> bool:
     )
 
 
-def _hidden(robot: SelfFilter, eyes: tuple[Float, Float], points: Float) -> Mask:
+def _hidden(robot: SelfFilter, origins: tuple[Float, Float], points: Float) -> Mask:
     hidden = np.zeros(len(points), dtype=bool)
-    for eye in eyes:
-        if np.any(robot.contains(eye[None])):
+    for origin in origins:
+        if np.any(robot.contains(origin[None])):
             return np.ones(len(points), dtype=bool)
-        hidden |= robot.blocks(eye, points)
+        hidden |= robot.blocks(origin, points)
     return hidden

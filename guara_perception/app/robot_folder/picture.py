@@ -1,4 +1,4 @@
-"""Draws a robot in its scan posture with the scanned area, the camera's view and the laser's sheets."""
+"""Draws a robot in its scan posture with the scanned area, the camera's view and the laser planes."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def draw_robot(robot: RobotModel, path: Path) -> None:
             x = laser[0] + laser[2] * np.tan(2.0 * angle)
             side.plot([laser[0], x], [laser[2], 0.0], color=LASER, linewidth=1.2)
         side.plot(camera[0, 3], camera[2, 3], "o", color=CAMERA, label="camera")
-        side.plot(laser[0], laser[2], "s", color=LASER, label="mirror and its first and last sheet")
+        side.plot(laser[0], laser[2], "s", color=LASER, label="mirror and the first and last laser plane")
         side.set(xlabel="x [m]", ylabel="z [m]", title=f"{robot.name} in its scan posture, from the side")
         top.add_patch(Rectangle((near, right), far - near, left - right, color=AREA, alpha=0.35, label="scanned area"))
         bad = seen.hidden | ~seen.in_view | ~seen.lit

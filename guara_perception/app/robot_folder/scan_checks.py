@@ -12,7 +12,7 @@ from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
 from guara_perception.simulation.specimen import specimen
 from kinematics import RobotModel, SelfFilter, Stance
-from kinematics.scan_pattern import PATTERN_M, sheet_on_floor
+from kinematics.scan_pattern import PATTERN_M, plane_on_floor
 
 PICTURE_PX = (640, 512)
 CELLS = (46, 55)
@@ -30,7 +30,7 @@ class Coverage:
         x, y: centres of the cells in base_footprint [m].
         in_view: (ny, nx) the nominal camera sees the cell.
         hidden: (ny, nx) the robot itself hides it from camera or laser.
-        lit: (ny, nx) between the first and the last sheet.
+        lit: (ny, nx) between the first and the last laser plane.
         inside: links whose shape encloses camera or laser.
     """
 
@@ -52,13 +52,13 @@ def coverage(robot: RobotModel) -> Coverage:
     in_base = (floor @ pose.transform_footprint_to_base.T)[:, :3]
     camera, laser = robot.transform_camera_to_base, robot.transform_laser_to_base[:3, 3]
     body = SelfFilter(pose.state)
-    eyes = np.array([camera[:3, 3], laser])
-    inside = tuple(dict.fromkeys(shape.link for shape in body.shapes if np.any(shape.contains(eyes))))
+    origins = np.array([camera[:3, 3], laser])
+    inside = tuple(dict.fromkeys(shape.link for shape in body.shapes if np.any(shape.contains(origins))))
     hidden = np.zeros(len(floor), dtype=bool)
     if not inside:
         hidden = body.blocks(camera[:3, 3], in_base) | body.blocks(laser, in_base)
     in_camera = (in_base - camera[:3, 3]) @ camera[:3, :3]
-    first, last = _sheets(robot)
+    first, last = _floor_lines(robot)
     shape = every_x.shape
     return Coverage(
         x,
@@ -80,12 +80,12 @@ def _in_picture(robot: RobotModel, in_camera: Float) -> Mask:
     return np.asarray(np.all((pixels >= 0) & (pixels <= np.array(PICTURE_PX) - 1), axis=1))
 
 
-def _sheets(robot: RobotModel) -> tuple[float, float]:
-    """Where the first and the last sheet of the pattern fall on the floor, x in base_footprint [m]."""
+def _floor_lines(robot: RobotModel) -> tuple[float, float]:
+    """Where the first and the last laser plane of the pattern meet the floor, x in base_footprint [m]."""
     settings = Settings.of(robot)
     pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs), find_unloaded=False)
     mirror = pose.transform_base_to_footprint @ np.append(robot.transform_laser_to_base[:3, 3], 1.0)
-    first, last = (sheet_on_floor(float(mirror[0]), float(mirror[2]), angle) for angle in settings.mirror_angles)
+    first, last = (plane_on_floor(float(mirror[0]), float(mirror[2]), angle) for angle in settings.mirror_angles)
     return first, last
 
 

@@ -1,4 +1,4 @@
-"""Shows a robot in the browser as it stands to scan: its area, the camera's cone and the laser's sheets."""
+"""Shows a robot in the browser as it stands to scan: its area, the camera's cone and the laser planes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def show_robot(robot: RobotModel, port: int) -> None:
 
 
 def robot_moment(robot: RobotModel) -> Moment:
-    """The robot over a flat floor: seen where camera and laser reach, unknown elsewhere; cone and sheets as lines."""
+    """The robot over a flat floor: seen where camera and laser reach, unknown elsewhere; lines for cone and laser."""
     settings, seen = Settings.of(robot), coverage(robot)
     stance = Stance(robot.posture(robot.config.scan_posture), robot.legs)
     pose = robot.stance_pose(stance, find_unloaded=False)

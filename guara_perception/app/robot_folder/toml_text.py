@@ -14,7 +14,7 @@ SWING_HEIGHT_M = 0.060
 
 
 def assumed(proposal: Proposal) -> dict[str, str]:
-    """What the robot's owner must measure before it walks on it, by the place in robot.toml."""
+    """What the robot's owner must measure before it walks on it, by the field of robot.toml."""
     legs = {
         f"legs.{leg.leg.name}.sole": "in the scan posture the frame must lie where this foot touches the floor"
         for leg in proposal.legs
@@ -22,8 +22,8 @@ def assumed(proposal: Proposal) -> dict[str, str]:
     return {
         "sole": "measure what of a foot rests on the ground, along and across",
         **legs,
-        "frames.camera": "mount the camera, measure its place, and calibrate: the calibration overrides it",
-        "frames.laser": "mount the mirror, measure its place, and calibrate: the calibration overrides it",
+        "frames.camera": "mount the camera, measure where it sits, and calibrate: the calibration overrides it",
+        "frames.laser": "mount the mirror, measure where it sits, and calibrate: the calibration overrides it",
         "traversability.slope_limit": "find the steepest ground on which a foot holds",
         "traversability.step_limit": "half of what a foot is lifted in a swing",
         "traversability.drop_limit": "how far a foot may slip off an edge before the body tips too far",
@@ -71,7 +71,7 @@ def _lines(p: Proposal, source: str) -> Iterator[str]:
     ):
         yield f"[postures.{name}]"
         yield f"hip_height = {posture.hip_height:.3f}    # {why}"
-        yield f"camera_height = {camera_height(p, posture):.4f}    # follows from the camera's place on the body"
+        yield f"camera_height = {camera_height(p, posture):.4f}    # follows from the camera's position on the body"
         yield ""
     yield from _noise()
     yield "[self_filter]"

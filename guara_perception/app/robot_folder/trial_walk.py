@@ -55,8 +55,8 @@ class TrialWalk:
 def trial_world(robot: RobotModel) -> World:
     """Ground for ten pauses: a small box in the left track, a dark patch in the right one, a pit and a box beside."""
     gait = WaveGait.of(robot)
-    places = np.array(list(gait.hips.values()))
-    front, track = float(places[:, 0].max()), float(np.abs(places[:, 1]).max())
+    hips = np.array(list(gait.hips.values()))
+    front, track = float(hips[:, 0].max()), float(np.abs(hips[:, 1]).max())
     return World(
         x=(-2.0, 4.0),
         y=(-1.5, 1.5),

@@ -15,13 +15,13 @@ from guara_perception.terrain.layers.geometry import GridGeometry
 
 # Samples this far below the highest of a cell belong to another surface: the top one is what a foot meets.
 TOP_LAYER_M = 0.004
-# Part of a cell by which `GridGeometry.indices` forgives rounding.
+# Share of a cell by which `GridGeometry.indices` forgives rounding.
 ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class CellSamples:
-    """Samples of one stripe or one pair, summed per cell; arrays of equal length, each cell once.
+    """Samples of one swath, summed per cell; arrays of equal length, each cell once.
 
     Attributes:
         cell: int32 ix * (ny + 2) + iy, column and row counted from 1: what lies beyond the grid is in those around it.
@@ -43,12 +43,14 @@ NO_SAMPLES = CellSamples(np.empty(0, np.int32), np.empty(0), *(np.empty(0, np.fl
 
 @dataclass(frozen=True, slots=True)
 class SurfaceSamples:
-    """Samples of several parts (stripes and pairs), in runs that each belong to one part.
+    """Samples of several swaths, in runs that each belong to one swath.
+
+    A swath is the surface of one stripe, or that between two neighbouring stripes.
 
     Attributes:
         points: (3, n) float64 in base_footprint, coordinate by coordinate; samples that are NaN are left out.
         variance: (n,) float64 variance of the heights [m^2].
-        runs: part and number of samples of each run, one or more, n in all; a part may have many runs, or none.
+        runs: swath and number of samples of each run, one or more, n in all; a swath may have many runs, or none.
     """
 
     points: Float
@@ -86,22 +88,22 @@ def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSam
         geometry: the grid.
     """
     runs = [(0, len(points))] if len(points) else []
-    return rasterise_parts(SurfaceSamples(np.asarray(points.T, np.float64), variance, runs), 1, geometry)[0]
+    return rasterise_swaths(SurfaceSamples(np.asarray(points.T, np.float64), variance, runs), 1, geometry)[0]
 
 
-def rasterise_parts(samples: SurfaceSamples, count: int, geometry: GridGeometry) -> list[CellSamples]:
-    """The same for `count` parts at once, each by itself; parts near each other, or the work arrays grow large."""
+def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry) -> list[CellSamples]:
+    """The same for `count` swaths at once, each by itself; swaths near each other, or the work arrays grow large."""
     if not samples.runs:
         return [NO_SAMPLES] * count
     (ix, iy), height, variance = _cells(samples.points, geometry), samples.points[2], samples.variance
     ny = geometry.shape[0]
-    # Each part has a slot for every cell in the columns that they touch together, one part behind the other.
+    # Each swath has a slot for every cell in the columns that they touch together, one swath behind the other.
     lowest = int(ix.min())
     span = (int(ix.max()) + 1 - lowest) * (ny + 2)
     ix -= lowest
     ix *= ny + 2
     ix += iy
-    slot = np.repeat([part * span for part, _ in samples.runs], [length for _, length in samples.runs])
+    slot = np.repeat([swath * span for swath, _ in samples.runs], [length for _, length in samples.runs])
     slot += ix
     size = count * span
     high, low = np.full(size, -np.inf), np.full(size, np.inf)
@@ -162,19 +164,19 @@ def _sum(cell: Index, weights: Array, size: int) -> Float:
     return np.asarray(np.bincount(cell, weights=weights, minlength=size), dtype=np.float64)
 
 
-def merge(parts: Iterable[CellSamples], geometry: GridGeometry) -> Raster:
-    """Bring the parts of all stripes together; the result does not depend on the order in which they were made."""
-    parts = [part for part in parts if part.cell.size]
+def merge(swaths: Iterable[CellSamples], geometry: GridGeometry) -> Raster:
+    """Bring the swaths of all stripes together; the result does not depend on the order in which they were made."""
+    swaths = [swath for swath in swaths if swath.cell.size]
     shape = geometry.shape
-    if not parts:
+    if not swaths:
         nothing = np.full(shape, np.nan)
         return Raster(nothing, nothing, nothing, nothing)
     total, count, variance_total, low, high = (
-        np.concatenate([getattr(part, name) for part in parts])
+        np.concatenate([getattr(swath, name) for swath in swaths])
         for name in ("total", "count", "variance_total", "low", "high")
     )
     # As numpy counts indices: with any other type `at` is many times slower.
-    cell = np.concatenate([part.cell for part in parts], dtype=np.intp)
+    cell = np.concatenate([swath.cell for swath in swaths], dtype=np.intp)
     columns, rows = geometry.shape[1] + 2, geometry.shape[0] + 2
     size = columns * rows
     highest = np.full(size, -np.inf, dtype=np.float32)

@@ -46,7 +46,7 @@ def grow_polygon(seed: Float, bounds: Float, squares: Float, half: float) -> Con
     Args:
         seed: (2,) inside `bounds` and outside all squares.
         bounds: (k, 3) half-planes that bound the polygon in any case.
-        squares: (n, 2) middles of squares along the axes.
+        squares: (n, 2) centres of squares along the axes.
         half: half the edge of each.
     """
     best = _polygon(np.vstack((bounds, _cuts(seed, seed, np.eye(2), squares, half))), seed)

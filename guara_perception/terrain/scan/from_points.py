@@ -38,14 +38,14 @@ def terrain_from_points(
 
     A cell is known where a point fell into it, and nowhere else: nothing is interpolated between points, so cells must
     not be smaller than the points lie apart. What hides behind something higher, seen from the sensor, is OCCLUDED;
-    where only points outside the robot's height gates fell, OUT_OF_RANGE; where the sensor looked and nothing
+    where only points outside the robot's height limits fell, OUT_OF_RANGE; where the sensor looked and nothing
     came back, DROPOUT; all else UNSCANNED.
 
     Args:
         points: (n, 3) in base_footprint [m]; rows with NaN are left out. Take points of the robot's own body out first.
         sigma: standard deviation of the heights, one number or (n,) [m].
         sensor_origin: (3,) where the sensor looks from, in base_footprint [m].
-        robot: model, name or folder; gives the area, the height gates and the limits; None = the Guará.
+        robot: model, name or folder; gives the area, the height limits and those of traversability; None = the Guará.
         no_returns: (m, 3) directions in base_footprint in which the sensor looked and measured nothing, for instance
             the rays of a depth camera's pixels without a depth. What the map knew there is then forgotten. None = it
             is not known where it looked in vain; then what the map knew there stays and ages.
@@ -75,7 +75,7 @@ def terrain_from_points(
     within = (cloud[:, 2] >= settings.minimum_height) & (cloud[:, 2] <= settings.maximum_height)
     raster = merge([rasterise(cloud[within], sigmas[within] ** 2, geometry)], geometry)
     beyond = _cells_of(cloud[~within], geometry)
-    # A cell that something rises out of the gates from is not to be stepped on for the sake of its foot.
+    # A cell from which something rises above the height limits is not to be stepped on for the sake of its foot.
     raster = without_cells(raster, beyond)
     looked = _rows(no_returns, "no_returns") if no_returns is not None else np.empty((0, 3))
     hazard = _causes(raster, geometry, origin, beyond, looked)

@@ -255,8 +255,8 @@ def test_plates_that_cannot_be_told_apart_are_both_named(result: CalibrationResu
     plates = [Plate(f"p{k}", 0.02 * k, scan) for k in range(4)]
     text = suspect_plate(entries, plates)
     assert text == (
-        "plates p0 and p2 contradict each other or the rest, and it cannot be told which is wrong: measure both again "
-        "(0.0 and 40.0 mm were given)"
+        "plates p0 and p2 contradict each other or the rest, and it cannot be decided which is wrong: measure both "
+        "again (0.0 and 40.0 mm were given)"
     )
 
 

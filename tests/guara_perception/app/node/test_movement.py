@@ -146,7 +146,7 @@ def test_a_movement_ends_the_scan_at_once(bench: Bench) -> None:
 
 
 def test_a_pause_expires_when_its_gait_has_died(bench: Bench) -> None:
-    """It had so many seconds: after them its grid is withdrawn, and no scan can be had."""
+    """It had its seconds: after them its grid is withdrawn, and no scan can be had."""
     bench.gait.say(0, PausePhase.BEGIN, time_available=8.0)
     assert bench.client.wait_for_step(0, timeout=TIMEOUT).is_provisional
     message = bench.client._client.receiver().latest().message

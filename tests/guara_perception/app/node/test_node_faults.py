@@ -76,7 +76,7 @@ def standard_bench(
 
 
 def end_at(bench: Bench, stripe: int, step: int) -> Callable[[], None]:
-    """Let the gait end the pause when so many stripes were fired; returns what takes this back."""
+    """Let the gait end the pause when a number of stripes were fired; returns what takes this back."""
     rangefinder = bench.rig.rangefinder
     sweep = rangefinder.sweep
 

@@ -302,7 +302,7 @@ def test_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG") and f"picture: {picture}" in capsys.readouterr().out
 
 
-def test_the_view_shows_the_area_the_cone_and_the_sheets() -> None:
+def test_the_view_shows_the_area_the_cone_and_the_laser_planes() -> None:
     """A grid of the scanned area, known where it is seen, and the lines from camera and mirror to its corners."""
     robot = load_robot("guara")
     moment = robot_moment(robot)

@@ -39,7 +39,7 @@ def sheet_position(page, picture, pixel):
 
 
 def test_pages_have_the_size_of_the_paper(printed):
-    """Rendered at so many dots per millimetre, each page is A3 to a dot."""
+    """Rendered at a whole number of dots per millimetre, each page is A3 to a dot."""
     for page, picture in zip(*printed, strict=True):
         assert sorted(page.paper_mm) == sorted(PAPERS_MM["a3"])
         assert np.allclose(picture.shape[::-1], np.array(page.paper_mm) * DOTS_PER_MM, atol=1.0)

@@ -15,7 +15,7 @@ from guara_perception.terrain.assessment.raster import (
     pool,
     pool_flags,
     rasterise,
-    rasterise_parts,
+    rasterise_swaths,
     without_cells,
 )
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -68,7 +68,7 @@ def test_parts_together_are_the_parts_alone(seed: int) -> None:
     every = np.concatenate([run for _, run in runs])
     samples = SurfaceSamples(every.T.copy(), np.full(len(every), 1e-6), [(part, len(run)) for part, run in runs])
     order = [[run for number, run in runs if number == part] for part in range(len(points))]
-    for together, each in zip(rasterise_parts(samples, len(points), GRID), order, strict=True):
+    for together, each in zip(rasterise_swaths(samples, len(points), GRID), order, strict=True):
         alone = rasterise(np.concatenate([np.empty((0, 3)), *each]), np.full(sum(map(len, each)), 1e-6), GRID)
         for name in ("cell", "total", "count", "variance_total", "low", "high"):
             np.testing.assert_array_equal(getattr(together, name), getattr(alone, name))
@@ -78,8 +78,8 @@ def test_parts_together_are_the_parts_alone(seed: int) -> None:
 def test_no_part_at_all() -> None:
     """Parts without a run have no cells."""
     nothing = SurfaceSamples(np.empty((3, 0)), np.empty(0), [])
-    assert rasterise_parts(nothing, 0, GRID) == []
-    assert [part.cell.size for part in rasterise_parts(nothing, 2, GRID)] == [0, 0]
+    assert rasterise_swaths(nothing, 0, GRID) == []
+    assert [swath.cell.size for swath in rasterise_swaths(nothing, 2, GRID)] == [0, 0]
 
 
 def test_a_point_unknown_in_one_coordinate_is_left_out() -> None:

@@ -9,7 +9,7 @@ from guara_perception.terrain.map.height_anchor import HeightAnchor, SoleError
 
 
 def soles(*residuals: float, sigma: float = 0.001) -> dict[str, SoleError]:
-    """Soles of so many legs."""
+    """Soles of a number of legs."""
     return {f"leg{i}": SoleError(residual, sigma**2) for i, residual in enumerate(residuals)}
 
 

@@ -1,0 +1,78 @@
+"""Plain words: phrases that a reader stumbles over stay out, and types of arrays have one name each."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGES = ("kinematics", "drivers", "transport", "guara_perception")
+# What is refused -> what to write instead.
+REFUSED = {
+    r"\btold\b": "say who reports, shows or names it",
+    r"\buntold\b": "name the mask, e.g. is_unknown",
+    r"\bso many\b": "name the number, or say what it counts",
+    r"\b(?:transform|covariance|picture|grid|message|file|one) that is none\b": "say that it is not valid",
+    r"\bhowever one leaves\b": "say by which way",
+    r"\bdelay who\b": "delay whoever, or name it",
+    r"\bworths\b": "weights",
+    r"\bway_[xy]\b": "offset",
+    r"\beyes\b(?! with| that)": "sensor origins",
+    r"\b(?:laser'?s? )?sheets?\b(?=[ .,;]+(?:of light|falls|meets|on_floor))": "laser plane",
+    r"\bheight gates\b": "height limits",
+    r"\bspreads?\b": "sigma, variance, scatter or extent",
+    r"\bmiddles\b": "medians or centres",
+}
+# Words that are of the optics of eyes, not of sensors.
+ALLOWED = {"colour-blind eyes"}
+
+
+def texts() -> list[Path]:
+    """Every file of the packages, examples and documents that a user may read."""
+    folders = (*PACKAGES, "examples", "docs")
+    found = [
+        path for folder in folders for path in (ROOT / folder).rglob("*") if path.suffix in (".py", ".md", ".toml")
+    ]
+    return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *found]
+
+
+@pytest.mark.parametrize("phrase", REFUSED)
+def test_no_file_holds_a_refused_phrase(phrase: str):
+    """Each line is shown with what to write instead."""
+    found = []
+    for path in texts():
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            for word in ALLOWED:
+                line = line.replace(word, "")
+            if re.search(phrase, line):
+                found.append(f"{path.relative_to(ROOT)}:{number}: {line.strip()}")
+    assert not found, f"write instead: {REFUSED[phrase]}\n" + "\n".join(found)
+
+
+def test_phrases_are_found():
+    """The patterns refuse what they were made for."""
+    for line in ("it is told so", "so many rows", "a covariance that is none", "the eyes see", "the sheet falls"):
+        assert any(re.search(phrase, line) for phrase in REFUSED), line
+
+
+def aliases(path: Path) -> list[str]:
+    """Names that a file gives to types of arrays."""
+    named = []
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None and "NDArray[" in ast.unparse(node):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            named += [ast.unparse(target) for target in targets]
+    return named
+
+
+def test_array_types_are_named_in_arrays_alone():
+    """One module of each package holds the names; others import them."""
+    found = {
+        str(path.relative_to(ROOT)): names
+        for package in (*PACKAGES, "benchmarks")
+        for path in (ROOT / package).rglob("*.py")
+        if path.name != "arrays.py" and (names := aliases(path))
+    }
+    assert not found
+    assert all(aliases(ROOT / package / "arrays.py") for package in PACKAGES)
