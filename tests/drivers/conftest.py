@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers import BoardConfig, CameraSettings, LaserBoard
+from drivers import BoardConfig, CameraSettings, LaserBoard, timing
 from drivers.emulator import EmulatedBoard, EmulatedCamera, EmulatorConfig, ExposureView, emulated_backend
 
 HEIGHT, WIDTH = 256, 320
@@ -89,7 +89,9 @@ def wait_until(condition: Callable[[], bool], patience: float = 20.0) -> None:
     while not condition():
         if time.monotonic() > deadline:
             pytest.fail(f"not so within {patience} s")
-        time.sleep(0.005)
+        # On the clock of the devices, which stands still unless somebody waits on it, and for their threads.
+        timing.sleep(0.005)
+        time.sleep(0.001)
 
 
 @pytest.fixture

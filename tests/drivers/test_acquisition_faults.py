@@ -1,9 +1,19 @@
 """Every fault of board and camera at every phase of a scan: nothing false is handed out, the next scan is whole."""
 
+from collections.abc import Iterator
+
 import pytest
 
-from drivers import AcquireOptions, BoardConfig, DriverError, LaserBoard, OffFrames, StripeVerdict, acquire
-from drivers.emulator import CameraFault, EmulatedBoard, EmulatedCamera, Fault, FaultKind, emulated_backend
+from drivers import AcquireOptions, BoardConfig, DriverError, LaserBoard, OffFrames, StripeVerdict, acquire, timing
+from drivers.emulator import (
+    CameraFault,
+    EmulatedBoard,
+    EmulatedCamera,
+    EmulatedClock,
+    Fault,
+    FaultKind,
+    emulated_backend,
+)
 from drivers.errors import BoardError, CameraTimeout, LaserDead, LaserRefused, LaserStuckOn
 from drivers.protocol import Request
 
@@ -23,6 +33,13 @@ TRANSFER_FAULTS = [
     FaultKind.SHORT_READ,
     FaultKind.GARBAGE,
 ]
+
+
+@pytest.fixture(autouse=True)
+def emulated_time() -> Iterator[None]:
+    """Devices on a clock of their own: a machine that is busy drops no frame of theirs."""
+    with timing.on_clock(EmulatedClock()):
+        yield
 
 
 def scan(board: LaserBoard, camera: EmulatedCamera, off: OffFrames = OffFrames.ONE):
