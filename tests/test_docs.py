@@ -258,7 +258,7 @@ def reader(tmp_path: Path, data: Path, calibration_file: Path, paper_terrain: gp
     someone.leave()
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_examples_of_a_page_work(page: Path, reader: Reader):
     """Each example runs without an error, in the order of the page; what runs on ends cleanly at Ctrl-C."""
@@ -362,6 +362,7 @@ def test_tests_that_a_page_names_exist(page: Path):
         assert (ROOT / path).exists(), path
 
 
+@pytest.mark.slow
 def test_a_broken_example_is_noticed(reader: Reader, tmp_path: Path):
     """The reader does fail: on an error, on an unknown target, on an option that is none."""
     with pytest.raises(AssertionError, match="exit 1"):

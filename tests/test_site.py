@@ -29,7 +29,7 @@ def test_every_page_is_in_the_navigation():
         assert str(path.relative_to(ROOT / "docs")) in navigation
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_site_builds_without_a_warning(tmp_path: Path):
     """`mkdocs build --strict`: links checked, every name of the reference found, with what its docstring says."""
     pytest.importorskip("mkdocs", reason="extra docs")

@@ -7,6 +7,8 @@ import pytest
 
 from benchmarks import mounting, scenes
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def recording() -> scenes.Recording:

@@ -10,7 +10,7 @@ from benchmarks.photographs import Counts, judge, main, means, product
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "photographs"
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.skipif(not FOLDER.is_dir(), reason="the photographs are not part of the repository")
 def test_stripes_of_real_lasers_are_found_without_laser_off_pictures() -> None:
     """Families of cameras and places count alike."""

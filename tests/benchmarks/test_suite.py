@@ -43,6 +43,7 @@ def sections():
     return measure(TINY, [], say=lambda text: None)
 
 
+@pytest.mark.heavy
 def test_every_section_has_its_table(sections):
     """Each row has as many cells as the header, and figures can be written as JSON."""
     assert len(sections) == 12
@@ -52,6 +53,7 @@ def test_every_section_has_its_table(sections):
         json.dumps(section.figures)
 
 
+@pytest.mark.heavy
 def test_every_contender_takes_part_in_the_whole_scan(sections):
     """Ours, the paper and the OpenCV user stand side by side, each with an error."""
     (contenders,) = sections["whole_scans"].figures.values()
@@ -59,6 +61,7 @@ def test_every_contender_takes_part_in_the_whole_scan(sections):
         assert np.isfinite(contenders[name]["mean"]) and contenders[name]["ratio"] > 0
 
 
+@pytest.mark.heavy
 def test_every_target_is_judged(sections):
     """The table of targets holds each once, with a number."""
     figures = sections["targets"].figures
@@ -66,6 +69,7 @@ def test_every_target_is_judged(sections):
     assert all(np.isfinite(figure["value"]) for figure in figures.values())
 
 
+@pytest.mark.heavy
 def test_the_page_names_no_path_and_shows_its_pictures(sections, tmp_path: Path):
     """The generated page holds every table; its pictures are there; nothing of the machine's folders is in it."""
     write(tmp_path, sections, machine())

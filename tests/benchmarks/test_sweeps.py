@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 from benchmarks import sweeps
+
+pytestmark = pytest.mark.slow
 
 
 def test_a_triggered_sweep_stays_near_its_bound() -> None:
@@ -18,6 +22,7 @@ def test_no_wrong_stripe_and_every_fault_found() -> None:
     assert found.wrong_stripes == 0 and found.injected == found.found > 20
 
 
+@pytest.mark.heavy
 def test_the_figures_are_json(capsys) -> None:
     """The keys that are promised, and nothing that JSON cannot say."""
     figures = json.loads(json.dumps(sweeps.measure(lambda text: None, faulty_sweeps=2)))

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import drivers
 from drivers import errors
 from drivers.udev import udev_rule
@@ -12,6 +14,7 @@ from drivers.udev import udev_rule
 ROOT = Path(drivers.__file__).resolve().parents[1]
 
 
+@pytest.mark.slow
 def test_importing_loads_neither_device_library_nor_a_package_above() -> None:
     """`import drivers` works without pyusb, libusb and OpenCV, and knows nothing of its neighbours."""
     program = (

@@ -18,6 +18,7 @@ from pack import boot_checksum, from_uf2, sealed, to_uf2  # noqa: E402
 COMPILER = "arm-none-eabi-gcc"
 
 
+@pytest.mark.slow
 def test_the_source_gives_the_committed_bytes(tmp_path: Path) -> None:
     """Built anywhere, by the compiler that COMPILER names."""
     if shutil.which(COMPILER) is None:

@@ -53,6 +53,7 @@ def disturb(rng: random.Random, world) -> None:
         world.exposure_us = rng.randrange(10, 60_000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_laser_goes_out_whatever_comes(library, seed: int) -> None:
     """Random commands in bursts and silences, heat, lost steps, a dead laser, resets of the bus; UBSan watches."""

@@ -65,6 +65,7 @@ def test_not_finite_numbers_are_refused_wherever_they_stand(tmp_path: Path, numb
     assert "deep.json: a[1].b[1] is" in message and "must be finite" in message
 
 
+@pytest.mark.slow
 @settings(max_examples=50, derandomize=True)
 @given(
     st.recursive(

@@ -3,7 +3,10 @@
 import subprocess
 import sys
 
+import pytest
 
+
+@pytest.mark.slow
 def test_import_leaves_pinocchio_alone() -> None:
     """Importing the package does not import Pinocchio; loading a robot does."""
     code = (
@@ -14,6 +17,7 @@ def test_import_leaves_pinocchio_alone() -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_nothing_is_imported_from_above() -> None:
     """Importing every module of the package imports none of the packages beside or above it."""
     code = (

@@ -3,7 +3,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from kinematics import LegOdometry, OdometryLost, RobotModel, Stance
+from kinematics import LegOdometry, OdometryLost, OdometryPose, RobotModel, Stance
 from kinematics.transforms import inverse
 
 Crawl = Callable[..., Iterator[tuple]]
@@ -65,43 +65,49 @@ def test_error_of_a_long_crawl(guara: RobotModel, crawl: Crawl, gravity: tuple |
     assert np.median(errors) <= 0.01 * 1.68
 
 
-@pytest.mark.slow
-def test_covariance_agrees_with_sampling(guara: RobotModel, crawl: Crawl) -> None:
-    """Sigmas of x, y, z and heading after 12 pauses agree with 150 sampled walks (within what 150 can tell)."""
-    walk, offs = list(crawl(3)), []
-    expected = inverse(footprint(walk[0][0])) @ footprint(walk[-1][0])
-    for seed in range(150):
-        rng, odometry = np.random.default_rng(1000 + seed), LegOdometry(guara)
+SAMPLES = 150
+
+
+@pytest.fixture(scope="module")
+def sampled(guara: RobotModel, crawl: Crawl) -> tuple[list[tuple], list[list[OdometryPose]]]:
+    """A walk of 12 pauses, and the odometry of each of its pauses in `SAMPLES` walks with noise."""
+    walk, found = list(crawl(3)), []
+    for seed in range(SAMPLES):
+        rng, odometry = np.random.default_rng(3000 + seed), LegOdometry(guara)
+        found.append([])
         for _, joints, _ in walk:
             up = np.append(rng.normal(0.0, guara.noise.imu_sigma, 2), -1.0)
-            result = odometry.update(Stance(noisy(guara, joints, rng, 0.001), guara.legs, tuple(up)))
-        off = inverse(expected) @ result.transform_footprint_to_odom
-        offs.append([*off[:3, 3], heading(off)])
-    sampled, predicted = np.std(offs, axis=0), np.sqrt(np.diag(result.covariance))[[0, 1, 2, 5]]
+            found[-1].append(odometry.update(Stance(noisy(guara, joints, rng, 0.001), guara.legs, tuple(up))))
+    return walk, found
+
+
+@pytest.mark.slow
+def test_covariance_agrees_with_sampling(sampled: tuple[list[tuple], list[list[OdometryPose]]]) -> None:
+    """Sigmas of x, y, z and heading after 12 pauses agree with the sampled walks (within what 150 can tell)."""
+    walk, found = sampled
+    expected = inverse(footprint(walk[0][0])) @ footprint(walk[-1][0])
+    offs = [inverse(expected) @ results[-1].transform_footprint_to_odom for results in found]
+    spread = np.std([[*off[:3, 3], heading(off)] for off in offs], axis=0)
+    predicted = np.sqrt(np.diag(found[-1][-1].covariance))[[0, 1, 2, 5]]
     # The standard error of a sigma from 150 samples is 6 %.
-    np.testing.assert_allclose(predicted[[0, 1, 3]], sampled[[0, 1, 3]], rtol=0.20)
-    assert predicted[2] == pytest.approx(sampled[2], rel=0.5)
+    np.testing.assert_allclose(predicted[[0, 1, 3]], spread[[0, 1, 3]], rtol=0.20)
+    assert predicted[2] == pytest.approx(spread[2], rel=0.5)
 
 
-def test_covariance_since_last_agrees_with_sampling(guara: RobotModel, crawl: Crawl) -> None:
-    """Sigmas of x, y and heading of single motions agree with 150 sampled walks, late in the walk as at its start."""
-    walk = list(crawl(3))
+@pytest.mark.slow
+def test_covariance_since_last_agrees_with_sampling(sampled: tuple[list[tuple], list[list[OdometryPose]]]) -> None:
+    """Sigmas of x, y and heading of single motions agree with the sampled walks, late in the walk as at its start."""
+    walk, found = sampled
     for pause in (1, 5, len(walk) - 1):
         expected = inverse(footprint(walk[pause - 1][0])) @ footprint(walk[pause][0])
         offs = []
-        for seed in range(150):
-            rng, odometry = np.random.default_rng(3000 + seed), LegOdometry(guara)
-            last = result = None
-            for _, joints, _ in walk[: pause + 1]:
-                up = np.append(rng.normal(0.0, guara.noise.imu_sigma, 2), -1.0)
-                last, result = result, odometry.update(Stance(noisy(guara, joints, rng, 0.001), guara.legs, tuple(up)))
-            assert last is not None and result is not None
+        for results in found:
+            last, result = results[pause - 1], results[pause]
             motion = inverse(np.array(last.transform_footprint_to_odom)) @ result.transform_footprint_to_odom
             off = inverse(expected) @ motion
             offs.append([*off[:2, 3], heading(off)])
-        sampled = np.std(offs, axis=0)
         predicted = np.sqrt(np.diag(result.covariance_since_last))[[0, 1, 5]]
-        np.testing.assert_allclose(predicted, sampled, rtol=0.30)
+        np.testing.assert_allclose(predicted, np.std(offs, axis=0), rtol=0.30)
         assert np.linalg.eigvalsh(result.covariance_since_last)[0] > -1e-12
 
 

@@ -24,8 +24,13 @@ class Node:
         self.terrain = gp.load_terrain(path)
         self.session = open_node(listen=endpoint)
         self.server = PerceptionServer(self.session, robot=robot)
+        self.broken: Publisher | None = None
 
     def publish(self, step: str, age: str = "0") -> None:
+        if self.broken is not None:
+            # It is a publisher of its own, and would go on to hand the broken grid to whoever joins later.
+            self.broken.close()
+            self.broken = None
         stamp = time.time_ns() - round(float(age) * 1e9)
         publish_terrain(self.server, restamped(self.terrain, stamp, int(step)))
         self.server.flush(30)
@@ -43,7 +48,8 @@ class Node:
         hazard = np.asarray(terrain.hazard)
         safe = int(np.flatnonzero(hazard.ravel() == 0)[0])
         payload[payload.index(hazard.tobytes()) + 2 * safe + 1] ^= 0x10
-        Publisher(self.session, terrain_key(self.server.robot)).put(bytes(payload))
+        self.broken = Publisher(self.session, terrain_key(self.server.robot))
+        self.broken.put(bytes(payload))
 
     def pause(self, step: str) -> None:
         self.server.begin_step(int(step))

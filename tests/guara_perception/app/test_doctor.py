@@ -72,6 +72,7 @@ def test_calibration_that_is_not_there_is_told(tmp_path: Path) -> None:
     assert doctor.check_calibration(tmp_path / "none.json").level == FAIL
 
 
+@pytest.mark.slow
 def test_drift_is_checked_on_a_scan(data: Path, calibration: gp.Calibration, tmp_path: Path) -> None:
     """The true calibration holds; one whose camera was lowered by a centimetre does not."""
     scan = data / "scans" / "paper"

@@ -173,6 +173,7 @@ def test_version_is_that_of_the_package():
     assert done.returncode == 0 and done.stdout.startswith("guara, version 0.")
 
 
+@pytest.mark.slow
 def test_mistake_in_a_real_shell_shows_no_traceback(tmp_path: Path):
     """From outside: exit 2, one line, nothing on standard output, no file."""
     done = shell("process", tmp_path / "none", "-c", tmp_path / "c.json", "-o", tmp_path / "o.npz")
@@ -181,6 +182,7 @@ def test_mistake_in_a_real_shell_shows_no_traceback(tmp_path: Path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_reader_that_goes_away_is_no_traceback():
     """`guara --help | head -1`: the pipe closes early and nothing is complained about."""
     process = subprocess.Popen(
@@ -205,6 +207,7 @@ def test_verbose_may_stand_behind_every_command(name: str):
         assert [o for o in command.params if o.name == "verbose"], words
 
 
+@pytest.mark.slow
 def test_verbose_behind_the_command_shows_the_log(data: Path, tmp_path: Path):
     """The level of the log changes wherever the switch stands."""
     code = (

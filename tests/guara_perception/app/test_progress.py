@@ -5,6 +5,8 @@ import pty
 import subprocess
 import sys
 
+import pytest
+
 from guara_perception.app.progress import progress
 
 SCRIPT = """
@@ -30,6 +32,7 @@ def test_a_pipe_gets_the_output_only():
     assert (done.stdout, done.stderr) == ("done\n", "")
 
 
+@pytest.mark.slow
 def test_a_terminal_gets_a_bar():
     """On a terminal the words appear, and the bar is gone when the work is done."""
     ours, theirs = pty.openpty()

@@ -1,5 +1,6 @@
 """The recorded session and one good calibration of it, made once."""
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,16 @@ from kinematics import RobotModel
 def session(data: Path) -> CalibrationSession:
     """The recorded session: 14 boards, four crosses, plates at 0, 40, 80 mm."""
     return open_session(data / "calibration")
+
+
+@pytest.fixture(scope="session")
+def few_stripes(session: CalibrationSession) -> CalibrationSession:
+    """The same with every third stripe of its plates, for what does not depend on how many there are."""
+    plates = (
+        dataclasses.replace(plate, scan=dataclasses.replace(plate.scan, stripes=plate.scan.stripes[::3]))
+        for plate in session.plates
+    )
+    return dataclasses.replace(session, plates=tuple(plates))
 
 
 @pytest.fixture(scope="session")

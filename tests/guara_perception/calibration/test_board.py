@@ -47,6 +47,7 @@ def test_reasons(picture: np.ndarray) -> None:
     assert not part.is_usable and part.corners_px.shape == (0, 2)
 
 
+@pytest.mark.slow
 def test_true_size_is_suggested(picture: np.ndarray) -> None:
     """The size that the board really has is found near the one given; a picture without a board has none."""
     assert other_size(picture, BoardSpec(8, 6, 0.03)) in ((9, 7), (7, 9))

@@ -128,14 +128,14 @@ def test_given_pixels_replace_the_search(result: CalibrationResult, robot: Robot
     assert np.linalg.norm(fit.transform_camera_to_footprint[:3, 3] - expected[:3, 3]) < 2e-3
 
 
-def test_upright_mount(session: CalibrationSession, robot: RobotModel, result: CalibrationResult) -> None:
+def test_upright_mount(few_stripes: CalibrationSession, robot: RobotModel, result: CalibrationResult) -> None:
     """A camera mounted upright, half a turn about its axis, is recognised; everything else stays where it is."""
 
     def turned(picture: np.ndarray) -> np.ndarray:
         return np.ascontiguousarray(picture[::-1, ::-1])
 
-    upright = with_pictures(session, lambda name, picture: turned(picture))
-    for number in range(len(session.plates)):
+    upright = with_pictures(few_stripes, lambda name, picture: turned(picture))
+    for number in range(len(few_stripes.plates)):
         upright = with_frames(upright, number, turned)
     found = calibrate_session(upright, robot)
     assert (found.floor.mount, result.floor.mount) == ("upright", "eq5")
@@ -145,6 +145,7 @@ def test_upright_mount(session: CalibrationSession, robot: RobotModel, result: C
     np.testing.assert_allclose(found.calibration.transform_camera_to_base, expected, atol=5e-4)
 
 
+@pytest.mark.slow
 def test_stripe_with_too_few_points(
     session: CalibrationSession, robot: RobotModel, calibration: gp.Calibration
 ) -> None:
@@ -172,9 +173,9 @@ def test_stripe_with_too_few_points(
     assert 1e3 * np.sqrt(np.mean(errors[20] ** 2)) < 0.4
 
 
-def test_two_plates_are_usable(session: CalibrationSession, robot: RobotModel) -> None:
+def test_two_plates_are_usable(few_stripes: CalibrationSession, robot: RobotModel) -> None:
     """Two heights calibrate, but nothing can be left out, and the verdict says so."""
-    found = calibrate_session(dataclasses.replace(session, plates=session.plates[::2]), robot)
+    found = calibrate_session(dataclasses.replace(few_stripes, plates=few_stripes.plates[::2]), robot)
     assert found.verdict == "usable"
     assert found.reasons[0].startswith("plate left out could not be found: scan three or more plates")
 
@@ -184,7 +185,9 @@ def test_wrong_plate_is_named(result: CalibrationResult, robot: RobotModel, wron
     """A plate that is 2 mm higher than said contradicts the others; it is named with its true height."""
     plates = list(result.session.plates)
     plates[wrong] = dataclasses.replace(plates[wrong], height=plates[wrong].height + 0.002)
-    lines = [dataclasses.replace(line, height=plates[line.plate].height) for line in result.lines]
+    lines = [
+        dataclasses.replace(line, height=plates[line.plate].height) for line in result.lines if line.index % 6 == 0
+    ]
     to_footprint = result.transform_base_to_footprint
     mirror = nominal_mirror((to_footprint @ robot.transform_laser_to_base)[:3, 3])
     laser = fit_laser(lines, plates, result.fit, mirror, np.linalg.inv(to_footprint))
@@ -194,26 +197,26 @@ def test_wrong_plate_is_named(result: CalibrationResult, robot: RobotModel, wron
     assert text.startswith(f"plate {plates[wrong].name} contradicts the others: they put its top at {true:.1f} mm")
 
 
-def test_slipped_mount_is_refused(session: CalibrationSession, robot: RobotModel) -> None:
+def test_slipped_mount_is_refused(few_stripes: CalibrationSession, robot: RobotModel) -> None:
     """A camera that slipped by one row between two plate scans is refused, naming the plate; progress is complete."""
     heard: list[tuple[int, int]] = []
-    slipped = with_frames(session, 1, lambda picture: np.roll(picture, 1, axis=0))
+    slipped = with_frames(few_stripes, 1, lambda picture: np.roll(picture, 1, axis=0))
     found = calibrate_session(slipped, robot, progress=lambda done, total: heard.append((done, total)))
     assert found.verdict == "refused"
     assert found.reasons[0].startswith("plate plate_40 contradicts the others")
     assert "mount slipped between the scans" in found.reasons[0]
-    pictures = 14 + 1 + 3 * 35
+    pictures = 14 + 1 + 3 * 12
     assert heard == [(done, pictures) for done in range(1, pictures + 1)]
 
 
 def five_plates(result: CalibrationResult, wrong: int, error: float) -> tuple[list[PlateLine], list[Plate]]:
-    """Lines on plates at 0 ... 80 mm as the fitted rangefinder would see them, one plate's height said wrongly."""
+    """Lines of every third stripe on plates at 0 ... 80 mm as the fitted rangefinder sees them, one height wrong."""
     rng = np.random.default_rng(wrong)
     heights = (0.0, 0.02, 0.04, 0.06, 0.08)
     y = np.linspace(-0.2, 0.2, 40)
     lines = []
     for plate, height in enumerate(heights):
-        for k, index in enumerate(result.laser.stripes.indices):
+        for k, index in list(enumerate(result.laser.stripes.indices))[::3]:
             plane = result.laser.stripes.planes[k]
             level = np.column_stack((-(plane[1] * y + plane[2] * height + plane[3]) / plane[0], y))
             pixels = level_pixels(result.fit.camera, result.fit.transform_camera_to_footprint, level, height)
@@ -262,13 +265,14 @@ def test_plates_that_cannot_be_told_apart_are_both_named(result: CalibrationResu
 
 @pytest.mark.parametrize(("shift", "turn"), [(0.020, 0.0), (0.0, 3.0)])
 def test_crosses_misplaced_as_a_whole_are_not_good(
-    session: CalibrationSession, robot: RobotModel, shift: float, turn: float
+    few_stripes: CalibrationSession, robot: RobotModel, shift: float, turn: float
 ) -> None:
     """They fit one another perfectly; the mount of the robot's URDF contradicts them, and the report says so."""
     angle = np.deg2rad(turn)
     rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    points = session.fiducials.points_in_footprint @ rotation.T + np.array([shift, 0.0])
-    moved = dataclasses.replace(session, fiducials=dataclasses.replace(session.fiducials, points_in_footprint=points))
+    given = few_stripes.fiducials
+    points = given.points_in_footprint @ rotation.T + np.array([shift, 0.0])
+    moved = dataclasses.replace(few_stripes, fiducials=dataclasses.replace(given, points_in_footprint=points))
     found = calibrate_session(moved, robot)
     assert found.verdict != "good"
     assert "crosses misplaced as a whole look like this too" in "; ".join(found.reasons)

@@ -109,6 +109,7 @@ REFUSED = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("breaks", "reason"), REFUSED)
 def test_fault_is_refused(session: CalibrationSession, robot: RobotModel, breaks: Break, reason: str) -> None:
     """A session with this fault is refused, and the message says what is wrong."""
@@ -133,6 +134,7 @@ MISMATCHES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("breaks", "reason"), MISMATCHES)
 def test_pictures_of_another_size(session: CalibrationSession, robot: RobotModel, breaks: Break, reason: str) -> None:
     """A picture of another size is refused by name, whatever it shows."""

@@ -17,7 +17,7 @@ from guara_perception.simulation.walk import WalkNoise
 from guara_perception.simulation.world import World
 from kinematics import RobotModel, load_robot
 
-pytestmark = [pytest.mark.sim, pytest.mark.slow]
+pytestmark = [pytest.mark.sim, pytest.mark.heavy]
 pytest.importorskip("mujoco", reason="MuJoCo is not installed (extra `sim`)")
 
 

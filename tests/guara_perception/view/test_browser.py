@@ -21,7 +21,7 @@ from guara_perception.view.moment import Moment
 from kinematics import RobotModel
 from tests.guara_perception.view.chromium import Chromium, find_chromium
 
-pytestmark = [pytest.mark.view, pytest.mark.slow]
+pytestmark = [pytest.mark.view, pytest.mark.heavy]
 pytest.importorskip("viser", reason="viser is not installed (extra `view`)")
 
 CHROMIUM = find_chromium()

@@ -303,6 +303,7 @@ def test_scan_without_a_readable_frame_is_refused(guara, paper_copy: Path, calib
     assert said.code == 2 and "on_000.jpg: not a readable picture (0 bytes)" in said.err
 
 
+@pytest.mark.slow
 def test_two_methods_give_two_files(guara, data: Path, calibration_file: Path, tmp_path: Path):
     """The first method goes into OUT, the second beside it, each line saying which file it is about."""
     out = tmp_path / "out.npz"
@@ -313,6 +314,7 @@ def test_two_methods_give_two_files(guara, data: Path, calibration_file: Path, t
     assert gp.load_terrain(tmp_path / "out-paper.npz").metadata["method"] == "paper"
 
 
+@pytest.mark.slow
 def test_figures_are_drawn_into_a_folder(guara, data: Path, calibration_file: Path, tmp_path: Path):
     """`--figures` makes the folder and says how many files there are; each PNG is a readable picture."""
     folder = tmp_path / "new" / "pictures"

@@ -18,6 +18,7 @@ from kinematics import RobotModel
 PATIENCE = 120.0
 
 
+@pytest.mark.slow
 def test_scan_writes_a_scan_that_can_be_processed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], robot: RobotModel
 ) -> None:
@@ -31,6 +32,7 @@ def test_scan_writes_a_scan_that_can_be_processed(
     assert len(list((tmp_path / "scan-figures").glob("*.png"))) >= 7
 
 
+@pytest.mark.slow
 def test_scan_refuses_a_folder_that_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Nothing is overwritten."""
     assert run(["scan", "--simulated", "-o", str(tmp_path)]) == 2
@@ -79,6 +81,7 @@ def test_what_a_recording_takes_is_said(capsys: pytest.CaptureFixture[str]) -> N
     assert "more than 5 GB" in recording_size(95)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
 def test_a_running_node_ends_cleanly(free_endpoint: str, number: signal.Signals, tmp_path: Path) -> None:
     """It publishes, records, and on a signal ends with exit code 0, the recording whole and the laser off."""
@@ -102,6 +105,7 @@ def test_a_running_node_ends_cleanly(free_endpoint: str, number: signal.Signals,
     assert gp.open_scan(recording, step=0).step == 0
 
 
+@pytest.mark.slow
 def test_the_simulated_gait_speaks_under_the_name_of_the_robot(free_endpoint: str) -> None:
     """`run --simulated --name lobo` scans and publishes as lobo, and `listen --name lobo` sees it."""
     arguments = ["run", "--simulated", "--name", "lobo", "--mode", "coarse", "--listen", free_endpoint]

@@ -11,8 +11,6 @@ import guara_perception as gp
 from guara_perception.app.demo.check import CheckedFoothold, DemoCheck
 from guara_perception.app.files.open_scan import open_scans
 
-pytestmark = pytest.mark.slow
-
 PATIENCE = 240.0
 
 
@@ -31,6 +29,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return folder, done.stdout
 
 
+@pytest.mark.heavy
 def test_each_pause_is_told_and_the_check_passes(demo: tuple[Path, str]) -> None:
     """Five pauses, each with mode, coverage and foothold; the planner missed none."""
     lines = demo[1].splitlines()
@@ -42,6 +41,7 @@ def test_each_pause_is_told_and_the_check_passes(demo: tuple[Path, str]) -> None
     assert sum("on declared ground" in line for line in lines) >= 3
 
 
+@pytest.mark.heavy
 def test_pictures_and_recording_are_left(demo: tuple[Path, str]) -> None:
     """The pictures are pictures, and the recording holds every pause."""
     for name, magic in (("scan.png", b"\x89PNG"), ("map.png", b"\x89PNG"), ("walk.gif", b"GIF8")):

@@ -24,6 +24,7 @@ def told(guara, path: Path) -> dict[str, object]:
     return json.loads(said.out)
 
 
+@pytest.mark.slow
 def test_each_kind_is_known(guara, data: Path, root: Path, terrain_file: Path, calibration_file: Path, recording: Path):
     """Grid, recording, calibration, scan, session and robot, each with its own figures."""
     grid = told(guara, terrain_file)

@@ -40,6 +40,7 @@ def test_grids_stances_and_calibration_come_back(walk: Path, paper_terrain: gp.T
         assert recording.scans == ()
 
 
+@pytest.mark.slow
 def test_scans_can_be_processed_again(data: Path, tmp_path: Path, calibration, paper_terrain: gp.TerrainGrid):
     """A recorded scan gives the grid that its folder gives."""
     with gp.open_recording(convert(data / "scans" / "paper", tmp_path / "paper.mcap")) as recording:

@@ -20,6 +20,7 @@ def carrying(paper_copy: Path, calibration_file: Path) -> Path:
     return paper_copy
 
 
+@pytest.mark.slow
 def test_a_folder_and_a_recording_carry_the_same(carrying: Path, calibration_file: Path, tmp_path: Path):
     """Folder -> recording -> folder keeps the calibration, by its content hash."""
     given = gp.load_calibration(calibration_file)
@@ -45,6 +46,7 @@ def test_the_one_given_wins(carrying: Path, calibration_file: Path, tmp_path: Pa
         calibration_for(carrying, None)
 
 
+@pytest.mark.slow
 def test_paths_are_taken_where_objects_are(carrying: Path, calibration_file: Path, paper_terrain: gp.TerrainGrid):
     """Scan, calibration and robot by path or name give the same bytes as the objects."""
     for words in ((carrying,), (str(carrying), str(calibration_file), "guara"), (carrying, None, None)):
@@ -59,6 +61,7 @@ def test_an_open_scan_needs_its_calibration(paper_scan: gp.Scan):
         gp.process_scan(paper_scan)
 
 
+@pytest.mark.slow
 def test_command_takes_what_the_scan_carries(guara, carrying: Path, tmp_path: Path):
     """`guara process` and `guara replay` without -c."""
     said = guara("process", carrying, "-o", tmp_path / "t.npz")

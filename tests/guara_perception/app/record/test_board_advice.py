@@ -56,6 +56,7 @@ def test_a_flat_view_leans_nowhere(show):
     assert tilted_sides(view, BOARD, (512, 640)) == set()
 
 
+@pytest.mark.slow
 def test_the_poses_of_the_workshop_complete_the_advice(show):
     """And not a few of them: after three pictures it says what is missing."""
     advice = BoardAdvice(BOARD)

@@ -68,6 +68,7 @@ def test_person_is_asked_step_by_step(monkeypatch: pytest.MonkeyPatch, capsys: p
     assert capsys.readouterr().err.count("\n") == 6
 
 
+@pytest.mark.slow
 @pytest.mark.view
 def test_page_in_a_browser_shows_what_is_told(tmp_path):
     """Chromium shows the words and draws the picture; it asks no other machine for anything."""

@@ -295,6 +295,7 @@ def test_all_that_makes_it_unusable_is_listed(folder: Path, capsys: pytest.Captu
     assert sum(line.startswith("unusable: ") for line in lines) == 2 and lines[-1].endswith(": 2 findings, 0 notes")
 
 
+@pytest.mark.slow
 def test_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A picture of robot, area, camera and laser."""
     picture = tmp_path / "guara.png"

@@ -38,6 +38,7 @@ def sheet_position(page, picture, pixel):
     return np.array([u * width - left + page.corner_mm[0], (1 - v) * height - bottom + page.corner_mm[1]])
 
 
+@pytest.mark.slow
 def test_pages_have_the_size_of_the_paper(printed):
     """Rendered at a whole number of dots per millimetre, each page is A3 to a dot."""
     for page, picture in zip(*printed, strict=True):
@@ -115,6 +116,7 @@ def test_pages_of_a_sheet_cover_it_and_overlap(paper, robot):
                 assert before.corner_mm[0] + before.size_mm[0] - page.corner_mm[0] == pytest.approx(OVERLAP_MM)
 
 
+@pytest.mark.slow
 def test_command_says_what_it_printed(guara, tmp_path: Path):
     """Pages by drawing, and where the crosses belong."""
     said = guara("targets", "-o", tmp_path / "t.pdf", "--board", "6x5", "--square", "0.025")

@@ -44,6 +44,7 @@ def test_repr_of_a_grid_that_knows_nothing(make_scan):
     assert "known 0.0%, traversable 0.0%" in text and "heights" not in text and "UNSCANNED 9720" in text
 
 
+@pytest.mark.slow
 def test_html_holds_the_text_and_a_picture(terrain):
     """A notebook shows the three lines and one PNG that can be decoded and is not blank."""
     page = terrain._repr_html_()
@@ -53,6 +54,7 @@ def test_html_holds_the_text_and_a_picture(terrain):
     assert picture.shape[1] > 500 and picture.std() > 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layer", LAYER_NAMES)
 def test_every_layer_can_be_plotted(terrain, layer):
     """Each layer is drawn with x up and y to the left, and says which it is."""

@@ -40,6 +40,7 @@ def bare(terrain: gp.TerrainGrid) -> LayeredGrid:
     return LayeredGrid(**{entry.name: getattr(terrain, entry.name) for entry in dataclasses.fields(terrain)})
 
 
+@pytest.mark.slow
 def test_queries_ask_only_the_layers(terrain: gp.TerrainGrid, bare: LayeredGrid) -> None:
     """Every question, put to the bare layers by its own module, is answered as by TerrainGrid's method."""
     assert not isinstance(bare, gp.TerrainGrid)
@@ -103,6 +104,7 @@ def test_a_missing_name_is_told_with_the_class(terrain: gp.TerrainGrid, bare: La
         bare.best_foothold  # noqa: B018
 
 
+@pytest.mark.slow
 def test_questions_are_loaded_without_the_terrain_grid() -> None:
     """In a fresh process, the modules of all questions load without the class above them."""
     names = ["best_foothold", "coarser", "explain", "foothold", "normal", "obstacles", "path", "save"]

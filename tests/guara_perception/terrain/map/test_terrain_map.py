@@ -211,6 +211,7 @@ def test_a_lost_frame_counts_as_looked_at(robot: RobotModel, make_scan: MakeScan
         assert fused.hazard_at(*PLACE) & Hazard.DROPOUT == expected
 
 
+@pytest.mark.slow
 def test_a_blank_frame_of_a_recorded_scan_is_a_dropout_in_the_map(
     robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan, paper_terrain: gp.TerrainGrid
 ) -> None:
@@ -473,6 +474,7 @@ def test_declared_ground_that_a_scan_contradicts_is_a_conflict(robot: RobotModel
     assert terrain_map.update(make_scan(0.03, step=2), at(), ZERO).height_at(*PLACE) == pytest.approx(0.03, abs=1e-4)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 1000))
 def test_losing_returns_never_makes_the_fused_map_safer(robot: RobotModel, make_scan: MakeScan, seed: int) -> None:

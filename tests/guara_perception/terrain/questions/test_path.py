@@ -175,6 +175,7 @@ def test_the_clearance_grows_along_the_way_from_the_ends() -> None:
     assert flat.check_path(steep, 0.02).ok
 
 
+@pytest.mark.slow
 @PROPERTY
 @given(st.integers(0, 200), place, place, place, st.floats(0.0, 0.08), st.floats(0.002, 0.03))
 def test_accepted_paths_keep_their_distance_by_brute_force(

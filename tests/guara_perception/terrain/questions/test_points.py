@@ -33,6 +33,7 @@ def test_a_grid_that_knows_nothing_has_no_points(make_scan):
     assert make_scan(0.0, flags=int(gp.Hazard.DROPOUT)).points().shape == (0, 3)
 
 
+@pytest.mark.slow
 def test_data_set_has_every_layer_on_its_coordinates(terrain):
     """xarray selects by place and finds what the grid says there."""
     xarray = pytest.importorskip("xarray", reason="extra notebook")

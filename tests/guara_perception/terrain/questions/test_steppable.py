@@ -58,6 +58,7 @@ def test_every_point_inside_passes_check_foothold(seed: int, x: float, y: float,
     assert np.abs(heights - on_plane).max() < 0.006 + 0.002
 
 
+@pytest.mark.slow
 @PROPERTY
 @given(st.integers(0, 500))
 def test_regions_of_a_whole_grid(seed: int) -> None:

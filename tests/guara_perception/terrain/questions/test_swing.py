@@ -29,6 +29,7 @@ def ground(seed: int, unknown: float = 0.0005) -> gp.TerrainGrid:
 place = st.floats(0.04, 0.46)
 
 
+@pytest.mark.slow
 @PROPERTY
 @given(st.integers(0, 300), place, place, place, place, st.floats(0.005, 0.03))
 def test_a_swing_is_a_path_that_is_accepted(
@@ -85,6 +86,7 @@ def test_up_a_step_and_down_again() -> None:
         assert 0.05 <= swing.points[:, 2].max() < 0.06
 
 
+@pytest.mark.slow
 def test_reach_of_a_leg(robot: RobotModel) -> None:
     """With a leg, a way that it cannot go is refused, and says by how much."""
     terrain = gp.assess_terrain(np.zeros((140, 320)), 0.005, origin=(-0.6, -0.35))

@@ -71,6 +71,7 @@ def test_heights_outside_the_gates_are_out_of_range(robot: RobotModel) -> None:
         assert not terrain.is_traversable(0.7, y + 0.03)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None, derandomize=True)
 @given(st.integers(0, 1000), st.floats(0.0, 0.1))
 def test_losing_the_points_of_any_cells_frees_no_other(seed: int, box: float) -> None:
