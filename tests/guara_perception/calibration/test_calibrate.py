@@ -263,16 +263,16 @@ def test_plates_that_cannot_be_told_apart_are_both_named(result: CalibrationResu
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("shift", "turn"), [(0.020, 0.0), (0.0, 3.0)])
 def test_crosses_misplaced_as_a_whole_are_not_good(
-    few_stripes: CalibrationSession, robot: RobotModel, shift: float, turn: float
+    session: CalibrationSession, robot: RobotModel, shift: float, turn: float
 ) -> None:
     """They fit one another perfectly; the mount of the robot's URDF contradicts them, and the report says so."""
     angle = np.deg2rad(turn)
     rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    given = few_stripes.fiducials
-    points = given.points_in_footprint @ rotation.T + np.array([shift, 0.0])
-    moved = dataclasses.replace(few_stripes, fiducials=dataclasses.replace(given, points_in_footprint=points))
+    points = session.fiducials.points_in_footprint @ rotation.T + np.array([shift, 0.0])
+    moved = dataclasses.replace(session, fiducials=dataclasses.replace(session.fiducials, points_in_footprint=points))
     found = calibrate_session(moved, robot)
     assert found.verdict != "good"
     assert "crosses misplaced as a whole look like this too" in "; ".join(found.reasons)
