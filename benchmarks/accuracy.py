@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-from benchmarks.truth import truth_calibration
 from kinematics import load_robot
+from tests.truth import truth_calibration
 
 # From a change of height this large inside 3 x 3 mm, cells this near are no interior.
 JUMP_M = 0.003

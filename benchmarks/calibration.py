@@ -12,11 +12,11 @@ import numpy.typing as npt
 
 import guara_perception as gp
 from benchmarks.accuracy import figures, load_truth
-from benchmarks.truth import truth_calibration
 from guara_perception.app.calibrate import calibrate_folder
 from guara_perception.arrays import Float
 from guara_perception.calibration.height_rows import plane_in_frame
 from kinematics import load_robot
+from tests.truth import truth_calibration
 
 IN_RANGE_MM = np.arange(-20, 81, 10)
 BEYOND_MM = np.arange(80, 121, 10)

@@ -22,7 +22,6 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.processor_parts import EMULATED, REST, parts_of_the_node
-from benchmarks.truth import truth_calibration
 from benchmarks.yardstick import Yardstick, beside
 from drivers import LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
@@ -32,6 +31,7 @@ from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorded_rig import RecordedView
 from kinematics import load_robot
+from tests.truth import truth_calibration
 from transport import PausePhase, StancePause, open_node
 from transport.server import PerceptionServer
 

@@ -17,7 +17,7 @@ import guara_perception as gp
 from benchmarks.rounds import alternate
 from benchmarks.scenes import ROBOTS, Recording
 from benchmarks.section import Effort, Section
-from benchmarks.truth import truth_calibration
+from tests.truth import truth_calibration
 
 ROOT = ROBOTS.parent
 LIBRARIES = "import numpy, cv2"

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.truth import truth_calibration
 from benchmarks.walk import Ground, Pause, scan, seen_height, walk
 from guara_perception.arrays import Float
 from guara_perception.settings import Settings
@@ -21,6 +20,7 @@ from guara_perception.terrain.map.fuse_heights import OdometryDrift, forget_heig
 from guara_perception.terrain.map.look import look_at
 from guara_perception.terrain.map.odom_cells import OdomCells
 from kinematics import LegOdometry, RobotModel, load_robot
+from tests.truth import truth_calibration
 
 RESOLUTION = 0.005
 # A hind foot reaches ground that was scanned before the walk began only after this number of pauses.

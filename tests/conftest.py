@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 import guara_perception as gp
-from benchmarks.truth import truth_calibration
 from kinematics import RobotModel, load_robot
 from tests import ports
+from tests.truth import truth_calibration
 
 DATA = Path(__file__).parent / "data"
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.truth import truth_calibration
 from kinematics import RobotModel, load_robot
+from tests.truth import truth_calibration
 
 DATA = Path("tests/data")
 Frames = tuple[int, np.ndarray, np.ndarray | None]

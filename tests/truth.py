@@ -1,0 +1,44 @@
+"""The true calibration of a rendered data folder: for tests, and for benchmarks on the same data."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+import guara_perception as gp
+
+
+def truth_calibration(data: Path) -> gp.Calibration:
+    """The true calibration of a data folder (`calibration/truth.json`).
+
+    Its k-th plane belongs to the k-th stripe of the specimen's pattern, which any of its full scans lists by index.
+    """
+    truth = json.loads((data / "calibration" / "truth.json").read_text())
+    planes = truth["laser_planes_camera"]
+    stripes = pattern(data, len(planes))
+    camera = truth["camera"]
+    return gp.Calibration(
+        robot="guara",
+        camera=gp.CameraModel(
+            size=(camera["width"], camera["height"]),
+            matrix=np.array(camera["K"]),
+            distortion=np.array(camera["dist"]),
+        ),
+        transform_camera_to_base=np.array(truth["T_base_camera"]),
+        stripes=tuple(
+            gp.StripePlane(index=index, mirror_angle=angle, plane=np.array(plane))
+            for (index, angle), plane in zip(stripes, planes, strict=True)
+        ),
+        quality={"verdict": "good", "reasons": ["made from the truth of a rendering"]},
+    )
+
+
+def pattern(data: Path, count: int) -> list[tuple[int, float]]:
+    """Index and mirror angle of every stripe, from the first scan that holds all of them."""
+    for path in sorted(data.glob("**/scan.json")):
+        listed = json.loads(path.read_text())["stripes"]
+        if len(listed) == count:
+            return sorted((stripe["index"], stripe["mirror_angle"]) for stripe in listed)
+    raise SystemExit(f"{data}: no scan with {count} stripes")
