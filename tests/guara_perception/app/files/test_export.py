@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import csv
+import importlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
-from pypcd4 import PointCloud
 
 import guara_perception as gp
 from guara_perception.app.files.export import export_terrain
@@ -17,9 +17,15 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from transport.recording import RecordingWriter
 
 
+def point_cloud() -> Any:
+    """Of pypcd4; like trimesh imported when asked for, for every worker collects this file."""
+    return importlib.import_module("pypcd4").PointCloud
+
+
 def test_ply_opens_in_trimesh(paper_terrain: gp.TerrainGrid, tmp_path: Path):
     """A vertex per known cell, at its centre and height, in the colour of its hazard."""
     count = export_terrain(paper_terrain, tmp_path / "t.ply")
+    trimesh = importlib.import_module("trimesh")
     cloud = trimesh.load(tmp_path / "t.ply")
     assert len(cloud.vertices) == count == len(paper_terrain.points())
     assert np.allclose(cloud.vertices, paper_terrain.points(), atol=1e-6)
@@ -29,7 +35,7 @@ def test_ply_opens_in_trimesh(paper_terrain: gp.TerrainGrid, tmp_path: Path):
 def test_pcd_opens_in_pypcd4(paper_terrain: gp.TerrainGrid, tmp_path: Path):
     """Points, sigma and flags arrive as they are in the grid."""
     export_terrain(paper_terrain, tmp_path / "t.pcd")
-    cloud = PointCloud.from_path(tmp_path / "t.pcd")
+    cloud = point_cloud().from_path(tmp_path / "t.pcd")
     assert cloud.fields == ("x", "y", "z", "sigma", "hazard", "rgb")
     values = cloud.pc_data
     assert np.allclose(np.column_stack([values[n] for n in "xyz"]), paper_terrain.points(), atol=1e-6)
@@ -54,7 +60,7 @@ def test_a_grid_without_points_is_a_file_without_points(make_unknown: gp.Terrain
     """Nothing known gives no point, and the readers take the file all the same."""
     assert export_terrain(make_unknown, tmp_path / "t.ply") == 0
     assert export_terrain(make_unknown, tmp_path / "t.pcd") == 0
-    assert PointCloud.from_path(tmp_path / "t.pcd").points == 0
+    assert point_cloud().from_path(tmp_path / "t.pcd").points == 0
 
 
 @pytest.fixture
