@@ -35,7 +35,8 @@ from transport.outbox import Outbox
 from transport.point_cloud import point_cloud_message
 from transport.publisher import Publisher
 from transport.query import QueryServer, query_terrain
-from transport.receiver import NewestReceiver, Received
+from transport.received import Received
+from transport.receiver import NewestReceiver
 from transport.ros2 import Ros2Mirror
 from transport.scan_client import request_scan
 from transport.scan_messages import QueryRequest, Refusal, ScanReply, ScanRequest, ScanState

@@ -9,19 +9,14 @@ from types import TracebackType
 from typing import Self
 
 from transport import clock
-from transport.exceptions import (
-    MessageError,
-    ReceiveTimeout,
-    ScannerGone,
-    ScannerUnavailable,
-    StaleTerrain,
-)
+from transport.exceptions import MessageError, ReceiveTimeout, ScannerGone, ScannerUnavailable, StaleTerrain
 from transport.grid_judge import GridJudge
 from transport.keys import DEFAULT_ROBOT, query_key, terrain_key
 from transport.node_clock import ClockOffset
 from transport.query import query_terrain
-from transport.receiver import NewestReceiver, Received
-from transport.scan_client import request_scan
+from transport.received import Received
+from transport.receiver import NewestReceiver
+from transport.scan_client import request_grid
 from transport.scan_messages import ScanReply
 from transport.seldom import Seldom
 from transport.session import Session
@@ -134,21 +129,19 @@ class PerceptionClient:
             ScannerUnavailable: there is no grid and no node.
             MessageError: the newest sample is no valid grid.
         """
-        receiver = self.receiver(extent)
-        received = receiver.latest()
-        if received is None:
-            received = self._first(receiver, self._since[extent] + SETTLE - time.monotonic())
+        received = self.receiver(extent).latest() or self._first(extent, SETTLE)
         if received is None and self.is_alive:
-            received = self._first(receiver, self._since[extent] + FIRST_GRID - time.monotonic())
+            received = self._first(extent, FIRST_GRID)
         if received is None:
             if self.is_alive:
                 raise StaleTerrain(f"the node of {self.robot!r} runs, but has published no {extent} grid yet")
             raise self._unavailable()
         return self._judge.check(received, max_age, wait=SETTLE)
 
-    def _first(self, receiver: NewestReceiver[TerrainMessage], timeout: float) -> Received[TerrainMessage] | None:
+    def _first(self, extent: str, within: float) -> Received[TerrainMessage] | None:
+        left = self._since[extent] + within - time.monotonic()
         try:
-            return receiver.wait_for(lambda _: True, max(0.0, timeout))
+            return self.receiver(extent).wait_for(lambda _: True, max(0.0, left))
         except ReceiveTimeout:
             return None
 
@@ -280,13 +273,12 @@ class PerceptionClient:
         Raises:
             ReceiveTimeout: the scan was done, but its grid did not arrive in time.
         """
-        start = time.monotonic()
         receiver = self.receiver()
-        before = receiver.received
         if not self.wait_until_alive(min(timeout, SETTLE)):
             raise self._unavailable()
-        done = request_scan(
+        return request_grid(
             self._session,
+            receiver,
             robot=self.robot,
             mode=mode,
             timeout=timeout,
@@ -294,15 +286,6 @@ class PerceptionClient:
             on_progress=on_progress,
             is_alive=lambda: self.is_alive,
         )
-        remaining = max(SETTLE, start + timeout - time.monotonic())
-
-        def is_result(received: Received[TerrainMessage]) -> bool:
-            terrain = received.message
-            # Sequences start anew with the node: a later number counts only for what came after the request.
-            is_later = received.number > before and terrain.sequence > done.sequence
-            return is_later or (terrain.sequence, terrain.stamp) == (done.sequence, done.stamp)
-
-        return receiver.wait_until(is_result, remaining).message
 
     def query(
         self,

@@ -12,7 +12,8 @@ from transport.exceptions import MessageError, StaleTerrain
 from transport.keys import alive_key, run_key, status_key
 from transport.liveliness import AliveWatcher, TokenWatcher
 from transport.node_clock import NodeClock
-from transport.receiver import NewestReceiver, Received
+from transport.received import Received
+from transport.receiver import NewestReceiver
 from transport.seldom import Seldom
 from transport.session import Session
 from transport.status_message import STATUS_NAME, Status, decode_status

@@ -6,12 +6,12 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from transport import clock, zenoh_api
+from transport import zenoh_api
 from transport.exceptions import MessageError, ReceiveTimeout, SessionClosed
 from transport.fetcher import Fetcher
+from transport.received import Received, Slot
 from transport.resource import Resource
 from transport.seldom import Seldom
 from transport.session import Session
@@ -21,60 +21,6 @@ logger = logging.getLogger(__name__)
 CLOSE_TIMEOUT = 2.0
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True)
-class Received(Generic[T]):
-    """A message with the moment of its arrival.
-
-    Attributes:
-        message: decoded message.
-        number: counts the samples of this receiver, from 1.
-        arrival: [s] on `transport.clock.now()`.
-        arrival_stamp: [ns] since the epoch, by this machine's clock.
-    """
-
-    message: T
-    number: int
-    arrival: float
-    arrival_stamp: int
-
-    @property
-    def age(self) -> float:
-        """[s] since the arrival."""
-        return clock.now() - self.arrival
-
-
-class _Slot(Generic[T]):
-    """One payload with its arrival; decoded at most once, by whoever asks first."""
-
-    def __init__(self, payload: bytes, number: int, decode: Callable[[bytes], T]) -> None:
-        self.number = number
-        self.taken = False
-        self._arrival = (clock.now(), time.time_ns())
-        self._payload = payload
-        self._decode = decode
-        self._lock = threading.Lock()
-        self._result: Received[T] | MessageError | None = None
-
-    def peek(self) -> T:
-        """The message, before anybody has asked for it."""
-        return self._opened().message
-
-    def open(self) -> Received[T]:
-        self.taken = True
-        return self._opened()
-
-    def _opened(self) -> Received[T]:
-        with self._lock:
-            if self._result is None:
-                try:
-                    self._result = Received(self._decode(self._payload), self.number, *self._arrival)
-                except MessageError as error:
-                    self._result = error
-            if isinstance(self._result, MessageError):
-                raise self._result
-            return self._result
 
 
 class NewestReceiver(Resource, Generic[T]):
@@ -112,7 +58,7 @@ class NewestReceiver(Resource, Generic[T]):
         self._decode, self._refusal = decode, refusal
         self._refusals = Seldom(logger)
         self._changed = threading.Condition()
-        self._slot: _Slot[T] | None = None
+        self._slot: Slot[T] | None = None
         self._received = self._superseded = self._missed = self._rejected = self._refused = 0
         self._is_closed = False
         self._threads: list[threading.Thread] = []
@@ -173,7 +119,7 @@ class NewestReceiver(Resource, Generic[T]):
             self._fetcher.take(*number, payload)
 
     def _take(self, payload: bytes) -> None:
-        slot = _Slot(payload, self._received + 1, self._decode)
+        slot = Slot(payload, self._received + 1, self._decode)
         if self._refusal is not None:
             try:
                 refusal = self._refusal(slot.peek())
@@ -194,7 +140,7 @@ class NewestReceiver(Resource, Generic[T]):
         with self._changed:
             self._missed += count
 
-    def _open(self, slot: _Slot[T]) -> Received[T]:
+    def _open(self, slot: Slot[T]) -> Received[T]:
         first = not slot.taken
         try:
             return slot.open()
@@ -248,7 +194,7 @@ class NewestReceiver(Resource, Generic[T]):
             if predicate(received):
                 return received
 
-    def _next(self, after: int, deadline: float | None) -> _Slot[T] | None:
+    def _next(self, after: int, deadline: float | None) -> Slot[T] | None:
         with self._changed:
             while True:
                 if self._is_closed:
@@ -303,7 +249,7 @@ class NewestReceiver(Resource, Generic[T]):
 
     def _hand_over(
         self,
-        slot: _Slot[T],
+        slot: Slot[T],
         callback: Callable[[Received[T]], None],
         on_refused: Callable[[MessageError], None] | None,
     ) -> None:

@@ -17,6 +17,8 @@ from transport.exceptions import (
     ScanTimeout,
 )
 from transport.keys import DEFAULT_ROBOT, scan_key
+from transport.received import Received
+from transport.receiver import NewestReceiver
 from transport.scan_messages import (
     Refusal,
     ScanReply,
@@ -27,9 +29,12 @@ from transport.scan_messages import (
     encode_scan_request,
 )
 from transport.session import Session
+from transport.terrain_message import TerrainMessage
 
 # [s] A process that died is known to be gone within this time.
 GONE_WITHIN = 0.5
+# [s] A grid may take so long after its scan was said to be done, however little of the timeout is left.
+ARRIVES_WITHIN = 2.0
 
 
 def new_request_id() -> str:
@@ -86,6 +91,46 @@ def request_scan(
         f"no scanner answers on {scan_key(robot)!r}: no node of robot {robot!r} runs, or this side may not "
         f"trigger scans (the role of its certificate)"
     )
+
+
+def request_grid(
+    session: Session,
+    receiver: NewestReceiver[TerrainMessage],
+    *,
+    robot: str,
+    mode: str,
+    timeout: float,
+    request_id: str | None,
+    on_progress: Callable[[ScanReply], None] | None,
+    is_alive: Callable[[], bool],
+) -> TerrainMessage:
+    """Ask for a scan and wait for its grid; arguments and errors as of `request_scan`.
+
+    Args:
+        session: open session.
+        receiver: of the grids of single scans.
+
+    Raises:
+        ReceiveTimeout: the scan was done, but its grid did not arrive in time.
+    """
+    start, before = time.monotonic(), receiver.received
+    done = request_scan(
+        session,
+        robot=robot,
+        mode=mode,
+        timeout=timeout,
+        request_id=request_id,
+        on_progress=on_progress,
+        is_alive=is_alive,
+    )
+
+    def is_result(received: Received[TerrainMessage]) -> bool:
+        terrain = received.message
+        # Sequences start anew with the node: a later number counts only for what came after the request.
+        is_later = received.number > before and terrain.sequence > done.sequence
+        return is_later or (terrain.sequence, terrain.stamp) == (done.sequence, done.stamp)
+
+    return receiver.wait_until(is_result, max(ARRIVES_WITHIN, start + timeout - time.monotonic())).message
 
 
 def _asked(

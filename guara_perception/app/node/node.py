@@ -16,6 +16,7 @@ from guara_perception.app.node.pause_scanner import PauseScanner
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.sweep import SWEEPS
+from guara_perception.app.node.walks import Walks
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput, PerceptionError
 from guara_perception.progress import Progress
@@ -43,8 +44,6 @@ logger = logging.getLogger(__name__)
 STOP_TIMEOUT_S = 5.0
 # A pause is looked at a little after its end, not a little before.
 EXPIRY_SLACK_S = 0.01
-# Walks that are over and whose gait may not speak again.
-REMEMBERED_WALKS = 64
 EXPECTED = (PerceptionError, KinematicsError, TransportError)
 
 
@@ -98,8 +97,7 @@ class PerceptionNode:
         )
         self._changed = threading.Condition()
         self._pause: Pause | None = None
-        self._walks = 0
-        self._past: list[str] = []
+        self._walks = Walks(server.robot, server.run)
         self._has_news = False
         self._to_scan: Pause | None = None
         self._job: tuple[ScanJob, list[TerrainMessage | Exception]] | None = None
@@ -128,7 +126,7 @@ class PerceptionNode:
         now = time.monotonic()
         if self._recorder is not None:
             self._recorder.add_stance(announcement)
-        refusal = self._foreign(announcement)
+        refusal = self._walks.refusal(announcement, self._pause)
         if refusal:
             self.status.problem("stance", f"step {announcement.step}: {refusal}; nothing was changed by it")
             return
@@ -146,17 +144,6 @@ class PerceptionNode:
             self._server.begin_step(begun.step, begun.epoch)
         elif self._pause is not None and self._pause.ended.is_set():
             self._server.end_step()
-
-    def _foreign(self, announcement: StancePause) -> str:
-        """Why an announcement is not for this node, in words; empty when it is."""
-        if announcement.robot != self._server.robot:
-            return f"the announcement is for robot {announcement.robot!r}, this node is {self._server.robot!r}"
-        epoch, last = announcement.epoch, self._pause
-        if epoch and last is not None and epoch == last.given_epoch and announcement.step < last.step:
-            return f"the announcement comes late, step {last.step} of walk {epoch!r} has begun"
-        if epoch and epoch in self._past:
-            return f"the announcement is of walk {epoch!r}, which is over"
-        return ""
 
     def _follow(self, announcement: StancePause, stance: Stance | None, now: float) -> Pause | None:
         """Bring an announcement into the pause that it speaks of; the pause that it begins, if any."""
@@ -177,7 +164,7 @@ class PerceptionNode:
             return None
         self._pause = self._to_scan = Pause(
             step=step,
-            epoch=self._epoch_of(announcement),
+            epoch=self._walks.epoch_of(announcement, self._pause),
             given_epoch=announcement.epoch,
             stance=stance,
             check=self._check_still,
@@ -200,17 +187,6 @@ class PerceptionNode:
 
     def _is_later(self, announcement: StancePause, current: Pause) -> bool:
         return announcement.epoch != current.given_epoch or announcement.step > current.step
-
-    def _epoch_of(self, announcement: StancePause) -> str:
-        """The walk that a pause belongs to; where the gait tells none, one that counts anew begins another."""
-        last = self._pause
-        if last is not None and last.given_epoch and last.given_epoch != announcement.epoch:
-            self._past = [*self._past[1 - REMEMBERED_WALKS :], last.given_epoch]
-        if announcement.epoch:
-            return announcement.epoch
-        if last is None or last.given_epoch or announcement.step < last.step:
-            self._walks += 1
-        return f"{self._server.run}-{self._walks}"
 
     def _check_still(self, begin: Stance, now: Stance) -> None:
         check_camera_still(self._robot, begin, now, transform_camera_to_base=self._camera)

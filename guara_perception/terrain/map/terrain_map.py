@@ -17,6 +17,7 @@ from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.map.checked_pose import checked_pose
 from guara_perception.terrain.map.fuse_heights import OdometryDrift, forget_heights, fuse_heights
 from guara_perception.terrain.map.height_anchor import HeightAnchor
 from guara_perception.terrain.map.known_ground import KnownGround, declared_heights
@@ -29,10 +30,6 @@ from guara_perception.terrain.map.support_feet import fill_under_foot, sole_erro
 
 # The window is moved when the robot has gone this far: seldom, and still little memory.
 MARGIN_M = 0.2
-# Without gravity a scan is levelled by its support plane, which tilts by 0.11 rad with two feet on a box of 40 mm.
-LARGEST_TILT = 0.2
-# Two computations of one vertical differ by rounding: a tilt that moves nothing by more than a nanometre is zero.
-LEAST_TURN = 1e-9
 # What a map is besides its cells.
 STATE = ("_centre", "_pause", "_step", "_time", "_drift", "_anchor", "_ground", "_scans", "_reasons")
 
@@ -309,17 +306,4 @@ class TerrainMap:
                 f"step {terrain.step} comes after step {self._step}: scans must come in the order of their pauses; "
                 "begin a new map for another walk"
             )
-        matrix = np.array(transform, dtype=np.float64)
-        if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
-            raise InvalidInput(f"transform_footprint_to_odom has shape {matrix.shape}, it must be a rigid (4, 4)")
-        rotation = matrix[:3, :3]
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or rotation[2, 2] < np.cos(LARGEST_TILT):
-            raise InvalidInput(
-                "transform_footprint_to_odom is no rotation, or tilts by more than "
-                f"{LARGEST_TILT} rad: both frames must be level"
-            )
-        rotation[np.abs(rotation) < LEAST_TURN] = 0.0
-        checked = np.array(covariance, dtype=np.float64)
-        if checked.shape != (6, 6) or not np.isfinite(checked).all() or (np.diag(checked) < 0).any():
-            raise InvalidInput(f"covariance has shape {checked.shape}, it must be (6, 6) with a positive diagonal")
-        return matrix, checked
+        return checked_pose(transform, covariance)

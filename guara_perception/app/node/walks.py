@@ -1,0 +1,45 @@
+"""Which walk an announcement of the gait belongs to, and whether it is for this node at all."""
+
+from __future__ import annotations
+
+from guara_perception.app.node.pause import Pause
+from transport import StancePause
+
+# Walks that are over and whose gait may not speak again.
+REMEMBERED = 64
+
+
+class Walks:
+    """Knows the walks that were; names those of a gait that tells none."""
+
+    def __init__(self, robot: str, run: str) -> None:
+        """Start before the first walk.
+
+        Args:
+            robot: instance name.
+            run: identity of this run of the node.
+        """
+        self._robot, self._run = robot, run
+        self._count = 0
+        self._past: list[str] = []
+
+    def refusal(self, announcement: StancePause, last: Pause | None) -> str:
+        """Why an announcement is not for this node, in words; empty when it is. `last` is the newest pause."""
+        if announcement.robot != self._robot:
+            return f"the announcement is for robot {announcement.robot!r}, this node is {self._robot!r}"
+        epoch = announcement.epoch
+        if epoch and last is not None and epoch == last.given_epoch and announcement.step < last.step:
+            return f"the announcement comes late, step {last.step} of walk {epoch!r} has begun"
+        if epoch and epoch in self._past:
+            return f"the announcement is of walk {epoch!r}, which is over"
+        return ""
+
+    def epoch_of(self, announcement: StancePause, last: Pause | None) -> str:
+        """The walk that a pause belongs to; where the gait tells none, one that counts anew begins another."""
+        if last is not None and last.given_epoch and last.given_epoch != announcement.epoch:
+            self._past = [*self._past[1 - REMEMBERED :], last.given_epoch]
+        if announcement.epoch:
+            return announcement.epoch
+        if last is None or last.given_epoch or announcement.step < last.step:
+            self._count += 1
+        return f"{self._run}-{self._count}"

@@ -1,0 +1,70 @@
+"""One message that arrived: when it did, and what it says, decoded when first asked for."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from transport import clock
+from transport.exceptions import MessageError
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Received(Generic[T]):
+    """A message with the moment of its arrival.
+
+    Attributes:
+        message: decoded message.
+        number: counts the samples of this receiver, from 1.
+        arrival: [s] on `transport.clock.now()`.
+        arrival_stamp: [ns] since the epoch, by this machine's clock.
+    """
+
+    message: T
+    number: int
+    arrival: float
+    arrival_stamp: int
+
+    @property
+    def age(self) -> float:
+        """[s] since the arrival."""
+        return clock.now() - self.arrival
+
+
+class Slot(Generic[T]):
+    """One payload with its arrival; decoded at most once, by whoever asks first."""
+
+    def __init__(self, payload: bytes, number: int, decode: Callable[[bytes], T]) -> None:
+        """It arrives now."""
+        self.number = number
+        self.taken = False
+        self._arrival = (clock.now(), time.time_ns())
+        self._payload = payload
+        self._decode = decode
+        self._lock = threading.Lock()
+        self._result: Received[T] | MessageError | None = None
+
+    def peek(self) -> T:
+        """The message, before anybody has asked for it."""
+        return self._opened().message
+
+    def open(self) -> Received[T]:
+        """The message with its arrival; from now on it counts as asked for."""
+        self.taken = True
+        return self._opened()
+
+    def _opened(self) -> Received[T]:
+        with self._lock:
+            if self._result is None:
+                try:
+                    self._result = Received(self._decode(self._payload), self.number, *self._arrival)
+                except MessageError as error:
+                    self._result = error
+            if isinstance(self._result, MessageError):
+                raise self._result
+            return self._result
