@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,8 @@ import guara_perception as gp
 from benchmarks.hostile import FILES, MEMORY_MB, SECONDS
 from guara_perception.app.files.camera_info import read_camera_info
 from guara_perception.app.files.open_scan import open_scans
+from guara_perception.calibration.file import to_json
+from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.world_file import load_world
 from kinematics import KinematicsError, load_robot
 from transport import TransportError
@@ -62,6 +64,10 @@ def _camera(path: Path) -> None:
     path.write_text("\n".join(lines))
 
 
+def _calibration(path: Path) -> None:
+    path.write_text(to_json(specimen(load_robot("guara"), (640, 512), 0)))
+
+
 def _scan(path: Path) -> None:
     path.write_bytes((ROOT / "tests/data/scans/paper/scan.json").read_bytes())
 
@@ -87,6 +93,7 @@ CASES: dict[str, tuple[str, Callable[[Path], None], Callable[[Path], object]]] =
     "npz": ("t.npz", _grid, gp.load_terrain),
     "mcap": ("r.mcap", _recording, open_scans),
     "recover": ("r.mcap", _recording, _recover),
+    "calibration": ("c.json", _calibration, gp.load_calibration),
     "world": ("w.toml", _world, load_world),
     "camera_info": ("c.yaml", _camera, read_camera_info),
     "scan.json": ("scan.json", _scan, _open_scan_json),
@@ -117,6 +124,44 @@ def test_damaged_files_end_in_words(tmp_path: Path, kind: str) -> None:
         except OURS:
             refused += 1
     assert refused > 0
+
+
+ODD = (None, True, 0, -1, 10**9, -(10**400), 1e308, 1e-320, "", "x" * 1000, [], {}, [[[]]], [None] * 3, {"a": {}})
+
+
+def _places(node: object, path: tuple = ()) -> Iterator[tuple]:
+    """Where the values of a JSON text stand, objects and lists too."""
+    for key, value in node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ():
+        yield (*path, key)
+        yield from _places(value, (*path, key))
+
+
+def test_a_calibration_of_odd_values_ends_in_words(tmp_path: Path, paper_scan: gp.Scan) -> None:
+    """Any value in the place of any other: refused, or fit to process a scan with; no warning of numpy either."""
+    path, robot = tmp_path / "c.json", load_robot("guara")
+    _calibration(path)
+    text = path.read_text()
+    places = list(_places(json.loads(text)))
+    rng = np.random.default_rng(3)
+    outcomes = {"refused": 0, "used": 0}
+    for number in range(MUTATIONS):
+        place = places[int(rng.integers(len(places)))]
+        # What stands high up in the file as often as what stands deep down.
+        *way, last = place[: int(rng.integers(1, len(place) + 1))]
+        content = json.loads(text)
+        node = content
+        for key in way:
+            node = node[key]
+        node[last] = ODD[number % len(ODD)]
+        path.write_text(json.dumps(content))
+        try:
+            with np.errstate(all="raise"):
+                gp.ScanProcessor(gp.load_calibration(path), robot, paper_scan.stance, "coarse").finish()
+        except OURS:
+            outcomes["refused"] += 1
+        else:
+            outcomes["used"] += 1
+    assert outcomes["refused"] > 100 and outcomes["used"] > 0
 
 
 @pytest.mark.parametrize("part", ["robot.toml", "urdf/guara.urdf"])

@@ -163,6 +163,12 @@ def test_a_pause_of_absurd_numbers_is_refused(peer, fields: dict[str, object]) -
         replace(_pause(peer), **fields)
 
 
+def test_an_announcement_beyond_the_limit_is_refused() -> None:
+    """A gait has no 256 kB to say; nothing of it is decoded."""
+    with pytest.raises(MessageError, match="stance pause of 262145 bytes refused; allowed: 262144 bytes"):
+        transport.decode_stance_pause(bytes(256 * 1024 + 1))
+
+
 def test_unknown_gravity_stays_unknown(peer) -> None:
     """No gravity is told from a gravity of zero."""
     stance = transport.StanceMessage(joint_positions={}, support_feet=())

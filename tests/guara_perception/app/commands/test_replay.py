@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 
 import guara_perception as gp
 from guara_perception.app.commands import replay
@@ -70,6 +71,43 @@ def test_publishes_for_planners(
     assert said.code == 0 and said.out.splitlines()[0] == f"guara: publishing on {free_endpoint}"
     assert pauses == [8.0, 8.0]
     assert listeners[0].wait() == 0
+
+
+FOREIGN = {
+    "pictures of a camera": ("/camera/image", "sensor_msgs/msg/Image", "cdr", b"\x00\x01\x00\x00" + bytes(60)),
+    "words in JSON": ("/chatter", "chatter", "json", b'{"data": "hello"}'),
+    "our topic, other bytes": ("/guara/scan/start", "guara_msgs/msg/ScanStart", "cdr", b"\x00\x01\x00\x00nonsense"),
+    "our topic, JSON": ("/guara/scan/start", "start", "json", b"{}"),
+    "a grid of nobody": ("/guara/terrain", "guara_msgs/msg/Terrain", "cdr", b"\x00\x01\x00\x00" + bytes(40)),
+}
+
+
+def _write_foreign(path: Path, topic: str, schema: str, encoding: str, payload: bytes) -> None:
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        number = writer.register_schema(schema, "ros2msg" if encoding == "cdr" else "jsonschema", b"")
+        channel = writer.register_channel(topic, encoding, number)
+        for moment in range(3):
+            writer.add_message(channel, moment, payload, moment)
+        writer.finish()
+
+
+@pytest.mark.parametrize("kind", FOREIGN)
+def test_a_foreign_recording_is_told(guara, calibration_file: Path, tmp_path: Path, kind: str):
+    """A well-formed .mcap of somebody else: one line and exit 2 from whoever wants a scan, never a traceback."""
+    path = tmp_path / "foreign.mcap"
+    _write_foreign(path, *FOREIGN[kind])
+    for words in (
+        ("replay", path, "-c", calibration_file),
+        ("process", path, "-c", calibration_file, "-o", tmp_path / "t.npz"),
+        ("convert", path, tmp_path / "folder"),
+    ):
+        said = guara(*words)
+        assert said.code == 2 and str(path) in said.err and said.err.count("\n") == 1, said
+    assert guara("info", path).code in (0, 2)
+    assert guara("recover", path, "-o", tmp_path / "whole.mcap").code in (0, 1, 2)
+    assert not (tmp_path / "t.npz").exists() and not (tmp_path / "folder").exists()
 
 
 @pytest.mark.parametrize(

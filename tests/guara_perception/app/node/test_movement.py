@@ -167,11 +167,15 @@ def test_a_second_begin_with_the_same_joints_says_nothing_new(bench: Bench) -> N
     assert both(bench, 0, confirmed=True)[0].metadata["sequence"] == 2
 
 
-def test_joints_that_no_robot_can_have_are_refused(bench: Bench) -> None:
-    """All at a million radians: told in the status, nothing scanned, the next pause is served."""
-    wild = Stance(dict.fromkeys(bench.gait.stance.joint_positions, 1e6), bench.gait.stance.support_feet, None)
+@pytest.mark.parametrize(
+    ("position", "words"),
+    [(1e6, "is at 1e+06 rad, half a turn or more beyond its limits"), (3.0, "joints are where none can be")],
+)
+def test_joints_that_no_robot_can_have_are_refused(bench: Bench, position: float, words: str) -> None:
+    """At a million radians, or where no encoder is: told in the status, not scanned, the next pause is served."""
+    wild = Stance(dict.fromkeys(bench.gait.stance.joint_positions, position), bench.gait.stance.support_feet, None)
     bench.gait.say(0, PausePhase.BEGIN, wild)
-    assert told(bench, "joints are where none can be")
+    assert told(bench, words)
     bench.gait.say(1, PausePhase.BEGIN)
     assert bench.client.wait_for_step(0, timeout=TIMEOUT).step == 1
 
