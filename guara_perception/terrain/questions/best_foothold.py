@@ -52,6 +52,13 @@ class Foothold:
         """Freeze the normal."""
         object.__setattr__(self, "normal", readonly(self.normal))
 
+    def __repr__(self) -> str:
+        """In figures that mean something."""
+        return (
+            f"Foothold(x={self.x:.4f}, y={self.y:.4f}, z={self.z:.4f}, score={self.score:.2f}, "
+            f"value={self.value:.2f}, leg={self.leg!r})"
+        )
+
     @property
     def position(self) -> Float:
         """(3,) in base_footprint [m]."""

@@ -43,6 +43,10 @@ class FootholdVerdict:
         """The same as `ok`."""
         return self.ok
 
+    def __str__(self) -> str:
+        """For a person, in millimetres and degrees."""
+        return f"ok, score {self.score:.2f}" if self.ok else f"refused: {'; '.join(map(str, self.reasons))}"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootholdVerdicts:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -44,6 +45,12 @@ class PathVerdict:
     def __bool__(self) -> bool:
         """The same as `ok`."""
         return self.ok
+
+    def __str__(self) -> str:
+        """For a person, in millimetres and degrees."""
+        if not self.ok:
+            return f"refused: {'; '.join(map(str, self.reasons))}"
+        return "ok" if math.isnan(self.clearance) else f"ok, clearance {1e3 * self.clearance:.0f} mm"
 
 
 def check_path(terrain: LayeredGrid, points: npt.ArrayLike, clearance: float) -> PathVerdict:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -159,3 +161,18 @@ def test_the_recorded_boxes_are_found(paper_terrain: gp.TerrainGrid) -> None:
     """Five boxes of 10, 20, 40, 60 and 80 mm, each within half a millimetre."""
     heights = sorted(obstacle.height for obstacle in paper_terrain.obstacles())
     np.testing.assert_allclose(heights, [0.010, 0.020, 0.040, 0.060, 0.080], atol=5e-4)
+
+
+def test_answers_are_printed_in_words(paper_terrain: gp.TerrainGrid) -> None:
+    """What a person meets first: short figures in millimetres, and why not."""
+    foothold = paper_terrain.best_foothold(0.80, 0.00, 0.10)
+    assert re.fullmatch(
+        r"Foothold\(x=0.\d{4}, y=-?0.\d{4}, z=-?0.\d{4}, score=0.\d\d, value=0.\d\d, leg=None\)", repr(foothold)
+    )
+    assert re.fullmatch(r"ok, score 0\.\d\d", str(paper_terrain.check_foothold(foothold.x, foothold.y)))
+    assert str(paper_terrain.check_foothold(0.80, 0.20)).startswith("refused: edge ")
+    start = foothold.position + (0.0, 0.0, 0.05)
+    assert re.fullmatch(
+        r"ok, clearance \d+ mm", str(paper_terrain.check_path([start, start + (-0.10, 0.0, 0.0)], 0.03))
+    )
+    assert str(paper_terrain.check_path([start, start + (0.0, 0.2, 0.0)], 0.03)).startswith("refused: unknown ")
