@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, cast
+from typing import Any, NamedTuple, Self, cast
 
 from transport.codec import decode, read_time
 from transport.exceptions import RecordingError
@@ -19,6 +19,16 @@ from transport.terrain_message import EXTENTS, TerrainMessage
 
 SCAN_PARTS = ("scan/start", "scan/stripe", "scan/end")
 CAMERAS = ("camera/on", "camera/off", "camera/on/compressed", "camera/off/compressed")
+
+
+class Placed(NamedTuple):
+    """A message as it lies in a file: place of its chunk, topic, its own stamp, when it was written, payload."""
+
+    place: int
+    topic: str
+    stamp: int
+    log_time: int
+    payload: bytes
 
 
 class Recording:
@@ -105,6 +115,11 @@ class Recording:
         for payload in self._payloads(short):
             yield decode(payload, TYPES[short])
 
+    def written(self, short: str) -> Iterator[tuple[int, Any]]:
+        """As `messages`, each with the time at which it was written [ns since the epoch]."""
+        for found in self._placed(self._topics(short)):
+            yield found.log_time, decode(found.payload, TYPES[short])
+
     def close(self) -> None:
         """Close the file; safe to call twice."""
         self._file.close()
@@ -119,11 +134,11 @@ class Recording:
 
     def _iterate(self, topics: list[str], place: int | None = None) -> Iterator[tuple[str, int, bytes]]:
         """Topic, stamp and payload, all or those of the chunk at one place, in the order of writing."""
-        for _, topic, stamp, payload in self._placed(topics, place):
-            yield topic, stamp, payload
+        for found in self._placed(topics, place):
+            yield found.topic, found.stamp, found.payload
 
-    def _placed(self, topics: list[str], place: int | None = None) -> Iterator[tuple[int, str, int, bytes]]:
-        """As `_iterate`, with the place of the chunk in front."""
+    def _placed(self, topics: list[str], place: int | None = None) -> Iterator[Placed]:
+        """Messages of some topics, all or those of the chunk at one place, in the order of writing."""
         if not topics:
             return
         summary = cast(Any, self._summary)
@@ -132,7 +147,8 @@ class Recording:
             for at, message in self._stored(summary, set(wanted), place):
                 if message.channel_id in wanted:
                     # The stamp of a frame stands in publish_time; in recordings of earlier versions also in log_time.
-                    yield at, wanted[message.channel_id], message.publish_time, message.data
+                    topic = wanted[message.channel_id]
+                    yield Placed(at, topic, message.publish_time, message.log_time, message.data)
         except GeneratorExit:
             raise
         except Exception as error:  # the container, the decompressor and Python each have their own
@@ -176,12 +192,12 @@ class Recording:
     def _read_scans(self) -> Iterator[ScanRecord]:
         start: Any = None
         stripes: list[StripeRecord] = []
-        for place, topic, stamp, payload in self._placed(self._topics(*SCAN_PARTS, *CAMERAS)):
-            short = short_name(topic)
+        for found in self._placed(self._topics(*SCAN_PARTS, *CAMERAS)):
+            short = short_name(found.topic)
             if short in CAMERAS:
-                self._frames[topic, stamp] = place
+                self._frames[found.topic, found.stamp] = found.place
                 continue
-            body = decode(payload, TYPES[short])
+            body = decode(found.payload, TYPES[short])
             if short == "scan/start":
                 if start is not None:
                     yield _make_scan(start, stripes, None)

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 @click.option("--instance", default="guara", show_default=True, help="live: instance name of the robot")
 @click.option("--security", type=click.Path(path_type=Path), help="live: folder of a role of `guara security init`")
 @click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="of the page")
+@click.option("--rerun", is_flag=True, help="show a recording in the Rerun viewer instead (extra `rerun`)")
+@click.option("--save", type=click.Path(path_type=Path), help="with --rerun: write this .rrd file, and open nothing")
 def command(
     file: Path | None,
     calibration: Path | None = None,
@@ -36,16 +38,22 @@ def command(
     instance: str = "guara",
     security: Path | None = None,
     port: int = 8080,
+    rerun: bool = False,
+    save: Path | None = None,
 ) -> None:
     """Show terrain, robot, stripes and planned footholds in a browser until Ctrl-C.
 
     FILE is a grid (.npz), a recording (.mcap) or a scan folder; without it, what a running node publishes is shown.
-    The page is served to this machine only.
+    The page is served to this machine only. With --rerun a recording opens as one scene in Rerun's own viewer.
 
     \b
     Example:
       guara view out/demo/walk.mcap
+      guara view --rerun out/demo/walk.mcap
     """
+    if rerun or save is not None:
+        show_in_rerun(file, rerun, save)
+        return
     from guara_perception.app.until_stopped import stop_event
     from guara_perception.app.view_moments import load_moments
     from guara_perception.calibration.file import load_calibration
@@ -62,6 +70,21 @@ def command(
             stop.wait()
         else:
             show_live(view.show, model, endpoint, instance, security, stop, view.address)
+
+
+def show_in_rerun(file: Path | None, rerun: bool, save: Path | None) -> None:
+    """Open a recording in Rerun, or write what Rerun opens."""
+    from guara_perception.app.scene.rerun_scene import open_in_rerun, save_rerun_scene
+    from guara_perception.exceptions import InvalidInput
+
+    if not rerun:
+        raise InvalidInput("--save goes with --rerun: guara view --rerun FILE --save OUT.rrd")
+    if file is None:
+        raise InvalidInput("--rerun shows a recording: give its FILE (.mcap)")
+    if save is not None:
+        click.echo(f"{save_rerun_scene(file, save)}: open it with `rerun {save}`")
+    else:
+        open_in_rerun(file)
 
 
 def show_live(

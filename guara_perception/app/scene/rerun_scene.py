@@ -1,0 +1,187 @@
+"""A recording as a scene for Rerun: what its importer draws, the colours that it leaves out, and how it is laid out."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tempfile
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from guara_perception.arrays import Float
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, PerceptionError
+from guara_perception.extras import optional_library
+from guara_perception.whole_file import whole_file
+from kinematics import ODOM
+from transport import TerrainMessage, TransportError
+from transport.recording import Recording, open_recording
+
+APPLICATION = "guara_perception"
+TIMELINE = "message_log_time"
+PURPOSE = "the scene in Rerun"
+# [m]
+CELL_RADIUS, STRIPE_RADIUS, LINE_RADIUS = 0.0025, 0.0008, 0.0015
+STRIPE_COLOUR = (213, 94, 0)
+# The robot from the front right, at its size [m], in the frame of the view.
+EYE, LOOKED_AT = (1.45, -1.05, 0.70), (0.35, 0.0, 0.05)
+BACKGROUND = (38, 42, 48)
+LINE_LIST = 5
+
+
+def open_in_rerun(path: Path) -> None:
+    """Show a recording in the Rerun viewer, until it is closed.
+
+    Raises:
+        PerceptionError: the viewer failed, as without a display.
+        Exception: as of `save_rerun_scene`.
+    """
+    with tempfile.TemporaryDirectory(prefix="guara-rerun-") as folder:
+        scene = save_rerun_scene(path, Path(folder) / f"{path.stem}.rrd")
+        code = subprocess.run(
+            # For this machine only, whatever else runs on it.
+            [sys.executable, "-m", "rerun", str(scene), "--bind", "127.0.0.1", "--port", "auto"],
+            check=False,
+        ).returncode
+    if code:
+        raise PerceptionError(
+            f"the Rerun viewer ended with code {code}; where there is no display, --save {path.stem}.rrd writes what "
+            "`rerun` opens elsewhere"
+        )
+
+
+def save_rerun_scene(path: Path, out: Path) -> Path:
+    """Write a recording as an .rrd file that opens as one scene, blueprint included; return `out`.
+
+    Raises:
+        MissingExtra: rerun-sdk is not installed.
+        MissingFile: no such recording.
+        FileFormatError: it is no recording, was cut or is damaged.
+        InvalidInput: it holds no scene; `out` is no .rrd file.
+    """
+    rerun = optional_library("rerun", "rerun", PURPOSE)
+    if out.suffix != ".rrd":
+        raise InvalidInput(f"{out}: it must end in .rrd")
+    if not path.is_file():
+        raise MissingFile(f"{path}: no such file")
+    if path.suffix != ".mcap":
+        raise InvalidInput(f"{path}: Rerun shows recordings (.mcap); `guara view {path}` shows grids and scans")
+    try:
+        with open_recording(path) as recording, whole_file(out) as temporary:
+            last = _last_map(recording)
+            robot, place, model = last.robot, _place_of(last), _model_of(recording)
+            stream = rerun.RecordingStream(APPLICATION, recording_id=path.stem)
+            stream.save(str(temporary), default_blueprint=blueprint(robot, model, place))
+            stream.log_file_from_path(str(path))
+            for time, entity, what in _drawn(recording, robot):
+                stream.set_time(TIMELINE, timestamp=np.datetime64(time, "ns"))
+                stream.log(entity, *what)
+            stream.flush()
+            stream.disconnect()
+    except TransportError as error:
+        raise FileFormatError(str(error)) from None
+    return out
+
+
+def blueprint(robot: str, model: str, place: Float) -> Any:
+    """How the viewer lays a scene out: robot and terrain in odom, the camera's pictures beside it, the newest shown.
+
+    Args:
+        robot: instance name.
+        model: name of the robot in its URDF.
+        place: (3,) in odom, where the robot stands at the end [m]: what the eye looks at.
+    """
+    rrb: Any = optional_library("rerun.blueprint", "rerun", PURPOSE)
+    kinds = rrb.archetypes
+    # Clouds and markers are drawn in their colours below `scene`; flat grids would cover them.
+    hidden = [f"/{robot}/{topic}/**" for topic in ("map", "scan", "occupancy", "grid_map", "camera/on", "camera/off")]
+    hidden.append(f"/{model}/collision_geometries/**")
+    space = rrb.Spatial3DView(
+        name="Robot and terrain",
+        origin="/",
+        contents=["+ /**", *(f"- {entity}" for entity in hidden)],
+        spatial_information=kinds.SpatialInformation(target_frame=ODOM),
+        background=BACKGROUND,
+        eye_controls=kinds.EyeControls3D(position=place + EYE, look_target=place + LOOKED_AT, eye_up=(0.0, 0.0, 1.0)),
+    )
+    pictures = [
+        rrb.Spatial2DView(name=f"Camera, laser {kind}", origin=f"/{robot}/camera/{kind}") for kind in ("on", "off")
+    ]
+    return rrb.Blueprint(
+        rrb.Horizontal(space, rrb.Vertical(*pictures), column_shares=[3, 1]),
+        rrb.TimePanel(timeline=TIMELINE, play_state="following"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+    )
+
+
+def _last_map(recording: Recording) -> TerrainMessage:
+    newest = deque(recording.terrains("map"), maxlen=1)
+    if not newest or next(recording.written("map/points"), None) is None:
+        raise InvalidInput(
+            f"{recording.path} holds no scene: it has no map, or was recorded by an earlier version; "
+            f"`guara view {recording.path}` shows what is in it"
+        )
+    return newest[0]
+
+
+def _model_of(recording: Recording) -> str:
+    """Name of the robot in its URDF, under which Rerun's importer keeps its shapes."""
+    text = next((message.data for message in recording.messages("/robot_description")), "")
+    found = re.search(r"<robot[^>]*\bname\s*=\s*[\"']([^\"']+)", text)
+    return found[1] if found else ""
+
+
+def _place_of(message: TerrainMessage) -> Float:
+    """Where the robot stood at the scan of a map, (3,) in odom [m]; the origin where the map does not say."""
+    to_odom = [item.matrix[:3, 3] for item in message.transforms if item.destination_frame == ODOM]
+    return np.asarray(to_odom[0] if to_odom else np.zeros(3))
+
+
+def _drawn(recording: Recording, robot: str) -> Iterator[tuple[int, str, tuple[Any, ...]]]:
+    """Time [ns], entity and components of all that Rerun's importer does not draw as it should look."""
+    rerun: Any = optional_library("rerun", "rerun", PURPOSE)
+
+    def frame(message: Any) -> Any:
+        return rerun.CoordinateFrame(message.header.frame_id)
+
+    for time, cloud in recording.written("map/points"):
+        points, rgb = _points(cloud), _field(cloud, "rgb")
+        colours = np.column_stack([rgb >> shift & 0xFF for shift in (16, 8, 0)]).astype(np.uint8)
+        terrain = rerun.Points3D(points, colors=colours, radii=CELL_RADIUS)
+        yield time, f"/{robot}/scene/terrain", (terrain, frame(cloud))
+    for time, cloud in recording.written("scan/points"):
+        stripes = rerun.Points3D(_points(cloud), colors=STRIPE_COLOUR, radii=STRIPE_RADIUS)
+        yield time, f"/{robot}/scene/stripes", (stripes, frame(cloud))
+    for time, array in recording.written("markers"):
+        header = array.markers[0]
+        edges = [marker for marker in array.markers if marker.type == LINE_LIST]
+        strips = [np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 2, 3) for marker in edges]
+        lines = rerun.LineStrips3D(
+            np.concatenate([np.zeros((0, 2, 3)), *strips]), colors=STRIPE_COLOUR, radii=LINE_RADIUS
+        )
+        yield time, f"/{robot}/scene/obstacles", (lines, frame(header))
+        soles = [marker for marker in array.markers if marker.ns == "footholds"]
+        boxes = rerun.Boxes3D(
+            centers=[(m.pose.position.x, m.pose.position.y, m.pose.position.z) for m in soles],
+            sizes=[(m.scale.x, m.scale.y, m.scale.z) for m in soles],
+            colors=(0, 114, 178),
+            fill_mode="solid",
+        )
+        yield time, f"/{robot}/scene/footholds", (boxes, frame(header))
+
+
+def _points(cloud: Any) -> Any:
+    return np.column_stack([_field(cloud, name) for name in ("x", "y", "z")])
+
+
+def _field(cloud: Any, name: str) -> Any:
+    """Values (n,) of one field of a PointCloud2."""
+    field = next(field for field in cloud.fields if field.name == name)
+    kind = np.dtype({4: "<u2", 6: "<u4", 7: "<f4"}[field.datatype])
+    rows = cloud.data.reshape(cloud.width, cloud.point_step)[:, field.offset : field.offset + kind.itemsize]
+    return np.ascontiguousarray(rows).view(kind).reshape(-1)
