@@ -20,7 +20,7 @@ from transport.recording import RecordingWriter
 EXAMPLES = Path(__file__).parents[2] / "examples"
 # Run by tests of their own.
 ELSEWHERE = {"foot_planner.py", "gait_side.py"}
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.heavy
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, load_robot
 from tests.ports import free_endpoint
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.heavy
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "foot_planner.py"

@@ -36,7 +36,7 @@ def costs() -> dict[str, dict]:
     return {cost["name"]: cost for cost in map(json.loads, run.stdout.splitlines())}
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize("name", list(FILES))
 def test_a_hostile_file_is_refused_within_bounds(costs: dict[str, dict], name: str) -> None:
     """No traceback, no crash, no gigabyte, no minute."""

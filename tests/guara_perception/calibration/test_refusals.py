@@ -57,7 +57,7 @@ def board_of(columns: int, rows: int) -> Break:
     return lambda session: dataclasses.replace(
         session,
         board=dataclasses.replace(session.board, columns=columns, rows=rows),
-        board_images=session.board_images[:6],
+        board_images=session.board_images[:2],
     )
 
 
