@@ -13,6 +13,7 @@ from tests.drivers.test_aravis_camera import picture_of
 from tests.gige import fake_gige
 
 
+@pytest.mark.slow
 def test_a_frame_whose_packets_were_lost_is_a_gap() -> None:
     """Never a picture with holes."""
     with fake_gige(lost_packets=0.005) as fake, AravisCamera(fake.name, trigger="Line1") as camera:

@@ -22,6 +22,7 @@ def video_class(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_each_camera_is_listed_with_what_it_can_prove(
     video_class: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -56,6 +57,7 @@ def test_no_camera_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     assert finding.level == doctor.WARN and "none found; GigE Vision" in finding.message
 
 
+@pytest.mark.slow
 def test_doctor_says_what_the_chosen_camera_proves() -> None:
     """Free and triggered; a line that it lacks is named with those it has."""
     with fake_gige() as fake:
