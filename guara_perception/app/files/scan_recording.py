@@ -13,7 +13,7 @@ from guara_perception.bounded_files import decode_picture
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.scan import Scan, ScanStripe
 from kinematics import KinematicsError
-from transport import Health, TerrainMessage, TransportError
+from transport import TerrainMessage, TransportError
 from transport.recording import FrameReference, Recording, ScanRecord, open_recording
 
 
@@ -32,25 +32,16 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
     except TransportError as error:
         raise FileFormatError(str(error)) from None
     try:
-        withdrawn = _reasons(recording.scans, _taken_back(recording))
+        withdrawn = _reasons(recording.scans, [grid for grid in recording.terrains() if grid.withdrawn])
     except TransportError as error:
         raise FileFormatError(f"{path}: a recorded grid cannot be read: {error}") from None
     return [_scan(recording, record, path, withdrawn.get(place, "")) for place, record in enumerate(recording.scans)]
 
 
-def _taken_back(recording: Recording) -> list[TerrainMessage]:
-    """The withdrawn grids of a recording, without those of scans whose pause had confirmed them for the map."""
-    withdrawn = [grid for grid in recording.terrains() if grid.withdrawn]
-    confirmed = set()
-    if withdrawn:
-        maps = (fused for fused in recording.terrains("map") if fused.health is not Health.ERROR)
-        confirmed = {(fused.epoch, fused.step) for fused in maps if not fused.provisional}
-    return [grid for grid in withdrawn if (grid.epoch, grid.step) not in confirmed]
-
-
 def _reasons(scans: Sequence[ScanRecord], taken_back: list[TerrainMessage]) -> dict[int, str]:
     """Why the grids of scans were withdrawn, by the place of the scan: all scans of a pause go together.
 
+    So do those of a pause that had confirmed its map before the robot moved: what is recorded does not tell them apart.
     A gait that counts anew has the same step again: meant is the last scan of that step that began before.
     """
     found: dict[int, str] = {}

@@ -1,0 +1,64 @@
+"""Scans of a recording whose grids the node took back are told from those that stand."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.files.open_scan import open_scans
+from guara_perception.app.messages import stance_to_message, terrain_to_message
+from transport import Health, TerrainMessage
+from transport.recording import FrameRecord, RecordingWriter, ScanRecord
+
+WITHDRAWN = {"withdrawn": True, "provisional": False}
+
+
+@pytest.fixture
+def grid(paper_terrain: gp.TerrainGrid) -> TerrainMessage:
+    return terrain_to_message(dataclasses.replace(paper_terrain, pictures={}), robot="guara", sequence=1)
+
+
+def _said(grid: TerrainMessage, step: int, stamp: int, told: dict, extent: str = "footprint") -> TerrainMessage:
+    metadata = json.dumps({**json.loads(grid.metadata), "epoch": "walk", **told})
+    health = Health.ERROR if told.get("withdrawn") else Health.OK
+    return dataclasses.replace(
+        grid, step=step, stamp=stamp, extent=extent, metadata=metadata, health=health, health_reasons=("it moved",)
+    )
+
+
+def _record(path: Path, scan: gp.Scan, *parts: tuple[int, int] | TerrainMessage) -> list[str]:
+    """Why each scan was withdrawn, of a recording of scans (step, stamp) and grids in this order."""
+    with RecordingWriter(path) as writer:
+        for part in parts:
+            if isinstance(part, TerrainMessage):
+                writer.add_terrain(part)
+                continue
+            step, stamp = part
+            stance = stance_to_message(scan.stance)
+            writer.begin_scan(ScanRecord(robot="guara", mode="coarse", stamp=stamp, step=step, stance=stance))
+            writer.add_stripe(0, 0.1, FrameRecord(pixels=np.zeros((4, 4), np.uint8), stamp=stamp), None)
+            writer.end_scan(stamp=stamp)
+    return [found.withdrawn for found in open_scans(path)]
+
+
+def test_a_withdrawn_grid_marks_the_scans_of_its_pause(grid: TerrainMessage, paper_scan: gp.Scan, tmp_path: Path):
+    """Both scans of pause 2, the last word of which was that the robot had moved; neither the one before nor after."""
+    parts = ((1, 100), (2, 200), (2, 250), _said(grid, 2, 300, WITHDRAWN), (3, 400))
+    assert _record(tmp_path / "r.mcap", paper_scan, *parts) == ["", "it moved", "it moved", ""]
+
+
+def test_a_map_that_was_confirmed_does_not_excuse_a_scan(grid: TerrainMessage, paper_scan: gp.Scan, tmp_path: Path):
+    """It may be of an earlier scan of the pause, after which the mirror slipped: of two readings the safer."""
+    parts = ((2, 200), _said(grid, 2, 200, {"provisional": False}, "map"), (2, 250), _said(grid, 2, 300, WITHDRAWN))
+    assert _record(tmp_path / "r.mcap", paper_scan, *parts) == ["it moved", "it moved"]
+
+
+def test_a_gait_that_counts_anew_has_the_same_step_twice(grid: TerrainMessage, paper_scan: gp.Scan, tmp_path: Path):
+    """Meant is the scan before the withdrawal; with a clock that was set back, every scan of that step."""
+    parts = ((2, 200), (1, 500), (2, 600), _said(grid, 2, 700, WITHDRAWN))
+    assert _record(tmp_path / "r.mcap", paper_scan, *parts) == ["", "", "it moved"]
+    parts = ((2, 200), (1, 500), (2, 600), _said(grid, 2, 100, WITHDRAWN))
+    assert _record(tmp_path / "b.mcap", paper_scan, *parts) == ["it moved", "", "it moved"]
