@@ -15,6 +15,7 @@ PROGRAMS = {
     "accuracy": "error of recorded scans against their truth",
     "announcements": "what HOLD and floods of bad announcements cost a node",
     "calibration": "error of calibrations against the truth of their session",
+    "drift": "how far the fused map drifts aside, with and without laying scans onto it",
     "drivers": "costs of the laser board's driver and of proving stripes",
     "hostile": "what files that were made to harm cost before they are refused",
     "kinematics": "speed and agreement of the kinematics",

@@ -64,7 +64,11 @@ def judge(robot: RobotModel, truth: TrueGround, pauses: list[ScannedPause]) -> C
         pause, scan = item.pause, item.scan
         pose = odometry.update(pause.stance)
         fused = terrain_map.update(
-            scan, pose.transform_footprint_to_odom, pose.covariance, known_ground=pause.known_ground
+            scan,
+            pose.transform_footprint_to_odom,
+            pose.covariance,
+            known_ground=pause.known_ground,
+            covariance_since_last=pose.covariance_since_last,
         )
         if pause.step < FIRST_STEP:
             continue

@@ -107,6 +107,7 @@ class WalkMap:
             terrain,
             _transform_of(terrain, pose),
             pose.covariance,
+            covariance_since_last=pose.covariance_since_last,
             known_ground=known_ground,
             metadata=self._told(pose),
             time=time,

@@ -126,6 +126,7 @@ class _Counts:
                 terrain,
                 pose.transform_base_to_odom @ np.linalg.inv(to_footprint),
                 pose.covariance,
+                covariance_since_last=pose.covariance_since_last,
                 known_ground=pause.known_ground,
             )
             self.known.append(float(np.isfinite(terrain.elevation).mean()))

@@ -31,7 +31,16 @@ def checked_pose(transform: npt.ArrayLike, covariance: npt.ArrayLike) -> tuple[F
             f"{LARGEST_TILT} rad: both frames must be level"
         )
     rotation[np.abs(rotation) < LEAST_TURN] = 0.0
+    return matrix, checked_covariance(covariance)
+
+
+def checked_covariance(covariance: npt.ArrayLike) -> Float:
+    """A copy of a covariance (6, 6), fit to be used.
+
+    Raises:
+        InvalidInput: it is not (6, 6) with a positive diagonal.
+    """
     checked = np.array(covariance, dtype=np.float64)
     if checked.shape != (6, 6) or not np.isfinite(checked).all() or (np.diag(checked) < 0).any():
         raise InvalidInput(f"covariance has shape {checked.shape}, it must be (6, 6) with a positive diagonal")
-    return matrix, checked
+    return checked

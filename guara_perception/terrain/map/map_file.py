@@ -18,6 +18,7 @@ from guara_perception.terrain.file import UNREADABLE
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
 from guara_perception.terrain.map.height_anchor import HeightAnchor
 from guara_perception.terrain.map.odom_cells import MEMORY, OdomCells
+from guara_perception.terrain.map.walk_correction import WalkCorrection
 from guara_perception.whole_file import whole_file
 
 FORMAT = "guara-map/1"
@@ -56,6 +57,7 @@ def write_map(path: str | Path, robot: str, cells: OdomCells, state: Mapping[str
         "_centre": None if centre is None else centre.tolist(),
         "_drift": dataclasses.asdict(state["_drift"]),
         "_anchor": dataclasses.asdict(state["_anchor"]),
+        "_walk": state["_walk"].to_fields(),
     }
     header = {"format": FORMAT, "robot": robot, "resolution": cells.resolution, "side": cells.side}
     fields = {name.removeprefix("_"): value for name, value in plain.items()}
@@ -112,6 +114,7 @@ def _state(fields: Fields) -> dict[str, Any]:
             odometry=anchor.number("odometry", 0.0),
             rejected=tuple(str(leg) for leg in anchor.sequence("rejected")),
         ),
+        "_walk": WalkCorrection.of_fields(fields.sub("walk")),
         "_ground": [dict(patch.data) for patch in fields.items("ground")],
         "_scans": fields.integer("scans", 0),
         "_reasons": [str(reason) for reason in fields.sequence("reasons")],

@@ -17,7 +17,7 @@ from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.map.checked_pose import checked_pose
+from guara_perception.terrain.map.checked_pose import checked_covariance, checked_pose
 from guara_perception.terrain.map.fuse_heights import OdometryDrift, forget_heights, fuse_heights
 from guara_perception.terrain.map.height_anchor import HeightAnchor
 from guara_perception.terrain.map.known_ground import KnownGround, declared_heights
@@ -27,11 +27,12 @@ from guara_perception.terrain.map.map_report import map_report
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.snapshot import MapPause, snapshot_layers
 from guara_perception.terrain.map.support_feet import fill_under_foot, sole_error, support_feet
+from guara_perception.terrain.map.walk_correction import WalkCorrection
 
 # The window is moved when the robot has gone this far: seldom, and still little memory.
 MARGIN_M = 0.2
 # What a map is besides its cells.
-STATE = ("_centre", "_pause", "_step", "_time", "_drift", "_anchor", "_ground", "_scans", "_reasons")
+STATE = ("_centre", "_pause", "_step", "_time", "_drift", "_anchor", "_walk", "_ground", "_scans", "_reasons")
 
 
 class TerrainMap:
@@ -47,7 +48,8 @@ class TerrainMap:
         for scan in scans:
             terrain = process_scan(scan, calibration, robot)
             pose = odometry.update(scan.stance)
-            fused = terrain_map.update(terrain, pose.transform_footprint_to_odom, pose.covariance)
+            transform, since = pose.transform_footprint_to_odom, pose.covariance_since_last
+            fused = terrain_map.update(terrain, transform, pose.covariance, covariance_since_last=since)
     """
 
     def __init__(self, robot: RobotLike, *, resolution: float | None = None) -> None:
@@ -71,6 +73,7 @@ class TerrainMap:
         self._step: int | None = None
         self._drift = OdometryDrift(0.0, 0.0, 0.0)
         self._anchor = HeightAnchor()
+        self._walk = WalkCorrection.none()
         self._ground: list[dict[str, Any]] = []
         self._scans = 0
         self._time: int | None = None
@@ -91,6 +94,7 @@ class TerrainMap:
         known_ground: Sequence[KnownGround] = (),
         metadata: Mapping[str, Any] | None = None,
         time: float | None = None,
+        covariance_since_last: npt.ArrayLike | None = None,
     ) -> TerrainGrid:
         """Fuse one scan and give the map as it is known now.
 
@@ -101,6 +105,9 @@ class TerrainMap:
             covariance: (6, 6) of it, REP-103 order, relative to the start; must not shrink as the walk goes on.
             known_ground: what the gait declares at this pause, in its base_footprint.
             metadata: more fields for the metadata of the result.
+            covariance_since_last: (6, 6) of the motion since the last pause (`OdometryPose.covariance_since_last`): the
+                scan is laid onto the map first, which takes sideways drift off where the ground shows it. None = the
+                walk is taken as odometry gives it.
             time: of the scan by a clock that never steps [s], by which cells grow old; None takes the grid's stamp.
                 Time that runs backwards makes all that was seen before STALE: how old it is, is not known.
 
@@ -113,8 +120,12 @@ class TerrainMap:
                 rigid or tilts by more than 0.2 rad; a covariance that is not (6, 6) with a positive diagonal.
         """
         transform, pose_covariance = self._checked(terrain, transform_footprint_to_odom, covariance)
+        since_last = None if covariance_since_last is None else checked_covariance(covariance_since_last)
         self._pause += 1 if self._step is None else terrain.step - self._step
         self._step = terrain.step
+        if since_last is not None:
+            self._walk = self._walk.after(self._cells, terrain, transform, self._anchor.offset, since_last)
+        transform = self._walk.transform @ transform
         clock = self._ticked(terrain.stamp if time is None else round(time * 1e9))
         position = transform[:2, 3]
         if self._centre is None or np.abs(position - self._centre).max() > MARGIN_M:
@@ -128,12 +139,8 @@ class TerrainMap:
         )
         correction, self._anchor = anchor.offset - self._anchor.offset, anchor
         transform[2, 3] += correction
-        last = self._drift
-        self._drift = OdometryDrift(
-            rise=self._anchor.rise,
-            shift=max(last.shift, float(pose_covariance[0, 0]), float(pose_covariance[1, 1])),
-            turn=max(last.turn, float(pose_covariance[5, 5])),
-        )
+        by_odometry = pose_covariance if since_last is None else None
+        self._drift = self._walk.drift(self._drift, self._anchor.rise, by_odometry)
         now = MapPause(self._pause, clock, self._drift, transform)
         rejected = self._look(terrain, now)
         for foot in feet:
@@ -158,6 +165,7 @@ class TerrainMap:
         Arguments and errors as of `update`; of `terrain` only stamp, step and metadata count.
         """
         transform, pose_covariance = self._checked(terrain, transform_footprint_to_odom, covariance)
+        transform = self._walk.transform @ transform
         transform[2, 3] += self._anchor.offset
         pause = self._pause + (1 if self._step is None else terrain.step - self._step)
         clock = terrain.stamp if time is None else round(time * 1e9)
@@ -263,7 +271,7 @@ class TerrainMap:
             stamp=terrain.stamp,
             step=terrain.step,
             extent="map",
-            metadata={**report, **(metadata or {})},
+            metadata={**report, **self._walk.report(), **(metadata or {})},
         )
 
     def _look(self, terrain: TerrainGrid, now: MapPause) -> int:

@@ -1,0 +1,143 @@
+"""Holds the walk to the map sideways: what registration of each scan takes off the drift of leg odometry.
+
+A Kalman filter over x, y and heading: between pauses the error of the walk grows by that of the motion, the overlap of
+scan and map takes some of it off again. Nothing is shifted silently: correction and sigmas are in the map's metadata.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from guara_perception.arrays import Float
+from guara_perception.fields import Fields
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.map.fuse_heights import OdometryDrift
+from guara_perception.terrain.map.odom_cells import OdomCells
+from guara_perception.terrain.map.registration import register
+
+SIDEWAYS = [0, 1, 5]
+# Priors of what registration sees beside the sideways drift, and does not correct: the soles hold the height.
+HEIGHT_SIGMA_M = 0.003
+TILT_SIGMA = 0.001
+# No motion is surer than this: it keeps the covariances positive.
+LEAST_SIGMA_M, LEAST_SIGMA_RAD = 1e-4, 3e-5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WalkCorrection:
+    """State of the filter.
+
+    Attributes:
+        transform: (4, 4) to be multiplied from the left to transforms of odometry; a turn about z and a shift in x, y.
+        covariance: (3, 3) of x, y and heading of the walk against the map.
+        last: transform_footprint_to_odom of the last pause as odometry gave it, None before the first.
+        shift, turn: variance that cells gain sideways and by the heading while they are not seen, summed since the
+            start [m^2, rad^2].
+        refused: why the last overlap was not used, None where it was.
+    """
+
+    transform: Float
+    covariance: Float
+    last: Float | None = None
+    shift: float = 0.0
+    turn: float = 0.0
+    refused: str | None = None
+
+    @staticmethod
+    def none() -> WalkCorrection:
+        """Before the first pause."""
+        return WalkCorrection(np.eye(4), np.zeros((3, 3)))
+
+    def drift(self, last: OdometryDrift, rise: float, covariance: Float | None) -> OdometryDrift:
+        """How far the walk may have drifted by now, never less than before.
+
+        Args:
+            last: by the pause before.
+            rise: variance of z [m^2].
+            covariance: (6, 6) since the start, of a walk that is taken as odometry gives it; None = what is left here.
+        """
+        shift, turn = self.shift, self.turn
+        if covariance is not None:
+            shift, turn = float(np.diag(covariance)[:2].max()), float(covariance[5, 5])
+        return OdometryDrift(rise, max(last.shift, shift), max(last.turn, turn))
+
+    def report(self) -> dict[str, Any]:
+        """What the metadata of the map say of it; plain JSON values."""
+        return {
+            "sideways_correction": [*self.transform[:2, 3].tolist(), float(np.arctan2(*self.transform[1::-1, 0]))],
+            "sideways_correction_sigma": np.sqrt(np.diag(self.covariance)).tolist(),
+            "registration_refused": self.refused,
+        }
+
+    def to_fields(self) -> dict[str, Any]:
+        """All of it as plain JSON values."""
+        fields = {name: getattr(self, name) for name in self.__slots__}
+        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in fields.items()}
+
+    @staticmethod
+    def of_fields(fields: Fields) -> WalkCorrection:
+        """What `to_fields` gave.
+
+        Raises:
+            FileFormatError: a value is missing or impossible.
+        """
+        return WalkCorrection(
+            transform=fields.array("transform", (4, 4)),
+            covariance=fields.array("covariance", (3, 3)),
+            last=fields.array("last", (4, 4)) if fields.has("last") else None,
+            shift=fields.number("shift", 0.0),
+            turn=fields.number("turn", 0.0),
+            refused=fields.text("refused") if fields.has("refused") else None,
+        )
+
+    def after(
+        self, cells: OdomCells, terrain: TerrainGrid, odometry: Float, rise: float, since_last: Float
+    ) -> WalkCorrection:
+        """The state one pause later.
+
+        Args:
+            cells: the memory of the map.
+            terrain: the scan of the pause.
+            odometry: (4, 4) transform_footprint_to_odom as odometry gives it.
+            rise: what is added to its z [m].
+            since_last: (6, 6) covariance of the motion since the last pause, in the last footprint.
+        """
+        if self.last is None:
+            return WalkCorrection(self.transform, self.covariance, odometry.copy(), self.shift, self.turn)
+        here, before = self.transform @ odometry, self.transform @ self.last
+        rotation = np.kron(np.eye(2), before[:3, :3])
+        growth = rotation @ since_last @ rotation.T
+        carried = np.eye(3)
+        carried[:2, 2] = before[1, 3] - here[1, 3], here[0, 3] - before[0, 3]
+        added = growth[np.ix_(SIDEWAYS, SIDEWAYS)] + np.diag([LEAST_SIGMA_M**2] * 2 + [LEAST_SIGMA_RAD**2])
+        sideways = carried @ self.covariance @ carried.T + added
+        prior = np.diag([0.0, 0.0, growth[2, 2] + HEIGHT_SIGMA_M**2, TILT_SIGMA**2, TILT_SIGMA**2, 0.0])
+        tilt = terrain.metadata.get("pose_covariance")
+        if tilt is not None:
+            prior[3:5, 3:5] += np.asarray(tilt, dtype=np.float64)[3:5, 3:5]
+        prior[np.ix_(SIDEWAYS, SIDEWAYS)] = sideways
+        here[2, 3] += rise
+        found = register(cells, terrain, here, prior)
+        left = found.covariance[np.ix_(SIDEWAYS, SIDEWAYS)]
+        # Of the growth, the share that the overlap did not take off again stays with the cells.
+        kept_shift = np.linalg.eigvalsh(left[:2, :2])[-1] / np.linalg.eigvalsh(sideways[:2, :2])[-1]
+        return WalkCorrection(
+            transform=_moved(found.motion, here[:3, 3]) @ self.transform,
+            covariance=left,
+            last=odometry.copy(),
+            shift=self.shift + float(np.linalg.eigvalsh(added[:2, :2])[-1] * min(kept_shift, 1.0)),
+            turn=self.turn + float(added[2, 2] * min(left[2, 2] / sideways[2, 2], 1.0)),
+            refused=found.refused,
+        )
+
+
+def _moved(motion: Float, about: Float) -> Float:
+    """Transform (4, 4) of a shift in x and y and a turn about a vertical through a point."""
+    cosine, sine = np.cos(motion[5]), np.sin(motion[5])
+    transform = np.eye(4)
+    transform[:2, :2] = [[cosine, -sine], [sine, cosine]]
+    transform[:2, 3] = about[:2] - transform[:2, :2] @ about[:2] + motion[:2]
+    return transform

@@ -1,0 +1,120 @@
+"""Scan-to-map registration: takes a known shift off where the ground shows it, leaves the rest to odometry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from kinematics import RobotModel
+
+MakeScan = Callable[..., gp.TerrainGrid]
+SINCE_LAST = np.diag([0.002**2, 0.002**2, 0.001**2, 1e-8, 1e-8, 0.002**2])
+
+
+def bumps(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Smooth ground that shows where one is, in x and in y."""
+    return np.asarray(0.012 * np.sin(40 * x) * np.cos(35 * y) + 0.008 * np.sin(23 * x + 31 * y))
+
+
+def seen_from(
+    make_scan: MakeScan, shift: tuple[float, float], step: int, *, flat: bool = False, stripes: bool = False
+) -> gp.TerrainGrid:
+    """A scan of the bumps by a robot that stands aside by `shift` of where odometry says."""
+    metadata = {"stripes_planned": 70} if stripes else {}
+    grid = make_scan(0.0).geometry
+    x, y = np.meshgrid(*grid.centres())
+    heights = np.zeros(x.shape) if flat else bumps(x + shift[0], y + shift[1])
+    return make_scan(heights + np.random.default_rng(step).normal(0, 2e-4, x.shape), step=step, metadata=metadata)
+
+
+def correction(terrain: gp.TerrainGrid) -> np.ndarray:
+    return np.array(terrain.metadata["sideways_correction"])
+
+
+@pytest.mark.parametrize("shift", [(0.003, 0.0), (0.0, -0.003), (-0.002, 0.002)])
+def test_a_shift_that_the_ground_shows_is_taken_off(
+    robot: RobotModel, make_scan: MakeScan, shift: tuple[float, float]
+) -> None:
+    """Odometry says that the robot stood still; it stands aside: most is taken off, the prior holds the rest."""
+    terrain_map = gp.TerrainMap(robot)
+    terrain_map.update(seen_from(make_scan, (0, 0), 0), np.eye(4), np.zeros((6, 6)), covariance_since_last=SINCE_LAST)
+    fused = terrain_map.update(seen_from(make_scan, shift, 1), np.eye(4), SINCE_LAST, covariance_since_last=SINCE_LAST)
+    assert fused.metadata["registration_refused"] is None
+    np.testing.assert_allclose(correction(fused)[:2], shift, atol=1e-3)
+    assert max(fused.metadata["sideways_correction_sigma"][:2]) < 0.0015
+
+
+def test_level_ground_leaves_it_to_odometry(robot: RobotModel, make_scan: MakeScan) -> None:
+    """Where nothing shows where one is, nothing is corrected, and the sigma grows with that of the motion."""
+    terrain_map = gp.TerrainMap(robot)
+    for step in range(3):
+        fused = terrain_map.update(
+            seen_from(make_scan, (0.003, 0), step, flat=True),
+            np.eye(4),
+            step * SINCE_LAST,
+            covariance_since_last=SINCE_LAST,
+        )
+    assert np.abs(correction(fused)[:2]).max() < 2e-4
+    assert fused.metadata["sideways_correction_sigma"][0] > 0.002
+
+
+def test_across_its_stripes_a_scan_is_left_to_odometry(robot: RobotModel, make_scan: MakeScan) -> None:
+    """They show where one is along them alone: across them an edge lies up to their spacing off, always alike."""
+    terrain_map = gp.TerrainMap(robot)
+    for step, shift in enumerate(((0.0, 0.0), (0.003, 0.003))):
+        fused = terrain_map.update(
+            seen_from(make_scan, shift, step, stripes=True),
+            np.eye(4),
+            step * SINCE_LAST,
+            covariance_since_last=SINCE_LAST,
+        )
+    x, y, _ = correction(fused)
+    assert abs(x) < 5e-4
+    assert y == pytest.approx(0.003, abs=1.2e-3)
+    sigma_x, sigma_y, _ = fused.metadata["sideways_correction_sigma"]
+    assert sigma_y < 0.0015 < 0.0018 < sigma_x
+
+
+def test_a_turn_is_taken_off_too(robot: RobotModel, make_scan: MakeScan) -> None:
+    """The robot has turned by 5 mrad more than odometry says."""
+    grid = make_scan(0.0).geometry
+    x, y = np.meshgrid(*grid.centres())
+    turn = 0.005
+    turned = bumps(np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y)
+    unsure = np.diag([0.002**2, 0.002**2, 0.001**2, 1e-8, 1e-8, 0.01**2])
+    terrain_map = gp.TerrainMap(robot)
+    terrain_map.update(make_scan(bumps(x, y)), np.eye(4), np.zeros((6, 6)), covariance_since_last=unsure)
+    fused = terrain_map.update(make_scan(turned, step=1), np.eye(4), unsure, covariance_since_last=unsure)
+    assert correction(fused)[2] == pytest.approx(turn, abs=1e-3)
+
+
+def test_an_overlap_that_contradicts_is_refused(robot: RobotModel, make_scan: MakeScan) -> None:
+    """Other ground than the map's, or far more than odometry can be off, moves nothing and is told."""
+    sure = SINCE_LAST / 100
+    for other in (seen_from(make_scan, (0.3, 0.2), 1), seen_from(make_scan, (0.006, 0.0), 1)):
+        terrain_map = gp.TerrainMap(robot)
+        terrain_map.update(seen_from(make_scan, (0, 0), 0), np.eye(4), np.zeros((6, 6)), covariance_since_last=sure)
+        fused = terrain_map.update(other, np.eye(4), sure, covariance_since_last=sure)
+        assert fused.metadata["registration_refused"]
+        np.testing.assert_array_equal(correction(fused), 0.0)
+
+
+def test_a_saved_map_goes_on_with_its_correction(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
+    """The state of the filter is part of the file."""
+    terrain_map = gp.TerrainMap(robot)
+    for step, shift in enumerate(((0.0, 0.0), (0.003, 0.0))):
+        terrain_map.update(
+            seen_from(make_scan, shift, step), np.eye(4), step * SINCE_LAST, covariance_since_last=SINCE_LAST
+        )
+    terrain_map.save(tmp_path / "map.npz")
+    again = gp.TerrainMap.load(tmp_path / "map.npz", robot)
+    scan = seen_from(make_scan, (0.003, 0.001), 2)
+    one, two = (
+        each.update(scan, np.eye(4), 2 * SINCE_LAST, covariance_since_last=SINCE_LAST) for each in (terrain_map, again)
+    )
+    np.testing.assert_array_equal(one.elevation, two.elevation)
+    assert one.metadata["sideways_correction"] == two.metadata["sideways_correction"]
