@@ -24,8 +24,8 @@ REASONS = {
     ),
     "memory growth in a scan, MB": (
         "8 MB of it are the pair of frames itself and 4 MB what a scan keeps (profiles and points of every stripe, for "
-        "range images and for stripes that come late); the rest comes and goes while a clipped band is mixed from its "
-        "three channels"
+        "range images and for stripes that come late); the rest comes and goes, with a band as with the layers at "
+        "the end"
     ),
 }
 

@@ -29,6 +29,8 @@ TOP_COLUMNS = 16
 TOP_SIGMAS = 5.0
 # Even a channel that is clipped throughout says where the shoulders of the stripe are.
 LEAST_HEADROOM = 0.3
+# Rows whose channels are mixed in one go: all at once they would need four times the memory of the band.
+MIXED_ROWS = 32
 # How far to each side of its top the core is looked at, in sigmas of the stripe.
 REACH_SIGMAS = 3.0
 # A clipped core wider than this, in sigmas of the stripe, leaves no shoulders to judge by.
@@ -157,21 +159,26 @@ def fused_light(on: Image, off: Image | None, channel: int) -> Float32:
     """
     full_scale = float(np.iinfo(on.dtype).max)
     on = np.ascontiguousarray(on)
-    light = np.asarray(cv2.subtract(on, opening(on) if off is None else off, dtype=cv2.CV_32F))
-    sample = np.ascontiguousarray(sampled(light).reshape(-1, 3).T)
+    off = opening(on) if off is None else off
+    sample = np.ascontiguousarray(np.subtract(sampled(on), sampled(off), dtype=np.float32).reshape(-1, 3).T)
     offsets = upper_medians(sample).astype(np.float64)
     noise = SIGMA_PER_DEVIATION * upper_medians(np.abs(sample - offsets[:, None].astype(np.float32)))
     noise = np.maximum(noise.astype(np.float64), full_scale / 512)
-    smooth = cv2.GaussianBlur(np.ascontiguousarray(light[:, ::TOP_COLUMNS, channel]), (1, 5), 0)
+    some = np.subtract(on[:, ::TOP_COLUMNS], off[:, ::TOP_COLUMNS], dtype=np.float32)
+    smooth = cv2.GaussianBlur(np.ascontiguousarray(some[:, :, channel]), (1, 5), 0)
     shown = np.flatnonzero(smooth.max(axis=0) > TOP_SIGMAS * noise[channel])
     shown = shown if shown.size else np.arange(smooth.shape[1])
-    top, columns = smooth.argmax(axis=0)[shown], TOP_COLUMNS * shown
-    headroom = np.maximum(1 - is_clipped(on[top, columns]).mean(axis=0), LEAST_HEADROOM)
-    gains = np.maximum(upper_medians(light[top, columns].T) - offsets - noise, 0.0)
+    top = smooth.argmax(axis=0)[shown]
+    headroom = np.maximum(1 - is_clipped(on[top, TOP_COLUMNS * shown]).mean(axis=0), LEAST_HEADROOM)
+    gains = np.maximum(upper_medians(some[top, shown].T) - offsets - noise, 0.0)
     weights = headroom**2 * gains / noise**2
     shares = weights * (gains.max() / max(float(weights @ gains), 1e-12))
-    mixture = np.append(shares, -float(shares @ offsets)).astype(np.float32)
-    return np.asarray(cv2.transform(light, mixture[None]))
+    mixture = np.append(shares, -float(shares @ offsets)).astype(np.float32)[None]
+    fused = np.empty(on.shape[:2], np.float32)
+    for first in range(0, len(on), MIXED_ROWS):
+        rows = slice(first, first + MIXED_ROWS)
+        fused[rows] = cv2.transform(cv2.subtract(on[rows], off[rows], dtype=cv2.CV_32F), mixture)
+    return fused
 
 
 def difference(bright: Image, background: Image | None) -> Array:

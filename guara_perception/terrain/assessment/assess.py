@@ -110,8 +110,8 @@ def _judge(
     known = (flags & UNKNOWN_MASK) == 0
     # What follows is computed for the known cells alone, often a quarter of a map.
     index = np.flatnonzero(known)
-    rise, fall = rises(raster.low, raster.high, known, kernel)
     fit = fit_disc(raster.elevation, raster.variance, kernel, resolution)
+    rise, fall = rises(raster.low, raster.high, known, kernel)
     known_variance = raster.variance.take(index)
     sigma = np.sqrt(known_variance)
     k = limits.confidence

@@ -15,7 +15,10 @@ from guara_perception.terrain.layers.hazard import Hazard
 
 # A surface must rise this far above a line of sight to count as hiding what lies beyond.
 HIDING_MARGIN_M = 0.001
-CELLS_TOGETHER = 1024
+# Cells that are compared with all laser planes together.
+CELLS_TOGETHER = 256
+# Lines from ground to sensor that are followed together.
+LINES_TOGETHER = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +38,7 @@ class LookPlan:
     size: tuple[int, int]
 
     def pairs(self, cells: Index) -> Index:
-        """Place in the pattern of the first stripe of the pair that passes over each cell (n,), -1 where none does."""
+        """Position in the pattern of the first stripe of each cell's pair (n,), -1 where no pair passes over it."""
         # All cells of a grid and all laser planes at once would take megabytes.
         blocks = np.split(cells, range(CELLS_TOGETHER, cells.size, CELLS_TOGETHER))
         return np.concatenate([self._pairs(block) for block in blocks])
@@ -115,9 +118,25 @@ def _behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geom
     start = np.clip(1 - (top - z) / climb, 0.0, 1.0)
     length = np.hypot(sensor_origin[0] - x, sensor_origin[1] - y) * (1 - start)
     samples = int(np.clip(np.ceil(2 * length.max() / geometry.resolution), 1, 400))
-    share = start + (1 - start) * ((np.arange(samples) + 0.5) / samples)[:, None]
     # Cells counted with a border of one, where nothing is known: what lies beyond the grid is cut to it.
     around = np.pad(elevation, 1, constant_values=np.nan)
+    along = ((np.arange(samples) + 0.5) / samples)[:, None]
+    # All lines at once would take megabytes.
+    blocks = (slice(first, first + LINES_TOGETHER) for first in range(0, len(targets), LINES_TOGETHER))
+    return np.concatenate(
+        [
+            _is_blocked(around, targets[block], start[block] + (1 - start[block]) * along, sensor_origin, geometry)
+            for block in blocks
+        ]
+    )
+
+
+def _is_blocked(around: Float, targets: Float, share: Float, sensor_origin: Float, geometry: GridGeometry) -> Mask:
+    """Whether the surface rises above the line from a target (n, 3) to a sensor at any of some shares (m, n) of it.
+
+    `around` is the surface with a border of one cell.
+    """
+    x, y, z = targets.T
     row, column = (
         ((end + share * (position - end) - origin) * (1 / geometry.resolution) + (1 + ROUNDING))
         .clip(0, count + 1)

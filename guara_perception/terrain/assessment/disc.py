@@ -82,14 +82,16 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     def sums(layer: Array, weights: Float) -> Float:
         return disc_sums(layer, weights).take(index).astype(np.float64, copy=False)
 
-    n = sums(mask, disc)
-    sx, sy = sums(mask, x), sums(mask, y)
-    sxx, sxy, syy = sums(mask, x * offset[None, :]), sums(mask, x * offset[:, None]), sums(mask, y * offset[:, None])
-    sz, sxz, syz = sums(height, disc), sums(height, x), sums(height, y)
-    szz = sums(height**2, disc)
+    # Sums of products become those about the means in their own memory: they are most of what a judgement needs.
+    n, sx, sy, sz = sums(mask, disc), sums(mask, x), sums(mask, y), sums(height, disc)
+    cxx, cxy, cyy = sums(mask, x * offset[None, :]), sums(mask, x * offset[:, None]), sums(mask, y * offset[:, None])
+    cxz, cyz, czz = sums(height, x), sums(height, y), sums(height**2, disc)
     with np.errstate(divide="ignore", invalid="ignore"):
-        cxx, cxy, cyy = sxx - sx * sx / n, sxy - sx * sy / n, syy - sy * sy / n
-        cxz, cyz, czz = sxz - sx * sz / n, syz - sy * sz / n, szz - sz * sz / n
+        for product, first, second in ((cxx, sx, sx), (cxy, sx, sy), (cyy, sy, sy)):
+            product -= first * second / n
+        for product, first, second in ((cxz, sx, sz), (cyz, sy, sz), (czz, sz, sz)):
+            product -= first * second / n
+        del sx, sy, sz, first, second, height, mask
         determinant = cxx * cyy - cxy**2
         a = (cyy * cxz - cxy * cyz) / determinant
         b = (cxx * cyz - cxy * cxz) / determinant
