@@ -208,6 +208,7 @@ def test_without_aravis_it_says_how_to_install_it(monkeypatch: pytest.MonkeyPatc
         AravisCamera().open()
 
 
+@pytest.mark.slow
 def test_a_gi_for_another_python_is_told_from_none(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     (tmp_path / "gi").mkdir()
     (tmp_path / "gi" / "__init__.py").write_text("from . import _gi\n")

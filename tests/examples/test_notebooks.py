@@ -35,7 +35,7 @@ def test_it_is_kept_without_outputs(path: Path) -> None:
     assert set(notebook["metadata"]) == {"kernelspec", "language_info"}
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_it_runs(path: Path) -> None:
     """In a kernel of its own, in its folder; it says what its text promises, and its pictures show something."""

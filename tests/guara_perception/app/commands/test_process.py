@@ -327,6 +327,7 @@ def test_figures_are_drawn_into_a_folder(guara, data: Path, calibration_file: Pa
         assert min(cv2.imread(str(picture), cv2.IMREAD_UNCHANGED).shape[:2]) > 100
 
 
+@pytest.mark.slow
 def test_old_file_survives_a_failure(guara, paper_copy: Path, calibration_file: Path, tmp_path: Path):
     """A result from before is not touched by a run that fails half way."""
     out = tmp_path / "out.npz"

@@ -110,6 +110,7 @@ def test_doctor_says_when_it_was_given_no_folder(guara, tmp_path: Path) -> None:
     assert said.code == 1 and "holds no certificate" in said.out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("words", "key"), [(["listen"], "planner"), (["run", "--simulated"], "node")])
 def test_keys_that_others_can_read_start_nothing(guara, keys: Path, words: list[str], key: str) -> None:
     """Node and planner refuse them in one line that says what to do."""
