@@ -53,6 +53,7 @@ def test_all_is_written_out_for_type_checkers():
     assert ast.literal_eval(value) == sorted(gp.__all__)
 
 
+@pytest.mark.slow
 def test_star_import_brings_every_public_name():
     """`from guara_perception import *` loads each name, in a fresh process."""
     code = "from guara_perception import *; import guara_perception as gp; print(set(gp.__all__) - set(dir()))"

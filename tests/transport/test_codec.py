@@ -312,6 +312,7 @@ def test_flipped_bytes_give_an_error_or_a_valid_message(payloads) -> None:
     assert min(outcomes.values()) > 100, outcomes
 
 
+@pytest.mark.slow
 def test_huge_lengths_allocate_nothing(payloads) -> None:
     """A length field of four thousand million is refused without memory for it."""
     for payload, decode in payloads.values():

@@ -93,6 +93,7 @@ def test_a_step_leads_over_what_lies_between(robot: RobotModel) -> None:
     assert board.check_path(step.swing.points, step.clearance).ok
 
 
+@pytest.mark.slow
 def test_where_the_straight_way_is_barred_another_is_found(robot: RobotModel) -> None:
     """Unknown ground on the straight way is never crossed; where it lies all across there is no step, and why."""
     narrow = ground(robot, (0.342, 0.352, -0.186, -0.176))

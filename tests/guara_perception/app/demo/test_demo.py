@@ -49,6 +49,7 @@ def test_pictures_and_recording_are_left(demo: tuple[Path, str]) -> None:
     assert {scan.step for scan in open_scans(demo[0] / "walk.mcap")} == {0, 1, 2, 3, 4}
 
 
+@pytest.mark.heavy
 def test_a_robot_outside_of_the_package_walks_too(tmp_path: Path) -> None:
     """`--robot FOLDER`, made from a URDF by `robot new`: its own legs and name, from the folder to the planner."""
     urdf = Path(__file__).parents[3] / "robots" / "tapir" / "urdf" / "tapir.urdf"

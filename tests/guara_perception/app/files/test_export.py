@@ -22,6 +22,7 @@ def point_cloud() -> Any:
     return importlib.import_module("pypcd4").PointCloud
 
 
+@pytest.mark.slow
 def test_ply_opens_in_trimesh(paper_terrain: gp.TerrainGrid, tmp_path: Path):
     """A vertex per known cell, at its centre and height, in the colour of its hazard."""
     count = export_terrain(paper_terrain, tmp_path / "t.ply")

@@ -266,6 +266,7 @@ def test_a_folder_without_robot_is_unusable(tmp_path: Path, capsys: pytest.Captu
     assert "one of the names guara" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_findings_as_json(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One object with the verdict and every finding; the exit code is that of the text."""
     toml = folder / "robot.toml"

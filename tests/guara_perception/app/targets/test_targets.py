@@ -46,6 +46,7 @@ def test_pages_have_the_size_of_the_paper(printed):
         assert np.allclose(picture.shape[::-1], np.array(page.paper_mm) * DOTS_PER_MM, atol=1.0)
 
 
+@pytest.mark.slow
 def test_board_is_found_and_its_squares_measure_30_mm(printed):
     """The calibration's own detector finds it on one page; every square has its size to a fiftieth of a millimetre."""
     (index,) = [i for i, page in enumerate(printed[0]) if page.sheet.title.startswith("Checkerboard")]
