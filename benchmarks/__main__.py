@@ -16,6 +16,7 @@ PROGRAMS = {
     "announcements": "what HOLD and floods of bad announcements cost a node",
     "calibration": "error of calibrations against the truth of their session",
     "drift": "how far the fused map drifts aside, with and without laying scans onto it",
+    "drift_check": "false alarms and finds of the check for a calibration that has drifted",
     "drivers": "costs of the laser board's driver and of proving stripes",
     "hostile": "what files that were made to harm cost before they are refused",
     "kinematics": "speed and agreement of the kinematics",

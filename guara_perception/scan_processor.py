@@ -33,7 +33,7 @@ from guara_perception.terrain.assessment.lost_cells import lost_cells
 from guara_perception.terrain.assessment.raster import pool, pool_flags
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
-from kinematics import Stance
+from kinematics import Stance, StancePose
 
 # Finer than this the raster need not be; coarser grids are pooled from it, so a lost stripe always leaves a gap.
 FINEST_CELL_M = 0.005
@@ -133,6 +133,11 @@ class ScanProcessor:
     def mode(self) -> str:
         """Mode of the scan."""
         return self._mode
+
+    @property
+    def pose(self) -> StancePose:
+        """Where the body stands over the ground."""
+        return self._pose
 
     @property
     def grid(self) -> GridGeometry:

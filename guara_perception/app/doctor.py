@@ -19,10 +19,11 @@ from drivers.usb_link import default_backend
 from guara_perception.app.devices_file import Devices
 from guara_perception.app.files.open_scan import open_scan
 from guara_perception.calibration.calibration import Calibration
-from guara_perception.calibration.drift import DRIFTING, HOLDS, check_drift
+from guara_perception.calibration.drift import DRIFTING, HOLDS
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import PerceptionError
 from guara_perception.process import run_scan
+from guara_perception.scan_drift import scan_drift
 from kinematics import KinematicsError, load_robot
 
 OK, SKIP, WARN, FAIL = "ok", "skip", "warn", "FAIL"
@@ -195,8 +196,7 @@ def check_scan_drift(calibration: Path | None, scan: Path | None) -> Finding:
         processor = run_scan(recorded, calibrated, load_robot(recorded.robot))
     except (PerceptionError, KinematicsError) as error:
         return Finding("drift", FAIL, str(error))
-    covariance = processor.finish().metadata["pose_covariance"]
-    drift = check_drift({index: stripe.points for index, stripe in processor.points.items()}, covariance)
+    drift = scan_drift(processor)
     if drift.verdict == DRIFTING:
         return Finding("drift", WARN, f"{'; '.join(drift.reasons)}: calibrate again")
     if drift.verdict == HOLDS:

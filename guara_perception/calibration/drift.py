@@ -9,25 +9,40 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Float, Index
-from guara_perception.plane_fit import solve_plane
+from guara_perception.arrays import Float, Mask
+from guara_perception.calibration.floor_lines import FloorLines, find_floor_lines
 
 HOLDS, DRIFTING, UNKNOWN = "holds", "drifting", "unknown"
-# Points within this of the floor plane are floor; the floor is looked for within this of z = 0.
-FLOOR_BAND_M = 0.003
-FLOOR_SEARCH_M = 0.030
-# A scan shows a floor when this share of its points lies on one plane, on at least this many stripes.
-MIN_FLOOR_SHARE = 0.25
+# A scan shows a floor when this many of its stripes run straight over it, and this share of those that returned.
 MIN_STRIPES = 8
-MIN_COLUMNS = 20
-# Median of one stripe over the floor against the plane through all stripes: 0.03 to 0.08 mm rms when all is well,
-# 0.4 with the laser rotated by 0.2 degrees.
-MAX_STRIPE_RMS_M = 0.00025
-MAX_STRIPE_M = 0.0012
+MIN_FLOOR_SHARE = 0.6
+# ... and over this depth along x: rough ground has straight stretches too, at most 0.23 m deep in 36 scans of it.
+MIN_DEPTH_M = 0.30
+# Ground rougher along its stripes than this is no flat floor: a flat one shows 0.02 to 0.08 mm, ground that undulates
+# by 2 mm 0.14 mm and more where it seems flat enough; a floor with glare shows 0.16 mm and is left out.
+MAX_ROUGHNESS_M = 0.00012
+# Straight stripes further off the plane of the others than this lie on something else: a box, a threshold.
+APART_M = 0.008
+# How far stripes may stray from one plane, rms over middle and ends: 0.01 to 0.06 mm when all is well, with the errors
+# that a calibration has; as much as the ground is rough along a stripe it may be across.
+MAX_STRIPE_RMS_M = 0.00012
+MAX_STRIPE_M = 0.0006
+# The smooth part of it, a bend along x and a twist, shows what a moved mount does and averages single stripes out:
+# 0.001 to 0.012 mm when all is well, 0.08 with the laser turned by 0.2 degrees about the vertical.
+MAX_FORM_M = 0.00003
+FORM_SIGMAS = 3.0
+HALF_WIDTH_M = 0.2
 # Height and tilt of the floor against where the soles say it is, beyond what the stance itself does not know.
 MAX_FLOOR_HEIGHT_M = 0.003
 MAX_FLOOR_TILT = float(np.deg2rad(0.6))
 STANCE_SIGMAS = 3.0
+# Height of one sole against the plane of the others, from its joints and the ground beneath it [m].
+SOLE_SIGMA_M = 0.0012
+# A jump from one stripe to the next explains the strays when this share of their squares goes with it. Beyond the
+# highest a mirror cannot have lost the steps unnoticed: it is a thing.
+JUMP_SHARE = 0.8
+JUMP_STRIPES = 2
+HIGHEST_JUMP_M = 0.030
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,14 +50,14 @@ class Drift:
     """Outcome of a drift check.
 
     Attributes:
-        verdict: "holds", "drifting", or "unknown" when the scan shows no floor to compare with.
+        verdict: "holds", "drifting", or "unknown" when the scan shows no flat floor to compare with.
         reasons: why not "holds", with numbers.
-        floor_share: share of the points that lie on the floor plane.
-        floor_height: of the plane below the middle of its points [m].
-        floor_tilt: of the plane against the horizontal [rad].
-        stripe_rms: rms over the stripes of each stripe's median distance from the plane [m].
-        worst_stripe: index of the stripe that strays most, -1 when unknown.
-        worst_distance: its median distance from the plane [m].
+        floor_share: share of the stripes that run straight over one floor.
+        floor_height: of the floor below its middle [m].
+        floor_tilt: of the floor against the horizontal [rad].
+        stripe_rms: rms distance of the stripes' middles and ends from one plane [m].
+        worst_stripe: index of the stripe whose middle strays most, -1 when unknown.
+        worst_distance: its distance from the plane [m].
     """
 
     verdict: str
@@ -65,150 +80,183 @@ class Drift:
         }
 
 
-def check_drift(points: Mapping[int, Float], pose_covariance: npt.ArrayLike | None = None) -> Drift:
+def check_drift(
+    points: Mapping[int, Float],
+    pose_covariance: npt.ArrayLike | None = None,
+    soles_in_footprint: npt.ArrayLike | None = None,
+) -> Drift:
     """Compare the floor that a scan shows with where it must be.
 
-    Each stripe is measured through its own plane of light. On a flat floor all of them must agree: one plane through
-    all stripes (what a tilted body or floor does), and no stripe off it (what only a moved mount or mirror does). A
-    missed step puts all later stripes off the plane of the earlier ones.
+    Each stripe is measured through its own plane of light. Over a flat floor each is a straight line, whatever moved;
+    ground on which too few are straight shows nothing. The lines must lie in one plane (a tilted body or floor does
+    not change that, only a moved mount or mirror does), and the plane where the soles are.
 
     Args:
         points: (w, 3) points in base_footprint of each stripe, by index, NaN where there are none
             (`StripePoints.points` of a processed scan).
         pose_covariance: (6, 6) of the stance (x y z [m], rotations [rad]); widens the limits of the floor's height
             and tilt. None = the stance is exact.
+        soles_in_footprint: (n, 3) soles that the pose rests on. With three or more of them the floor is compared with
+            their plane too, so that a floor that slopes under robot and stripes alike is none that drifts; soles that
+            stand on no one plane leave the floor's height and tilt out. None = z = 0 is all that is known.
     """
-    seen = _Seen.of(points)
-    if len(seen.indices) < MIN_STRIPES:
-        return _unknown(f"{len(seen.indices)} stripes have points, {MIN_STRIPES} are needed")
-    plane = _floor(seen.x, seen.y, seen.z)
-    distance = seen.z - (plane[0] * seen.x + plane[1] * seen.y + plane[2])
-    near = np.flatnonzero(np.abs(distance) < FLOOR_BAND_M)
-    share = near.size / distance.size
-    on_floor = np.bincount(seen.stripe[near], minlength=len(seen.indices))
-    medians = _medians(distance[near], seen.stripe[near], on_floor)
-    if share < MIN_FLOOR_SHARE or len(medians) < MIN_STRIPES:
-        return _unknown(f"no flat floor in view: {100 * share:.0f} % of the points lie on one plane", share)
-    centre = float(seen.x[near].mean()), float(seen.y[near].mean())
-    height = float(plane[0] * centre[0] + plane[1] * centre[1] + plane[2])
-    tilt = float(np.arctan(np.hypot(plane[0], plane[1])))
-    largest = max(medians, key=lambda stripe: abs(medians[stripe]))
-    worst, off = seen.indices[largest], medians[largest]
-    rms = float(np.sqrt(np.mean(np.square(list(medians.values())))))
-    reasons = _reasons(height, tilt, rms, worst, off, _allowed(pose_covariance, centre))
-    jump = _jump(seen, distance, on_floor)
-    if jump is not None:
-        reasons.append(
-            f"from stripe index {jump[0]} on all points lie {1e3 * jump[1]:+.1f} mm off the floor before: the mirror "
-            "missed a step, or the ground itself steps there across the whole width"
+    lines = find_floor_lines(points)
+    if lines.seen < MIN_STRIPES:
+        return _unknown(f"{lines.seen} stripes have points, {MIN_STRIPES} are needed")
+    share = len(lines.index) / lines.seen
+    rough = float(np.median(lines.roughness)) if len(lines.index) else np.inf
+    if len(lines.index) < MIN_STRIPES or share < MIN_FLOOR_SHARE or rough > MAX_ROUGHNESS_M:
+        return _unknown(f"no flat floor in view: {len(lines.index)} of {lines.seen} stripes run straight", share)
+    plane, on_floor = _plane(lines)
+    stray = lines.offset - plane[0] * lines.x - plane[2]
+    near = np.abs(stray) < HIGHEST_JUMP_M
+    share, depth = int(near.sum()) / lines.seen, float(np.ptp(lines.x[near]))
+    if on_floor.sum() < MIN_STRIPES or share < MIN_FLOOR_SHARE or depth < MIN_DEPTH_M:
+        return _unknown(
+            f"no flat floor in view: {int(near.sum())} of {lines.seen} stripes run over it, {depth:.2f} m deep", share
         )
-    return Drift(DRIFTING if reasons else HOLDS, tuple(reasons), share, height, tilt, rms, worst, off)
+    ends = HALF_WIDTH_M * (lines.slope - plane[1])
+    rms = float(np.sqrt(np.mean(stray[on_floor] ** 2 + ends[on_floor] ** 2)))
+    worst = int(np.argmax(np.where(on_floor, np.abs(stray), 0.0)))
+    middle = float(lines.x[on_floor].mean())
+    reasons = _floor_reasons(plane, middle, pose_covariance, soles_in_footprint)
+    reasons += _stripe_reasons(lines, stray, on_floor, rms, max(MAX_STRIPE_RMS_M, rough))
+    return Drift(
+        DRIFTING if reasons else HOLDS,
+        tuple(reasons),
+        share,
+        float(plane[0] * middle + plane[2]),
+        float(np.arctan(np.hypot(plane[0], plane[1]))),
+        rms,
+        int(lines.index[worst]),
+        float(stray[worst]),
+    )
 
 
-@dataclass(frozen=True, slots=True)
-class _Seen:
-    """All points of a scan that are known.
-
-    Attributes:
-        indices: of the stripes that have any, ascending.
-        stripe: (n,) ascending, position in `indices` of each point's stripe.
-        x, y, z: (n,) in base_footprint [m].
-    """
-
-    indices: list[int]
-    stripe: Index
-    x: Float
-    y: Float
-    z: Float
-
-    @classmethod
-    def of(cls, points: Mapping[int, Float]) -> _Seen:
-        """From points (w, 3) of stripes by index."""
-        indices = sorted(points)
-        x, y, z = np.concatenate([np.empty((0, 3)), *(points[index] for index in indices)]).T
-        known = np.flatnonzero(np.isfinite(z))
-        lengths = [len(points[index]) for index in indices]
-        counts = np.bincount(np.repeat(np.arange(len(indices)), lengths)[known])
-        used = np.flatnonzero(counts)
-        stripe = np.repeat(np.arange(used.size), counts[used])
-        return cls([indices[i] for i in used], stripe, x[known], y[known], z[known])
+def _plane(lines: FloorLines) -> tuple[Float, Mask]:
+    """(a, b, c) of the plane z = a x + b y + c in which most lines lie, and which do (s,)."""
+    x, offset = lines.x, lines.offset
+    first, second = np.triu_indices(len(x), 1)
+    apart = np.abs(x[second] - x[first]) > 0.25 * np.ptp(x)
+    first, second = first[apart], second[apart]
+    rise = (offset[second] - offset[first]) / (x[second] - x[first])
+    # Least median of squares: half of the lines may lie elsewhere.
+    distance = np.abs(offset - offset[first, None] - rise[:, None] * (x - x[first, None]))
+    best = int(np.argmin(np.median(distance, axis=1)))
+    on_floor = distance[best] < APART_M
+    for _ in range(2):
+        a, c = np.polyfit(x[on_floor], offset[on_floor], 1)
+        on_floor = np.abs(offset - a * x - c) < APART_M
+    return np.array([a, np.median(lines.slope[on_floor]), c]), on_floor
 
 
-def _medians(distance: Float, stripe: Index, counts: Index) -> dict[int, float]:
-    """Upper median of the distances (n,) [m] of each stripe that has enough of them, as `counts` says."""
-    # Distances are far below a metre: sorted together with the stripes' numbers, each stripe's stand in one run.
-    ordered = np.sort(stripe + distance)
-    middle = np.cumsum(counts) - counts + counts // 2
-    return {k: float(ordered[middle[k]] - k) for k in np.flatnonzero(counts >= MIN_COLUMNS).tolist()}
+def _floor_reasons(
+    plane: Float, middle: float, pose_covariance: npt.ArrayLike | None, soles: npt.ArrayLike | None
+) -> list[str]:
+    """Whether the floor is off z = 0, and off the soles' own plane where that is known."""
+    height, tilt = float(plane[0] * middle + plane[2]), float(np.arctan(np.hypot(plane[0], plane[1])))
+    high, tilted = _allowed(pose_covariance, middle)
+    is_high, is_tilted = abs(height) > high, tilt > tilted
+    if soles is not None and len(np.asarray(soles)) >= 3:
+        x, y, z = np.asarray(soles, np.float64).T
+        terms = np.column_stack((x, y, np.ones(x.size)))
+        support, *_ = np.linalg.lstsq(terms, z, rcond=None)
+        if np.abs(z - terms @ support).max() > STANCE_SIGMAS * SOLE_SIGMA_M:
+            return []
+        spread = STANCE_SIGMAS * SOLE_SIGMA_M * np.sqrt(np.diag(np.linalg.pinv(terms.T @ terms)))
+        off = plane - support
+        is_tilted &= float(np.hypot(off[0], off[1])) > np.hypot(MAX_FLOOR_TILT, np.hypot(spread[0], spread[1]))
+        reach = np.array([middle, 0.0, 1.0]) @ np.linalg.pinv(terms.T @ terms) @ (middle, 0.0, 1.0)
+        is_high &= abs(off[0] * middle + off[2]) > np.hypot(
+            MAX_FLOOR_HEIGHT_M, STANCE_SIGMAS * SOLE_SIGMA_M * np.sqrt(reach)
+        )
+    reasons = []
+    if is_high:
+        reasons.append(
+            f"the floor lies {1e3 * height:+.1f} mm off the soles, {1e3 * high:.1f} mm are allowed: camera or laser "
+            "mount moved, or the feet stand on something"
+        )
+    if is_tilted:
+        reasons.append(
+            f"the floor is tilted by {np.rad2deg(tilt):.2f} degrees, {np.rad2deg(tilted):.2f} are allowed: the "
+            "camera mount rotated, or the ground slopes"
+        )
+    return reasons
 
 
-def _allowed(pose_covariance: npt.ArrayLike | None, centre: tuple[float, float]) -> tuple[float, float]:
+def _allowed(pose_covariance: npt.ArrayLike | None, middle: float) -> tuple[float, float]:
     """Limits of height [m] and tilt [rad] with the stance's own uncertainty."""
     if pose_covariance is None:
         return MAX_FLOOR_HEIGHT_M, MAX_FLOOR_TILT
     covariance = np.asarray(pose_covariance, dtype=np.float64)
-    # Height at the middle of the floor: z, roll times y, pitch times x.
-    lever = np.array([0.0, 0.0, 1.0, centre[1], -centre[0], 0.0])
+    # Height at the middle of the floor: z and pitch times x.
+    lever = np.array([0.0, 0.0, 1.0, 0.0, -middle, 0.0])
     height = STANCE_SIGMAS * float(np.sqrt(lever @ covariance @ lever))
     tilt = STANCE_SIGMAS * float(np.sqrt(max(covariance[3, 3], covariance[4, 4])))
     return float(np.hypot(MAX_FLOOR_HEIGHT_M, height)), float(np.hypot(MAX_FLOOR_TILT, tilt))
 
 
-def _reasons(
-    height: float, tilt: float, rms: float, worst: int, distance: float, allowed: tuple[float, float]
-) -> list[str]:
-    reasons = []
-    if abs(height) > allowed[0]:
-        reasons.append(
-            f"the floor lies {1e3 * height:+.1f} mm off the soles, {1e3 * allowed[0]:.1f} mm are allowed: camera "
-            "or laser mount moved, or the feet stand on something"
-        )
-    if tilt > allowed[1]:
-        reasons.append(
-            f"the floor is tilted by {np.rad2deg(tilt):.2f} degrees, {np.rad2deg(allowed[1]):.2f} are allowed: the "
-            "camera mount rotated, or the ground slopes"
-        )
-    if rms > MAX_STRIPE_RMS_M:
-        reasons.append(
-            f"the stripes disagree by {1e3 * rms:.2f} mm rms about one floor, {1e3 * MAX_STRIPE_RMS_M:.2f} mm are "
-            "allowed: the laser or its mirror moved"
-        )
-    elif abs(distance) > MAX_STRIPE_M:
-        reasons.append(
-            f"stripe index {worst} lies {1e3 * distance:+.2f} mm off the floor of the others, "
+def _stripe_reasons(lines: FloorLines, stray: Float, on_floor: Mask, rms: float, allowed: float) -> list[str]:
+    """Whether stripes disagree about one floor, and how."""
+    jump = _jump(lines, stray, on_floor) if rms > allowed or not on_floor[-1] else None
+    if jump is not None:
+        return [
+            f"from stripe index {jump[0]} on all points lie {1e3 * jump[1]:+.1f} mm off the floor before: the mirror "
+            "missed a step, or the ground itself steps there across the whole width"
+        ]
+    form, doubt = _form(lines, stray, on_floor)
+    worst = int(np.argmax(np.where(on_floor, np.abs(stray), 0.0)))
+    alone = abs(stray[worst]) > MAX_STRIPE_M and rms**2 - stray[worst] ** 2 / on_floor.sum() < allowed**2
+    if rms > allowed and not alone:
+        return [
+            f"the stripes disagree by {1e3 * rms:.2f} mm rms about one floor, {1e3 * allowed:.2f} mm are allowed: "
+            "camera, laser or mirror moved"
+        ]
+    if form > MAX_FORM_M + FORM_SIGMAS * doubt:
+        return [
+            f"the floor of the stripes is bent or twisted by {1e3 * form:.2f} mm rms, "
+            f"{1e3 * (MAX_FORM_M + FORM_SIGMAS * doubt):.2f} mm are allowed: camera, laser or mirror moved"
+        ]
+    if alone:
+        return [
+            f"stripe index {lines.index[worst]} lies {1e3 * stray[worst]:+.2f} mm off the floor of the others, "
             f"{1e3 * MAX_STRIPE_M:.2f} mm are allowed: the mirror did not reach its position"
-        )
-    return reasons
+        ]
+    return []
 
 
-def _floor(x: Float, y: Float, z: Float) -> Float:
-    """(a, b, c) of the plane z = a x + b y + c that most points (n,) near z = 0 lie on; found robustly."""
-    near = z[np.abs(z) < FLOOR_SEARCH_M]
-    if near.size < 3:
-        return np.zeros(3)
-    levels, edges = np.histogram(near, bins=int(2 * FLOOR_SEARCH_M / FLOOR_BAND_M))
-    middle_x, middle_y = float(x.mean()), float(y.mean())
-    terms = np.stack((x - middle_x, y - middle_y, np.ones(z.size)))
-    plane = np.array([0.0, 0.0, float(edges[int(np.argmax(levels))] + (edges[1] - edges[0]) / 2)])
-    for reach in (4.0, 2.0, 1.0, 1.0, 1.0):
-        kept = np.flatnonzero(np.abs(z - plane @ terms) < reach * FLOOR_BAND_M)
-        fitted = solve_plane(terms.take(kept, axis=1), z.take(kept))
-        if fitted is None:
-            break
-        plane = fitted
-    return plane - (0.0, 0.0, plane[0] * middle_x + plane[1] * middle_y)
+def _form(lines: FloorLines, stray: Float, on_floor: Mask) -> tuple[float, float]:
+    """Rms of bend along x and twist of the floor's stripes, and its sigma from how single stripes stray [m]."""
+    x, offset, ends = lines.x[on_floor], stray[on_floor], HALF_WIDTH_M * lines.slope[on_floor]
+    x = (x - x.mean()) / np.ptp(x)
+    level, bowed = np.vander(x, 2), np.vander(x, 3)
+    bend = bowed @ np.linalg.lstsq(bowed, offset, rcond=None)[0] - level @ np.linalg.lstsq(level, offset, rcond=None)[0]
+    twist = level @ np.linalg.lstsq(level, ends, rcond=None)[0]
+    rest = float(np.var(offset - offset.mean() - bend) + np.var(ends - twist))
+    return float(np.hypot(np.std(bend), np.std(twist))), float(np.sqrt(rest / len(x)))
 
 
-def _jump(seen: _Seen, distance: Float, on_floor: Index) -> tuple[int, float] | None:
-    """First stripe from which on nothing lies on the floor any more, and how far off; None when there is none.
+def _jump(lines: FloorLines, stray: Float, on_floor: Mask) -> tuple[int, float] | None:
+    """Index of the first stripe of those that lie elsewhere than all before, and how far off [m]; None for no jump."""
+    count = len(stray)
+    near = np.abs(stray) < HIGHEST_JUMP_M
+    terms = np.column_stack((lines.x, np.ones(count)))[near]
+    z, place = stray[near], np.flatnonzero(near)
+    whole = _rest(terms, z)
+    best, found = JUMP_SHARE, None
+    for after in range(JUMP_STRIPES, len(z) - JUMP_STRIPES + 1):
+        step = (np.arange(len(z)) >= after).astype(float)
+        solved, *_ = np.linalg.lstsq(np.column_stack((terms, step)), z, rcond=None)
+        gone = 1.0 - float(np.square(z - np.column_stack((terms, step)) @ solved).sum()) / max(whole, 1e-30)
+        if gone > best and abs(solved[2]) > MAX_STRIPE_M:
+            best, found = gone, (int(lines.index[place[after]]), float(solved[2]))
+    return found
 
-    Before it the floor is seen on most stripes; of the last three at least none shows it.
-    """
-    shows = on_floor / np.bincount(seen.stripe)
-    last = int(np.flatnonzero(shows > 0.1).max(initial=-1))
-    if last < MIN_STRIPES or shows.size - last - 1 < 3 or np.median(shows[: last + 1]) < 0.5:
-        return None
-    return seen.indices[last + 1], float(np.median(distance[seen.stripe > last]))
+
+def _rest(terms: Float, z: Float) -> float:
+    """Sum of squares (of z (n,)) that terms (n, 2) do not explain."""
+    solved, *_ = np.linalg.lstsq(terms, z, rcond=None)
+    return float(np.square(z - terms @ solved).sum())
 
 
 def _unknown(reason: str, share: float = float("nan")) -> Drift:

@@ -9,7 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from guara_perception.calibration.drift import DRIFTING, Drift
+from guara_perception.calibration.drift import DRIFTING, UNKNOWN, Drift
+from guara_perception.calibration.drift_watch import DriftWatch
 from transport import Health, StatusItem, TransportError
 from transport.certificates import judge_security
 
@@ -35,6 +36,7 @@ class NodeStatus:
         self._items: dict[str, StatusItem] = {}
         self._problems: dict[str, tuple[float, str]] = {}
         self._followed: list[Callable[[], StatusItem]] = []
+        self._drift = DriftWatch()
         self._scans = 0
         self._failures = 0
         self.on_change: Callable[[], None] = lambda: None
@@ -86,13 +88,28 @@ class NodeStatus:
         self.on_change()
 
     def drift(self, drift: Drift) -> None:
-        """Take note of whether the last scan's floor still fits the calibration."""
+        """Take note of whether the last scan's floor still fits the calibration; one scan alone is no warning."""
+        self._drift.add(drift)
+        verdict, counts = self._drift.verdict, self._drift.counts
+        of_this_scan = {
+            name: str(value) for name, value in drift.to_dict().items() if name not in ("reasons", "verdict")
+        }
         self.set(
             StatusItem(
                 name="drift",
-                level=Health.WARN if drift.verdict == DRIFTING else Health.OK,
-                message="; ".join((f"calibration: {drift.verdict}", *drift.reasons)),
-                values={name: str(value) for name, value in drift.to_dict().items() if name != "reasons"},
+                level=Health.WARN if verdict == DRIFTING else Health.OK,
+                message="; ".join(
+                    (
+                        f"calibration: {verdict}, a floor in {sum(counts.values()) - counts[UNKNOWN]} of "
+                        f"{sum(counts.values())} scans",
+                        *(f"last scan: {reason}" for reason in drift.reasons),
+                    )
+                ),
+                values={
+                    "verdict": verdict,
+                    **{f"scans_{name}": str(count) for name, count in counts.items()},
+                    **of_this_scan,
+                },
             )
         )
 

@@ -19,9 +19,9 @@ from guara_perception.app.node.walk_map import WalkMap
 from guara_perception.app.publisher import publish_terrain
 from guara_perception.app.summary import summary
 from guara_perception.calibration.calibration import Calibration
-from guara_perception.calibration.drift import check_drift
 from guara_perception.exceptions import MirrorSlipped
 from guara_perception.progress import Progress
+from guara_perception.scan_drift import scan_drift
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
@@ -31,9 +31,6 @@ from transport import TerrainMessage, clock
 from transport.server import PerceptionServer
 
 logger = logging.getLogger(__name__)
-
-# Neighbouring columns are smoothed over one another: every eighth says as much of the floor, in a fifth of the time.
-DRIFT_COLUMNS = 8
 
 
 @dataclasses.dataclass(slots=True)
@@ -134,8 +131,7 @@ class PauseScanner:
         self._status.scanned(terrain, scan, time.monotonic() - scan.last_frame)
         if logger.isEnabledFor(logging.INFO):
             logger.info("%s", summary(terrain))
-        floor = {index: stripe.points[::DRIFT_COLUMNS] for index, stripe in processor.points.items()}
-        self._status.drift(check_drift(floor, terrain.metadata["pose_covariance"]))
+        self._status.drift(scan_drift(processor))
         try:
             self._check_steps()
         except MirrorSlipped as error:

@@ -2,14 +2,17 @@
 
 import dataclasses
 import re
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, check_drift
+from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift, check_drift
+from guara_perception.calibration.drift_watch import DriftWatch
 from guara_perception.process import run_scan
+from guara_perception.scan_drift import scan_drift
 from kinematics import RobotModel
 
 
@@ -86,6 +89,63 @@ def test_nothing_to_compare_with() -> None:
     assert few.to_dict()["floor_height"] is None and few.to_dict()["worst_stripe"] is None
 
 
+def test_ground_that_undulates_shows_nothing() -> None:
+    """Smooth ground of 2 mm, and rough ground with a straight stretch of 0.2 m, are no floor to compare with."""
+    waves = floor()
+    for stripe in waves.values():
+        stripe[:, 2] += 0.002 * np.sin(14 * stripe[:, 0] + 22 * stripe[:, 1])
+    assert check_drift(waves).verdict == UNKNOWN
+    partly = floor()
+    for index in range(18, 40):
+        partly[index][:, 2] += 0.002 * np.sin(30 * partly[index][:, 1] + index)
+    unseen = check_drift(partly)
+    assert unseen.verdict == UNKNOWN and "18 of 40 stripes run straight" in unseen.reasons[0]
+
+
+def test_a_slope_under_robot_and_stripes_is_no_drift() -> None:
+    """With gravity known a sloping floor is tilted; the soles that stand on it say that it is no drift."""
+    soles = np.array([[x, y, 0.03 * x] for x in (-0.3, 0.3) for y in (-0.18, 0.18)])
+    slope = floor(0.03 * 0.7, 0.03)
+    assert check_drift(slope).verdict == DRIFTING
+    assert check_drift(slope, soles_in_footprint=soles).verdict == HOLDS
+    level = soles * (1, 1, 0)
+    assert check_drift(slope, soles_in_footprint=level).verdict == DRIFTING
+
+
+def test_feet_on_things_leave_height_and_tilt_out() -> None:
+    """A foot on a box moves z = 0 off the floor; what the stripes say of one another still counts."""
+    soles = np.array([[x, y, 0.0] for x in (-0.3, 0.3) for y in (-0.18, 0.18)])
+    soles[:, 2] = (0.0225, -0.0075, -0.0075, -0.0075)
+    assert check_drift(floor(-0.0075), soles_in_footprint=soles).verdict == HOLDS
+    bent = floor(-0.0075)
+    for stripe in bent.values():
+        stripe[:, 2] += 0.004 * (stripe[:, 0] - 0.7) ** 2
+    drift = check_drift(bent, soles_in_footprint=soles)
+    assert drift.verdict == DRIFTING and "bent or twisted by 0.0" in drift.reasons[0]
+
+
+def test_watch_warns_when_pauses_agree() -> None:
+    """One pause of three warns nobody, two do; pauses without a floor are counted and change nothing."""
+    holds, unknown = check_drift(floor()), check_drift({})
+    drifts = check_drift(floor(0.02))
+    watch = DriftWatch()
+    assert watch.verdict == UNKNOWN
+    verdicts = []
+    for drift in (holds, drifts, unknown, drifts, holds, holds):
+        assert isinstance(drift, Drift)
+        watch.add(drift)
+        verdicts.append(watch.verdict)
+    assert verdicts == [HOLDS, HOLDS, HOLDS, DRIFTING, DRIFTING, HOLDS]
+    assert watch.counts == {HOLDS: 3, DRIFTING: 2, UNKNOWN: 1}
+
+
+@pytest.mark.parametrize("name", ["dark", "tilt"])
+def test_recorded_scans_hold(name: str, data: Path, calibration: gp.Calibration, robot: RobotModel) -> None:
+    """Scans of another renderer hold with the calibration that was measured from its session."""
+    drift = scan_drift(run_scan(gp.open_scan(data / "scans" / name), calibration, robot))
+    assert (drift.verdict, drift.reasons) == (HOLDS, ())
+
+
 def test_recorded_scan(paper_scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel) -> None:
     """The recorded scan holds with its calibration; with the camera turned by one degree it does not."""
     turned = calibration.transform_camera_to_base.copy()
@@ -93,6 +153,5 @@ def test_recorded_scan(paper_scan: gp.Scan, calibration: gp.Calibration, robot: 
     moved = dataclasses.replace(calibration, transform_camera_to_base=turned)
     verdicts = []
     for candidate in (calibration, moved):
-        points = run_scan(paper_scan, candidate, robot).points
-        verdicts.append(check_drift({index: stripe.points for index, stripe in points.items()}).verdict)
+        verdicts.append(scan_drift(run_scan(paper_scan, candidate, robot)).verdict)
     assert verdicts == [HOLDS, DRIFTING]

@@ -1,0 +1,254 @@
+"""Does the check of drift warn when it should, and only then: true scans, moved mounts and lost steps in simulation.
+
+`python -m benchmarks.drift_check [--scans N] [--walks N] [--jobs N] [--figure FILE.png] [--json]`; about ten minutes of
+processor.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import os
+from collections.abc import Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import dataclass, field
+from functools import cache, partial
+from pathlib import Path
+
+from guara_perception.app.main import ENVIRONMENT
+
+# As the command does: before numpy is loaded.
+os.environ.update(ENVIRONMENT)
+
+import numpy as np
+
+from drivers.emulator.config import STEP
+from guara_perception.calibration.calibration import Calibration, StripePlane
+from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift
+from guara_perception.calibration.drift_watch import DriftWatch
+from guara_perception.scan_drift import scan_drift
+from guara_perception.scan_processor import ScanProcessor
+from guara_perception.simulation.features import Box
+from guara_perception.simulation.laser_planes import LaserPlanes
+from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.specimen import rotation, specimen
+from guara_perception.simulation.walk import WalkPause, simulate_walk
+from guara_perception.simulation.world import World
+from kinematics import RobotModel, load_robot
+
+PAUSES = 3
+SPECIMENS = 7
+STRIPES = range(0, 70, 2)
+UNDULATION_M = 0.002
+# Levels of each drift, the last of each is what must be found: [degrees], [degrees], [steps].
+LEVELS = {
+    "camera": (0.02, 0.05, 0.1, 0.2, 0.5),
+    "laser": (0.01, 0.02, 0.05, 0.1, 0.2),
+    "steps": (1.0, 2.0, 4.0, 8.0, 16.0),
+}
+UNITS = {"camera": "degrees", "laser": "degrees", "steps": "steps"}
+
+
+@dataclass(frozen=True, slots=True)
+class Injected:
+    """A drift after calibration.
+
+    Attributes:
+        camera: turn of the camera about its optical centre (3,) [rad].
+        laser: turn of laser and mirror about the mirror's axis point (3,) [rad].
+        steps: by which the mirror is off from a stripe of the first scan on, never brought home since [steps].
+    """
+
+    camera: tuple[float, ...] = (0.0, 0.0, 0.0)
+    laser: tuple[float, ...] = (0.0, 0.0, 0.0)
+    steps: float = 0.0
+
+    @classmethod
+    def of(cls, kind: str, level: float, rng: np.random.Generator) -> Injected:
+        """A drift of this size in a random direction."""
+        if kind == "steps":
+            return cls(steps=level * float(rng.choice((-1.0, 1.0))))
+        direction = rng.standard_normal(3)
+        turn = tuple((np.deg2rad(level) * direction / np.linalg.norm(direction)).tolist())
+        return cls(camera=turn) if kind == "camera" else cls(laser=turn)
+
+    def apply(self, calibration: Calibration, robot: RobotModel) -> Calibration:
+        """What the rangefinder is now; `calibration` is what it was."""
+        planes = LaserPlanes.of(calibration).planes_in_base
+        turn, centre = rotation(self.laser), robot.transform_laser_to_base[:3, 3]
+        normals = planes[:, :3] @ turn.T
+        offsets = planes[:, 3] + (planes[:, :3] - normals) @ centre
+        camera = calibration.transform_camera_to_base.copy()
+        camera[:3, :3] = rotation(self.camera) @ camera[:3, :3]
+        into = camera[:3, :3].T
+        ordered = sorted(calibration.stripes, key=lambda stripe: stripe.mirror_angle)
+        stripes = tuple(
+            StripePlane(stripe.index, stripe.mirror_angle, np.append(into @ normal, offset + normal @ camera[:3, 3]))
+            for stripe, normal, offset in zip(ordered, normals, offsets, strict=True)
+        )
+        return dataclasses.replace(calibration, transform_camera_to_base=camera, stripes=stripes)
+
+
+@dataclass(slots=True)
+class Tally:
+    """Single scans by verdict, and walks of three pauses.
+
+    Attributes:
+        scans: number by verdict.
+        walks: number in all.
+        warned: walks in which the watch warned within three pauses.
+        reasons: of scans that drift, for looking at.
+    """
+
+    scans: dict[str, int] = field(default_factory=lambda: dict.fromkeys((HOLDS, DRIFTING, UNKNOWN), 0))
+    walks: int = 0
+    warned: int = 0
+    reasons: list[str] = field(default_factory=list)
+
+    def add(self, walk: Sequence[Drift]) -> None:
+        """Count one walk."""
+        watch, warned = DriftWatch(), False
+        for drift in walk:
+            self.scans[drift.verdict] += 1
+            if drift.verdict == DRIFTING:
+                self.reasons += drift.reasons
+            watch.add(drift)
+            warned |= watch.verdict == DRIFTING
+        self.walks, self.warned = self.walks + 1, self.warned + warned
+
+
+def world_of(rng: np.random.Generator, *, is_rough: bool) -> World:
+    """A flat floor, or ground that undulates by 2 mm, with up to five boxes on it."""
+    boxes = tuple(
+        Box(
+            x=float(rng.uniform(0.55, 1.1)),
+            y=float(rng.uniform(-0.22, 0.22)),
+            size=(float(rng.uniform(0.05, 0.15)), float(rng.uniform(0.05, 0.15))),
+            height=float(rng.uniform(0.01, 0.08)),
+            yaw=float(rng.uniform(0, 3)),
+            material="wood",
+        )
+        for _ in range(int(rng.integers(0, 6)))
+    )
+    undulation = UNDULATION_M if is_rough else 0.0
+    return World(features=boxes, undulation=undulation, seed=int(rng.integers(1 << 30)), flat_until=0.55)
+
+
+def scan(
+    robot: RobotModel, rig: SimulatedRangefinder, known: Calibration, pause: WalkPause, offsets: Sequence[float]
+) -> Drift:
+    """Scan at a pause and check; `known` is the calibration in use, `offsets` by what the mirror is off [rad]."""
+    rig.set_pose(pause.transform_base_to_world, pause.joint_positions)
+    processor = ScanProcessor(known, robot, pause.stance, "coarse")
+    off = rig.frame(laser=0.0)
+    for index, offset in zip(STRIPES, offsets, strict=True):
+        processor.add(index, rig.frame(mirror_angle=known.stripe(index).mirror_angle + offset), off)
+    return scan_drift(processor)
+
+
+@cache
+def guara() -> RobotModel:
+    """The robot, loaded once in each process."""
+    return load_robot("guara")
+
+
+def walk(seed: int, kind: str = "", level: float = 0.0, *, is_rough: bool = False) -> list[Drift]:
+    """The checks of three pauses of a walk with noise in joints, contacts and the direction of gravity.
+
+    A drift of a kind is there from the start, in a random direction; steps are lost once, within the first scan.
+    """
+    robot, rng = guara(), np.random.default_rng(seed)
+    known = specimen(robot, seed=seed % SPECIMENS)
+    world = world_of(rng, is_rough=is_rough)
+    injected = Injected.of(kind, level, np.random.default_rng(seed + 10_000)) if kind else Injected()
+    rig = SimulatedRangefinder(world, injected.apply(known, robot), robot, seed)
+    lost_from, lost = int(rng.integers(1, len(STRIPES))), injected.steps * STEP
+    checks = []
+    for number, pause in zip(range(PAUSES), simulate_walk(world, robot, seed=seed), strict=False):
+        offsets = [lost if number > 0 or place >= lost_from else 0.0 for place in range(len(STRIPES))]
+        checks.append(scan(robot, rig, known, pause, offsets))
+    return checks
+
+
+def tally(pool: Executor, walks: int, first_seed: int, kind: str = "", level: float = 0.0, **options: bool) -> Tally:
+    """Many walks, each with a drift of its own direction when there is a kind."""
+    result = Tally()
+    for checks in pool.map(partial(walk, kind=kind, level=level, **options), range(first_seed, first_seed + walks)):
+        result.add(checks)
+    return result
+
+
+def draw(curves: dict[str, list[dict[str, float]]], path: Path) -> None:
+    """Share of walks in which the drift was found, over its size."""
+    from guara_perception.terrain.drawing.style import LINE_COLOURS, new_figure, save_figure
+
+    figure, axes = new_figure(1, len(curves), (9.0, 3.0), sharey=True)
+    titles = {"camera": "camera turned", "laser": "laser and mirror turned", "steps": "steps lost in a sweep"}
+    for panel, (kind, points), colour in zip(axes[0], curves.items(), LINE_COLOURS, strict=False):
+        sizes = [point["level"] for point in points]
+        panel.plot(sizes, [100 * point["found"] for point in points], "o-", color=colour, label="three pauses")
+        panel.plot(sizes, [100 * point["found_by_one"] for point in points], "s:", color=colour, label="one scan")
+        panel.axhline(90, color="0.5", linewidth=0.6)
+        panel.set_xscale("log")
+        panel.set_xticks(sizes, [f"{size:g}" for size in sizes])
+        panel.minorticks_off()
+        panel.set_title(titles[kind])
+        panel.set_xlabel(f"[{UNITS[kind]}]")
+        panel.set_ylim(-4, 104)
+        panel.grid(True, which="major", linewidth=0.3)
+        panel.legend(loc="lower right")
+    axes[0][0].set_ylabel("found [%]")
+    save_figure(figure, path)
+
+
+def _tell(name: str, result: Tally) -> None:
+    scans = ", ".join(f"{count} {verdict}" for verdict, count in result.scans.items())
+    print(f"{name}: {sum(result.scans.values())} scans, {scans}; {result.warned} of {result.walks} walks warned")
+    print("".join(f"    {reason}\n" for reason in result.reasons), end="", flush=True)
+
+
+def main() -> None:
+    """Print false alarms and finds; exit 1 when a must is missed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scans", type=int, default=201, metavar="N", help="true scans of a flat floor")
+    parser.add_argument("--walks", type=int, default=20, metavar="N", help="walks of three pauses for each must")
+    parser.add_argument("--curve-walks", type=int, default=5, metavar="N", help="walks for each smaller drift")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes")
+    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="picture of the curve")
+    parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
+    options = parser.parse_args()
+    curves: dict[str, list[dict[str, float]]] = {kind: [] for kind in LEVELS}
+    with ProcessPoolExecutor(options.jobs) as pool:
+        true_walks = -(-options.scans // PAUSES)
+        true = tally(pool, true_walks, 0)
+        _tell("true, flat floor", true)
+        rough = tally(pool, -(-true_walks // 5), 5000, is_rough=True)
+        _tell("true, rough ground", rough)
+        for kind, levels in LEVELS.items():
+            for level in levels:
+                walks = options.walks if level == levels[-1] else options.curve_walks
+                result = tally(pool, walks, 1000, kind, level)
+                by_one = result.scans[DRIFTING] / sum(result.scans.values())
+                found = result.warned / result.walks
+                curves[kind].append({"level": level, "walks": walks, "found": found, "found_by_one": by_one})
+                print(
+                    f"{kind} {level:g} {UNITS[kind]}: {walks} walks, found {found:.0%} within {PAUSES} pauses, "
+                    f"{by_one:.0%} by one scan",
+                    flush=True,
+                )
+    if options.figure is not None:
+        draw(curves, options.figure)
+    with_floor = true.scans[HOLDS] + true.scans[DRIFTING]
+    alarms = (true.scans[DRIFTING] + rough.scans[DRIFTING]) / max(with_floor + rough.scans[DRIFTING], 1)
+    passed = alarms <= 0.01 and all(points[-1]["found"] >= 0.9 for points in curves.values())
+    print(f"false alarms {alarms:.1%} of {with_floor} scans with a floor (at most 1 %)")
+    print("every must is met" if passed else "a must is MISSED")
+    if options.json:
+        whole = {"true": true.scans, "rough": rough.scans, "false_alarms": alarms, "curves": curves, "passed": passed}
+        print(json.dumps(whole))
+    raise SystemExit(0 if passed else 1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,44 @@
+"""The benchmark of the drift check: what it injects, and that it counts."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from benchmarks.drift_check import Injected, guara, tally
+from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN
+from guara_perception.simulation.laser_planes import LaserPlanes
+from guara_perception.simulation.specimen import specimen
+
+
+def test_what_is_injected_moves_one_thing() -> None:
+    """A turned camera leaves the laser planes where they are on the robot; a turned laser leaves the camera."""
+    robot = guara()
+    known = specimen(robot)
+    planes = LaserPlanes.of(known).planes_in_base
+    camera = Injected.of("camera", 0.5, np.random.default_rng(1)).apply(known, robot)
+    np.testing.assert_allclose(LaserPlanes.of(camera).planes_in_base, planes, atol=1e-12)
+    turned = camera.transform_camera_to_base[:3, :3] @ known.transform_camera_to_base[:3, :3].T
+    assert np.degrees(np.arccos((np.trace(turned) - 1) / 2)) == pytest.approx(0.5, rel=1e-6)
+    laser = Injected.of("laser", 0.2, np.random.default_rng(1)).apply(known, robot)
+    np.testing.assert_array_equal(laser.transform_camera_to_base, known.transform_camera_to_base)
+    moved = LaserPlanes.of(laser).planes_in_base
+    angles = np.degrees(np.arccos(np.clip((moved[:, :3] * planes[:, :3]).sum(axis=1), -1, 1)))
+    assert 0.001 < angles.max() < 0.2 + 1e-6
+    centre = np.append(robot.transform_laser_to_base[:3, 3], 1.0)
+    np.testing.assert_allclose(moved @ centre, planes @ centre, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_drifts_are_found_and_true_scans_are_not() -> None:
+    """One walk of each: a true one holds, rough ground is unknown, each drift that must be found warns."""
+    with ThreadPoolExecutor(1) as pool:
+        true = tally(pool, 1, 0)
+        assert (true.scans[HOLDS], true.warned) == (3, 0)
+        rough = tally(pool, 1, 5001, is_rough=True)
+        assert (rough.scans[UNKNOWN], rough.warned) == (3, 0)
+        for kind, level in (("camera", 0.5), ("laser", 0.2), ("steps", 16.0)):
+            found = tally(pool, 1, 1000, kind, level)
+            assert found.warned == 1 and found.scans[DRIFTING] >= 2, (kind, found.reasons)

@@ -1,0 +1,27 @@
+"""What the status says of the drift checks."""
+
+from __future__ import annotations
+
+from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift
+from transport import Health
+
+
+def checked(verdict: str) -> Drift:
+    """A drift check with this verdict."""
+    reasons = ("the floor lies +9.0 mm off the soles",) if verdict == DRIFTING else ()
+    return Drift(verdict, reasons, 0.8, 0.009, 0.001, 1e-5, 12, 1e-5)
+
+
+def test_drift_warns_when_pauses_agree_and_counts_those_without_a_floor() -> None:
+    """One scan that drifts is told and no warning; two are; scans without a floor are counted."""
+    status = NodeStatus()
+    said = []
+    for verdict in (UNKNOWN, HOLDS, DRIFTING, UNKNOWN, DRIFTING):
+        status.drift(checked(verdict))
+        (item,) = [item for item in status.items() if item.name == "drift"]
+        said.append((item.level, item.values["verdict"]))
+    assert [level for level, _ in said] == [Health.OK] * 4 + [Health.WARN]
+    assert [verdict for _, verdict in said] == [UNKNOWN, HOLDS, HOLDS, HOLDS, DRIFTING]
+    assert item.message.startswith("calibration: drifting, a floor in 3 of 5 scans; last scan: the floor lies +9.0 mm")
+    assert (item.values["scans_unknown"], item.values["scans_drifting"], item.values["scans_holds"]) == ("2", "2", "1")
