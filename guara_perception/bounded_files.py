@@ -19,6 +19,8 @@ LARGEST_TEXT = 16 * 1024 * 1024
 # [byte] Of a picture file, and its pixels: the largest cameras of this kind have 12 Mpx.
 LARGEST_PICTURE = 128 * 1024 * 1024
 MOST_PIXELS = 16_000_000
+# No other orientation than that of the pixels in the file.
+AS_STORED = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
 # [byte] Of all arrays of a grid file: all layers of the largest grid, 4,000,000 cells, take 160 MB.
 LARGEST_ARRAYS = 192 * 1024 * 1024
 # [byte] Of the header of one array.
@@ -52,13 +54,25 @@ def decode_picture(content: bytes, source: str) -> Image:
         raise FileFormatError(f"{source}: not a readable picture ({len(content)} bytes), it must be PNG or JPEG")
     if not 0 < size[0] * size[1] <= MOST_PIXELS:
         raise FileFormatError(f"{source}: a picture of {size[0]} x {size[1]} px, allowed: {MOST_PIXELS} px in all")
-    try:
-        picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
-    except cv2.error:
-        picture = None
+    picture = _decode(content, AS_STORED)
     if picture is None:
         raise FileFormatError(f"{source}: not a readable picture ({len(content)} bytes), it must be PNG or JPEG")
-    return np.asarray(picture)
+    if b"Exif\0\0" in content or b"eXIf" in content:
+        shown = _decode(content, AS_STORED & ~cv2.IMREAD_IGNORE_ORIENTATION)
+        if shown is not None and (shown.shape != picture.shape or not np.array_equal(shown, picture)):
+            raise FileFormatError(
+                f"{source}: its EXIF orientation says that it is to be shown turned, allowed: pictures as the camera's "
+                "sensor has them; write it without that tag, turned as the calibration's pictures are"
+            )
+    return picture
+
+
+def _decode(content: bytes, flags: int) -> Image | None:
+    try:
+        picture = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+    except cv2.error:
+        return None
+    return None if picture is None else np.asarray(picture)
 
 
 def _picture_size(content: bytes) -> tuple[int, int] | None:

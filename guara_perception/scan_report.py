@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,17 +21,26 @@ if TYPE_CHECKING:
 LOW_COVERAGE = 0.5
 # Under this share of columns with any light the laser was as good as off.
 NO_LIGHT = 0.01
+# From so many stripes on a missing half of them is a pattern.
+FEWEST_OF_PATTERN = 8
 REGIONS_X, REGIONS_Y = ("near", "middle", "far"), ("right", "centre", "left")
 
 
-def advice(coverage: float, counts: Index) -> str:
+def advice(coverage: float, counts: Index, wrong: str = "", beyond: int = 0) -> str:
     """One sentence on a scan with few returns: what happened and what helps, the paper's remedies included.
+
+    Orientation, order and pattern come first, then whether stripes were found where they cannot be, found but not
+    usable, or not found.
 
     Args:
         coverage: share of the expected ground that was seen.
         counts: image columns of all stripes per StripeStatus.
+        wrong: what is wrong with the frames or the pattern as a whole; empty for nothing.
+        beyond: columns in which a stripe was found outside of the heights that count as terrain.
     """
     found = f"only {100 * coverage:.0f} % of the expected ground returned the laser"
+    if wrong:
+        return f"{found}: {wrong}"
     columns = max(int(counts.sum()), 1)
     bright = int(counts[StripeStatus.SATURATED] + counts[StripeStatus.AMBIGUOUS])
     if columns - counts[StripeStatus.DROPOUT] < NO_LIGHT * columns:
@@ -40,7 +49,23 @@ def advice(coverage: float, counts: Index) -> str:
         )
     if bright > counts[StripeStatus.OK]:
         return f"{found}, most of what came back is too bright or double: expose less, or put a polarised lens on"
+    if beyond > counts[StripeStatus.OK] - beyond:
+        return (
+            f"{found}, {beyond} columns show a stripe where none can be, too high or too low: the calibration is of "
+            "another rangefinder, camera or mirror moved, or the stance is wrong"
+        )
     return f"{found}, the rest is too dark or a hole: put a narrow band-pass filter on the lens or use a stronger laser"
+
+
+def wrong_pattern(fired: Iterable[int], stride: int) -> str:
+    """What is said of a scan of which no two neighbours of its pattern were fired; empty when there are some."""
+    indices = sorted(fired)
+    if len(indices) < FEWEST_OF_PATTERN or np.diff(indices).min() <= stride:
+        return ""
+    return (
+        "no two neighbours of the pattern were fired, and nothing between two stripes counts as seen without: every "
+        'second stripe is missing, or a coarse scan was given mode "standard"'
+    )
 
 
 def regional_coverage(seen: Mask, expected: Mask) -> dict[str, float | None]:
@@ -69,6 +94,7 @@ def scan_report(
     planned: Sequence[int],
     layers: Mapping[str, Array],
     seconds: Mapping[str, float],
+    wrong_frames: Callable[[], str] = lambda: "",
 ) -> dict[str, Any]:
     """Metadata of a grid; see docs/files.md for the fields."""
     from kinematics import describe_robot
@@ -90,7 +116,9 @@ def scan_report(
     if not expected.any():
         reasons.append("no part of the area was scanned")
     elif coverage < LOW_COVERAGE:
-        reasons.append(advice(coverage, counts))
+        beyond = sum(len(stripe.out_of_range.columns) for stripe in points.values())
+        wrong = wrong_pattern(profiles, settings.pattern(mode).step) or wrong_frames()
+        reasons.append(advice(coverage, counts, wrong, beyond))
     verdict = calibration.quality.get("verdict")
     if verdict == "refused":
         reasons.append("the calibration was refused and is used all the same")

@@ -12,6 +12,7 @@ from guara_perception.methods import METHODS
 from guara_perception.stripes.background import SweepBackground
 from guara_perception.stripes.band import Band, OffRows, SharedFrame
 from guara_perception.stripes.extract import unusable_frame
+from guara_perception.stripes.glance import is_raw_bayer
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 
 # Cutting out the channels of a whole laser-off frame takes as long as for the bands of this number of stripes.
@@ -67,6 +68,8 @@ class StripeFinder:
         reason = unusable_frame(on[first:end], off, on.shape)
         if reason:
             return reason
+        if is_raw_bayer(on[first:end], None if off is None else off[first:end]):
+            return "the frame is raw Bayer data taken as grey: turn it into BGR (cv2.demosaicing) or grey before"
         if off is not None:
             return Band(on[first:end], OffRows(off[first:end], shared, first), first)
         background = self._background.add(pair.index, on, rows)

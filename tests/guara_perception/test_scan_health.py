@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import re
+import struct
+from collections.abc import Callable
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,6 +15,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from benchmarks.accuracy import figures, load_truth
+from guara_perception.app.files.scan_folder import read_picture
 from guara_perception.methods import METHODS
 from guara_perception.own_body import OwnBody
 from guara_perception.scan_report import advice, regional_coverage
@@ -182,3 +187,92 @@ def test_own_body_is_asked_in_the_footprint_frame(paper_scan: gp.Scan, robot: Ro
     body = OwnBody(state, transform, (eye,))
     np.testing.assert_array_equal(body.contains(np.array([sole, [0.7, 0, 0], [np.nan] * 3])), [True, False, False])
     np.testing.assert_array_equal(body.hides(np.array([[0.0, 0.0, 0.0], [3.0, 0, 0]])), [True, False])
+
+
+def spoiled(scan: gp.Scan, change: Callable[[int, np.ndarray], np.ndarray]) -> gp.Scan:
+    """The scan with every frame changed; `change` gets its place, that of a shared laser-off frame is -1."""
+    places = {stripe.off: -1 for stripe in scan.stripes} | {stripe.on: k for k, stripe in enumerate(scan.stripes)}
+    return dataclasses.replace(scan, read_frame=lambda name: change(places[name], scan.read_frame(name)))
+
+
+def renamed(scan: gp.Scan, frames: list[str]) -> gp.Scan:
+    """The scan whose stripes, as many as frames, have these frames."""
+    stripes = tuple(dataclasses.replace(s, on=on) for s, on in zip(scan.stripes[-len(frames) :], frames, strict=True))
+    return dataclasses.replace(scan, stripes=stripes)
+
+
+def raw_bayer(frame: np.ndarray) -> np.ndarray:
+    """What a sensor behind a colour filter delivers of a picture."""
+    raw = frame[:, :, 1].copy()
+    raw[::2, ::2], raw[1::2, 1::2] = frame[::2, ::2, 0], frame[1::2, 1::2, 2]
+    return raw
+
+
+def reasons(scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel) -> tuple[gp.TerrainGrid, str]:
+    terrain = gp.process_scan(scan, calibration, robot, pictures=False)
+    assert terrain.metadata["health"]["level"] == "degraded"
+    return terrain, terrain.metadata["health"]["reasons"][-1]
+
+
+def test_orientation_order_and_pattern_are_told_before_the_laser_is_blamed(paper_scan, calibration, robot) -> None:
+    """A good scan, spoiled in one way each: the reason names that way, and no stronger laser."""
+    frames = [stripe.on for stripe in paper_scan.stripes]
+    every_second = dataclasses.replace(paper_scan, stripes=paper_scan.stripes[::2])
+    cases = {
+        "the frames are turned by 180 degrees": spoiled(paper_scan, lambda k, frame: cv2.rotate(frame, cv2.ROTATE_180)),
+        r"\d+ of \d+ frames are turned by 180 degrees": spoiled(
+            paper_scan, lambda k, frame: cv2.rotate(frame, cv2.ROTATE_180) if k % 2 == 1 else frame
+        ),
+        "no two neighbours of the pattern were fired.*every second stripe is missing": every_second,
+        'a coarse scan was given mode "standard"': dataclasses.replace(paper_scan, mode="standard"),
+        "the frames are in reverse order": renamed(paper_scan, frames[::-1]),
+        "the frames are 6 stripe indices behind": renamed(paper_scan, frames[:-3]),
+    }
+    for words, scan in cases.items():
+        _, said = reasons(scan, calibration, robot)
+        assert re.search(words, said), (words, said)
+        assert "stronger laser" not in said
+
+
+def test_raw_bayer_taken_as_grey_is_refused(paper_scan, calibration, robot) -> None:
+    """Every frame that shows a stripe is refused with what to do; the scan in true grey is as good as in colour."""
+    raw, _ = reasons(spoiled(paper_scan, lambda k, frame: raw_bayer(frame)), calibration, robot)
+    assert raw.metadata["known"] == 0 and len(raw.metadata["frames_bad"]) > 30
+    assert "raw Bayer data taken as grey" in raw.metadata["health"]["reasons"][0]
+    for change in (lambda k, frame: cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), lambda k, frame: frame[:, :, 2].copy()):
+        grey = gp.process_scan(spoiled(paper_scan, change), calibration, robot, pictures=False)
+        assert not grey.metadata["frames_bad"] and grey.metadata["known"] > 0.9
+
+
+def test_stripes_where_none_can_be_are_told_apart(paper_scan, calibration, robot) -> None:
+    """Found too low or too high all over: the calibration is blamed, not the laser; no light at all: the laser."""
+    counts = np.array([8000, 2000, 0, 0, 0, 0, 0])
+    assert "8000 columns show a stripe where none can be" in advice(0.1, counts, beyond=8000)
+    assert "stronger laser" in advice(0.1, counts, beyond=3000)
+    assert advice(0.1, counts, "the frames are turned").endswith("returned the laser: the frames are turned")
+
+
+def with_orientation(picture: np.ndarray, orientation: int) -> bytes:
+    """A JPEG file with this EXIF orientation."""
+    content = cv2.imencode(".jpg", picture)[1].tobytes()
+    tag = struct.pack("<2sHIHHHII", b"II", 42, 8, 1, 0x0112, 3, 1, orientation) + bytes(4)
+    exif = b"Exif\0\0" + tag
+    return content[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + content[2:]
+
+
+def test_exif_orientation_is_refused_in_one_way(paper_scan, calibration, robot, tmp_path) -> None:
+    """A picture that is to be shown turned is refused; in a scan its stripe is lost and the report says why."""
+    picture = paper_scan.read_frame(paper_scan.stripes[15].on)
+    (tmp_path / "turned.jpg").write_bytes(with_orientation(picture, 3))
+    (tmp_path / "normal.jpg").write_bytes(with_orientation(picture, 1))
+    assert read_picture(tmp_path / "normal.jpg").shape == picture.shape
+    with pytest.raises(gp.FileFormatError, match="EXIF orientation says that it is to be shown turned"):
+        read_picture(tmp_path / "turned.jpg")
+    names = [stripe.on for stripe in paper_scan.stripes]
+
+    def read(name: str) -> np.ndarray:
+        return read_picture(tmp_path / "turned.jpg") if name == names[15] else paper_scan.read_frame(name)
+
+    mixed = gp.process_scan(dataclasses.replace(paper_scan, read_frame=read), calibration, robot, pictures=False)
+    (reason,) = mixed.metadata["frames_bad"].values()
+    assert "EXIF orientation" in reason
