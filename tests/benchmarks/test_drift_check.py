@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.drift_check import Injected, guara, tally
-from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN
+from guara_perception.calibration.drift import DRIFTING, HOLDS
 from guara_perception.simulation.laser_planes import LaserPlanes
 from guara_perception.simulation.specimen import specimen
 
@@ -33,12 +33,9 @@ def test_what_is_injected_moves_one_thing() -> None:
 
 @pytest.mark.slow
 def test_drifts_are_found_and_true_scans_are_not() -> None:
-    """One walk of each: a true one holds, rough ground is unknown, each drift that must be found warns."""
+    """A true walk holds throughout; one whose mirror lost 16 steps in the first scan is warned of."""
     with ThreadPoolExecutor(1) as pool:
         true = tally(pool, 1, 0)
-        assert (true.scans[HOLDS], true.warned) == (3, 0)
-        rough = tally(pool, 1, 5001, is_rough=True)
-        assert (rough.scans[UNKNOWN], rough.warned) == (3, 0)
-        for kind, level in (("camera", 0.5), ("laser", 0.2), ("steps", 16.0)):
-            found = tally(pool, 1, 1000, kind, level)
-            assert found.warned == 1 and found.scans[DRIFTING] >= 2, (kind, found.reasons)
+        found = tally(pool, 1, 1000, "steps", 16.0)
+    assert (true.scans[HOLDS], true.warned) == (3, 0)
+    assert found.warned == 1 and found.scans[DRIFTING] >= 2, found.reasons
