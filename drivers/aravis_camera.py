@@ -74,7 +74,6 @@ class AravisCamera(Camera):
         self._aravis: Any = None
         self._camera: Any = None
         self._stream: Any = None
-        self._lost = False
         self._exposure = 0.0
         self._counter, self._last_id = -1, 0
         self.pixel_format = ""
@@ -132,13 +131,19 @@ class AravisCamera(Camera):
             left = max(0.0, deadline - time.monotonic())
             buffer = self._stream.timeout_pop_buffer(round(left * 1e6)) if left else self._stream.try_pop_buffer()
             if buffer is None:
-                if self._lost:
+                if self._is_gone():
                     raise CameraEnded(f"{self.name} is gone: check its cable and power, then open it again")
                 raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
             frame = self._frame(buffer)
             self._stream.push_buffer(buffer)
             if frame is not None:
                 return frame
+
+    @property
+    def waiting(self) -> int:
+        """Frames that have arrived, whole or not, and were not fetched yet."""
+        self._opened()
+        return int(self._stream.get_n_buffers()[1])
 
     def flush(self) -> None:
         """Forget frames that have already arrived."""
@@ -227,18 +232,17 @@ class AravisCamera(Camera):
         self.trigger_period = max(self._exposure + READ_OUT, 1.0 / fastest if fastest > 0 else 0.0)
 
     def _begin(self, camera: Any) -> None:
-        self._lost = False
         self._counter, self._last_id = -1, 0
-        camera.get_device().connect("control-lost", self._on_lost)
         self._stream = camera.create_stream(None, None)
         payload = camera.get_payload()
         for _ in range(BUFFERS):
             self._stream.push_buffer(self._aravis.Buffer.new_allocate(payload))
         camera.start_acquisition()
 
-    def _on_lost(self, device: Any) -> None:
-        logger.error("%s is gone", self.name)
-        self._lost = True
+    def _is_gone(self) -> bool:
+        """Whether a network camera does not answer its heartbeat any more."""
+        # Aravis' own signal comes on a thread that closing joins while it holds Python's lock.
+        return self._camera.is_gv_device() and not self._camera.get_device().is_controller()
 
     def _frame(self, buffer: Any) -> Frame | None:
         """The frame in a buffer, None when its packets did not all come."""

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.aravis_library import load_aravis
 from drivers.emulator.gige import FakeGigeCamera
 from drivers.errors import CameraBackendMissing
 
@@ -18,16 +19,19 @@ LOCK = Path(tempfile.gettempdir()) / "guara-fake-gige-camera.lock"
 
 
 @contextmanager
-def fake_gige(size: tuple[int, int] = (320, 256), lost_packets: float = 0.0) -> Iterator[FakeGigeCamera]:
-    """The camera, alone on loopback while the block lasts."""
+def alone_with_aravis() -> Iterator[None]:
+    """No other test has a fake camera while the block lasts; skips without Aravis."""
+    try:
+        load_aravis()
+    except CameraBackendMissing as missing:
+        pytest.skip(str(missing))
     with LOCK.open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        camera = FakeGigeCamera(size=size, lost_packets=lost_packets)
-        try:
-            camera.__enter__()
-        except CameraBackendMissing as missing:
-            pytest.skip(str(missing))
-        try:
-            yield camera
-        finally:
-            camera.__exit__(None, None, None)
+        yield
+
+
+@contextmanager
+def fake_gige(size: tuple[int, int] = (320, 256), lost_packets: float = 0.0) -> Iterator[FakeGigeCamera]:
+    """The camera, alone on loopback while the block lasts."""
+    with alone_with_aravis(), FakeGigeCamera(size=size, lost_packets=lost_packets) as camera:
+        yield camera

@@ -68,7 +68,7 @@ def test_frames_wait_in_order_until_they_are_fetched_or_forgotten(fake: FakeGige
         assert [camera.grab(PATIENCE).device_time for _ in range(5)] == [None, 1.0, 2.0, 3.0, 4.0]
         assert fake.expose(picture_of(9), 9.0)
         until = time.monotonic() + PATIENCE
-        while camera._stream.get_n_buffers()[1] == 0 and time.monotonic() < until:
+        while camera.waiting == 0 and time.monotonic() < until:
             time.sleep(0.01)
         camera.flush()
         assert fake.expose(picture_of(10), 10.0)

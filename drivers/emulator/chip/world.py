@@ -32,6 +32,8 @@ class Wiring:
         temperature: of the chip [degrees Celsius].
         monostable: time without an edge of HEARTBEAT after which the supply opens [s]; infinite: not fitted.
         shutter: of the camera on TRIGGER; where it is wired, the jumper is set too.
+        transfer: time from the end of an exposure until its picture has arrived [s].
+        on_picture: called at that time, with the opening; the chip's time stands still meanwhile.
     """
 
     stuck_on: bool = False
@@ -41,6 +43,8 @@ class Wiring:
     temperature: float = 30.0
     monostable: float = 0.45
     shutter: Shutter = field(default_factory=Shutter)
+    transfer: float = 0.0
+    on_picture: Callable[[Opening], None] | None = None
 
 
 class World:
@@ -72,6 +76,8 @@ class World:
         self._sense = clock.create_alarm(self._sensed)
         self._drop = clock.create_alarm(self.update)
         self._shutter = clock.create_alarm(self._toggle_shutter)
+        self._arrival = clock.create_alarm(self._deliver)
+        self._under_way: list[Opening] = []
         self._open = False
         self._to_come: list[Opening] = []
         gpio = mcu.gpio
@@ -163,8 +169,17 @@ class World:
         if self._open:
             self._shutter.schedule((self._to_come[0][1] - self._to_come[0][0]) * 1e9)
         else:
-            self._to_come.pop(0)
+            self._under_way.append(self._to_come.pop(0))
+            if len(self._under_way) == 1:
+                self._arrival.schedule(self.wiring.transfer * 1e9)
             if self._to_come:
                 self._shutter.schedule(max(0.0, self._to_come[0][0] * 1e9 - self._now()))
         if self.wiring.shutter.wired:
             self._mcu.gpio[EXPOSURE].set_input_value(self._open)
+
+    def _deliver(self) -> None:
+        opening = self._under_way.pop(0)
+        if self._under_way:
+            self._arrival.schedule(max(0.0, (self._under_way[0][1] + self.wiring.transfer) * 1e9 - self._now()))
+        if self.wiring.on_picture is not None:
+            self.wiring.on_picture(opening)

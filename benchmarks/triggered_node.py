@@ -1,0 +1,259 @@
+"""`guara run` with the firmware on its emulated chip and a fake GigE Vision camera, which it triggers.
+
+`python -m benchmarks.triggered_node FOLDER --listen tcp/127.0.0.1:7447` starts it and prints one JSON object for each
+scan. Emulated are the light (rendered), the chip, the motor and the camera's sensor; the rest is what a robot runs: the
+firmware's bytes, pyusb and the driver, GigE Vision packets, Aravis, the node, Zenoh. The chip's time stands still while
+a picture is drawn and sent. The scene is lit as if the lens were opened until a short exposure shows what 8 ms show.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import guara_perception as gp
+from benchmarks.sweeps import FIRMWARE
+from drivers import CameraSettings, StripeCapture, usb_link
+from drivers.acquisition import StripeStream
+from drivers.aravis_camera import AravisCamera
+from drivers.emulator import EmulatedBackend
+from drivers.emulator.chip import Chip, ChipBus, ChipClock, Wiring, load_firmware
+from drivers.emulator.gige import FakeGigeCamera
+from drivers.emulator.shutter import Opening
+from guara_perception.app.devices_file import Devices, save_devices
+from guara_perception.app.main import run
+from guara_perception.app.messages import terrain_to_message
+from guara_perception.app.node import pause_scanner
+from guara_perception.app.node.simulated import DEMO_WORLD
+from guara_perception.calibration.file import save_calibration
+from guara_perception.simulation.camera import NOMINAL_EXPOSURE_S, renderer
+from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.specimen import specimen
+from guara_perception.simulation.walk import simulate_walk
+from guara_perception.simulation.world_file import load_world
+from transport.terrain_codec import encode_terrain
+
+# Pictures of 80 kB fit into a socket's buffer whole: a machine that is busy with other things loses none of them.
+SIZE = (320, 256)
+FLASH = 0.003
+# Bytes per second of a gigabit link, and its latency [s].
+LINK, LATENCY = 117e6, 0.0005
+# Of the camera's clock.
+CLOCK_OFFSET, CLOCK_DRIFT = 1234.5, 2e-5
+# Seconds for packets on loopback.
+PATIENCE = 20.0
+# The work is measured so often, and the quickest counts: a busy machine is never quicker than it is.
+TRIES = 3
+Group = tuple[StripeCapture, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TriggeredScan:
+    """One scan from its first trigger to the grid that is handed over for sending.
+
+    Attributes:
+        stripes: asked for.
+        proved: whose frame was proved, and in step.
+        repeated: triggers beyond one a stripe and one for the off frame.
+        sweep: first trigger to the last frame's arrival, in the chip's time [s].
+        work: on the frames until the grid is encoded, processor time [s].
+        seconds: first trigger to published grid: frames arrive in the chip's time, and each group is worked on in turn
+            for as long as this machine's processor took.
+        after: of it, after the last frame [s].
+        counted: whether the board counted the exposures.
+        mono: whether frames went through the chain with one channel.
+    """
+
+    stripes: int
+    proved: int
+    repeated: int
+    sweep: float
+    work: float
+    seconds: float
+    after: float
+    counted: bool
+    mono: bool
+
+
+class TriggeredRig:
+    """Chip, fake camera and scene; its times are the chip's."""
+
+    def __init__(self, fake: FakeGigeCamera, calibration: gp.Calibration, flash: float, *, wired: bool = True) -> None:
+        """Wire it up.
+
+        Args:
+            fake: on loopback.
+            calibration: of the simulated rangefinder.
+            flash: how long the camera exposes [s].
+            wired: whether its EXPOSURE_ACTIVE is connected.
+        """
+        robot = gp.load_robot("guara")
+        world = load_world(DEMO_WORLD)
+        self.scene = SimulatedRangefinder(world, calibration, robot)
+        self.pause = next(simulate_walk(world, robot, cycles=0))
+        self.scene.set_pose(self.pause.transform_base_to_world, self.pause.joint_positions)
+        wiring = Wiring(transfer=LATENCY + calibration.camera.size[0] * calibration.camera.size[1] / LINK)
+        wiring.shutter.wired, wiring.shutter.exposure = wired, flash
+        wiring.on_picture = self._picture
+        self.chip = Chip(load_firmware(FIRMWARE), wiring)
+        self.bus = ChipBus(self.chip)
+        # Asked for here: it lets the chip run, which it must not within an alarm of its own.
+        _ = self.chip.identity
+        self._fake, self._wired = fake, wired
+        self._draw = renderer(self.scene)
+        self.camera: AravisCamera | None = None
+        self._groups: list[Group] = []
+        self._first_trigger = 0
+
+    def note_groups(
+        self, groups: Callable[[StripeStream], Iterator[Group]]
+    ) -> Callable[[StripeStream], Iterator[Group]]:
+        """`StripeStream.groups` that keeps what it hands over."""
+
+        def noted(stream: StripeStream) -> Iterator[Group]:
+            self._groups.clear()
+            self._first_trigger = len(self.chip.world.triggers)
+            for group in groups(stream):
+                self._groups.append(group)
+                yield group
+
+        return noted
+
+    def note_publishing(self, publish: Callable[..., Any]) -> Callable[..., Any]:
+        """`publish_terrain` that tells a scan when its own grid has been handed over."""
+
+        def noted(*args: Any, **keywords: Any) -> Any:
+            message = publish(*args, **keywords)
+            if self._groups:
+                print(json.dumps(asdict(self._measured())), flush=True)
+                self._groups.clear()
+            return message
+
+        return noted
+
+    def note_camera(self, opened: Callable[[AravisCamera], None]) -> Callable[[AravisCamera], None]:
+        """`AravisCamera.open` that tells which camera it was, so that its packets can be waited for."""
+
+        def noted(camera: AravisCamera) -> None:
+            opened(camera)
+            self.camera = camera
+
+        return noted
+
+    def _measured(self) -> TriggeredScan:
+        captures = [capture for group in self._groups for capture in group]
+        triggers = np.array(self.chip.world.triggers[self._first_trigger :]) / 1e9
+        last = max(_arrival(group) for group in self._groups)
+        end, work = min(self._work_again() for _ in range(TRIES))
+        return TriggeredScan(
+            stripes=len(captures),
+            proved=sum(capture.on is not None and capture.verdict.in_step for capture in captures),
+            repeated=len(triggers) - len(captures) - 1,
+            sweep=last - float(triggers[0]),
+            work=work,
+            seconds=end - float(triggers[0]),
+            after=end - last,
+            counted=self._wired and self._fake.state.shows_exposure,
+            mono=all(capture.on is not None and capture.on.ndim == 2 for capture in captures),
+        )
+
+    def _work_again(self) -> tuple[float, float]:
+        """When the grid is encoded in the chip's time, and the processor time that it took.
+
+        The same frames once more, without the emulated chip on the same processor, which would be measured too.
+        """
+        processor = gp.ScanProcessor(self.scene.calibration, self.scene.robot, self.pause.stance, "standard")
+        free = work = 0.0
+        for group in self._groups:
+            before = time.thread_time()
+            pairs = [gp.FramePair(c.index, c.on, c.off) for c in group if c.on is not None and c.verdict.in_step]
+            if pairs:
+                processor.add_all(pairs)
+            spent = time.thread_time() - before
+            free, work = max(free, _arrival(group)) + spent, work + spent
+        before = time.thread_time()
+        encode_terrain(terrain_to_message(processor.finish(), robot="guara", sequence=0))
+        spent = time.thread_time() - before
+        return free + spent, work + spent
+
+    def _picture(self, opening: Opening) -> None:
+        """Draw what the camera saw and send it; the chip waits until it has arrived."""
+        start, end = opening
+        # A lens opened so far that a short exposure shows what the simulation shows at its nominal one.
+        picture = self._draw(self.chip.exposure(start, end), CameraSettings(exposure=NOMINAL_EXPOSURE_S, gain=1.0))
+        if self.camera is None:
+            return
+        before = self.camera.waiting
+        if not self._fake.expose(picture, CLOCK_OFFSET + start * (1.0 + CLOCK_DRIFT)):
+            return
+        until = time.monotonic() + PATIENCE
+        while self.camera.waiting == before and time.monotonic() < until:
+            time.sleep(0.0002)
+
+
+def _arrival(group: Group) -> float:
+    return max(capture.on_stamp or 0.0 for capture in group)
+
+
+def serve(folder: Path, listen: str, *, flash: float, size: tuple[int, int], wired: bool, arguments: list[str]) -> int:
+    """Run the node until it is stopped; return its exit code.
+
+    Args:
+        folder: for calibration.json and devices.toml.
+        listen: endpoint of the node.
+        flash: exposure of the camera and light of the laser [s].
+        size: of the pictures [px].
+        wired: whether EXPOSURE_ACTIVE is connected.
+        arguments: further ones of `guara run`.
+    """
+    calibration = specimen(gp.load_robot("guara"), size)
+    save_calibration(calibration, folder / "calibration.json")
+    fake = FakeGigeCamera(size=size)
+    output = "Line2" if wired else None
+    devices = Devices(f"aravis:{fake.name}", settings={"exposure": flash}, trigger="Line1", exposure_output=output)
+    save_devices(devices, folder / "devices.toml")
+    with ExitStack() as stack:
+        rig = TriggeredRig(stack.enter_context(fake), calibration, flash, wired=wired)
+        stack.enter_context(ChipClock(rig.bus))
+        for owner, name, changed in (
+            (usb_link, "default_backend", lambda: EmulatedBackend(rig.bus)),
+            (StripeStream, "groups", rig.note_groups(StripeStream.groups)),
+            (AravisCamera, "open", rig.note_camera(AravisCamera.open)),
+            (pause_scanner, "publish_terrain", rig.note_publishing(pause_scanner.publish_terrain)),
+        ):
+            setattr(owner, name, changed)
+        files = ["-c", str(folder / "calibration.json"), "--devices", str(folder / "devices.toml")]
+        return run(["run", *files, "--mode", "standard", "--listen", listen, *arguments])
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.triggered_node", description=__doc__)
+    parser.add_argument("folder", type=Path, help="for calibration.json and devices.toml")
+    parser.add_argument("--listen", required=True, help="endpoint of the node")
+    parser.add_argument("--flash", type=float, default=FLASH, help="light for each stripe [s]")
+    parser.add_argument("--size", type=int, nargs=2, default=SIZE, help="width and height of the pictures [px]")
+    parser.add_argument("--unwired", action="store_true", help="EXPOSURE_ACTIVE is not connected")
+    known, rest = parser.parse_known_args()
+    raise SystemExit(
+        serve(
+            known.folder,
+            known.listen,
+            flash=known.flash,
+            size=(known.size[0], known.size[1]),
+            wired=not known.unwired,
+            arguments=rest,
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()
