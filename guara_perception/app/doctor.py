@@ -53,8 +53,7 @@ class Finding:
 
 def examine(
     *,
-    camera: str,
-    trigger: str | None = None,
+    devices: Devices,
     calibration: Path | None,
     listen: str,
     folder: Path,
@@ -65,8 +64,7 @@ def examine(
     """Run the checks one by one.
 
     Args:
-        camera: as `Devices.source`.
-        trigger: line of it that the board triggers, or None.
+        devices: camera with what is locked in it, and board.
         calibration: file to check, or None.
         listen: endpoint on which the node would listen.
         folder: where recordings would be written.
@@ -75,8 +73,8 @@ def examine(
     """
     every: dict[str, Callable[[], Finding]] = {
         "usb": check_usb,
-        "board": check_board,
-        "camera": lambda: check_camera(camera, trigger),
+        "board": lambda: check_board(devices),
+        "camera": lambda: check_camera(devices),
         "cameras": check_cameras,
         "zenoh": lambda: check_endpoint(listen),
         "calibration": lambda: check_calibration(calibration),
@@ -99,10 +97,10 @@ def check_usb() -> Finding:
     return Finding("usb", OK, f"backend {type(backend).__module__}")
 
 
-def check_board() -> Finding:
+def check_board(devices: Devices) -> Finding:
     """Whether the laser board is there, may be opened and speaks the protocol."""
     try:
-        with LaserBoard() as board:
+        with LaserBoard(devices.board_config()) as board:
             identity = board.identity
     except DriverError as error:
         return Finding("board", FAIL, str(error))
@@ -115,12 +113,15 @@ def check_board() -> Finding:
     )
 
 
-def check_camera(source: str, trigger: str | None = None) -> Finding:
-    """Whether the camera opens and gives a frame, and what it can prove of its frames."""
-    devices = Devices(source=source, trigger=trigger)
+def check_camera(devices: Devices) -> Finding:
+    """Whether the camera opens, holds its settings and gives a frame, and what it can prove of its frames."""
+    held = ""
     try:
         triggered = devices.camera()
         with devices.camera(free=True) as camera:
+            if devices.settings:
+                locked = camera.lock(devices.camera_settings())
+                held = "".join(f"{name} {getattr(locked, name):g} held; " for name in devices.settings)
             frame = camera.grab(2.0)
         if triggered.triggered:
             with triggered:
@@ -128,7 +129,11 @@ def check_camera(source: str, trigger: str | None = None) -> Finding:
     except (DriverError, PerceptionError, ValueError) as error:
         return Finding("camera", FAIL, str(error))
     height, width = frame.image.shape[:2]
-    return Finding("camera", OK, f"camera {source} gives {width}x{height} px; it {evidence_of(triggered)}")
+    said = f"camera {devices.source} gives {width}x{height} px; {held}it {evidence_of(triggered)}"
+    if devices.size is not None and (width, height) != tuple(devices.size):
+        wanted = f"{devices.size[0]}x{devices.size[1]}"
+        return Finding("camera", FAIL, f"{said}; its file says {wanted}: a calibration holds for one size only")
+    return Finding("camera", OK, said)
 
 
 def check_cameras() -> Finding:

@@ -10,7 +10,8 @@ import click
 
 @click.command(name="doctor")
 @click.option("-c", "--calibration", type=click.Path(path_type=Path), help="calibration.json to check")
-@click.option("--camera", default="0", show_default=True, help="as `guara cameras` lists it")
+@click.option("--devices", type=click.Path(path_type=Path), help="devices.toml: camera, settings and board to check")
+@click.option("--camera", help="as `guara cameras` lists it; default: that of --devices, or 0")
 @click.option("--trigger", metavar="LINE", help="line of the camera that the board triggers")
 @click.option("--listen", default="tcp/127.0.0.1:7447", show_default=True, help="where the node would listen")
 @click.option("--scan", type=click.Path(path_type=Path), help="recorded scan with floor in view, for the drift check")
@@ -21,7 +22,8 @@ import click
 def command(
     context: click.Context,
     calibration: Path | None,
-    camera: str,
+    devices: Path | None,
+    camera: str | None,
     trigger: str | None,
     listen: str,
     scan: Path | None,
@@ -34,17 +36,21 @@ def command(
     \b
     Example:
       guara doctor -c calibration.json
+      guara doctor --devices devices.toml --only camera --only board
     """
+    from dataclasses import replace
+
+    from guara_perception.app.devices_file import Devices, load_devices
     from guara_perception.app.doctor import CHECKS, FAIL, examine
     from guara_perception.exceptions import InvalidInput
 
     unknown = [name for name in checks if name not in CHECKS]
     if unknown:
         raise InvalidInput(f"--only is {', '.join(unknown)}, allowed: {', '.join(CHECKS)}")
+    known = Devices() if devices is None else load_devices(devices)
     failed = False
     for finding in examine(
-        camera=camera,
-        trigger=trigger,
+        devices=replace(known, source=camera or known.source, trigger=trigger or known.trigger),
         calibration=calibration,
         listen=listen,
         folder=Path.cwd(),

@@ -12,13 +12,14 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app import doctor
+from guara_perception.app.devices_file import Devices, save_devices
 from guara_perception.app.doctor import FAIL, OK, WARN
 from guara_perception.app.main import run
 
 
 def test_missing_devices_are_named_with_the_remedy() -> None:
     """No board and no camera here: both say what to check."""
-    board, camera = doctor.check_board(), doctor.check_camera("/dev/no-such-camera")
+    board, camera = doctor.check_board(Devices()), doctor.check_camera(Devices(source="/dev/no-such-camera"))
     assert (board.level, camera.level) == (FAIL, FAIL)
     assert "cable" in board.message and "check path" in camera.message
 
@@ -26,7 +27,7 @@ def test_missing_devices_are_named_with_the_remedy() -> None:
 def test_a_file_can_stand_in_for_a_camera(tmp_path: Path) -> None:
     """A picture sequence opens, and its size is told."""
     cv2.imwrite(str(tmp_path / "frame_000.png"), np.zeros((120, 160, 3), np.uint8))
-    finding = doctor.check_camera(str(tmp_path / "frame_%03d.png"))
+    finding = doctor.check_camera(Devices(source=str(tmp_path / "frame_%03d.png")))
     assert (finding.level, "160x120" in finding.message) == (OK, True)
 
 
@@ -106,3 +107,49 @@ def test_exit_code_says_whether_something_must_be_mended(
     assert run(["doctor", "--only", "board"]) == 1
     assert run(["doctor", "--only", "nonsense"]) == 2
     assert "allowed: usb, board" in capsys.readouterr().err
+
+
+OWN_CAMERA = """
+import dataclasses
+import time
+
+import numpy as np
+
+from drivers import Camera, Frame
+from drivers.errors import CameraSettingRefused
+
+
+class Own(Camera):
+    name = "own"
+    fps = 30.0
+
+    def open(self): ...
+    def close(self): ...
+    def flush(self): ...
+
+    def lock(self, settings):
+        if settings.exposure > 1:
+            raise CameraSettingRefused("own: exposure is locked at 1 s at the most")
+        return settings
+
+    def grab(self, timeout):
+        now = time.monotonic()
+        return Frame(np.full((64, 96, 3), 9, np.uint8), 0, now)
+"""
+
+
+def test_the_file_of_devices_is_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Camera and size of devices.toml are used, its settings locked and read back; what is not taken is a failure."""
+    (tmp_path / "own_of_doctor.py").write_text(OWN_CAMERA)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    devices = Devices("own_of_doctor:Own", (96, 64), settings={"exposure": 0.004})
+    finding = doctor.check_camera(devices)
+    assert finding.level == OK and "gives 96x64 px; exposure 0.004 held" in finding.message
+    other = doctor.check_camera(dataclasses.replace(devices, size=(640, 512)))
+    assert other.level == FAIL and "its file says 640x512" in other.message
+    refused = doctor.check_camera(dataclasses.replace(devices, settings={"exposure": 2.0}))
+    assert refused.level == FAIL and "exposure is locked at 1 s at the most" in refused.message
+    save_devices(dataclasses.replace(devices, settings={"exposure": 2.0}), tmp_path / "devices.toml")
+    assert run(["doctor", "--devices", str(tmp_path / "devices.toml"), "--only", "camera"]) == 1
+    save_devices(devices, tmp_path / "devices.toml")
+    assert run(["doctor", "--devices", str(tmp_path / "devices.toml"), "--only", "camera"]) == 0

@@ -62,8 +62,8 @@ def test_doctor_says_what_the_chosen_camera_proves() -> None:
     """Free and triggered; a line that it lacks is named with those it has."""
     with fake_gige() as fake:
         source = f"aravis:{fake.name}"
-        free, triggered = doctor.check_camera(source), doctor.check_camera(source, "Line1")
-        wrong = doctor.check_camera(source, "Line9")
+        free, triggered = doctor.check_camera(Devices(source)), doctor.check_camera(Devices(source, trigger="Line1"))
+        wrong = doctor.check_camera(Devices(source, trigger="Line9"))
     assert free.level == triggered.level == doctor.OK
     assert "320x256 px; it runs freely" in free.message and "shows in the camera's counting" in free.message
     assert "320x256 px; it waits for the board's trigger" in triggered.message
@@ -71,7 +71,7 @@ def test_doctor_says_what_the_chosen_camera_proves() -> None:
 
 
 def test_a_webcam_cannot_be_triggered() -> None:
-    finding = doctor.check_camera("/dev/video7", "Line1")
+    finding = doctor.check_camera(Devices("/dev/video7", trigger="Line1"))
     assert finding.level == doctor.FAIL and "cannot wait for one" in finding.message
 
 
