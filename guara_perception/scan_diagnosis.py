@@ -19,7 +19,7 @@ FIT_PX_OF_HEIGHT = 0.008
 # Frames that must fit for a cause to be named, as a share and in number.
 FITTING_SHARE = 0.6
 FEWEST_FRAMES = 4
-# A part of the frames that fits otherwise than the rest is told from here on.
+# A part of the frames that fits otherwise than the rest is reported from here on.
 MIXED_SHARE = 0.15
 TURNED, FLIPPED, UPRIGHT = "turned by 180 degrees", "flipped top to bottom", ""
 
