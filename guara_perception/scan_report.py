@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 LOW_COVERAGE = 0.5
 # Under this share of columns with any light the laser was as good as off.
 NO_LIGHT = 0.01
-# From so many stripes on a missing half of them is a pattern.
+# From this number of stripes on a missing half of them is a pattern.
 FEWEST_OF_PATTERN = 8
 REGIONS_X, REGIONS_Y = ("near", "middle", "far"), ("right", "centre", "left")
 

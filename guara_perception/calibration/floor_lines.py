@@ -11,7 +11,7 @@ import numpy as np
 from guara_perception.arrays import Float, Index, Mask
 from guara_perception.readonly import readonly
 
-# A stripe is cut into so many parts across; the median of a part is what the ground is there.
+# A stripe is cut into this number of parts across; the median of a part is what the ground is there.
 PARTS = 12
 PAIRS = np.array(list(combinations(range(PARTS), 2)))
 LEAST_POINTS = 4
