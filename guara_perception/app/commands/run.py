@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
+
+if TYPE_CHECKING:
+    from guara_perception.terrain.grid import TerrainGrid
 
 from guara_perception.exceptions import InvalidInput
 
@@ -56,7 +60,7 @@ def command(
     fps: float | None,
     off_frames: str,
 ) -> None:
-    """Scan at each stance pause that the gait announces, and publish, until Ctrl-C.
+    """Scan at each stance pause that the gait announces, and publish, until Ctrl-C; one line per scan.
 
     \b
     Example:
@@ -102,6 +106,7 @@ def command(
             )
         )
         status = NodeStatus(rig.calibration)
+        status.on_scan = _tell
         if security is not None:
             status.follow(lambda: certificates_item(security))
         server = PerceptionServer(
@@ -133,6 +138,14 @@ def command(
             walk_until_stopped(rig.simulation, node, session, instance, stop, click.echo)
         stop.wait()
     click.echo("stopped, laser off")
+
+
+def _tell(terrain: TerrainGrid) -> None:
+    """One line per scan; that nobody reads them any more (`guara run | head`) never costs a scan."""
+    from guara_perception.app.summary import summary
+
+    with suppress(OSError):
+        click.echo(summary(terrain))
 
 
 def recording_size(quality: int | None) -> str:

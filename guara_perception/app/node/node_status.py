@@ -40,6 +40,7 @@ class NodeStatus:
         self._scans = 0
         self._failures = 0
         self.on_change: Callable[[], None] = lambda: None
+        self.on_scan: Callable[[TerrainGrid], None] = lambda terrain: None
         if calibration is not None:
             verdict = str(calibration.quality.get("verdict"))
             reasons = "; ".join(map(str, calibration.quality.get("reasons", ())))
@@ -78,6 +79,7 @@ class NodeStatus:
                 },
             )
         self.on_change()
+        self.on_scan(terrain)
 
     def confirmed(self, step: int) -> None:
         """Take note that the pause has confirmed the last grid."""

@@ -9,7 +9,6 @@ from collections.abc import Callable
 
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
-from guara_perception.arrays import Mask
 from guara_perception.simulation.planner import plan_step
 from guara_perception.simulation.stand import OutOfReach
 from guara_perception.simulation.walk import Choice, WalkEnded, WalkPause
@@ -44,7 +43,7 @@ def walk_until_stopped(
         session: of the node; the gait speaks through it.
         instance: name of the robot in the keys.
         stop: ends the walk.
-        tell: called with a line per pause, and at the end of the walk.
+        tell: called with a line at the end of the walk.
     """
     gait = SimulatedGait(StancePublisher(session, robot=instance), instance)
 
@@ -65,8 +64,6 @@ def walk_until_stopped(
             last = pause
             if not _wait_for_scan(node, pause.step, stop):
                 node.status.problem("gait", f"step {pause.step}: no scan within {SCAN_TIMEOUT_S:g} s, the walk goes on")
-            else:
-                tell(f"step {pause.step}: {_seen(node)}")
             gait.hold(pause)
             if stop.wait(REST_S):
                 return
@@ -76,21 +73,6 @@ def walk_until_stopped(
         node.status.problem("gait", str(error))
     while last is not None and not stop.wait(HOLD_PERIOD_S):
         gait.hold(last)
-
-
-def _seen(node: PerceptionNode) -> str:
-    """What the map holds after a scan, in a few words."""
-    latest = node.latest_map
-    return (
-        "scanned"
-        if latest is None
-        else f"map known {_share(latest.elevation == latest.elevation)}, "
-        + (f"traversable {_share(latest.traversability > 0)}")
-    )
-
-
-def _share(cells: Mask) -> str:
-    return f"{float(cells.mean()):.0%}"
 
 
 def _wait_for_scan(node: PerceptionNode, step: int, stop: threading.Event) -> bool:

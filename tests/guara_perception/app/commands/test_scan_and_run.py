@@ -130,4 +130,4 @@ def test_the_simulated_gait_speaks_under_the_name_of_the_robot(free_endpoint: st
     finally:
         node.kill()
     assert node.returncode == 0 and printed.splitlines()[-1] == "stopped, laser off"
-    assert re.search(r"^step 0: map known \d+%, traversable \d+%$", printed, re.MULTILINE)
+    assert re.search(r"^step 0, coarse, 90x108 cells of 5 mm, known \d+%, traversable \d+%, ", printed, re.MULTILINE)
