@@ -28,6 +28,10 @@ class Hazard(IntFlag):
     CONFLICT = 16384
     STALE = 32768
 
+    def __str__(self) -> str:
+        """Names, for people: "EDGE|STEP"; a number says nothing."""
+        return self.name or str(int(self))
+
 
 UNKNOWN_MASK = np.uint16(0x00FF)
 ALL_BUT_EDGE = np.uint16(0xFFFF & ~Hazard.EDGE)

@@ -75,6 +75,8 @@ def best_foothold(
     robot: RobotLike | None = None,
 ) -> Foothold | None:
     """See `TerrainGrid.best_foothold`."""
+    if not all(isinstance(value, int | float | np.number) for value in (x, y, radius)):
+        raise InvalidInput(f"x, y and radius are {x!r}, {y!r}, {radius!r}; three numbers are needed [m]")
     if not (np.isfinite(x) and np.isfinite(y)):
         raise InvalidInput(f"the wish is ({x}, {y}), it must be finite [m]")
     if not (np.isfinite(radius) and 0 <= radius <= 1):

@@ -163,6 +163,20 @@ def test_the_recorded_boxes_are_found(paper_terrain: gp.TerrainGrid) -> None:
     np.testing.assert_allclose(heights, [0.010, 0.020, 0.040, 0.060, 0.080], atol=5e-4)
 
 
+def test_flags_are_printed_by_their_names(paper_terrain: gp.TerrainGrid) -> None:
+    """`print(hazard_at(...))` tells what is the matter; the value stays the number."""
+    assert [str(flag) for flag in (gp.Hazard.NONE, gp.Hazard.EDGE)] == ["NONE", "EDGE"]
+    assert str(gp.Hazard.STEP | gp.Hazard.EDGE) == "STEP|EDGE" and int(gp.Hazard.STEP | gp.Hazard.EDGE) == 4608
+    assert "EDGE" in str(paper_terrain.hazard_at(0.60, 0.10))
+
+
+@pytest.mark.parametrize("wish", [("a", 0.0, 0.1), (0.7, None, 0.1), (0.7, 0.0, "wide"), (0.7, 0.0, [0.1])])
+def test_a_wish_that_is_no_number_is_refused_in_words(paper_terrain: gp.TerrainGrid, wish: tuple) -> None:
+    """Not by an error from within numpy."""
+    with pytest.raises(gp.InvalidInput, match="three numbers are needed"):
+        paper_terrain.best_foothold(*wish)
+
+
 def test_answers_are_printed_in_words(paper_terrain: gp.TerrainGrid) -> None:
     """What a person meets first: short figures in millimetres, and why not."""
     foothold = paper_terrain.best_foothold(0.80, 0.00, 0.10)
