@@ -1,11 +1,10 @@
-"""Mirrors occupancy and grid map in the form that rmw_zenoh uses, so that ROS 2 nodes see them as topics."""
+"""Mirrors messages in the form that rmw_zenoh uses, so that ROS 2 nodes see them as topics."""
 
 from __future__ import annotations
 
 import struct
 import threading
 import time
-from typing import Any
 
 from transport.exceptions import ConfigurationError
 from transport.keys import DEFAULT_ROBOT, check_name
@@ -81,17 +80,17 @@ class _Topic:
 
 
 class Ros2Mirror(Resource):
-    """Topics `/<robot>/occupancy` and `/<robot>/grid_map` for ROS 2 nodes that use rmw_zenoh.
+    """Topics for ROS 2 nodes that use rmw_zenoh: reliable, and a late subscriber gets the last message.
 
-    The frame is the one of the messages (`base_footprint`); no TF is published.
+    `/<robot>/occupancy` and `/<robot>/grid_map` are there from the start, others from their first message on.
     """
 
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT, domain: int = 0) -> None:
-        """Declare both topics.
+        """Declare the node and the two topics.
 
         Raises:
-            ConfigurationError: a domain that ROS 2 does not have.
-            KeyNameError: a name of a robot that no ROS 2 topic can have.
+            ConfigurationError: a domain that ROS 2 does not have, or a name that no ROS 2 topic can have.
+            KeyNameError: no name of a robot.
         """
         if not 0 <= domain <= MAXIMUM_DOMAIN:
             raise ConfigurationError(f"ROS domain is {domain}; allowed: 0 to {MAXIMUM_DOMAIN}")
@@ -100,21 +99,31 @@ class Ros2Mirror(Resource):
             raise ConfigurationError(
                 f"robot name {robot!r} cannot be part of a ROS 2 topic; use letters, digits and '_', no digit in front"
             )
+        self._robot, self._domain = robot, domain
+        self._mirrored, self._lock = session, threading.Lock()
         self._node = AliveToken(session, node_token_key(domain, session.zenoh_id))
-        topics: list[Any] = [("occupancy", OCCUPANCY), ("grid_map", GRID_MAP)]
-        self._topics = {
-            name: _Topic(session, domain, FIRST_ENTITY_ID + i, f"{robot}/{name}", type_name)
-            for i, (name, type_name) in enumerate(topics)
-        }
+        self._topics: dict[str, _Topic] = {}
+        for name, type_name in (("occupancy", OCCUPANCY), ("grid_map", GRID_MAP)):
+            self._topic(f"{robot}/{name}", type_name)
         super().__init__(session)
 
-    def put_occupancy(self, payload: bytes | bytearray) -> None:
-        """Send the CDR payload of a nav_msgs/OccupancyGrid."""
-        self._topics["occupancy"].put(payload)
+    def put(self, name: str, type_name: str, payload: bytes | bytearray) -> None:
+        """Send a CDR payload.
 
-    def put_grid_map(self, payload: bytes | bytearray) -> None:
-        """Send the CDR payload of a grid_map_msgs/GridMap."""
-        self._topics["grid_map"].put(payload)
+        Args:
+            name: of the topic below `/<robot>/`; with a slash in front it is the whole name.
+            type_name: such as `nav_msgs/msg/OccupancyGrid`; of a topic always the same.
+            payload: of that type.
+        """
+        topic = name[1:] if name.startswith("/") else f"{self._robot}/{name}"
+        self._topic(topic, type_name).put(payload)
+
+    def _topic(self, name: str, type_name: str) -> _Topic:
+        with self._lock:
+            if name not in self._topics:
+                entity_id = FIRST_ENTITY_ID + len(self._topics)
+                self._topics[name] = _Topic(self._mirrored, self._domain, entity_id, name, type_name)
+            return self._topics[name]
 
     def _release(self) -> None:
         for topic in self._topics.values():

@@ -6,7 +6,7 @@ import logging
 import threading
 import time
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,10 +30,12 @@ from transport.status_message import STATUS_NAME, StatusItem
 from transport.status_reporter import StatusReporter
 from transport.terrain_codec import encode_terrain
 from transport.terrain_message import EXTENTS, LAYERS, Health, TerrainMessage
+from transport.typestore import GRID_MAP, OCCUPANCY, STATUS
 
 logger = logging.getLogger(__name__)
-# Layers of the GridMap: those of float32, the only type that it can hold.
-GRID_MAP_LAYERS = tuple(name for name, kind in LAYERS.items() if kind.dtype == np.float32)
+# Layers of the GridMap: those of float32, the only type that it can hold, and the flags, which are whole numbers
+# below 2^24 and so come through exactly.
+GRID_MAP_LAYERS = (*(name for name, kind in LAYERS.items() if kind.dtype == np.float32), "hazard")
 
 # [s] How long the last word of a scan request waits for its terrain message to be sent.
 SEND_TIMEOUT = 2.0
@@ -64,7 +66,8 @@ class PerceptionServer(Resource):
             session: open session of the node.
             robot: instance name.
             collect_status: further status items; runs once a second on the reporter's thread.
-            ros2_domain: mirror occupancy and grid map for ROS 2 in this domain; None does not.
+            ros2_domain: mirror occupancy, grid map and status (as `/diagnostics`) for ROS 2 in this domain; None
+                does not.
             name_timeout: [s] how long to wait for another node of this name to vanish.
 
         Raises:
@@ -93,9 +96,13 @@ class PerceptionServer(Resource):
         self._occupancy = Publisher(session, occupancy_key(robot), priority=SMALL)
         self._grid_map = Publisher(session, grid_map_key(robot), priority=LARGEST)
         self._mirror = None if ros2_domain is None else Ros2Mirror(session, robot=robot, domain=ros2_domain)
+        self._draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]] | None = None
         self._queries = QueryServer(session, self._newest.get, robot=robot)
         self._scans: ScanServer | None = None
         self._status = StatusReporter(session, self._items, robot=robot)
+        if self._mirror is not None:
+            mirror = self._mirror
+            self._status.follow(lambda payload: mirror.put("/diagnostics", STATUS, payload))
         # Last: who sees them asks at once.
         self._tokens = [AliveToken(session, key) for key in (run_key(robot, self.run), alive_key(robot))]
         self._claims = TokenWatcher(session, claim_key(robot), self._status.changed)
@@ -143,7 +150,34 @@ class PerceptionServer(Resource):
         self._outbox.post(publisher.key, lambda: publisher.put(encode_terrain(terrain)), lane=lane)
         if occupancy is not None and terrain.extent == "footprint":
             self._post_derived(terrain, occupancy)
+        if self._draw is not None:
+            draw = self._draw
+            self.mirror(lambda: draw(terrain), lane=lane)
         self._status.changed()
+
+    def draw_with(self, draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]]) -> None:
+        """Let the mirror carry what `draw` makes of each grid: pairs of topic, as of `mirror`, and message object.
+
+        Occupancy and grid map of the mirror then come from there too.
+        """
+        self._draw = draw
+
+    def mirror(self, make: Callable[[], Iterable[tuple[str, Any]]], *, lane: str) -> None:
+        """Send message objects to ROS 2, if it is mirrored; returns at once, they are made on a thread of the outbox.
+
+        Args:
+            make: gives pairs of topic, below `/<robot>/`, and message object.
+            lane: of one lane the newest goes, one that still waits is left out.
+        """
+        mirror = self._mirror
+        if mirror is None:
+            return
+
+        def send() -> None:
+            for name, message in make():
+                mirror.put(name, message.__msgtype__, encode(message))
+
+        self._outbox.post(f"ros2 {lane}", send, lane=f"ros2 {lane}")
 
     def _post_derived(self, terrain: TerrainMessage, occupancy: Percent) -> None:
         geometry = (terrain.resolution, terrain.origin, terrain.frame_id, terrain.stamp)
@@ -151,15 +185,15 @@ class PerceptionServer(Resource):
         def send_occupancy() -> None:
             payload = encode(occupancy_message(occupancy, *geometry))
             self._occupancy.put(payload)
-            if self._mirror is not None:
-                self._mirror.put_occupancy(payload)
+            if self._mirror is not None and self._draw is None:
+                self._mirror.put("occupancy", OCCUPANCY, payload)
 
         def send_grid_map() -> None:
             layers = {name: terrain.layers[name] for name in GRID_MAP_LAYERS}
             payload = encode(grid_map_message(layers, *geometry))
             self._grid_map.put(payload)
-            if self._mirror is not None:
-                self._mirror.put_grid_map(payload)
+            if self._mirror is not None and self._draw is None:
+                self._mirror.put("grid_map", GRID_MAP, payload)
 
         self._outbox.post(self._occupancy.key, send_occupancy, lane=terrain.extent)
         self._outbox.post(self._grid_map.key, send_grid_map, lane=terrain.extent)

@@ -82,7 +82,7 @@ def test_a_late_subscriber_gets_the_topic_as_from_a_ros_node(endpoint: str, peer
             ]
             watcher = zenoh_api.watch_tokens(client.raw, "@ros2_lv/4/**", see)
             with changed:
-                assert changed.wait_for(lambda: len(arrived) == 2 and len(tokens) == 3, 30.0)
+                assert changed.wait_for(lambda: len(arrived) == 2 and len(tokens) == 4, 30.0)
             del parts, watcher
         zenoh_id = session.zenoh_id
     grid = decode(arrived["occupancy"][0], OCCUPANCY)

@@ -25,7 +25,17 @@ JPEG_QUALITY = 90
     "--jpeg", type=click.IntRange(1, 100), help=f"record frames as JPEG of this quality; default: {JPEG_QUALITY}"
 )
 @click.option("--lossless", is_flag=True, help="record every bit of the frames: nine times the size")
-@click.option("--ros2", is_flag=True, help="mirror occupancy and grid map for ROS 2 (rmw_zenoh)")
+@click.option("--ros2", is_flag=True, help="mirror grids, clouds, markers, camera and status for ROS 2 (rmw_zenoh)")
+@click.option(
+    "--ros2-tf", is_flag=True, help="with --ros2: also TF and URDF, below /<robot>; off: the robot's own stand"
+)
+@click.option(
+    "--ros2-unknown",
+    type=click.Choice(["100", "-1"]),
+    default="100",
+    show_default=True,
+    help="with --ros2: what unknown cells of occupancy grids hold; -1 is what RViz and Nav2 mean by unknown",
+)
 @click.option("--domain", type=click.IntRange(0, 232), default=0, show_default=True, help="ROS 2 domain")
 @click.option("--listen", help="where clients connect; default: tcp/127.0.0.1:7447, or the security folder's")
 @click.option("--connect", help="use an external Zenoh router instead of being one")
@@ -46,6 +56,8 @@ def command(
     jpeg: int | None,
     lossless: bool,
     ros2: bool,
+    ros2_tf: bool,
+    ros2_unknown: str,
     domain: int,
     listen: str | None,
     connect: str | None,
@@ -71,6 +83,7 @@ def command(
     from guara_perception.app.node.node import PerceptionNode
     from guara_perception.app.node.node_status import NodeStatus, certificates_item
     from guara_perception.app.node.recorder import ScanRecorder
+    from guara_perception.app.scene.mirror import SceneMirror
     from guara_perception.app.scene.scene import Scene
     from guara_perception.app.until_stopped import stop_event
     from transport.node_name import open_only_node
@@ -79,6 +92,8 @@ def command(
 
     if lossless and jpeg is not None:
         raise InvalidInput("--lossless and --jpeg contradict one another: give one of them")
+    if not ros2 and (ros2_tf or ros2_unknown != "100"):
+        raise InvalidInput("--ros2-tf and --ros2-unknown go with --ros2: give it too")
     quality = None if lossless else jpeg or JPEG_QUALITY
     with ExitStack() as stack:
         stop = stack.enter_context(stop_event())
@@ -112,6 +127,10 @@ def command(
         server = PerceptionServer(
             session, robot=instance, collect_status=status.items, ros2_domain=domain if ros2 else None
         )
+        scene = Scene(rig.robot, rig.calibration)
+        mirror = None
+        if ros2:
+            mirror = SceneMirror(server, scene, unknown=int(ros2_unknown), with_tf=ros2_tf)
         recorder = None
         if record is not None:
             recorder = stack.enter_context(
@@ -120,12 +139,19 @@ def command(
                     robot=instance,
                     calibration=rig.calibration,
                     jpeg_quality=quality,
-                    scene=Scene(rig.robot, rig.calibration),
+                    scene=scene,
                 )
             )
         node = stack.enter_context(
             PerceptionNode(
-                rig.robot, rig.calibration, rig.rangefinder, server, mode=mode, recorder=recorder, status=status
+                rig.robot,
+                rig.calibration,
+                rig.rangefinder,
+                server,
+                mode=mode,
+                recorder=recorder,
+                status=status,
+                mirror=mirror,
             )
         )
         StanceReceiver(session, robot=instance, on_pause=node.on_pause, on_refused=node.on_refused)

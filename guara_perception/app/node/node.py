@@ -17,6 +17,7 @@ from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.sweep import SWEEPS
 from guara_perception.app.node.walks import Walks
+from guara_perception.app.scene.mirror import SceneMirror
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput, PerceptionError
 from guara_perception.progress import Progress
@@ -68,6 +69,7 @@ class PerceptionNode:
         method: str = "precise",
         recorder: ScanRecorder | None = None,
         status: NodeStatus | None = None,
+        mirror: SceneMirror | None = None,
     ) -> None:
         """Wire it up; the `with` block begins.
 
@@ -81,6 +83,7 @@ class PerceptionNode:
             method: stripe extraction.
             recorder: writes every scan, or None.
             status: keeps what the status says, or None for one of its own.
+            mirror: carries what ROS 2 tools draw of each pause, or None.
 
         Raises:
             InvalidInput: unknown mode.
@@ -93,7 +96,7 @@ class PerceptionNode:
             server.follow_status(recorder.add_status)
         self._camera, self._settings = calibration.transform_camera_to_base, Settings.of(robot)
         self._scanner = PauseScanner(
-            robot, calibration, rangefinder, server, self.status, method=method, recorder=recorder
+            robot, calibration, rangefinder, server, self.status, method=method, recorder=recorder, mirror=mirror
         )
         self._changed = threading.Condition()
         self._pause: Pause | None = None

@@ -17,6 +17,7 @@ from guara_perception.app.node.recorder import ScanRecorder, ScanRecording
 from guara_perception.app.node.sweep import ADAPTIVE, Sweeper, SweepJob
 from guara_perception.app.node.walk_map import WalkMap
 from guara_perception.app.publisher import publish_terrain
+from guara_perception.app.scene.mirror import SceneMirror
 from guara_perception.app.summary import summary
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import MirrorSlipped
@@ -67,8 +68,10 @@ class PauseScanner:
         *,
         method: str = "precise",
         recorder: ScanRecorder | None = None,
+        mirror: SceneMirror | None = None,
     ) -> None:
         """Wire it up; arguments as of `PerceptionNode`."""
+        self._mirror = mirror
         self._robot, self._calibration, self._rangefinder = robot, calibration, rangefinder
         self._server, self._status, self._method, self._recorder = server, status, method, recorder
         if recorder is not None:
@@ -103,6 +106,8 @@ class PauseScanner:
             KinematicsError: the stance does not fit the robot.
         """
         recording = None
+        if self._mirror is not None:
+            self._mirror.begin(pause.stance, time.time_ns())
         if self._recorder is not None:
             first = "coarse" if mode == ADAPTIVE else mode
             recording = self._recorder.begin(pause.step, first, pause.stance)
@@ -128,6 +133,8 @@ class PauseScanner:
         message = self._send(published, terrain)
         if recording is not None:
             recording.add_points(processor.points, scan.end)
+        if self._mirror is not None:
+            self._mirror.points(processor.points, scan.end)
         self._status.scanned(terrain, scan, time.monotonic() - scan.last_frame)
         if logger.isEnabledFor(logging.INFO):
             logger.info("%s", summary(terrain))

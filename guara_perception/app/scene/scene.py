@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
-
-import numpy as np
 
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.app.scene.clouds import Fields, cell_cloud
@@ -16,7 +14,6 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput
 from kinematics import BASE_FOOTPRINT, RobotModel, Stance
 from transport import (
-    LAYERS,
     TerrainMessage,
     TransformMessage,
     camera_info_message,
@@ -28,11 +25,10 @@ from transport import (
     text_message,
 )
 from transport.recording import CAMERA_FRAME
+from transport.server import GRID_MAP_LAYERS
 
 # Topic by its short name (transport.recording.topics) and message object.
 Named = tuple[str, Any]
-# Layers of a GridMap, which can hold float32 alone; the flags are whole numbers below 2^24 and so come through exactly.
-GRID_MAP_LAYERS = (*(name for name, kind in LAYERS.items() if kind.dtype == np.float32), "hazard")
 PREFIX = {"footprint": "", "map": "map/"}
 
 
@@ -86,7 +82,7 @@ class Scene:
         prefix = PREFIX[terrain.extent]
         geometry = (terrain.resolution, terrain.origin, terrain.frame, message.stamp)
         yield f"{prefix}occupancy", occupancy_message(terrain.to_occupancy(unknown), *geometry)
-        yield f"{prefix}grid_map", grid_map_message(grid_map_layers(message), *geometry)
+        yield f"{prefix}grid_map", grid_map_message({name: message.layers[name] for name in GRID_MAP_LAYERS}, *geometry)
         if terrain.extent != "map":
             return
         yield "/tf", frames_message(self._placed(message), message.stamp)
@@ -107,8 +103,3 @@ class Scene:
             if item.source_frame in ("base_link", BASE_FOOTPRINT)
         ]
         return [*body, *self._frames.moving(message.stance.joint_positions)]
-
-
-def grid_map_layers(message: TerrainMessage) -> Mapping[str, Any]:
-    """The layers of a grid that its GridMap holds."""
-    return {name: message.layers[name] for name in GRID_MAP_LAYERS}

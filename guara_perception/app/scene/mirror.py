@@ -1,0 +1,57 @@
+"""The scene of each pause live for ROS 2: what a recording holds for viewers, as topics of the mirror."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from guara_perception.app.scene.clouds import stripe_cloud
+from guara_perception.app.scene.scene import Named, Scene
+from kinematics import Stance
+from transport import TerrainMessage
+from transport.server import PerceptionServer
+
+if TYPE_CHECKING:
+    from guara_perception.ranging.stripe_points import StripePoints
+
+# What a robot's own publishers say already: only on request.
+OF_THE_ROBOT = ("/tf", "/tf_static", "/robot_description")
+
+
+class SceneMirror:
+    """Hands scenes to the server's mirror; everything returns at once, messages are made on the server's threads."""
+
+    def __init__(self, server: PerceptionServer, scene: Scene, *, unknown: int = 100, with_tf: bool = False) -> None:
+        """Mirror every grid that the server publishes from now on.
+
+        Args:
+            server: with a mirror, else nothing is made.
+            scene: makes the messages.
+            unknown: what unknown cells of occupancy grids hold for ROS: 100, or -1.
+            with_tf: also the robot itself: `/<robot>/tf`, `/<robot>/tf_static`, `/<robot>/robot_description`.
+        """
+        self._server, self._scene, self._unknown, self._with_tf = server, scene, unknown, with_tf
+        server.draw_with(self._of_grid)
+        if with_tf:
+            server.mirror(lambda: self._named(scene.unchanging(time.time_ns())), lane="robot")
+
+    def begin(self, stance: Stance, stamp: int) -> None:
+        """The robot as it stands at the begin of a scan, and its camera."""
+        self._server.mirror(lambda: self._named(self._scene.of_stance(stance, stamp)), lane="stance")
+
+    def points(self, points: Mapping[int, StripePoints], stamp: int) -> None:
+        """The points of a scan's stripes, by index."""
+        kept = dict(points)
+        self._server.mirror(
+            lambda: self._named(self._scene.of_points(stripe_cloud(kept.items()), stamp)), lane="points"
+        )
+
+    def _of_grid(self, message: TerrainMessage) -> Iterator[Named]:
+        return self._named(self._scene.of_grid(message, unknown=self._unknown))
+
+    def _named(self, messages: Iterable[Named]) -> Iterator[Named]:
+        """Without what is not wanted, and all below the robot's own name."""
+        for name, message in messages:
+            if self._with_tf or name not in OF_THE_ROBOT:
+                yield name.removeprefix("/"), message

@@ -1,0 +1,115 @@
+"""What `guara run --ros2` mirrors: each topic as ROS 2 would get it, over real Zenoh."""
+
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zenoh.ext
+
+import guara_perception as gp
+from guara_perception.app.main import run
+from guara_perception.app.publisher import publish_terrain
+from guara_perception.app.scene.mirror import SceneMirror
+from guara_perception.app.scene.scene import Scene
+from guara_perception.process import run_scan
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+from guara_perception.terrain.map.terrain_map import TerrainMap
+from kinematics import LegOdometry, RobotModel
+from transport import PerceptionServer, open_client, open_node, zenoh_api
+from transport.codec import decode
+
+pytestmark = pytest.mark.slow
+PATIENCE = 60.0
+ALWAYS = {
+    "diagnostics",
+    "guara/occupancy",
+    "guara/grid_map",
+    "guara/map/occupancy",
+    "guara/map/grid_map",
+    "guara/map/points",
+    "guara/scan/points",
+    "guara/markers",
+    "guara/camera/camera_info",
+}
+OF_THE_ROBOT = {"guara/tf", "guara/tf_static", "guara/robot_description"}
+
+
+@pytest.mark.parametrize(("with_tf", "unknown"), [(False, 100), (True, -1)])
+def test_every_topic_arrives(
+    free_endpoint: str,
+    robot: RobotModel,
+    calibration: gp.Calibration,
+    paper_scan: gp.Scan,
+    paper_terrain: gp.TerrainGrid,
+    with_tf: bool,
+    unknown: int,
+) -> None:
+    """A late transient-local subscriber gets the last of each; the robot's own topics only on request, below its name.
+
+    What is unknown is -1 for ROS where that is asked for, and 100 on the key that planners read all the same.
+    """
+    wanted = ALWAYS | (OF_THE_ROBOT if with_tf else set())
+    arrived: dict[str, tuple[str, bytes]] = {}
+    changed = threading.Condition()
+
+    def note(sample) -> None:
+        _, *topic, kind, _ = str(sample.key_expr).split("/")
+        with changed:
+            arrived["/".join(topic)] = (kind, sample.payload.to_bytes())
+            changed.notify_all()
+
+    pose = LegOdometry(robot).update(paper_scan.stance)
+    fused = TerrainMap(robot).update(paper_terrain, pose.transform_footprint_to_odom, pose.covariance)
+    with open_node(listen=free_endpoint) as session:
+        server = PerceptionServer(session, ros2_domain=5)
+        mirror = SceneMirror(server, Scene(robot, calibration), unknown=unknown, with_tf=with_tf)
+        mirror.begin(paper_scan.stance, paper_terrain.stamp)
+        mirror.points(run_scan(paper_scan, calibration, robot).points, paper_terrain.stamp)
+        for terrain in (paper_terrain, fused):
+            publish_terrain(server, terrain)
+        server.flush(PATIENCE)
+        with open_client(free_endpoint) as client, gp.TerrainClient(free_endpoint) as planner:
+            # Declared before the late ones' tokens are asked for: whoever comes is seen.
+            subscriber = zenoh.ext.declare_advanced_subscriber(
+                client.raw,
+                "5/**",
+                zenoh_api.direct(note),
+                history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
+                recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+            )
+            with changed:
+                assert changed.wait_for(lambda: wanted <= set(arrived), PATIENCE), wanted - set(arrived)
+            received = planner.latest(max_age=float("inf"))
+            del subscriber
+    assert set(arrived) == wanted
+    kind, payload = arrived["guara/occupancy"]
+    assert kind == "nav_msgs::msg::dds_::OccupancyGrid_"
+    data = decode(payload, "nav_msgs/msg/OccupancyGrid").data.reshape(paper_terrain.shape)
+    np.testing.assert_array_equal(data, paper_terrain.to_occupancy(unknown))
+    never_seen = (paper_terrain.hazard & UNKNOWN_MASK) != 0
+    assert (data[never_seen] == unknown).all() and never_seen.any()
+    assert (received.to_occupancy()[never_seen] == 100).all()
+    layers = decode(arrived["guara/map/grid_map"][1], "grid_map_msgs/msg/GridMap")
+    flags = layers.data[layers.layers.index("hazard")].data.reshape(fused.shape)[::-1, ::-1]
+    np.testing.assert_array_equal(flags.astype(np.uint16), fused.hazard)
+    assert decode(arrived["diagnostics"][1], "diagnostic_msgs/msg/DiagnosticArray").status[0].name == "transport"
+    if with_tf:
+        children = [
+            t.child_frame_id for t in decode(arrived["guara/tf_static"][1], "tf2_msgs/msg/TFMessage").transforms
+        ]
+        assert "camera_optical_frame" in children
+
+
+@pytest.mark.parametrize("words", [["--ros2-tf"], ["--ros2-unknown", "-1"]])
+def test_choices_of_the_mirror_need_the_mirror(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit 2 and a word what is missing."""
+    assert run(["run", "--simulated", *words]) == 2
+    assert "go with --ros2" in capsys.readouterr().err
+
+
+def test_the_launch_file_and_its_picture_name_topics_that_are_there(root: Path) -> None:
+    """Every topic that RViz is told to draw is one of the mirror's."""
+    text = (root / "ros" / "guara_msgs" / "rviz" / "guara.rviz").read_text()
+    named = {line.split()[-1].strip("/") for line in text.splitlines() if line.strip().startswith("Value: /")}
+    assert named and named <= ALWAYS | OF_THE_ROBOT
