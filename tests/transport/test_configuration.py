@@ -2,14 +2,18 @@
 
 import pytest
 
+import transport
 from transport import ConfigurationError
 from transport.configuration import (
+    DEFAULT_ENDPOINT,
+    QUEUES,
     check_endpoint,
     check_exposure,
     client_configuration,
     is_local,
     node_configuration,
 )
+from transport.last_message import MAXIMUM_PIECE
 
 
 @pytest.mark.parametrize("endpoint", ["", "tcp", "tcp/", "tcp/host", "foo/1.2.3.4:5", "127.0.0.1:7447"])
@@ -51,3 +55,13 @@ def test_nobody_is_searched_for_and_hangs_are_noticed() -> None:
     for configuration in (node_configuration(["tcp/127.0.0.1:1"]), client_configuration("tcp/127.0.0.1:1")):
         assert configuration["scouting"] == {"multicast": {"enabled": False}, "gossip": {"enabled": False}}
         assert configuration["transport"]["link"]["tx"]["lease"] <= 2000
+
+
+def test_a_grid_and_a_piece_fit_into_the_queue_of_a_link(peer) -> None:
+    """A put of the grid of a scan waits for no reader, and no piece that is asked for is too large for its queue."""
+    # A batch of Zenoh carries 64 KiB at most, a little of it for itself.
+    batch = 60_000
+    assert len(transport.encode_terrain(peer.make_terrain(shape=(108, 90)))) < QUEUES["data_low"] * batch
+    assert MAXIMUM_PIECE < QUEUES["data_high"] * batch
+    for configuration in (node_configuration([DEFAULT_ENDPOINT]), client_configuration(DEFAULT_ENDPOINT)):
+        assert configuration["transport"]["link"]["tx"]["queue"]["size"] == QUEUES
