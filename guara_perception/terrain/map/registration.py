@@ -10,8 +10,9 @@ heights is divided by n.
 
 Heights are smoothed alike in both, and the slope is the mean of both slopes (Malis, Improving vision-based control
 using efficient second-order minimization techniques, ICRA 2004). A slope that noise could make says nothing of where
-one is: where it is below SLOPE_SIGMAS of its own error it counts as level, and a level cell tells of height and tilt
-alone. So on level ground x, y and heading are left to the prior.
+one is: where either is below SLOPE_SIGMAS of its own error the cell counts as level, and a level cell tells of height
+and tilt alone. Either, because the map has seams of a millimetre or two where scans end, that no scan shows. So on
+level ground x, y and heading are left to the prior.
 
 Across its stripes a laser scan has an edge where the first stripe beyond it lies: off by up to their spacing, which
 grows with the distance, and always to the same side for the edges that face the robot. Laid one upon the other, such
@@ -30,6 +31,8 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.odom_cells import OdomCells
 
 ROUNDS = 8
+# [m] and [rad].
+SMALLEST_STEP = 1e-5
 HUBER_SIGMAS = 2.0
 SLOPE_SIGMAS = 3.0
 # Heights of neighbouring cells come from the same stripes and poses: as many of them count as one.
@@ -93,7 +96,7 @@ def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom
         if weights.size < LEAST_CELLS:
             return Registration(nothing, prior, weights.size, f"{weights.size} cells of the scan lie on known ground")
         motion = motion + step
-        if np.abs(step[:2]).max() < 1e-5 and abs(step[5]) < 1e-5:
+        if np.abs(step).max() < SMALLEST_STEP:
             break
     contradicting = float((weights < 1).mean())
     if contradicting > MOST_CONTRADICTING:
@@ -209,11 +212,14 @@ def _step(ground: _Ground, seen: _Seen, base: Float, motion: Float, information:
         used: Mask = np.abs(difference) < LARGEST_DIFFERENCE_M
     difference, by_x, by_y, px, py = (v[used] for v in (difference, by_x, by_y, px, py))
     variance = variance[used] + seen.variance[used]
-    slope = 0.5 * (np.column_stack((by_x, by_y)) + seen.slopes[used])
+    in_map, in_scan = np.column_stack((by_x, by_y)), seen.slopes[used]
+    slope = 0.5 * (in_map + in_scan)
     sigma = np.sqrt(variance + FLOOR_SIGMA_M**2 + (slope**2).sum(axis=1) * ASIDE_SIGMA_M**2)
-    slope = slope @ seen.tells
     noise = SLOPE_NOISE**2 * np.maximum(seen.variance[used], OWN_SIGMA_M**2) / ground.resolution**2
-    slope[(slope**2).sum(axis=1) < SLOPE_SIGMAS**2 * noise] = 0.0
+    least = SLOPE_SIGMAS**2 * noise
+    level = np.minimum(*(((each @ seen.tells) ** 2).sum(axis=1) for each in (in_map, in_scan))) < least
+    slope = slope @ seen.tells
+    slope[level] = 0.0
     by_x, by_y = slope.T
     size = np.abs(difference) / sigma
     weights = np.minimum(1.0, HUBER_SIGMAS / np.maximum(size, HUBER_SIGMAS))

@@ -8,6 +8,7 @@ second moments, in place of the largest inscribed one.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -61,27 +62,39 @@ def grow_polygon(seed: Float, bounds: Float, squares: Float, half: float) -> Con
 
 def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float) -> Float:
     """Half-planes (n, 3) that keep out every square, the nearest one in the metric first; the seed stays inside."""
-    rest, cuts = squares, []
+    cuts = []
     reach = half + OFF_M
-    while len(rest):
-        way = np.clip(centre, rest - reach, rest + reach) - centre
-        nearest = int(np.einsum("ni,ij,nj->n", way, metric, way).argmin())
-        normal = metric @ way[nearest]
-        length = float(np.linalg.norm(normal))
-        edge = -np.inf
-        if length > 0:
-            normal = normal / length
-            edge = float(rest[nearest] @ normal - reach * np.abs(normal).sum())
-        if not normal @ seed < edge:
+    x, y = np.ascontiguousarray(squares.T)
+    (xx, xy), (_, yy) = metric.tolist()
+    seed_x, seed_y = seed.tolist()
+    while x.size:
+        offset_x, offset_y = _nearest(x - centre[0], reach), _nearest(y - centre[1], reach)
+        nearest = int((offset_x * (xx * offset_x + 2 * xy * offset_y) + yy * offset_y**2).argmin())
+        at_x, at_y, dx, dy = (float(values[nearest]) for values in (x, y, offset_x, offset_y))
+        a, b, edge = _side(xx * dx + xy * dy, xy * dx + yy * dy, at_x, at_y, reach)
+        if not a * seed_x + b * seed_y < edge:
             # That would cut the seed off: across the way from the seed to the square's nearest point instead.
-            way_from_seed = np.clip(seed, rest[nearest] - reach, rest[nearest] + reach) - seed
-            normal = way_from_seed / np.linalg.norm(way_from_seed)
-            edge = float(rest[nearest] @ normal - reach * np.abs(normal).sum())
-        cuts.append([*normal, edge])
-        beyond = rest @ normal - reach * np.abs(normal).sum() >= edge - 1e-12
-        beyond[nearest] = True
-        rest = rest[~beyond]
+            dx, dy = _nearest(np.array([at_x - seed_x, at_y - seed_y]), reach).tolist()
+            a, b, edge = _side(dx, dy, at_x, at_y, reach)
+        cuts.append((a, b, edge))
+        within = a * x + b * y < edge + reach * (abs(a) + abs(b)) - 1e-12
+        within[nearest] = False
+        x, y = x[within], y[within]
     return np.array(cuts).reshape(-1, 3)
+
+
+def _nearest(offset: Float, reach: float) -> Float:
+    """Coordinates of the point of each square that is nearest to where the offsets to their centres begin."""
+    return np.asarray(offset - np.minimum(np.maximum(offset, -reach), reach))
+
+
+def _side(normal_x: float, normal_y: float, x: float, y: float, reach: float) -> tuple[float, float, float]:
+    """The half-plane (a, b, c) against a normal that touches a square from outside; c is -inf without a normal."""
+    length = math.hypot(normal_x, normal_y)
+    if length == 0:
+        return 0.0, 0.0, -math.inf
+    a, b = normal_x / length, normal_y / length
+    return a, b, a * x + b * y - reach * (abs(a) + abs(b))
 
 
 def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
