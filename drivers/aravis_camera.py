@@ -11,9 +11,10 @@ import numpy as np
 from drivers import timing
 from drivers.aravis_library import glib_error, load_aravis
 from drivers.aravis_settings import lock_settings
+from drivers.bayer import PATTERNS, red_pixels
 from drivers.camera import Camera, CameraSettings
 from drivers.errors import CameraEnded, CameraNotFound, CameraNotOpen, CameraSettingRefused, CameraTimeout
-from drivers.frame import Frame
+from drivers.frame import Frame, Image
 
 logger = logging.getLogger(__name__)
 # Pictures that may wait, so that a host that is busy for a fifth of a second loses none.
@@ -29,7 +30,10 @@ READ_OUT = 0.0002
 
 
 class AravisCamera(Camera):
-    """A camera of the GenICam family. Its frames are raw: (height, width) uint8, grey or a Bayer mosaic.
+    """A camera of the GenICam family. Its frames are (height, width) uint8: grey, or the red pixels of a Bayer mosaic.
+
+    The red pixels of a mosaic are a picture of half the width and height. A red laser shows in them alone; filling in
+    what lies between, or making colour, costs more work and gives larger errors (`python -m benchmarks.mosaics`).
 
     Frames arrive in the order of exposure, none is skipped; one whose packets did not all come shows as a gap in the
     counter.
@@ -47,6 +51,7 @@ class AravisCamera(Camera):
         size: tuple[int, int] | None = None,
         fps: float | None = None,
         lag: float | None = None,
+        raw: bool = False,
     ) -> None:
         """Prepare the camera; nothing is opened yet.
 
@@ -57,9 +62,10 @@ class AravisCamera(Camera):
             exposure_output: line that shall show when the camera exposes ("Line2"), for the board's EXPOSURE_ACTIVE;
                 None leaves the lines as they are.
             pixel_format: one of PIXEL_FORMATS; None: grey where the camera has it, otherwise its mosaic.
-            size: (width, height) to read out from the sensor's middle; None for the whole sensor.
+            size: (width, height) of the frames, from the sensor's middle; None for the whole sensor.
             fps: frames per second of a camera that runs freely; None for its own.
             lag: see `Camera`.
+            raw: give a mosaic as it is, whole.
 
         Raises:
             ValueError: a pixel format that is not known here.
@@ -71,6 +77,7 @@ class AravisCamera(Camera):
         self.lag = lag
         self._wanted, self._trigger, self._exposure_output = device, trigger, exposure_output
         self._wanted_format, self._size, self._fps = pixel_format, size, fps
+        self._raw = raw
         self._aravis: Any = None
         self._camera: Any = None
         self._stream: Any = None
@@ -208,9 +215,14 @@ class AravisCamera(Camera):
         self.pixel_format = self._wanted_format or usable[0]
         camera.set_pixel_format_from_string(self.pixel_format)
 
+    @property
+    def _takes_red(self) -> bool:
+        return self.pixel_format in PATTERNS and not self._raw
+
     def _choose_region(self, camera: Any) -> None:
         sensor = tuple(camera.get_sensor_size())
-        width, height = sensor if self._size is None else self._size
+        scale = 2 if self._takes_red else 1
+        width, height = sensor if self._size is None else (scale * self._size[0], scale * self._size[1])
         # A mosaic cut at an odd row or column would be another mosaic.
         left, top = ((sensor[axis] - (width, height)[axis]) // 2 // 2 * 2 for axis in (0, 1))
         if left < 0 or top < 0:
@@ -255,7 +267,10 @@ class AravisCamera(Camera):
             stamp -= max(0.0, time.time() - buffer.get_system_timestamp() * 1e-9)
         shape = (buffer.get_image_height(), buffer.get_image_width())
         # `get_data` copies, so this is the frame's own and may be relied on never to change.
-        image = np.frombuffer(buffer.get_data(), np.uint8, count=shape[0] * shape[1]).reshape(shape)
+        image: Image = np.frombuffer(buffer.get_data(), np.uint8, count=shape[0] * shape[1]).reshape(shape)
+        if self._takes_red:
+            image = red_pixels(image, self.pixel_format)
+            image.setflags(write=False)
         self._count(buffer.get_frame_id())
         taken = buffer.get_timestamp()
         return Frame(image, self._counter, stamp, taken * 1e-9 if taken else None)

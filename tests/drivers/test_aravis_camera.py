@@ -103,11 +103,11 @@ def test_what_it_cannot_hold_is_refused(fake: FakeGigeCamera, settings: dict[str
 
 
 @pytest.mark.parametrize("pattern", BAYER)
-def test_a_mosaic_comes_as_it_is(fake: FakeGigeCamera, pattern: str) -> None:
+def test_a_raw_mosaic_comes_as_it_is(fake: FakeGigeCamera, pattern: str) -> None:
     """Each pixel sees the colour that the pattern's name gives it."""
     rng = np.random.default_rng(4)
     picture = rng.integers(0, 256, (256, 320, 3), dtype=np.uint8)
-    with AravisCamera(fake.name, trigger="Line1", pixel_format=pattern) as camera:
+    with AravisCamera(fake.name, trigger="Line1", pixel_format=pattern, raw=True) as camera:
         assert fake.expose(picture, 1.0)
         seen = camera.grab(PATIENCE).image
     assert np.array_equal(seen, mosaic(picture, pattern))
@@ -115,6 +115,17 @@ def test_a_mosaic_comes_as_it_is(fake: FakeGigeCamera, pattern: str) -> None:
     assert [int(seen[0, 0]), int(seen[0, 1])] == [
         int(picture[0, place, "BGR".index(colours[place])]) for place in (0, 1)
     ]
+
+
+def test_of_a_mosaic_the_red_pixels_are_taken(fake: FakeGigeCamera) -> None:
+    """One channel of half the width and height, nothing made up; a size that is asked for is that of the frames."""
+    rng = np.random.default_rng(6)
+    picture = rng.integers(0, 256, (256, 320, 3), dtype=np.uint8)
+    with AravisCamera(fake.name, trigger="Line1", pixel_format="BayerGB8", size=(160, 128)) as camera:
+        assert fake.expose(picture, 1.0)
+        seen = camera.grab(PATIENCE).image
+    assert not seen.flags.writeable
+    assert np.array_equal(seen, picture[1::2, ::2, 2])
 
 
 def test_without_a_trigger_it_runs_freely(fake: FakeGigeCamera) -> None:
