@@ -20,6 +20,7 @@ PROGRAMS = {
     "drivers": "costs of the laser board's driver and of proving stripes",
     "hostile": "what files that were made to harm cost before they are refused",
     "kinematics": "speed and agreement of the kinematics",
+    "misplaced_crosses": "what misplaced crosses of a calibration do to the grid",
     "mosaics": "Bayer mosaics and grey frames through the whole chain, beside the truth",
     "mounting": "what a mount that moves costs, in heights",
     "node": "a running node: sweep, latency, processor time, memory",

@@ -1,0 +1,125 @@
+"""What misplaced crosses do to the grid: a session calibrated again with wrong positions, one scan with each result.
+
+`python -m benchmarks.misplaced_crosses [SESSION SCAN]`; the session and the scan of the tests without arguments.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from guara_perception.app.main import ENVIRONMENT
+
+# As the command does: before numpy is loaded.
+os.environ.update(ENVIRONMENT)
+
+import numpy as np
+
+import guara_perception as gp
+from guara_perception.app.files.calibration_session import open_session
+from guara_perception.calibration.calibrate import calibrate_session
+from guara_perception.calibration.session import CalibrationSession
+from guara_perception.settings import Settings
+from kinematics import RobotModel, load_robot
+
+DATA = Path(__file__).resolve().parents[1] / "tests" / "data"
+# What counts as floor in the scan's grid with the crosses where they are [m].
+FLOOR_M = 0.003
+
+
+def shifted(x: float, y: float) -> Callable[[np.ndarray], np.ndarray]:
+    """All crosses off by the same [m]."""
+    return lambda points: points + (x, y)
+
+
+def turned(degrees: float) -> Callable[[np.ndarray], np.ndarray]:
+    """All crosses turned about base_footprint."""
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    return lambda points: points @ np.array([[c, s], [-s, c]])
+
+
+def one_off(x: float) -> Callable[[np.ndarray], np.ndarray]:
+    """The first cross alone off along x [m]."""
+    return lambda points: points + np.outer(np.arange(len(points)) == 0, (x, 0.0))
+
+
+CASES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "all 2 mm too far ahead": shifted(0.002, 0.0),
+    "all 5 mm to the left": shifted(0.0, 0.005),
+    "all turned by 0.5 degrees": turned(0.5),
+    "one 3 mm too far ahead": one_off(0.003),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """What a wrong calibration does to a scan.
+
+    Attributes:
+        near, far: by how much points of the area move, at the middle of its near edge and at its far left corner [m].
+        height: median change of the floor's height in the grid [m].
+        spread: half of the range of that change over 90 % of the floor [m].
+        verdict: of the calibration.
+        reason: the first of its reasons, empty when there is none.
+    """
+
+    near: float
+    far: float
+    height: float
+    spread: float
+    verdict: str
+    reason: str
+
+
+def effect(
+    session: CalibrationSession,
+    scan: gp.Scan,
+    robot: RobotModel,
+    known: gp.Calibration,
+    change: Callable[[np.ndarray], np.ndarray],
+) -> Effect:
+    """Calibrate with changed crosses and compare with the calibration `known`."""
+    marks = session.fiducials
+    moved = replace(
+        session, fiducials=replace(marks, points_in_footprint=change(np.asarray(marks.points_in_footprint)))
+    )
+    result = calibrate_session(moved, robot)
+    wrong = result.calibration
+    turn = wrong.transform_camera_to_base @ np.linalg.inv(known.transform_camera_to_base)
+    to_base = np.linalg.inv(robot.stance_pose(session.stance).transform_base_to_footprint)
+    settings = Settings.of(robot)
+    x, y = settings.footprint_x, settings.footprint_y
+    places = np.array([[x[0], 0.0, 0.0, 1.0], [x[1], y[1], 0.0, 1.0]]) @ to_base.T
+    near, far = np.linalg.norm((places @ turn.T - places)[:, :2], axis=1)
+    right, false = (gp.process_scan(scan, each, robot, pictures=False).elevation for each in (known, wrong))
+    is_floor = np.abs(right) < FLOOR_M
+    change_of_height = (false - right)[is_floor & np.isfinite(false)]
+    low, middle, high = np.percentile(change_of_height, (5, 50, 95))
+    return Effect(
+        float(near), float(far), float(middle), float((high - low) / 2), result.verdict, next(iter(result.reasons), "")
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("session", nargs="?", type=Path, default=DATA / "calibration")
+    parser.add_argument("scan", nargs="?", type=Path, default=DATA / "scans" / "paper")
+    options = parser.parse_args()
+    robot = load_robot("guara")
+    session, scan = open_session(options.session), gp.open_scan(options.scan)
+    known = calibrate_session(session, robot).calibration
+    print("| crosses | near edge moves | far corner moves | floor's height, and over the area | verdict |")
+    print("|---|---|---|---|---|")
+    for name, change in CASES.items():
+        found = effect(session, scan, robot, known, change)
+        near, far, height, spread = (1e3 * value for value in (found.near, found.far, found.height, found.spread))
+        words = f"{found.verdict}{': ' if found.reason else ''}{found.reason}"
+        print(f"| {name} | {near:.1f} mm | {far:.1f} mm | {height:+.1f} mm, +-{spread:.1f} mm | {words} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
