@@ -25,15 +25,7 @@ from guara_perception.settings import MODES, Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.known_ground import KnownGround
 from kinematics import KinematicsError, RobotModel, Stance, check_camera_still
-from transport import (
-    PausePhase,
-    ScanFailed,
-    ScanRequest,
-    StancePause,
-    TerrainMessage,
-    TransportError,
-    UnknownPhase,
-)
+from transport import PausePhase, ScanFailed, ScanRequest, StancePause, TerrainMessage, TransportError, UnknownPhase
 from transport.server import PerceptionServer
 
 if TYPE_CHECKING:
