@@ -38,6 +38,7 @@ def place(tmp_path: Path, data: Path, calibration_file: Path, paper_terrain: gp.
 RUNS = {
     "read_grid.py": (["scans/paper", "calibration.json"], ["TerrainGrid: footprint", "(0.70, +0.00): 0.", "safe: "]),
     "choose_footholds.py": (["terrain.npz", "footholds.png"], ["-> ("]),
+    "optimise_foothold.py": (["terrain.npz"], ["foothold x 0.", " cm2\n", "the wish itself: "]),
     "plan_swing.py": (["terrain.npz"], ["clearance 3", "  x +0.", "straight, 100 mm up: refused: unknown "]),
     "plot_layers.py": (["terrain.npz", "layers.png"], []),
     "height_scan_policy.py": (["terrain.npz"], ["known: ", "?"]),
