@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -87,3 +88,37 @@ def test_the_order_of_the_stripes_does_not_matter() -> None:
     terrain = processor.finish()
     for name in ("elevation", "variance", "hazard", "traversability", "elevation_min", "elevation_max"):
         np.testing.assert_array_equal(terrain.layer(name), whole("paper").layer(name), err_msg=name)
+
+
+def with_off_pictures(name: str, off_of: Callable[[int], np.ndarray | None]) -> gp.TerrainGrid:
+    """The terrain of a recording with other laser-off pictures, each by the number of its stripe in the sweep."""
+    scan, frames = recording(name)
+    processor = gp.ScanProcessor(truth(), guara(), scan.stance, scan.mode)
+    for number, (index, on, _) in enumerate(frames):
+        processor.add(index, on, off_of(number))
+    return processor.finish()
+
+
+@pytest.mark.parametrize("name", ["paper", "dark"])
+@pytest.mark.parametrize("lost", [{9}, {0, 1, 8, 15, 16, 30}, set(range(99))], ids=["one", "some", "all"])
+def test_losing_laser_off_pictures_never_makes_another_cell_safe(name: str, lost: set[int]) -> None:
+    """Stripes without one are served by other frames or by their own: safe cells are among those of the whole scan."""
+    frames = recording(name)[1]
+    terrain = with_off_pictures(name, lambda number: None if number in lost else frames[number][2])
+    assert not ((terrain.traversability > 0) & ~(whole(name).traversability > 0)).any()
+
+
+@pytest.mark.parametrize("name", ["paper", "dark"])
+@pytest.mark.parametrize("gain", [0.7, 1.3, None])
+def test_foreign_laser_off_pictures_make_nothing_safe_that_is_not(name: str, gain: float | None) -> None:
+    """Exposed otherwise, or those of another scan (None): no unseen and no dark cell becomes traversable."""
+    frames, other = recording(name)[1], recording("tilt")[1][0][2]
+
+    def off_of(number: int) -> np.ndarray | None:
+        own = frames[number][2]
+        if number % 3 or own is None:
+            return own
+        return other if gain is None else np.clip(gain * own, 0, 255).astype(np.uint8)
+
+    found = figures(with_off_pictures(name, off_of), load_truth(DATA / "scans" / name / "truth.npz", 5))
+    assert found.unsafe == 0

@@ -73,6 +73,21 @@ class StripePath:
     light: Float32
 
 
+@dataclass(frozen=True, slots=True)
+class FirstLook:
+    """What some columns of a picture show of a stripe in one channel.
+
+    Attributes:
+        channel: that may be the laser's.
+        row: (columns,) of the path, between the columns that were looked at on a straight line.
+        is_stripe: (columns,) whether there may be a stripe in one of them less than FIRST_LOOK_COLUMNS away.
+    """
+
+    channel: int
+    row: Index
+    is_stripe: Mask
+
+
 def find_path(on: Image, off: Image | None) -> StripePath:
     """Find the path of the stripe that runs across the columns.
 
@@ -83,36 +98,30 @@ def find_path(on: Image, off: Image | None) -> StripePath:
     frame = levels(on)
     light = frame if off is None else subtract(frame, levels(off))
     detail = details(light)
-    tried = [_path_of(light, frame, detail, channel) for channel in _hopeful_channels(light, frame, detail)]
+    tried = [_path_of(light, frame, detail, first) for first in _first_looks(light, frame, detail)]
     best = max(tried, key=lambda each: each[1])[0]
     return best if off is None else _without_moved_edges(best, frame)
 
 
-def _path_of(light: Float32, frame: Float32, detail: Float32, channel: int) -> tuple[StripePath, float]:
+def _path_of(light: Float32, frame: Float32, detail: Float32, first: FirstLook) -> tuple[StripePath, float]:
     """The stripe of a laser of one channel, and how much speaks for it."""
-    every = np.ones(frame.shape[1], dtype=bool)
-    elsewhere = _away(detail[:, :, channel].argmax(axis=0), every, frame.shape[:2], NEAR_PEAK_PX)
-    scene, colour = covariance(detail, elsewhere), np.eye(frame.shape[2])[channel]
-    known: Mask | None = None
-    # What only a first look sees, before texture counts as noise, is doubtful.
-    for _ in range(2):
-        laser, core = in_laser_colour(light, frame, scene, colour, channel)
-        found = ridges(laser, known)
-        evidence = found.evidence()
-        rows, is_stripe, _ = (each[0] for each in follow_stripe(evidence.T[None]))
-        if known is None:
-            seen_first, is_seen_first = rows, is_stripe
-            known = _away(rows, is_stripe, laser.shape, NEAR_PATH_PX)
-            scene = covariance(detail, known)
-            colour = relative_colour(rim_colour(light, frame, rows, is_stripe, channel), channel)
+    channel = first.channel
+    elsewhere = _away(first.row, first.is_stripe, frame.shape, NEAR_PATH_PX)
+    scene = covariance(detail, elsewhere)
+    colour = relative_colour(rim_colour(light, frame, first.row, first.is_stripe, channel), channel)
+    laser, core = in_laser_colour(light, frame, scene, colour, channel)
+    found = ridges(laser, elsewhere)
+    evidence = found.evidence()
+    rows, is_stripe, _ = (each[0] for each in follow_stripe(evidence.T[None]))
     columns = np.arange(rows.size)
     is_core = core[rows, columns]
     is_good = _good_pieces(found, rows, is_stripe, is_core, has_colour=frame.shape[2] == 3)
     is_good = _of_laser_colour(frame, detail, rows, is_good, colour, channel)
     score = float(evidence[rows, columns][is_good].sum())
     path = StripePath(
-        row=np.where(is_stripe, rows, seen_first),
-        is_path=is_stripe | is_seen_first,
+        # What only the first look sees, before texture counts as noise, is doubtful.
+        row=np.where(is_stripe, rows, first.row),
+        is_path=is_stripe | first.is_stripe,
         is_stripe=is_good,
         is_core=is_core & is_good,
         sigma=np.array(SIGMAS_PX, np.float32)[found.width[rows, columns]],
@@ -171,30 +180,37 @@ def _fitted(dark: Float32, bright: Float32) -> tuple[float, float, float]:
     return gain, offset, left
 
 
-def _hopeful_channels(light: Float32, frame: Float32, detail: Float32) -> list[int]:
-    """The channels in which a first look at some columns sees a path of the laser's colour."""
-    channels = light.shape[2]
-    if channels == 1:
-        return [0]
-    interval = FIRST_LOOK_COLUMNS if light.shape[1] >= FIRST_LOOK_FROM else 1
-    light, frame, detail = (
-        np.ascontiguousarray(picture[:, interval // 2 :: interval]) for picture in (light, frame, detail)
-    )
-    every = np.ones(light.shape[1], dtype=bool)
+def _first_looks(light: Float32, frame: Float32, detail: Float32) -> list[FirstLook]:
+    """What some columns show of the paths in the channels that may be the laser's.
+
+    Two looks: the second, in which texture counts as noise and the colour is that of the first, decides for channels.
+    """
+    columns, channels = light.shape[1:]
+    interval = FIRST_LOOK_COLUMNS if columns >= FIRST_LOOK_FROM else 1
+    looked_at = np.arange(interval // 2, columns, interval)
+    light, frame, detail = (np.ascontiguousarray(picture[:, looked_at]) for picture in (light, frame, detail))
+    every = np.ones(looked_at.size, dtype=bool)
     shape = light.shape[:2]
     away = [_away(detail[:, :, channel].argmax(axis=0), every, shape, NEAR_PEAK_PX) for channel in range(channels)]
     colours = list(np.eye(channels))
+    first: list[FirstLook] = []
+    nearest = np.minimum(np.arange(columns) // interval, looked_at.size - 1)
     for look in range(2):
         evidence = []
         for channel in range(channels):
             laser, _ = in_laser_colour(light, frame, covariance(detail, away[channel]), colours[channel], channel)
             evidence.append(ridges(laser, away[channel] if look else None).evidence().T)
         rows, is_stripe, scores = follow_stripe(np.stack(evidence))
+        if not look:
+            between = (np.rint(np.interp(np.arange(columns), looked_at, row)).astype(np.intp) for row in rows)
+            first = [FirstLook(c, row, is_stripe[c, nearest]) for c, row in enumerate(between)]
+            if channels == 1:
+                return first
         seen = [rim_colour(light, frame, rows[c], is_stripe[c], c) for c in range(channels)]
         away = [_away(rows[c], is_stripe[c], shape, NEAR_PATH_PX) for c in range(channels)]
         colours = [relative_colour(seen[c], c) for c in range(channels)]
     scores *= [_purity(light, frame, detail, rows[c], is_stripe[c], c) for c in range(channels)]
-    return [c for c in range(channels) if scores[c] >= HOPEFUL * scores.max()]
+    return [first[c] for c in range(channels) if scores[c] >= HOPEFUL * scores.max()]
 
 
 def _purity(light: Float32, frame: Float32, detail: Float32, rows: Index, is_stripe: Mask, channel: int) -> float:
