@@ -22,6 +22,7 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.processor_parts import EMULATED, REST, parts_of_the_node
+from benchmarks.recorded_view import RecordedView
 from benchmarks.yardstick import Yardstick, beside
 from drivers import LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
@@ -29,7 +30,6 @@ from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.rangefinder import Rangefinder
-from guara_perception.app.node.recorded_rig import RecordedView
 from kinematics import load_robot
 from tests.truth import truth_calibration
 from transport import PausePhase, StancePause, open_node

@@ -21,7 +21,7 @@ REFUSED = {
     r"\beyes\b(?! with| that)": "sensor origins",
     r"\b(?:laser'?s? )?sheets?\b(?=[ .,;]+(?:of light|falls|meets|on_floor))": "laser plane",
     r"\bheight gates\b": "height limits",
-    r"\bspreads?\b": "sigma, variance, scatter or extent",
+    r"\b(?:spread(?=\(| =|, )|\w+_spread\b)": "sigma, variance, scatter or extent",
     r"\bmiddles\b": "medians or centres",
 }
 # Words that are of the optics of eyes, not of sensors.

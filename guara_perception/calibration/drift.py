@@ -55,7 +55,7 @@ class Drift:
         floor_share: share of the stripes that run straight over one floor.
         floor_height: of the floor below its middle [m].
         floor_tilt: of the floor against the horizontal [rad].
-        stripe_rms: rms distance of the stripes' middles and ends from one plane [m].
+        stripe_rms: rms distance of the stripes' centres and ends from one plane [m].
         worst_stripe: index of the stripe whose middle strays most, -1 when unknown.
         worst_distance: its distance from the plane [m].
     """
@@ -163,9 +163,9 @@ def _floor_reasons(
         support, *_ = np.linalg.lstsq(terms, z, rcond=None)
         if np.abs(z - terms @ support).max() > STANCE_SIGMAS * SOLE_SIGMA_M:
             return []
-        spread = STANCE_SIGMAS * SOLE_SIGMA_M * np.sqrt(np.diag(np.linalg.pinv(terms.T @ terms)))
+        own_sigma = STANCE_SIGMAS * SOLE_SIGMA_M * np.sqrt(np.diag(np.linalg.pinv(terms.T @ terms)))
         off = plane - support
-        is_tilted &= float(np.hypot(off[0], off[1])) > np.hypot(MAX_FLOOR_TILT, np.hypot(spread[0], spread[1]))
+        is_tilted &= float(np.hypot(off[0], off[1])) > np.hypot(MAX_FLOOR_TILT, np.hypot(own_sigma[0], own_sigma[1]))
         reach = np.array([middle, 0.0, 1.0]) @ np.linalg.pinv(terms.T @ terms) @ (middle, 0.0, 1.0)
         is_high &= abs(off[0] * middle + off[2]) > np.hypot(
             MAX_FLOOR_HEIGHT_M, STANCE_SIGMAS * SOLE_SIGMA_M * np.sqrt(reach)

@@ -14,13 +14,12 @@ from drivers.records import BoardIdentity
 UF2_BLOCK = 512
 UF2_MAGIC = (0x0A324655).to_bytes(4, "little")
 BOOT_SIZE = 256
+# Where the boot ROM puts the second stage, at the end of the memory, and calls it.
 BOOT_ADDRESS = 0x20041F00
-"""Where the boot ROM puts the second stage, at the end of the memory, and calls it."""
 SRAM_START = 0x20000000
 ALL_BUT_OSCILLATORS = 0x1FFFC
-FROZEN_SLICE = 5e4  # ns of a hung processor's time that pass at once
-
-
+# [ns] Time of a hung processor that passes at once.
+FROZEN_SLICE = 5e4
 # Where the flash's controller is in the emulator's map; the command for the flash's number, and what goes before it.
 SSI_PAGE = 0x18000
 READ_ID, ID_PREFIX = 0x4B, 5
@@ -173,9 +172,9 @@ class Chip:
 
         def shift(byte: int) -> int:
             answer = int(as_built(byte))
-            place = len(flash._tx_buffer) - 1 - ID_PREFIX
-            if flash._tx_buffer[0] == READ_ID and 0 <= place < len(FLASH_ID):
-                return FLASH_ID[place]
+            index = len(flash._tx_buffer) - 1 - ID_PREFIX
+            if flash._tx_buffer[0] == READ_ID and 0 <= index < len(FLASH_ID):
+                return FLASH_ID[index]
             return answer
 
         flash._shift_byte = shift

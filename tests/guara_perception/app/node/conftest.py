@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
+from benchmarks.recorded_view import RecordedView
 from drivers import LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
 from guara_perception.app.node.rangefinder import Rangefinder
-from guara_perception.app.node.recorded_rig import RecordedView
 from kinematics import RobotModel
 
 if TYPE_CHECKING:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
+from benchmarks.recorded_view import RecordedView
 from drivers import LaserBoard, StripeStream
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
 from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.rangefinder import Rangefinder
-from guara_perception.app.node.recorded_rig import RecordedView
 from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.scan import Scan, ScanStripe
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
