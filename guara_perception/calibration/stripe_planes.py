@@ -81,15 +81,14 @@ def fit_stripes(
     model = sweep.planes
     bases = np.array([plane_basis(plane, sweep.mirror) for plane in model])
     from_model = _model_covariance(sweep, nominal, bases)
-    groups = [[i for i, line in enumerate(lines) if line.index == index] for index in sweep.indices]
-    sums = [[_Line.of(points[i], model[k], bases[k]) for i in group] for k, group in enumerate(groups)]
-    solver = _Solver(sums, from_model[:, 1:, 1:])
+    of_stripes = [[points[i] for i, line in enumerate(lines) if line.index == index] for index in sweep.indices]
+    solver = _Solver(_Lines.of(of_stripes, model, bases), from_model[:, 1:, 1:])
     jitter, scatter, wobble = (
         solver.estimate() if noise_of is None else (noise_of.jitter, noise_of.scatter, noise_of.wobble)
     )
     solved = solver.solve(wobble, jitter, scatter)
-    planes = np.array([moved_plane(model[k], bases[k], fit.change) for k, fit in enumerate(solved)])
-    for_new_scan = np.array([fit.covariance for fit in solved])
+    planes = np.array([moved_plane(model[k], bases[k], change) for k, change in enumerate(solved.change)])
+    for_new_scan = np.array(solved.covariance)
     for_new_scan[:, 0, 0] += jitter**2
     row = {index: k for k, index in enumerate(sweep.indices)}
     residual = np.empty(len(lines))
@@ -123,47 +122,97 @@ def moved_plane(plane: Float, basis: Float, change: Float) -> Float:
 
 
 @dataclass(frozen=True, slots=True)
-class _Line:
-    """What one line says about (turn, tilt, shift), summed once: normal matrix, right side, square sum, count."""
+class _Lines:
+    """What each line of each stripe says about (turn, tilt, shift), summed once; (stripes, most lines of a stripe).
+
+    Where a stripe has fewer lines than another, the sums of those that it lacks are zero.
+
+    Attributes:
+        normal: (s, m, 3, 3) normal matrices.
+        right: (s, m, 3) right sides.
+        square: (s, m) sums of squared distances.
+        count: (s, m) points.
+    """
 
     normal: Float
     right: Float
-    square: float
-    count: int
+    square: Float
+    count: Float
 
     @staticmethod
-    def of(points: Float, plane: Float, basis: Float) -> _Line:
-        homogeneous = np.column_stack((points, np.ones(len(points))))
-        design, distance = homogeneous @ basis.T, homogeneous @ plane
-        return _Line(design.T @ design, design.T @ distance, float(distance @ distance), len(points))
-
-    def left_over(self, change: Float) -> float:
-        """Sum of squared distances after a change of the plane."""
-        return float(change @ self.normal @ change + 2 * change @ self.right + self.square)
+    def of(points: list[list[Float]], planes: Float, bases: Float) -> _Lines:
+        shape = (len(points), max(map(len, points), default=0))
+        normal, right = np.zeros((*shape, 3, 3)), np.zeros((*shape, 3))
+        square, count = np.zeros(shape), np.zeros(shape)
+        for k, of_stripe in enumerate(points):
+            for i, line in enumerate(of_stripe):
+                design = line @ bases[k, :, :3].T + bases[k, :, 3]
+                distance = line @ planes[k, :3] + planes[k, 3]
+                normal[k, i], right[k, i] = design.T @ design, design.T @ distance
+                square[k, i], count[k, i] = distance @ distance, len(line)
+        return _Lines(normal, right, square, count)
 
 
 @dataclass(frozen=True, slots=True)
 class _Solution:
-    """Change of one plane and its covariance; mean square turn of its lines and mean square left over, as expected."""
+    """Changes of all planes and their covariances; mean square turn of a stripe's lines and mean square left over.
+
+    Attributes:
+        change: (s, 3) of (turn, tilt, shift).
+        covariance: (s, 3, 3).
+        turn_square: (s,) as expected, of the lines' own turns [rad^2].
+        scatter_square: (s,) as expected, of the points [m^2].
+    """
 
     change: Float
     covariance: Float
-    turn_square: float
-    scatter_square: float
+    turn_square: Float
+    scatter_square: Float
 
 
 @dataclass(frozen=True, slots=True)
 class _Solver:
     """Lines of all stripes and the model's own covariance of tilt and shift (s, 2, 2)."""
 
-    lines: list[list[_Line]]
+    lines: _Lines
     from_model: Float
 
-    def solve(self, wobble: Float, jitter: float, scatter: float) -> list[_Solution]:
-        return [
-            _solve(lines, self.from_model[k] + np.diag(wobble**2), jitter, scatter)
-            for k, lines in enumerate(self.lines)
-        ]
+    def solve(self, wobble: Float, jitter: float, scatter: float) -> _Solution:
+        """Least squares of (turn, tilt, shift) and one jitter per line: the line's own turn about the mirror axis."""
+        lines, weight = self.lines, scatter**-2
+        stripes, most = lines.count.shape
+        own = 3 + np.arange(most)
+        normal = np.zeros((stripes, 3 + most, 3 + most))
+        normal[:, 0, 0] = 1 / (10 * STEP_ERROR_SIGMA) ** 2
+        normal[:, 1:3, 1:3] = np.linalg.inv(self.from_model + np.diag(wobble**2))
+        normal[:, :3, :3] += weight * lines.normal.sum(axis=1)
+        normal[:, own, own] = 1 / jitter**2 + weight * lines.normal[:, :, 0, 0]
+        normal[:, own, :3] = weight * lines.normal[:, :, :, 0]
+        normal[:, :3, 3:] = normal[:, 3:, :3].transpose(0, 2, 1)
+        right = -weight * np.concatenate((lines.right.sum(axis=1), lines.right[:, :, 0]), axis=1)
+        covariance: Float = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+        x: Float = np.asarray(np.linalg.solve(normal, right[..., None])[..., 0], dtype=np.float64)
+
+        # A line sees the change of its stripe's plane together with its own turn.
+        change = np.repeat(x[:, None, :3], most, axis=1)
+        change[..., 0] += x[:, 3:]
+        of_line = np.repeat(covariance[:, None, :3, :3], most, axis=1)
+        of_line[..., 0, :] += covariance[:, 3:, :3]
+        of_line[..., :, 0] += covariance[:, 3:, :3]
+        of_line[..., 0, 0] += covariance[:, own, own]
+        left = (
+            np.einsum("smi,smij,smj->sm", change, lines.normal, change)
+            + 2 * np.einsum("smi,smi->sm", change, lines.right)
+            + lines.square
+            + np.einsum("smij,smij->sm", lines.normal, of_line)
+        )
+        turn = np.where(lines.count > 0, x[:, 3:] ** 2 + covariance[:, own, own], 0.0)
+        return _Solution(
+            change=x[:, :3],
+            covariance=covariance[:, :3, :3],
+            turn_square=turn.sum(axis=1) / np.count_nonzero(lines.count, axis=1),
+            scatter_square=left.sum(axis=1) / lines.count.sum(axis=1),
+        )
 
     def estimate(self) -> tuple[float, float, Float]:
         """Jitter, scatter and wobble from the lines themselves, by expectation maximisation."""
@@ -176,40 +225,16 @@ class _Solver:
         """The jitter and scatter that make the lines most likely."""
         for _ in range(NOISE_ITERATIONS):
             solved = self.solve(wobble, jitter, scatter)
-            jitter = max(float(np.sqrt(np.mean([fit.turn_square for fit in solved]))), JITTER_FLOOR)
-            scatter = max(float(np.sqrt(np.mean([fit.scatter_square for fit in solved]))), SCATTER_FLOOR_M)
+            jitter = max(float(np.sqrt(np.mean(solved.turn_square))), JITTER_FLOOR)
+            scatter = max(float(np.sqrt(np.mean(solved.scatter_square))), SCATTER_FLOOR_M)
         return jitter, scatter
 
     def wobble(self, jitter: float, scatter: float) -> Float:
         """How far free planes stray from the model beyond what their own noise explains."""
         solved = self.solve(FREE_WOBBLE, jitter, scatter)
-        square = np.median([fit.change[1:] ** 2 for fit in solved], axis=0) * MEDIAN_TO_MEAN_SQUARE
-        explained = np.median([np.diag(fit.covariance)[1:] for fit in solved], axis=0)
+        square = np.median(solved.change[:, 1:] ** 2, axis=0) * MEDIAN_TO_MEAN_SQUARE
+        explained = np.median(np.diagonal(solved.covariance, axis1=1, axis2=2)[:, 1:], axis=0)
         return np.asarray(np.sqrt(np.maximum(square - explained, WOBBLE_FLOOR**2)))
-
-
-def _solve(lines: list[_Line], prior: Float, jitter: float, scatter: float) -> _Solution:
-    """Least squares of (turn, tilt, shift) and one jitter per line: the line's own turn about the mirror axis."""
-    n = len(lines)
-    normal = np.diag(np.concatenate(([1 / (10 * STEP_ERROR_SIGMA) ** 2, 0, 0], np.full(n, 1 / jitter**2))))
-    normal[1:3, 1:3] = np.linalg.inv(prior)
-    right = np.zeros(3 + n)
-    for i, line in enumerate(lines):
-        normal[:3, :3] += line.normal / scatter**2
-        normal[:3, 3 + i] = normal[3 + i, :3] = line.normal[:, 0] / scatter**2
-        normal[3 + i, 3 + i] += line.normal[0, 0] / scatter**2
-        right[:3] -= line.right / scatter**2
-        right[3 + i] = -line.right[0] / scatter**2
-    x = np.linalg.solve(normal, right)
-    covariance = np.linalg.inv(normal)
-    turn_square = float(np.mean(x[3:] ** 2 + np.diag(covariance)[3:]))
-    left, count = 0.0, 0
-    for i, line in enumerate(lines):
-        effect = np.zeros((3, 3 + n))
-        effect[:, :3], effect[0, 3 + i] = np.eye(3), 1
-        left += line.left_over(effect @ x) + float(np.trace(line.normal @ effect @ covariance @ effect.T))
-        count += line.count
-    return _Solution(np.array(x[:3]), np.array(covariance[:3, :3]), turn_square, left / count)
 
 
 def _model_covariance(sweep: Sweep, nominal: MirrorModel, bases: Float) -> Float:
