@@ -69,7 +69,7 @@ class StripeFinder:
         if reason:
             return reason
         if is_raw_bayer(on[first:end], None if off is None else off[first:end]):
-            return "the frame is raw Bayer data taken as grey: turn it into BGR (cv2.demosaicing) or grey before"
+            return "the frame is raw Bayer data taken as grey: take its red pixels, or make it BGR (cv2.demosaicing)"
         if off is not None:
             return Band(on[first:end], OffRows(off[first:end], shared, first), first)
         background = self._background.add(pair.index, on, rows)
