@@ -94,7 +94,7 @@ bench-quick: install
 
 # Needs uv; writes one resolution for every Python that pyproject.toml allows.
 lock:
-	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev --extra sim --extra view --extra notebook --extra docs --extra firmware --extra rerun -o requirements-extras.lock
+	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev --extra sim --extra view --extra notebook --extra docs --extra firmware --extra rerun --extra v4l2 -o requirements-extras.lock
 	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev -c requirements-extras.lock -o requirements.lock
 	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev --extra robots-test -c requirements-extras.lock -o requirements-robots.lock
 

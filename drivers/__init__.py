@@ -25,6 +25,7 @@ from drivers.records import BoardIdentity, BoardStatus
 from drivers.replay_camera import ReplayCamera
 from drivers.sweep_options import SweepOptions
 from drivers.udev import UDEV_RULE_FILE, udev_instructions, udev_rule
+from drivers.v4l2_camera import V4l2Camera
 
 __all__ = [
     "UDEV_RULE_FILE",
@@ -56,6 +57,7 @@ __all__ = [
     "StripeStream",
     "StripeVerdict",
     "SweepOptions",
+    "V4l2Camera",
     "acquire",
     "measure_lag",
     "meter_exposure",

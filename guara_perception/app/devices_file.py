@@ -21,7 +21,7 @@ LARGEST_BYTES = 64 * 1024
 SETTINGS = ("exposure", "gain", "white_balance", "gamma")
 LINES = ("trigger", "exposure_output", "pixel_format")
 # What stands before the colon of a camera's source, for classes that know more of it than OpenCV does.
-ARAVIS = "aravis"
+ARAVIS, V4L2 = "aravis", "v4l2"
 # Seconds for which a triggered camera exposes when nothing else was said, and the laser shines.
 TRIGGERED_EXPOSURE_S = 0.004
 KNOWN = {
@@ -37,7 +37,8 @@ class Devices:
 
     Attributes:
         source: of the camera: number, device path, GStreamer pipeline, "aravis" or "aravis:NAME" for GigE and USB3
-            Vision, or "package.module:Class" of a `drivers.Camera`.
+            Vision, "v4l2:/dev/video0" for V4L2 with the kernel's numbers of frames, or "package.module:Class" of a
+            `drivers.Camera`.
         size: picture width and height [px], or None for the camera's own.
         fps: frames per second to ask for, or None.
         lag: measured [s], or None.
@@ -68,7 +69,7 @@ class Devices:
             InvalidInput: "package.module:Class" cannot be imported, or is no `drivers.Camera`; a trigger for a camera
                 that has none.
         """
-        from drivers import AravisCamera, Camera, OpenCvCamera
+        from drivers import AravisCamera, Camera, OpenCvCamera, V4l2Camera
 
         module, between, name = self.source.partition(":")
         if module == ARAVIS:
@@ -90,6 +91,11 @@ class Devices:
                 raise InvalidInput(f"camera source {self.source!r} is no drivers.Camera: derive the class from it")
             if self.lag is not None:
                 made.lag = self.lag
+        elif module == V4L2 and name:
+            try:
+                made = V4l2Camera(name, pixel_format=self.pixel_format, size=self.size, fps=self.fps, lag=self.lag)
+            except ValueError as error:
+                raise InvalidInput(str(error)) from None
         else:
             source: int | str = int(self.source) if self.source.isdigit() else self.source
             made = OpenCvCamera(source, size=self.size, fps=self.fps, lag=self.lag)

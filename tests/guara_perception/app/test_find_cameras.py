@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers import AravisCamera, CameraSettings
+from drivers import AravisCamera, CameraSettings, OpenCvCamera, V4l2Camera
 from guara_perception.app import doctor, find_cameras
 from guara_perception.app.devices_file import Devices, load_devices, save_devices
 from guara_perception.app.main import run
@@ -93,6 +93,15 @@ def test_a_triggered_camera_makes_the_board_sweep(tmp_path: Path) -> None:
     assert rangefinder.settings == CameraSettings(exposure=0.003)
     free = rangefinder_of(devices, free=True)
     assert not free.camera.triggered and free.options is not None and free.options.sweep is None
+
+
+def test_v4l2_with_the_kernels_numbers_is_a_source_of_its_own() -> None:
+    """The device path alone is OpenCV's."""
+    camera = Devices("v4l2:/dev/video3", pixel_format="YUYV", lag=0.02).camera()
+    assert isinstance(camera, V4l2Camera) and (camera.name, camera.lag) == ("camera v4l2:/dev/video3", 0.02)
+    assert isinstance(Devices("/dev/video3").camera(), OpenCvCamera)
+    with pytest.raises(InvalidInput, match="allowed: GREY, YUYV"):
+        Devices("v4l2:/dev/video3", pixel_format="Mono8").camera()
 
 
 def test_without_an_exposure_a_triggered_camera_gets_one() -> None:
