@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from guara_perception.terrain.map.known_ground import KnownGround
     from guara_perception.terrain.map.terrain_map import TerrainMap
     from guara_perception.terrain.questions.best_foothold import Foothold
+    from guara_perception.terrain.questions.distance_field import DistanceField
     from guara_perception.terrain.questions.foothold import FootholdVerdict, FootholdVerdicts
     from guara_perception.terrain.questions.height_scan import HeightScan
     from guara_perception.terrain.questions.obstacles import Obstacle
@@ -76,6 +77,7 @@ __all__ = [
     "CalibrationRefused",
     "CameraModel",
     "ConnectionFailed",
+    "DistanceField",
     "Drift",
     "FileFormatError",
     "Foothold",
@@ -150,6 +152,7 @@ _MODULES = {
     "FramePair": "guara_perception.frame_pair",
     "GridComparison": "guara_perception.terrain.compare",
     "Hazard": "guara_perception.terrain.layers.hazard",
+    "DistanceField": "guara_perception.terrain.questions.distance_field",
     "HeightScan": "guara_perception.terrain.questions.height_scan",
     "InvalidInput": "guara_perception.exceptions",
     "KinematicsError": "kinematics",

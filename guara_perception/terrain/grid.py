@@ -14,6 +14,7 @@ from guara_perception.terrain.drawing.plot import describe, describe_as_html, pl
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.questions.best_foothold import Foothold, best_foothold
 from guara_perception.terrain.questions.coarser import coarser
+from guara_perception.terrain.questions.distance_field import DistanceField, distance_field
 from guara_perception.terrain.questions.explain import explain
 from guara_perception.terrain.questions.foothold import FootholdVerdict, FootholdVerdicts, check_foothold
 from guara_perception.terrain.questions.height_scan import HeightScan, height_scan
@@ -63,6 +64,17 @@ class TerrainGrid(LayeredGrid):
             InvalidInput: points of another shape, an unknown frame, or base_link without the pose in the metadata.
         """
         return height_scan(self, points, frame)
+
+    def distance_field(self, low: float, high: float) -> DistanceField:
+        """Signed distance from the ground in voxels of the cells' size, from height `low` to `high` over the grid [m].
+
+        Ground is its highest samples plus confidence; what is unknown, STALE or beside the grid is solid at every
+        height. No distance is larger than the true one from that. Computed when asked for, and not kept.
+
+        Raises:
+            InvalidInput: heights that are not finite or in the wrong order, over ten million voxels.
+        """
+        return distance_field(self, low, high)
 
     def normal_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Float:
         """Unit normals (..., 3) of the plane fitted around the cell under each point; NaN where no slope is known."""

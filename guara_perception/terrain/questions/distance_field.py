@@ -1,0 +1,83 @@
+"""`distance_field`: how far points in space are from the ground, for planners that keep a leg or the body off it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import distance_transform_edt
+
+from guara_perception.arrays import Float, Float32
+from guara_perception.exceptions import InvalidInput
+from guara_perception.readonly import readonly
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.limits_of import limits_of
+
+# Ten million voxels take about a second and 200 MB.
+MOST_VOXELS = 10_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DistanceField:
+    """Signed distance from the ground in voxels over a grid; unknown ground is solid at every height.
+
+    Attributes:
+        values: (nz, ny, nx) distance of each voxel's centre from the nearest solid one's surface, never too large,
+            negative inside [m].
+        origin: lowest corner (x, y, z) in base_footprint [m].
+        resolution: edge of a voxel [m].
+    """
+
+    values: Float32
+    origin: tuple[float, float, float]
+    resolution: float
+
+    def __post_init__(self) -> None:
+        """Freeze the values."""
+        object.__setattr__(self, "values", readonly(self.values))
+
+    def at(self, points: npt.ArrayLike) -> Float:
+        """Distances (n,) of points (n, 3), never too large [m]; minus infinity beside or below the field, NaN above it.
+
+        Between voxels: that of the nearest centre, less the way to it.
+
+        Raises:
+            InvalidInput: points of another shape, or not finite.
+        """
+        array = np.asarray(points, dtype=np.float64)
+        if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
+            raise InvalidInput(f"points have shape {array.shape}, finite points (n, 3) are needed")
+        place = (array - self.origin) / self.resolution
+        index = np.floor(place).astype(np.int64)
+        size = np.array(self.values.shape[::-1])
+        inside = ((index >= 0) & (index < size)).all(axis=1)
+        ix, iy, iz = np.clip(index, 0, size - 1).T
+        away = np.linalg.norm(place - (index + 0.5), axis=1) * self.resolution
+        distance = self.values[iz, iy, ix].astype(np.float64) - away
+        above = (index[:, 2] >= size[2]) & ((index >= 0) & (index < size))[:, :2].all(axis=1)
+        return np.where(inside, distance, np.where(above, np.nan, -np.inf))
+
+
+def distance_field(terrain: LayeredGrid, low: float, high: float) -> DistanceField:
+    """See `TerrainGrid.distance_field`."""
+    if not (np.isfinite([low, high]).all() and low < high):
+        raise InvalidInput(f"heights {low} ... {high} m: both must be finite and the second the larger one")
+    step = terrain.resolution
+    layers = int(np.ceil((high - low) / step - 1e-9))
+    if layers * terrain.hazard.size > MOST_VOXELS:
+        raise InvalidInput(
+            f"{layers} x {terrain.hazard.size} voxels, allowed: {MOST_VOXELS}; ask for fewer heights or a coarser grid"
+        )
+    unreliable = (terrain.hazard & (UNKNOWN_MASK | np.uint16(Hazard.STALE))) != 0
+    margin = limits_of(terrain).confidence * np.sqrt(terrain.variance.astype(np.float64))
+    top = np.where(unreliable, np.inf, terrain.elevation_max.astype(np.float64) + margin)
+    # A voxel that holds any ground is solid; beside the grid all is, and so is what lies below it.
+    bottoms = low + step * np.arange(layers)
+    solid = np.ones((layers + 1, terrain.shape[0] + 2, terrain.shape[1] + 2), dtype=bool)
+    solid[1:, 1:-1, 1:-1] = bottoms[:, None, None] < top
+    outside, inside = (distance_transform_edt(mask) if mask.any() else np.zeros(mask.shape) for mask in (~solid, solid))
+    # From centre to centre the nearest surface is up to half a diagonal nearer than the other centre.
+    values = np.where(solid, -np.maximum(inside - 0.5, 0.0), np.maximum(outside - 0.5 * np.sqrt(3.0), 0.0)) * step
+    return DistanceField(values[1:, 1:-1, 1:-1].astype(np.float32), (*terrain.origin, float(low)), step)
