@@ -22,7 +22,6 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.processor_parts import EMULATED, REST, parts_of_the_node
-from benchmarks.recorded_view import RecordedView
 from benchmarks.yardstick import Yardstick, beside
 from drivers import LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
@@ -31,6 +30,7 @@ from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.rangefinder import Rangefinder
 from kinematics import load_robot
+from tests.recorded_view import RecordedView
 from tests.truth import truth_calibration
 from transport import PausePhase, StancePause, open_node
 from transport.server import PerceptionServer

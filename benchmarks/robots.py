@@ -22,7 +22,6 @@ os.environ.update(ENVIRONMENT)
 import cv2
 import numpy as np
 
-from benchmarks.stock_robots import FILES, StockRobotsMissing, stock_urdf
 from benchmarks.urdf_reader import worst_difference
 from guara_perception.app.robot_folder.check import check_robot
 from guara_perception.app.robot_folder.finding import Weight
@@ -31,6 +30,7 @@ from guara_perception.app.robot_folder.trial_walk import TrialWalk, trial_walk
 from guara_perception.exceptions import PerceptionError
 from kinematics import KinematicsError, load_robot
 from kinematics.read_urdf import read_urdf
+from tests.stock_robots import FILES, StockRobotsMissing, stock_urdf
 
 
 @dataclass(frozen=True, slots=True)

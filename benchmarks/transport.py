@@ -19,8 +19,8 @@ import numpy as np
 
 import transport
 from benchmarks.peers import free_endpoint, free_port, peers
-from benchmarks.slow_link import SlowLink
 from benchmarks.transport_peer import is_whole, make_terrain
+from tests.slow_link import SlowLink
 from transport import keys
 from transport.scan_messages import (
     decode_query_request,

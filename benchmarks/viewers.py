@@ -24,8 +24,8 @@ import numpy as np
 
 import transport
 from benchmarks.peers import Peer, free_endpoint, peers
-from benchmarks.slow_link import SlowLink
 from benchmarks.transport_peer import SHAPE, make_terrain, say
+from tests.slow_link import SlowLink
 from transport.security import init_security
 
 # [Mbit/s] of the viewer's link; 0 stands for no viewer.

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.slow_link import SlowLink
 from tests.ports import free_endpoint
+from tests.slow_link import SlowLink
 
 PEER = Path(__file__).with_name("peer.py")
 PATIENCE = 30.0

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from benchmarks.recorded_view import RecordedView
 from drivers import LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
 from guara_perception.app.node.rangefinder import Rangefinder
 from kinematics import RobotModel
+from tests.recorded_view import RecordedView
 
 if TYPE_CHECKING:
     from tests.guara_perception.app.node.live_bench import Bench

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from benchmarks.recorded_view import RecordedView
 from drivers import LaserBoard, StripeStream
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
 from guara_perception.app.messages import stance_to_message
@@ -20,6 +19,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from kinematics import RobotModel, Stance
 from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, running, wait_until
+from tests.recorded_view import RecordedView
 from transport import Health, PausePhase, StancePause
 from transport.codec import encode
 from transport.stance_pause import make_stance_pause

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.stock_robots import StockRobotsMissing, stock_urdf
 from guara_perception.app.main import run
+from tests.stock_robots import StockRobotsMissing, stock_urdf
 from tests.test_docs import ROOT, Reader, blocks
 
 pytestmark = [pytest.mark.robots, pytest.mark.slow]
