@@ -10,6 +10,8 @@ from guara_perception.arrays import Float, Image, Index
 LEAST_LEVEL = 12.0
 LEAST_SIGMAS = 8.0
 ROWS_APART = 2
+# What is usual in a column shows in every eighth of those rows.
+USUAL_ROWS_APART = 8
 # Columns of a grey picture differ from their neighbours by a thousandth, those behind a colour filter by 2 %
 # under white light at the least, and by 30 to 95 % of its light in a red laser's.
 LEAST_AMBIENT_CONTRAST = 0.012
@@ -33,8 +35,9 @@ def brightest_rows(on: Image, off: Image | None, columns: Index) -> Float:
         seen = seen.max(axis=2)
     if on.dtype == np.uint16:
         seen /= 257.0
-    usual = np.median(seen, axis=0)
-    noise = np.median(np.abs(seen - usual), axis=0)
+    some = seen[::USUAL_ROWS_APART]
+    usual = np.median(some, axis=0)
+    noise = np.median(np.abs(some - usual), axis=0)
     row = seen.argmax(axis=0)
     height = seen[row, np.arange(len(columns))] - usual
     return np.where(height > np.maximum(LEAST_LEVEL, LEAST_SIGMAS * noise), ROWS_APART * row, np.nan)
