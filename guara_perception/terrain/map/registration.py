@@ -10,9 +10,9 @@ heights is divided by n.
 
 Heights are smoothed alike in both, and the slope is the mean of both slopes (Malis, Improving vision-based control
 using efficient second-order minimization techniques, ICRA 2004). A slope that noise could make says nothing of where
-one is: where either is below SLOPE_SIGMAS of its own error the cell counts as level, and a level cell tells of height
-and tilt alone. Either, because the map has seams of a millimetre or two where scans end, that no scan shows. So on
-level ground x, y and heading are left to the prior.
+one is: where the scan's is below SLOPE_SIGMAS of its own error the cell counts as level, and a level cell tells of
+height and tilt alone. The scan's, because the map has seams of a millimetre or two where scans end, that no scan shows.
+So on level ground x, y and heading are left to the prior.
 
 Across its stripes a laser scan has an edge where the first stripe beyond it lies: off by up to their spacing, which
 grows with the distance, and always to the same side for the edges that face the robot. Laid one upon the other, such
@@ -217,7 +217,7 @@ def _step(ground: _Ground, seen: _Seen, base: Float, motion: Float, information:
     sigma = np.sqrt(variance + FLOOR_SIGMA_M**2 + (slope**2).sum(axis=1) * ASIDE_SIGMA_M**2)
     noise = SLOPE_NOISE**2 * np.maximum(seen.variance[used], OWN_SIGMA_M**2) / ground.resolution**2
     least = SLOPE_SIGMAS**2 * noise
-    level = np.minimum(*(((each @ seen.tells) ** 2).sum(axis=1) for each in (in_map, in_scan))) < least
+    level = ((in_scan @ seen.tells) ** 2).sum(axis=1) < least
     slope = slope @ seen.tells
     slope[level] = 0.0
     by_x, by_y = slope.T
