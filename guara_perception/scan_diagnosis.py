@@ -16,6 +16,8 @@ HALF_LENGTH_M = 0.6
 GLANCED = 12
 # A frame fits a stripe when half of its light lies within this of it: less than half a pitch of neighbouring stripes.
 FIT_PX_OF_HEIGHT = 0.008
+# Frames of a scan that are glanced at, spread over its sweep: a glance costs half of what finding a stripe does.
+GLANCED_FRAMES = 12
 # Frames that must fit for a cause to be named, as a share and in number.
 FITTING_SHARE = 0.6
 FEWEST_FRAMES = 4
@@ -25,8 +27,13 @@ TURNED, FLIPPED, UPRIGHT = "turned by 180 degrees", "flipped top to bottom", ""
 
 
 def glanced_columns(width: int) -> Index:
-    """The columns (GLANCED,) in which each frame is glanced at."""
+    """The columns (GLANCED,) in which a frame is glanced at."""
     return np.linspace(0.1 * width, 0.9 * width - 1, GLANCED).astype(np.intp)
+
+
+def glanced_stripes(order: Sequence[int]) -> frozenset[int]:
+    """Those of the stripes of a scan whose frames are glanced at: an odd stride shows it when every second is wrong."""
+    return frozenset(order[:: len(order) // GLANCED_FRAMES | 1])
 
 
 def wrong_frames(glances: Mapping[int, Float], geometry: ScanGeometry, calibration: Calibration) -> str:
@@ -55,7 +62,7 @@ def wrong_frames(glances: Mapping[int, Float], geometry: ScanGeometry, calibrati
         which = (
             "the frames are"
             if shares[UPRIGHT] < MIXED_SHARE
-            else f"{int(own[other].sum())} of {len(indices)} frames are"
+            else f"{int(own[other].sum())} of {len(indices)} frames looked at are"
         )
         return f"{which} {other}: give them as the camera had them when it was calibrated"
     if shares[UPRIGHT] >= FITTING_SHARE:

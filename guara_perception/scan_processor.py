@@ -23,7 +23,7 @@ from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.stripe_ranger import StripeRanger
 from guara_perception.ranging.surface_raster import SurfaceRaster
 from guara_perception.robot_model import RobotLike, robot_model
-from guara_perception.scan_diagnosis import glanced_columns, wrong_frames
+from guara_perception.scan_diagnosis import glanced_columns, glanced_stripes, wrong_frames
 from guara_perception.scan_report import scan_report
 from guara_perception.settings import Settings
 from guara_perception.stripe_finder import StripeFinder
@@ -124,7 +124,8 @@ class ScanProcessor:
         self._order = list(self._geometry.stripes)
         self._profiles: dict[int, StripeProfile] = {}
         self._glances: dict[int, Float] = {}
-        self._glanced = glanced_columns(calibration.camera.size[0])
+        self._glanced = glanced_stripes(self._order)
+        self._glanced_columns = glanced_columns(calibration.camera.size[0])
         self._surface = SurfaceRaster(self._grid.refined(self._pooling), self._pattern, self._settings.join_height)
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
 
@@ -203,8 +204,8 @@ class ScanProcessor:
         found = self._finder.find_all(pairs, {index: stripes[index].band for index in indices})
         profiles = dict(zip(indices, found, strict=True))
         for pair in pairs:
-            if not profiles[pair.index].is_frame_bad:
-                self._glances[pair.index] = brightest_rows(pair.on, pair.off, self._glanced)
+            if pair.index in self._glanced and not profiles[pair.index].is_frame_bad:
+                self._glances[pair.index] = brightest_rows(pair.on, pair.off, self._glanced_columns)
         extracted = time.perf_counter()
         points = self._ranger.points({index: each for index, each in profiles.items() if not each.is_frame_bad})
         triangulated = time.perf_counter()

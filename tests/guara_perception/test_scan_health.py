@@ -220,7 +220,7 @@ def test_orientation_order_and_pattern_are_told_before_the_laser_is_blamed(paper
     every_second = dataclasses.replace(paper_scan, stripes=paper_scan.stripes[::2])
     cases = {
         "the frames are turned by 180 degrees": spoiled(paper_scan, lambda k, frame: cv2.rotate(frame, cv2.ROTATE_180)),
-        r"\d+ of \d+ frames are turned by 180 degrees": spoiled(
+        r"\d+ of \d+ frames looked at are turned by 180 degrees": spoiled(
             paper_scan, lambda k, frame: cv2.rotate(frame, cv2.ROTATE_180) if k % 2 == 1 else frame
         ),
         "no two neighbours of the pattern were fired.*every second stripe is missing": every_second,
