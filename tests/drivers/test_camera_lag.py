@@ -7,6 +7,7 @@ from drivers.emulator import EmulatedBoard, EmulatedCamera
 from drivers.errors import CameraTimeout, LaserNotSeen, StripeClipped
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("exposure", "latency"), [(0.004, 0.002), (0.006, 0.03)])
 def test_measured_lag_is_never_too_short(
     board: LaserBoard, emulated: EmulatedBoard, scene, exposure: float, latency: float

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from drivers.emulator.laser import Laser
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.floats(0.01, 1.0), min_size=1, max_size=8),
     st.floats(-0.5, 5.0),

@@ -13,6 +13,7 @@ def motor(position: float = 0.0) -> Motor:
     return Motor(SPEED, SETTLE, OVERSHOOT, position, 0.0)
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.integers(0, 5000), st.floats(0.0, 3.0)), min_size=1, max_size=6))
 @settings(max_examples=100, derandomize=True)
 def test_no_motion_is_faster_than_the_motor(moves: list[tuple[int, float]]) -> None:

@@ -84,6 +84,7 @@ def test_claim_of_a_vanished_host_is_given_back(emulator_process, host, eventual
     eventually(opens)
 
 
+@pytest.mark.slow
 def test_unix_socket_and_clean_end(tmp_path: Path) -> None:
     """The emulator also listens on a path, and ends with status 0 on SIGTERM."""
     address = f"unix:{tmp_path}/board"

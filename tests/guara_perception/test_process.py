@@ -63,6 +63,7 @@ def test_grid_cannot_be_written(paper_terrain: gp.TerrainGrid):
         paper_terrain.step = 7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("resolution", "shape"), [(0.005, (108, 90)), (0.01, (54, 45)), (0.015, (36, 30))])
 def test_resolutions_that_divide_the_area(paper_scan, calibration, robot, resolution, shape):
     """A coarser grid covers the same area and stays safe: it knows no more area and calls none safe that was unseen."""
@@ -82,6 +83,7 @@ def test_resolutions_that_do_not_fit_are_refused(paper_scan, calibration, robot,
         gp.process_scan(paper_scan, calibration, robot, resolution=resolution)
 
 
+@pytest.mark.slow
 def test_any_order_gives_the_same_bytes(paper_scan, calibration, robot, paper_terrain):
     """Streaming in any order gives bit for bit the grid of the recorded order."""
     count = len(paper_scan.stripes)
@@ -242,6 +244,7 @@ def test_other_calibration_than_recorded_is_told(paper_scan, calibration, robot,
     assert "0123456789abcdef" in caplog.text and "fedcba9876543210" in caplog.text
 
 
+@pytest.mark.slow
 def test_mirror_that_stood_elsewhere_is_told(paper_scan, calibration, robot, caplog):
     """Stripes are paired by index, but a commanded angle that is not the calibrated one is told."""
     stripes = tuple(dataclasses.replace(s, mirror_angle=s.mirror_angle + 1e-3) for s in paper_scan.stripes)

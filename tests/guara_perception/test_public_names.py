@@ -98,6 +98,7 @@ def test_a_file_of_the_users_own_in_the_way_is_named(tmp_path: Path, name: str, 
     assert f"ImportError: {tmp_path / name}.py is in the way of guara_perception's own package `{name}`" in done.stderr
 
 
+@pytest.mark.slow
 def test_no_node_is_scanner_unavailable():
     """Whoever catches ScannerUnavailable also catches that nobody listens at the endpoint."""
     assert issubclass(gp.ConnectionFailed, gp.ScannerUnavailable)

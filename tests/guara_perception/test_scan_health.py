@@ -34,6 +34,7 @@ def without_off(scan: gp.Scan, calibration, robot, lost=(), **more) -> gp.Terrai
     return processor.finish()
 
 
+@pytest.mark.slow
 def test_scan_without_off_frames_is_nearly_as_good(paper_scan, calibration, robot, data) -> None:
     """Earlier frames serve as background: interior cells known and right, unseen ones unknown."""
     terrain = without_off(paper_scan, calibration, robot)
@@ -42,6 +43,7 @@ def test_scan_without_off_frames_is_nearly_as_good(paper_scan, calibration, robo
     assert found.unseen_known <= 1 and found.unseen_wrong == 0 and found.unsafe == 0
 
 
+@pytest.mark.slow
 @given(lost=st.frozensets(st.integers(0, 34).map(lambda k: 2 * k), min_size=1, max_size=5))
 @settings(max_examples=8, deadline=None, derandomize=True)
 def test_losing_frames_without_off_frames_makes_nothing_safe_or_known(paper_scan, calibration, robot, lost) -> None:
@@ -55,6 +57,7 @@ def test_losing_frames_without_off_frames_makes_nothing_safe_or_known(paper_scan
     assert not (np.isfinite(terrain.elevation) & ~np.isfinite(whole.elevation)).any()
 
 
+@pytest.mark.slow
 def test_lost_background_is_said(paper_scan, calibration, robot) -> None:
     """The report names the frame that would have served."""
     terrain = without_off(paper_scan, calibration, robot, lost=(20,))
@@ -75,6 +78,7 @@ def test_paper_methods_give_a_safe_grid(paper_scan, calibration, robot, paper_te
     assert terrain.pictures["ortho_image_mm"].shape == (512, 640)
 
 
+@pytest.mark.slow
 @given(lost=st.frozensets(st.integers(0, 34).map(lambda k: 2 * k), min_size=1, max_size=10))
 @settings(max_examples=6, deadline=None, derandomize=True)
 def test_losing_stripes_with_the_papers_method_makes_nothing_safe(paper_scan, calibration, robot, lost) -> None:
@@ -214,6 +218,7 @@ def reasons(scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel) -> tu
     return terrain, terrain.metadata["health"]["reasons"][-1]
 
 
+@pytest.mark.slow
 def test_orientation_order_and_pattern_are_told_before_the_laser_is_blamed(paper_scan, calibration, robot) -> None:
     """A good scan, spoiled in one way each: the reason names that way, and no stronger laser."""
     frames = [stripe.on for stripe in paper_scan.stripes]

@@ -48,6 +48,7 @@ def grouped(frames: Sequence[Frames], sizes: Sequence[int]) -> Iterator[list[gp.
         begin, turn = begin + size, turn + 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", "dark", "tilt"])
 @given(data=st.data())
 @settings(max_examples=6, deadline=None, derandomize=True)
@@ -74,6 +75,7 @@ def test_any_order_and_grouping_gives_the_same_bits(name: str, data: st.DataObje
     same_result(several, single)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["precise", "paper", "paper-literal-ortho"])
 def test_every_method_takes_groups(method: str) -> None:
     """The paper's chain, too, and frames without a laser-off picture, which each serve later ones of their group."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 import guara_perception as gp
 from guara_perception.app.main import run
@@ -15,6 +16,7 @@ from kinematics import RobotModel, Stance, load_robot
 TAPIR = Path(__file__).parent.parent / "robots" / "tapir"
 
 
+@pytest.mark.slow
 def test_second_robot_processes_a_recorded_scan(
     robot: RobotModel,
     calibration: gp.Calibration,

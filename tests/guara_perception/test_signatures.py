@@ -87,6 +87,7 @@ def test_no_two_functions_take_a_pair_in_two_orders() -> None:
                 seen[first, second] = name
 
 
+@pytest.mark.slow
 def test_a_robot_may_be_named_wherever_one_is_taken(
     robot: RobotModel,
     paper_terrain: gp.TerrainGrid,

@@ -60,6 +60,7 @@ def assert_same(one: gp.StripeProfile, other: gp.StripeProfile) -> None:
         np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name), field.name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["precise", "paper"])
 @pytest.mark.parametrize("has_off", [True, False])
 @given(cuts=st.lists(st.integers(1, 13), max_size=4))

@@ -100,6 +100,7 @@ CASES: dict[str, tuple[str, Callable[[Path], None], Callable[[Path], object]]] =
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", list(CASES))
 def test_damaged_files_end_in_words(tmp_path: Path, kind: str) -> None:
     """Cut anywhere, bytes changed, pieces repeated: our own errors or a file that is still sound, nothing else."""
@@ -136,6 +137,7 @@ def _places(node: object, path: tuple = ()) -> Iterator[tuple]:
         yield from _places(value, (*path, key))
 
 
+@pytest.mark.slow
 def test_a_calibration_of_odd_values_ends_in_words(tmp_path: Path, paper_scan: gp.Scan) -> None:
     """Any value in the place of any other: refused, or fit to process a scan with; no warning of numpy either."""
     path, robot = tmp_path / "c.json", load_robot("guara")

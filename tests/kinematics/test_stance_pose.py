@@ -154,6 +154,7 @@ def test_one_unloaded_foot_is_left_out(robot: RobotModel, gravity: bool, by: flo
         assert kept.unloaded_feet == () and kept.support_residual > by / 5.0
 
 
+@pytest.mark.slow
 def test_noise_does_not_unload_a_foot(guara: RobotModel) -> None:
     """With joint noise as robot.toml states it, hardly any of 400 stances on a flat floor loses a foot."""
     rng, lost = np.random.default_rng(5), 0

@@ -67,6 +67,7 @@ def test_what_is_no_covariance_is_refused(covariance: np.ndarray, message: str) 
         checked_covariance(covariance, "noise")
 
 
+@pytest.mark.slow
 def test_composed_covariance_agrees_with_sampling() -> None:
     """The covariance of a product of two uncertain transforms agrees with Monte Carlo."""
     rng = np.random.default_rng(9)

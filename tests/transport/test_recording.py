@@ -221,6 +221,7 @@ def test_what_was_acknowledged_survives_a_kill(tmp_path: Path, start) -> None:
             assert recording.frame(last.on).pixels[0, 0] == 3
 
 
+@pytest.mark.slow
 def test_a_cut_file_is_mended_wherever_it_was_cut(tmp_path: Path, peer) -> None:
     """Any cut gives either what came before it, or an error that says the file is none; the more, the more."""
     _write(tmp_path / "a.mcap", peer, scans=3)

@@ -26,6 +26,7 @@ def test_error_text_drops_the_places_in_the_source() -> None:
     assert zenoh_api.error_text(RuntimeError(text)) == "Unable to connect!"
 
 
+@pytest.mark.slow
 def test_importing_transport_imports_no_heavy_library() -> None:
     """Zenoh, rosbags, mcap and cryptography are imported when first used, not before."""
     import subprocess

@@ -247,6 +247,7 @@ def test_joints_in_degrees_are_bad_input(guara, tmp_path: Path, edited_scan, cal
     assert "half a turn or more beyond its limits" in said.err and "positions are in radians" in said.err
 
 
+@pytest.mark.slow
 def test_joints_beyond_their_limits_are_one_line(guara, tmp_path: Path, edited_scan, calibration_file: Path):
     """Every hip is over its limit: a grid is made, and one line names three and counts the rest."""
 

@@ -37,6 +37,7 @@ def test_any_picture_type(picture: np.ndarray) -> None:
         np.testing.assert_allclose(find_board(other, BOARD).corners_px, expected, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_reasons(picture: np.ndarray) -> None:
     """What cannot be used says why: blank, blurred, no board, a part of a larger board."""
     assert find_board(np.full_like(picture, 100), BOARD).reason.startswith("the picture is blank")

@@ -81,6 +81,7 @@ def test_nothing_seen_gives_unknown_pictures() -> None:
     assert not images.ortho_image_mm.flags.writeable
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", "dark", "tilt"])
 def test_pictures_are_those_of_all_samples_at_once(
     name: str, data: Path, calibration: gp.Calibration, robot: RobotModel

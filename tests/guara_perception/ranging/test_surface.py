@@ -132,6 +132,7 @@ def surfaces(stripes: dict[int, StripePoints]) -> dict[tuple[int, int], set[tupl
     return {key: known_points(surface_of(stripes, [key], range(8), JOIN, 0.005)) for key in keys}
 
 
+@pytest.mark.slow
 @given(data=st.data())
 @settings(max_examples=40, deadline=None, derandomize=True)
 def test_losing_stripes_never_adds_a_sample(data: st.DataObject) -> None:
@@ -160,6 +161,7 @@ def test_raster_does_not_depend_on_the_order_of_the_stripes() -> None:
     assert list(shuffled.stripes) == list(range(10))
 
 
+@pytest.mark.slow
 @given(data=st.data())
 @settings(max_examples=40, deadline=None, derandomize=True)
 def test_raster_does_not_depend_on_the_grouping_of_the_stripes(data: st.DataObject) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from drivers.board import LaserBoard
 from drivers.camera import CameraSettings
@@ -14,6 +15,7 @@ from guara_perception.simulation.world import World
 from kinematics import load_robot
 
 
+@pytest.mark.slow
 def test_board_decides_what_the_camera_sees() -> None:
     """Laser off: no stripe; laser on: the stripe of the mirror's angle, where the calibration says."""
     robot = load_robot("guara")

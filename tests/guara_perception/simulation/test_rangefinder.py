@@ -39,6 +39,7 @@ def standing(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0, x: float =
     return transform
 
 
+@pytest.mark.slow
 @settings(max_examples=6, deadline=None, derandomize=True)
 @given(roll=st.floats(-0.08, 0.08), pitch=st.floats(-0.08, 0.08), yaw=st.floats(-3.2, 3.2))
 def test_every_pixel_shows_the_point_where_its_ray_meets_the_floor(
@@ -58,6 +59,7 @@ def test_every_pixel_shows_the_point_where_its_ray_meets_the_floor(
     np.testing.assert_allclose(points[near], wanted[near], atol=2e-5)
 
 
+@pytest.mark.slow
 def test_points_on_boxes_lie_on_boxes(robot: RobotModel, calibration: Calibration) -> None:
     """What is seen lies on the exact surface: on tops, on the floor, or on a wall between the two."""
     world = World(features=(Box(x=0.7, y=0.05, size=(0.1, 0.12), height=0.06, yaw=0.3),))
@@ -115,6 +117,7 @@ def process(
     return processor.finish()
 
 
+@pytest.mark.slow
 def test_perception_measures_the_simulated_world(robot: RobotModel, calibration: Calibration) -> None:
     """Frames of a box on the floor become its true heights: the geometry of both sides agrees."""
     world = World(features=(Box(x=0.70, y=0.05, size=(0.12, 0.12), height=0.04, material="concrete"),))
@@ -129,6 +132,7 @@ def test_perception_measures_the_simulated_world(robot: RobotModel, calibration:
     assert np.isfinite(top).mean() > 0.99
 
 
+@pytest.mark.slow
 def test_dark_patches_and_shadows_give_no_height(robot: RobotModel, calibration: Calibration) -> None:
     """Nothing is measured where the laser is swallowed, nor where a wall hides the ground from the laser."""
     world = World(
@@ -144,6 +148,7 @@ def test_dark_patches_and_shadows_give_no_height(robot: RobotModel, calibration:
     assert not np.isnan(terrain.height_at(0.90, -0.1))
 
 
+@pytest.mark.slow
 def test_the_stripe_is_where_the_plane_meets_the_floor(robot: RobotModel, calibration: Calibration) -> None:
     """The brightest row of a column is that of the calibrated laser plane, to a fraction of a pixel, and red."""
     rangefinder = SimulatedRangefinder(World(), calibration, robot, light=QUIET)
@@ -162,6 +167,7 @@ def test_the_stripe_is_where_the_plane_meets_the_floor(robot: RobotModel, calibr
             assert abs(point[2]) < 0.0004
 
 
+@pytest.mark.slow
 def test_legs_hide_the_ground_and_throw_shadows(robot: RobotModel, calibration: Calibration) -> None:
     """A foot stretched ahead is seen, and what it hides from the laser is dark; without legs neither happens."""
     posture = robot.posture("scan")
@@ -180,6 +186,7 @@ def test_legs_hide_the_ground_and_throw_shadows(robot: RobotModel, calibration: 
     assert shaded.sum() > 50
 
 
+@pytest.mark.slow
 def test_light_adds_up(robot: RobotModel, calibration: Calibration) -> None:
     """Half the laser time gives half the laser light, twice the exposure twice the levels, up to saturation."""
     light = Light(speckle=0, shot_noise=0, read_noise=0, laser=120.0, ambient=(60.0, 60.0, 60.0))
@@ -198,6 +205,7 @@ def test_light_adds_up(robot: RobotModel, calibration: Calibration) -> None:
     assert swept[..., 2].sum() == pytest.approx(full[..., 2].sum(), rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_lit_wall_lights_the_floor_before_it(robot: RobotModel, calibration: Calibration) -> None:
     """The second bounce brightens the floor beside a lit wall, weakly, and nothing on level ground."""
     world = World(features=(Box(x=0.66, y=0.0, size=(0.1, 0.4), height=0.08, material="concrete"),))
@@ -217,6 +225,7 @@ def test_a_lit_wall_lights_the_floor_before_it(robot: RobotModel, calibration: C
     assert (lit.max(axis=(1, 2)) > 0).sum() < 20
 
 
+@pytest.mark.slow
 def test_noise_has_the_stated_size(robot: RobotModel, calibration: Calibration) -> None:
     """Between two dark frames the variance is read noise and shot noise, and no two frames are alike."""
     light = Light(shot_noise=0.02, read_noise=1.0)
@@ -230,6 +239,7 @@ def test_noise_has_the_stated_size(robot: RobotModel, calibration: Calibration) 
     assert variance == pytest.approx(1.0 + 0.02 * view.ambient.mean() + 1 / 12, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_frames(robot: RobotModel, calibration: Calibration) -> None:
     """Two rangefinders built alike take identical pictures."""
     frames = []
@@ -241,6 +251,7 @@ def test_the_same_seed_gives_the_same_frames(robot: RobotModel, calibration: Cal
         np.testing.assert_array_equal(one, two)
 
 
+@pytest.mark.slow
 def test_bad_input_is_refused(robot: RobotModel, calibration: Calibration) -> None:
     """Poses in the ground, foreign calibrations, unknown stripes, impossible light: refused with the reason."""
     rangefinder = SimulatedRangefinder(
@@ -263,6 +274,7 @@ def test_bad_input_is_refused(robot: RobotModel, calibration: Calibration) -> No
         Light(stripe_sigma=0)
 
 
+@pytest.mark.slow
 def test_pictures_are_plausible(robot: RobotModel, calibration: Calibration) -> None:
     """An ordinary frame is neither black nor white, and its stripe crosses the picture once per column."""
     rangefinder = SimulatedRangefinder(World(), calibration, robot)

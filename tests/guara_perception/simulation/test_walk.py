@@ -96,6 +96,7 @@ def test_known_ground_is_declared_once_around_the_first_stance(robot: RobotModel
     assert ground.height == 0.0
 
 
+@pytest.mark.slow
 def test_reports_are_noisy_as_stated(robot: RobotModel) -> None:
     """Reported joints and gravity scatter about the truth as stated; without an IMU there is no gravity."""
     noise = WalkNoise(joint=0.01, imu=0.002)

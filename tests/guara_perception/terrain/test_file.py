@@ -89,6 +89,7 @@ def test_unsafe_content_is_refused(saved: Path, tmp_path: Path):
         gp.load_terrain(tmp_path / "unsafe.npz")
 
 
+@pytest.mark.slow
 def test_damaged_file_is_refused(tmp_path: Path):
     """Cut anywhere, or with any bit of its directory or its data flipped: refused, or still the same grid."""
     path = tmp_path / "grid.npz"

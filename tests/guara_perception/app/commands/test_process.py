@@ -26,6 +26,7 @@ def processed(data: Path, calibration_file: Path, tmp_path_factory: pytest.TempP
     return out
 
 
+@pytest.mark.slow
 def test_says_what_it_made(guara, data: Path, calibration_file: Path, tmp_path: Path):
     """One line on standard output: the file, the step, what is known and why the rest is not."""
     out = tmp_path / "out.npz"
@@ -35,6 +36,7 @@ def test_says_what_it_made(guara, data: Path, calibration_file: Path, tmp_path: 
     assert list(tmp_path.iterdir()) == [out]
 
 
+@pytest.mark.slow
 def test_file_holds_every_promised_name(processed: Path, paper_scan: gp.Scan):
     """Names, types and shapes of docs/files.md, readable by NumPy alone without pickles."""
     with np.load(processed, allow_pickle=False) as content:
@@ -121,6 +123,7 @@ def test_perspective_picture_leans_away_from_the_camera(processed: Path, data: P
     assert mean_x["perspective"] == pytest.approx(expected, abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("resolution", "shape"), [("0.01", (54, 45)), ("0.015", (36, 30))])
 def test_resolution_is_taken(guara, data: Path, calibration_file: Path, tmp_path: Path, resolution, shape):
     """Another cell size that divides the area."""
@@ -272,6 +275,7 @@ def test_bad_option_is_refused(guara, data: Path, calibration_file: Path, tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_keep_going_leaves_a_bad_frame_unknown(guara, paper_copy: Path, calibration_file: Path, tmp_path: Path):
     """With --keep-going a frame of another size costs its stripe, and the line says which and why."""
     path = paper_copy / "on_010.jpg"
@@ -281,6 +285,7 @@ def test_keep_going_leaves_a_bad_frame_unknown(guara, paper_copy: Path, calibrat
     assert list(gp.load_terrain(tmp_path / "out.npz").metadata["frames_bad"]) == ["20"]
 
 
+@pytest.mark.slow
 def test_keep_going_leaves_an_unreadable_frame_unknown(guara, paper_copy: Path, calibration_file: Path, tmp_path: Path):
     """A frame file that was cut off costs its stripe with --keep-going, and is refused by name without."""
     name = "on_010.jpg"

@@ -15,6 +15,7 @@ from guara_perception.terrain.layers.hazard import Hazard
 GUARA = ("-m", "guara_perception.app.main")
 
 
+@pytest.mark.slow
 def test_saves_both_grids_of_every_pause(guara, data: Path, calibration_file: Path, tmp_path: Path):
     """A file per pause and extent, one line each; the map of the second pause knows what both scans saw."""
     scans = data / "scans"
@@ -38,6 +39,7 @@ def test_only_the_extent_that_is_wanted(guara, data: Path, calibration_file: Pat
     assert [path.name for path in tmp_path.iterdir()] == ["0000-step4-map.npz"]
 
 
+@pytest.mark.slow
 def test_an_earlier_step_begins_another_walk(guara, data: Path, calibration_file: Path, tmp_path: Path):
     """Step 0 after step 2: said in words, and the map holds the last scan alone."""
     scans = data / "scans"

@@ -33,6 +33,7 @@ def test_ply_opens_in_trimesh(paper_terrain: gp.TerrainGrid, tmp_path: Path):
     assert len(np.unique(np.asarray(cloud.colors), axis=0)) > 3
 
 
+@pytest.mark.slow
 def test_pcd_opens_in_pypcd4(paper_terrain: gp.TerrainGrid, tmp_path: Path):
     """Points, sigma and flags arrive as they are in the grid."""
     export_terrain(paper_terrain, tmp_path / "t.pcd")

@@ -65,6 +65,7 @@ def test_a_broken_robot_folder_is_refused(guara, tmp_path: Path):
     assert said.code == 2 and said.err.count("\n") == 1 and str(tmp_path) in said.err
 
 
+@pytest.mark.slow
 def test_json_of_process_is_that_of_info(guara, data: Path, calibration_file: Path, tmp_path: Path):
     """`guara process --json` prints what `guara info --json` says of the file that it wrote."""
     said = guara("process", data / "scans" / "paper", "-c", calibration_file, "-o", tmp_path / "t.npz", "--json")

@@ -39,6 +39,7 @@ def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         return load_robot(folder), load_robot(SOURCES[request.param].parents[1])
 
 
+@pytest.mark.slow
 def test_it_loads_under_the_folder_s_name_and_is_sound(
     made: tuple[RobotModel, RobotModel], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -58,6 +58,7 @@ def test_board_is_found_and_its_squares_measure_30_mm(printed):
         assert np.abs(steps - 30.0).max() < 0.05 and abs(steps.mean() - 30.0) < 0.02
 
 
+@pytest.mark.slow
 def test_crosses_of_the_mat_lie_where_they_are_said_to_lie(printed, robot):
     """Ink at each cross: its centre to a tenth of a millimetre, arms and bars as the calibration expects them."""
     found = []

@@ -25,6 +25,7 @@ def plane(a: float, b: float, shape: tuple[int, int] = (40, 50)) -> np.ndarray:
     return a * x + b * y
 
 
+@pytest.mark.slow
 @PROPERTY
 @given(st.floats(-1, 1), st.floats(-1, 1))
 def test_slope_of_a_plane_is_exact(a: float, b: float) -> None:
@@ -35,6 +36,7 @@ def test_slope_of_a_plane_is_exact(a: float, b: float) -> None:
     assert np.nanmax(terrain.roughness[inner]) < 1e-6
 
 
+@pytest.mark.slow
 @PROPERTY
 @given(st.floats(0.1, 1.4), st.integers(0, 3))
 def test_slope_does_not_depend_on_the_heading(tangent: float, quarter: int) -> None:

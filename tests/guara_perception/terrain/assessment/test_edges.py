@@ -64,6 +64,7 @@ def fillings(rng: np.random.Generator, heights: np.ndarray, lost: np.ndarray) ->
     return [np.where(lost, other, heights) for other in candidates]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_map", [False, True], ids=["scan", "map"])
 def test_no_filling_of_the_unknown_makes_a_free_cell_unsafe(limits: TraversabilityLimits, is_map: bool) -> None:
     """300 random grids, 8 fillings each: where the grid says free, no filling puts a hazard under the sole."""
@@ -85,6 +86,7 @@ def test_no_filling_of_the_unknown_makes_a_free_cell_unsafe(limits: Traversabili
     assert free_cells > 20_000
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(st.integers(0, 10_000))
 def test_losing_cells_never_frees_another_whatever_the_drift(seed: int) -> None:

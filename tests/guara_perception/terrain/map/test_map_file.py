@@ -27,6 +27,7 @@ def step_on(terrain_map: gp.TerrainMap, make_scan: MakeScan, step: int) -> gp.Te
     return terrain_map.update(scan, transform, step * 1e-6 * np.eye(6), known_ground=ground)
 
 
+@pytest.mark.slow
 def test_a_loaded_map_goes_on_bit_for_bit(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
     """Four pauses, saved, loaded, four more: the same bytes and metadata as eight pauses in one go."""
     whole, first = gp.TerrainMap(robot), gp.TerrainMap(robot)

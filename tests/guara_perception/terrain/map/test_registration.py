@@ -64,6 +64,7 @@ def test_level_ground_leaves_it_to_odometry(robot: RobotModel, make_scan: MakeSc
     assert fused.metadata["sideways_correction_sigma"][0] > 0.002
 
 
+@pytest.mark.slow
 def test_seams_of_the_map_are_no_ground(robot: RobotModel) -> None:
     """Where scans end that were a little off in height the map has steps; on level ground they must move nothing.
 

@@ -276,6 +276,7 @@ def test_validity_outlasts_what_a_hind_foot_needs(robot: RobotModel) -> None:
     assert validity.validity_seconds >= 9 * 18.7
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None, derandomize=True)
 @given(yaw=st.floats(-np.pi, np.pi), x=st.floats(-3, 3), y=st.floats(-3, 3), z=st.floats(-0.2, 0.2))
 def test_a_look_from_anywhere_comes_back_in_place(
@@ -349,6 +350,7 @@ def test_a_snapshot_joins_the_flags_of_cells_touched(robot: RobotModel, make_sca
     assert np.isnan(shifted.elevation[inside]).sum() == 4
 
 
+@pytest.mark.slow
 def test_no_narrow_bump_slips_between_nearest_cells(robot: RobotModel, make_scan: MakeScan, scan_grid: Any) -> None:
     """A bump of one cell stays in elevation_max whatever the heading of the snapshot."""
     gx, gy = np.meshgrid(*scan_grid.centres())

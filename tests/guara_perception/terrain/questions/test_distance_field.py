@@ -36,6 +36,7 @@ def exact(terrain: gp.TerrainGrid, point: np.ndarray) -> float:
     return float(min(columns, border))
 
 
+@pytest.mark.slow
 @PROPERTY
 @given(st.integers(0, 500))
 def test_never_more_than_there_is_and_not_much_less(seed: int) -> None:

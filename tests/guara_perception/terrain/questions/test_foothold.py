@@ -48,6 +48,7 @@ def sole_cells(terrain: gp.TerrainGrid, x: float, y: float) -> tuple[np.ndarray,
     return terrain.hazard[np.ix_(rows, columns)], bool(on_x and on_y)
 
 
+@pytest.mark.slow
 @PROPERTY
 @given(st.integers(0, 500), st.lists(st.tuples(st.floats(0.35, 1.05), st.floats(-0.35, 0.35)), min_size=1, max_size=30))
 def test_a_foothold_is_accepted_only_where_the_whole_sole_is_known_and_safe(
@@ -184,6 +185,7 @@ def test_reach_agrees_with_the_kinematics(standing: gp.TerrainGrid, robot: Robot
     assert not verdicts.ok.all()
 
 
+@pytest.mark.slow
 def test_a_grid_carries_its_robot(standing: gp.TerrainGrid) -> None:
     """A robot that is in no folder here: its legs are known from the grid; without, the message says what to give."""
     tapir = load_robot(Path(__file__).parents[3] / "robots" / "tapir")
@@ -270,6 +272,7 @@ def test_on_perfect_ground_the_wish_itself_is_best() -> None:
     assert best.score == 1.0
 
 
+@pytest.mark.slow
 @PROPERTY
 @given(st.integers(0, 500), st.floats(0.45, 0.95), st.floats(-0.25, 0.25), st.floats(0.0, 0.12))
 def test_the_best_foothold_is_allowed_near_and_the_same_every_time(

@@ -13,6 +13,7 @@ import guara_perception as gp
 from kinematics import RobotModel, Stance
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(st.integers(0, 1000), st.integers(0, 60))
 def test_what_is_known_is_the_grids_height_and_nothing_else(seed: int, count: int) -> None:

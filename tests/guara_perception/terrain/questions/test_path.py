@@ -34,6 +34,7 @@ def swing(x0: float, x1: float, y: float, top: float) -> list[list[float]]:
 place = st.floats(0.02, 0.48)
 
 
+@pytest.mark.slow
 @PROPERTY
 @given(st.integers(0, 300), place, place, place, place, st.floats(0.0, 0.03))
 def test_a_path_that_comes_near_an_unknown_cell_is_never_accepted(
@@ -56,6 +57,7 @@ def test_a_path_that_comes_near_an_unknown_cell_is_never_accepted(
         assert verdict.ok
 
 
+@pytest.mark.slow
 @PROPERTY
 @given(st.integers(0, 300), st.lists(st.tuples(place, place), min_size=3, max_size=6))
 def test_a_polygon_that_touches_an_unknown_cell_is_never_accepted(

@@ -35,6 +35,7 @@ def inner_points(region: gp.SteppableRegion, count: int, seed: int = 0) -> np.nd
     return np.concatenate((corners, share @ corners))
 
 
+@pytest.mark.slow
 @PROPERTY
 @given(st.integers(0, 500), st.floats(0.2, 0.9), st.floats(-0.35, 0.35), st.floats(0.01, 0.3))
 def test_every_point_inside_passes_check_foothold(seed: int, x: float, y: float, radius: float) -> None:

@@ -16,6 +16,7 @@ from guara_perception.terrain.questions.floor_plane import fit_floor
 PROPERTY = settings(max_examples=30, deadline=None, derandomize=True)
 
 
+@pytest.mark.slow
 @PROPERTY
 @given(st.floats(-0.8, 0.8), st.floats(-0.8, 0.8))
 def test_normals_of_a_plane(a: float, b: float) -> None:

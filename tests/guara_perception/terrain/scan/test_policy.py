@@ -88,6 +88,7 @@ def test_back_to_coarse_only_after_some_clear_pauses(
     assert [policy.decide(clear, pairs).mode for _ in range(CLEAR_PAUSES)] == modes
 
 
+@pytest.mark.slow
 def test_extending_a_coarse_scan_gives_the_very_standard_scan(
     robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan
 ) -> None:
