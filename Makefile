@@ -6,6 +6,9 @@ STAMP := $(VENV)/.installed
 EXTRAS_STAMP := $(VENV)/.installed-extras
 ROBOTS_STAMP := $(VENV)/.installed-robots
 
+# The tests start hundreds of programs: each would compile all that it imports anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: help install install-extras install-robots install-interop demo test test-quick test-all test-heavy test-chip test-interop \
 	test-soak test-robots firmware lint types docs bench bench-quick lock clean
 
