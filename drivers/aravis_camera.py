@@ -10,9 +10,9 @@ import numpy as np
 
 from drivers import timing
 from drivers.aravis_library import glib_error, load_aravis
-from drivers.aravis_settings import lock_settings
+from drivers.aravis_settings import held_settings, lock_settings
 from drivers.bayer import PATTERNS, red_pixels
-from drivers.camera import Camera, CameraSettings
+from drivers.camera import Camera, CameraSettings, HeldSettings
 from drivers.errors import CameraEnded, CameraNotFound, CameraNotOpen, CameraSettingRefused, CameraTimeout
 from drivers.frame import Frame, Image
 
@@ -123,6 +123,21 @@ class AravisCamera(Camera):
         held = lock_settings(camera, self._aravis, settings, self.name)
         self._learn_period(camera)
         return held
+
+    def held(self, locked: CameraSettings) -> HeldSettings:
+        """Read exposure, gain and gamma, and whether an automatic is on again.
+
+        Raises:
+            CameraEnded: the camera does not answer.
+            CameraNotOpen: open it first.
+        """
+        camera = self._opened()
+        try:
+            return held_settings(camera, self._aravis, locked)
+        except glib_error() as error:
+            raise CameraEnded(
+                f"{self.name} does not answer ({_words(error)}): check its cable and power, then open it again"
+            ) from None
 
     def grab(self, timeout: float) -> Frame:
         """The oldest whole frame not yet returned.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from drivers.camera import CameraSettings
+from drivers.camera import CameraSettings, HeldSettings
 from drivers.errors import CameraSettingRefused
 
 MICROSECOND = 1e-6
@@ -59,6 +59,29 @@ def lock_settings(camera: Any, aravis: Any, settings: CameraSettings, name: str)
     if settings.gamma is not None:
         held["gamma"] = _lock_gamma(camera, settings.gamma, name)
     return CameraSettings(**held)
+
+
+def held_settings(camera: Any, aravis: Any, locked: CameraSettings) -> HeldSettings:
+    """Read what the camera holds of the settings that were locked.
+
+    Args:
+        camera: an `Aravis.Camera`.
+        aravis: the module.
+        locked: settings to read; None entries are not asked for.
+    """
+    values: dict[str, float] = {}
+    automatic = []
+    if locked.exposure is not None:
+        values["exposure"] = camera.get_exposure_time() * MICROSECOND
+        if camera.is_exposure_auto_available() and camera.get_exposure_time_auto() != aravis.Auto.OFF:
+            automatic.append("exposure")
+    if locked.gain is not None:
+        values["gain"] = camera.get_gain()
+        if camera.is_gain_auto_available() and camera.get_gain_auto() != aravis.Auto.OFF:
+            automatic.append("gain")
+    if locked.gamma is not None and camera.is_feature_available("Gamma"):
+        values["gamma"] = float(camera.get_float("Gamma"))
+    return HeldSettings(values=values, automatic=tuple(automatic))
 
 
 def _lock_gamma(camera: Any, gamma: float, name: str) -> float:

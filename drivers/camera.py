@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from types import TracebackType
 from typing import Self
 
@@ -32,16 +33,31 @@ class CameraSettings:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for each in fields(self):
+            value = getattr(self, each.name)
             if value is None:
                 continue
-            if not math.isfinite(value) or (field.name != "gain" and value <= 0):
-                raise ValueError(f"camera setting {field.name} is {value}, it must be finite and above 0")
+            if not math.isfinite(value) or (each.name != "gain" and value <= 0):
+                raise ValueError(f"camera setting {each.name} is {value}, it must be finite and above 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldSettings:
+    """What a camera holds at one moment.
+
+    Attributes:
+        values: by the names of `CameraSettings`, in its units; what the camera does not tell is missing.
+        automatic: names of the settings that it changes by itself.
+    """
+
+    values: Mapping[str, float] = field(default_factory=dict)
+    automatic: tuple[str, ...] = ()
 
 
 class Camera(ABC):
     """Base class of all cameras, a context manager. To wire another camera, write these five methods.
+
+    A sixth, `held`, lets every scan check that the camera still holds what was locked.
 
     Attributes:
         name: what the camera is called in messages.
@@ -90,6 +106,17 @@ class Camera(ABC):
             CameraSettingRefused: the camera did not take one.
             CameraNotOpen: open it first.
         """
+
+    def held(self, locked: CameraSettings) -> HeldSettings:
+        """What the camera holds now of the settings that are not None in `locked`; nothing is set.
+
+        A camera that cannot be read tells nothing: this is what is inherited.
+
+        Raises:
+            CameraEnded: the camera does not answer.
+            CameraNotOpen: open it first.
+        """
+        return HeldSettings()
 
     @abstractmethod
     def grab(self, timeout: float) -> Frame:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers import timing
-from drivers.camera import Camera, CameraSettings
+from drivers.camera import Camera, CameraSettings, HeldSettings
 from drivers.errors import (
     CameraBackendMissing,
     CameraEnded,
@@ -22,7 +22,7 @@ from drivers.errors import (
     CameraTimeout,
 )
 from drivers.frame import Frame
-from drivers.opencv_settings import lock_settings
+from drivers.opencv_settings import held_settings, lock_settings
 
 logger = logging.getLogger(__name__)
 # Seconds; V4L2 gives a read up after 10 s.
@@ -133,6 +133,10 @@ class OpenCvCamera(Camera):
         if self._is_file and settings != CameraSettings():
             raise CameraSettingRefused(f"{self.name} is a file: its frames are taken, {settings} cannot be set")
         return lock_settings(capture, settings, self.name)
+
+    def held(self, locked: CameraSettings) -> HeldSettings:
+        """What the camera holds now; see `held_settings`."""
+        return held_settings(self._opened(), locked)
 
     def grab(self, timeout: float) -> Frame:
         """The next frame of a file, or the newest not yet returned of a live camera."""

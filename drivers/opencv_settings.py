@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from drivers.camera import CameraSettings
+from drivers.camera import CameraSettings, HeldSettings
 from drivers.errors import CameraSettingRefused
 
 # Seconds; V4L2 counts exposure_time_absolute in 100 microseconds.
@@ -54,6 +54,33 @@ def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> Came
     if settings.gamma is not None:
         held["gamma"] = _set(capture, cv2.CAP_PROP_GAMMA, settings.gamma, "gamma", name)
     return CameraSettings(**held)
+
+
+def held_settings(capture: Capture, locked: CameraSettings) -> HeldSettings:
+    """Read what the camera holds of the settings that were locked; what it does not tell (0, -1) is left out.
+
+    Args:
+        capture: an open capture.
+        locked: settings to read; None entries are not asked for.
+    """
+    import cv2
+
+    asked = {
+        "exposure": (cv2.CAP_PROP_EXPOSURE, V4L2_EXPOSURE_UNIT, cv2.CAP_PROP_AUTO_EXPOSURE, V4L2_MANUAL_EXPOSURE),
+        "gain": (cv2.CAP_PROP_GAIN, 1.0, None, 0.0),
+        "white_balance": (cv2.CAP_PROP_WB_TEMPERATURE, 1.0, cv2.CAP_PROP_AUTO_WB, 0.0),
+        "gamma": (cv2.CAP_PROP_GAMMA, 1.0, None, 0.0),
+    }
+    values, automatic = {}, []
+    for name, (prop, unit, switch, off) in asked.items():
+        if getattr(locked, name) is None:
+            continue
+        got = capture.get(prop)
+        if got > 0 or (name == "gain" and got == 0):
+            values[name] = got * unit
+        if switch is not None and capture.get(switch) != off:
+            automatic.append(name)
+    return HeldSettings(values=values, automatic=tuple(automatic))
 
 
 def _set(capture: Capture, prop: int, value: float, what: str, name: str, tolerance: float = TOLERANCE) -> float:

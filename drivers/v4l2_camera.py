@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.camera import Camera, CameraSettings
+from drivers.camera import Camera, CameraSettings, HeldSettings
 from drivers.errors import (
     CameraBackendMissing,
     CameraEnded,
@@ -27,6 +27,13 @@ DAMAGED, NUMBERS = 0x40, 1 << 32
 # Seconds; exposure is counted in 100 us. Relative; drivers round.
 EXPOSURE_UNIT, TOLERANCE = 1e-4, 0.05
 MANUAL_EXPOSURE = 1
+# Of each setting: its control, the control's unit, the control of its automatic and that one's value for off.
+CONTROLS: dict[str, tuple[str, float, str, int]] = {
+    "exposure": ("exposure_time_absolute", EXPOSURE_UNIT, "auto_exposure", MANUAL_EXPOSURE),
+    "gain": ("gain", 1.0, "", 0),
+    "white_balance": ("white_balance_temperature", 1.0, "white_balance_automatic", 0),
+    "gamma": ("gamma", 1.0, "", 0),
+}
 
 
 class V4l2Camera(Camera):
@@ -111,17 +118,30 @@ class V4l2Camera(Camera):
         """Switch the automatics off, set what was asked for and read it back."""
         self._opened()
         held = {}
-        if settings.exposure is not None:
-            self._set("auto_exposure", MANUAL_EXPOSURE)
-            held["exposure"] = self._set("exposure_time_absolute", settings.exposure / EXPOSURE_UNIT) * EXPOSURE_UNIT
-        if settings.gain is not None:
-            held["gain"] = self._set("gain", settings.gain)
-        if settings.white_balance is not None:
-            self._set("white_balance_automatic", 0)
-            held["white_balance"] = self._set("white_balance_temperature", settings.white_balance)
-        if settings.gamma is not None:
-            held["gamma"] = self._set("gamma", settings.gamma)
+        for name, (control, unit, switch, off) in CONTROLS.items():
+            wanted = getattr(settings, name)
+            if wanted is None:
+                continue
+            if switch:
+                self._set(switch, off)
+            held[name] = self._set(control, wanted / unit) * unit
         return CameraSettings(**held)
+
+    def held(self, locked: CameraSettings) -> HeldSettings:
+        """Read the controls of what was locked, and whether an automatic is on again."""
+        self._opened()
+        controls = self._device.controls
+        values, automatic = {}, []
+        try:
+            for name, (control, unit, switch, off) in CONTROLS.items():
+                if getattr(locked, name) is None:
+                    continue
+                values[name] = float(controls[control].value) * unit
+                if switch and int(controls[switch].value) != off:
+                    automatic.append(name)
+        except OSError as error:
+            raise CameraEnded(f"{self.name} is gone ({error.strerror}): check its cable, then open it again") from None
+        return HeldSettings(values=values, automatic=tuple(automatic))
 
     def grab(self, timeout: float) -> Frame:
         """The oldest frame not yet returned; a damaged one is left out and shows as a gap."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Protocol
 
 from drivers import timing
 from drivers.arrays import Image
-from drivers.camera import Camera, CameraSettings
+from drivers.camera import Camera, CameraSettings, HeldSettings
 from drivers.emulator.views import ExposureView
 from drivers.errors import CameraNotOpen, CameraTimeout
 from drivers.frame import Frame, read_only
@@ -94,6 +94,8 @@ class EmulatedCamera(Camera):
         self._exposure, self._delay = exposure, exposure + latency
         self.lag = self._delay
         self.faults: list[CameraFault] = []
+        self.automatic: set[str] = set()
+        """Settings that another program has switched to automatic again; only `held` tells."""
         self._start: float | None = None
         self._next = 0
         self._last: Frame | None = None
@@ -118,6 +120,10 @@ class EmulatedCamera(Camera):
         self._settings = replace(self._settings, **given)
         self.lag = self._delay
         return self._settings
+
+    def held(self, locked: CameraSettings) -> HeldSettings:
+        """Tell all settings, and what `automatic` names."""
+        return HeldSettings(values=asdict(self._settings), automatic=tuple(self.automatic))
 
     def grab(self, timeout: float) -> Frame:
         """The next frame, or the newest if several have arrived since the last grab.

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Protocol
 
 from drivers import timing
 from drivers.arrays import Image
-from drivers.camera import Camera, CameraSettings
+from drivers.camera import Camera, CameraSettings, HeldSettings
 from drivers.emulator.shutter import Opening, Shutter
 from drivers.emulator.views import ExposureView
 from drivers.errors import CameraNotOpen, CameraTimeout
@@ -60,6 +61,8 @@ class EmulatedTriggeredCamera(Camera):
         self._bear(shutter.exposure, latency)
         self.dropped: frozenset[int] = frozenset()
         """Numbers of the frames, from 0, that are lost on their way."""
+        self.automatic: set[str] = set()
+        """Settings that another program has switched to automatic again; only `held` tells."""
         self._board, self._shutter, self._render = board, shutter, render
         self._latency, self._clock_offset, self._clock_drift = latency, clock_offset, clock_drift
         self._settings = CameraSettings(exposure=shutter.exposure, gain=1.0, white_balance=5000.0, gamma=1.0)
@@ -81,6 +84,10 @@ class EmulatedTriggeredCamera(Camera):
             self._settings = CameraSettings(exposure=settings.exposure, gain=1.0, white_balance=5000.0, gamma=1.0)
             self._bear(settings.exposure, self._latency)
         return self._settings
+
+    def held(self, locked: CameraSettings) -> HeldSettings:
+        """Tell all settings, and what `automatic` names."""
+        return HeldSettings(values=asdict(self._settings), automatic=tuple(self.automatic))
 
     def grab(self, timeout: float) -> Frame:
         """Return the next frame.

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers import AravisCamera, CameraSettings, aravis_library
+from drivers import AravisCamera, CameraSettings, aravis_library, setting_changes
 from drivers.aravis_camera import BAYER, SHORT_IDS
 from drivers.aravis_devices import find_aravis_cameras
 from drivers.bayer import mosaic
@@ -86,6 +86,16 @@ def test_settings_are_locked_and_read_back(fake: FakeGigeCamera) -> None:
         camera.lock(CameraSettings(exposure=0.0005))
         # The camera's own highest rate, 500 frames per second.
         assert camera.trigger_period == pytest.approx(0.002)
+
+
+def test_what_another_program_changed_is_read(fake: FakeGigeCamera) -> None:
+    """Exposure and gain as the camera holds them now, in seconds and decibels."""
+    with AravisCamera(fake.name) as camera:
+        locked = camera.lock(CameraSettings(exposure=0.004, gain=6.0))
+        assert setting_changes(camera, locked) == ()
+        camera.lock(CameraSettings(exposure=0.01, gain=12.0))
+        assert camera.held(locked).values == {"exposure": pytest.approx(0.01), "gain": 12.0}
+        assert len(setting_changes(camera, locked)) == 2
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 
 from drivers import CameraSettings
 from drivers.errors import CameraSettingRefused
-from drivers.opencv_settings import lock_settings
+from drivers.opencv_settings import held_settings, lock_settings
 
 
 class Capture:
@@ -71,3 +71,24 @@ def test_a_value_that_was_not_taken_is_refused(prop: int, settings: CameraSettin
     capture.stubborn[prop] = 333.0
     with pytest.raises(CameraSettingRefused, match=words):
         lock_settings(capture, settings, "cam")
+
+
+def test_what_is_held_is_read_without_setting_anything() -> None:
+    """In the units of `CameraSettings`; an automatic that is on again is named; only what was locked is asked for."""
+    capture = Capture()
+    locked = lock_settings(capture, CameraSettings(exposure=0.0123, gain=4.0, white_balance=4500.0), "cam")
+    told = len(capture.order)
+    held = held_settings(capture, locked)
+    assert held.values == {"exposure": pytest.approx(0.0123), "gain": 4.0, "white_balance": 4500.0}
+    assert held.automatic == () and len(capture.order) == told
+    capture.held |= {cv2.CAP_PROP_AUTO_EXPOSURE: 3.0, cv2.CAP_PROP_AUTO_WB: 1.0, cv2.CAP_PROP_GAIN: 9.0}
+    held = held_settings(capture, locked)
+    assert held.automatic == ("exposure", "white_balance") and held.values["gain"] == 9.0
+
+
+def test_a_device_that_tells_nothing_is_not_believed() -> None:
+    """OpenCV answers -1 or 0 for what it cannot read."""
+    capture = Capture()
+    capture.held = {cv2.CAP_PROP_EXPOSURE: -1.0, cv2.CAP_PROP_AUTO_EXPOSURE: 1.0, cv2.CAP_PROP_GAIN: -1.0}
+    held = held_settings(capture, CameraSettings(exposure=0.01, gain=2.0, gamma=1.0))
+    assert held.values == {} and held.automatic == ()

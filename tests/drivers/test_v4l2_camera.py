@@ -35,6 +35,12 @@ class Control:
         self._value = min(wanted, self.highest)
 
 
+class Unplugged:
+    @property
+    def value(self) -> int:
+        raise OSError(errno.ENODEV, "No such device")
+
+
 class FakeVideo:
     """As much of `linuxpy.video.device` as the camera uses; frames are queued by the test."""
 
@@ -140,6 +146,22 @@ def test_settings_are_locked_and_read_back() -> None:
             camera.lock(CameraSettings(exposure=0.05))
         with pytest.raises(CameraSettingRefused, match="has no setting gamma"):
             camera.lock(CameraSettings(gamma=1.0))
+
+
+def test_what_is_held_is_read_back_later() -> None:
+    """Another program that changes a control or switches an automatic on shows; a camera that is gone says so."""
+    video = FakeVideo()
+    with V4l2Camera(video=video) as camera:
+        locked = camera.lock(CameraSettings(exposure=0.004, gain=3))
+        assert camera.held(locked).values == {"exposure": pytest.approx(0.004), "gain": 3.0}
+        assert camera.held(locked).automatic == ()
+        video.controls["auto_exposure"].value = 3
+        video.controls["gain"].value = 7
+        held = camera.held(locked)
+        assert held.automatic == ("exposure",) and held.values["gain"] == 7.0
+        video.controls["gain"] = Unplugged()
+        with pytest.raises(CameraEnded, match="is gone"):
+            camera.held(locked)
 
 
 @pytest.mark.parametrize(

@@ -60,6 +60,7 @@ def command(
     from guara_perception.app.files.scan_folder_writer import ScanFolderWriter
     from guara_perception.app.node.devices import choose_rig
     from guara_perception.app.node.live_scan import live_scan
+    from guara_perception.app.node.pause_scanner import with_problems
     from guara_perception.app.record.plate_scan import scan_uncalibrated
     from guara_perception.app.summary import summary
     from guara_perception.fields import read_json
@@ -90,7 +91,9 @@ def command(
         standing = Stance(model.posture(model.config.scan_posture), model.legs, None)
     if no_calibration:
         with rig.rangefinder, progress("Scanning") as show:
-            scan_uncalibrated(rig.rangefinder, model, standing, target, mode=mode, progress=show)
+            problems = scan_uncalibrated(rig.rangefinder, model, standing, target, mode=mode, progress=show)
+        for problem in problems:
+            click.echo(problem, err=True)
         click.echo(f"{target}: recorded without a calibration")
         return
     calibrated = rig.calibration
@@ -119,7 +122,7 @@ def command(
             calibration_hash=calibrated.hash,
             calibration=calibrated,
         )
-    terrain = with_pictures(processor.finish(), processor)
+    terrain = with_pictures(with_problems(processor.finish(), scan), processor)
     click.echo(f"{target}: {summary(terrain)}")
     figures = target.with_name(f"{target.name}-figures")
     pictures = draw_figures(figures, open_scan(target), calibrated, processor, terrain)

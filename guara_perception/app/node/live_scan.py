@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from drivers import DriverError, StripeCapture
+from drivers import DriverError, LightCheck, StripeCapture
 from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
 from guara_perception.frame_pair import FramePair
 from guara_perception.scan_processor import ScanProcessor
@@ -46,6 +46,9 @@ def live_scan(
     A stripe whose laser was fired but whose frame was lost or is out of step with the mirror is marked as bad: it was
     looked at and nothing was seen. A stripe that was never fired is not looked at.
 
+    Before the first stripe the camera's locked settings are read back, and the light is checked in the first frames: a
+    setting that changed and light that is clipped or too dark stand in the problems.
+
     Args:
         rangefinder: open devices.
         processor: takes the stripes; made for the stance of this pause.
@@ -54,7 +57,8 @@ def live_scan(
         on_stripe: called after each stripe, for recording and progress.
     """
     start = time.time_ns()
-    problems: list[str] = []
+    problems = list(rangefinder.setting_changes())
+    light = LightCheck()
     failed = False
     done: set[int] = set()
     stripes = rangefinder.sweep(firing_order, processor.band, should_stop)
@@ -62,6 +66,8 @@ def live_scan(
         with stripes:
             for group in stripes.groups():
                 done.update(capture.index for capture in group)
+                for capture in group:
+                    light.look(capture, processor.band(capture.index))
                 _process(processor, group)
                 if on_stripe is not None:
                     for capture in group:
@@ -70,6 +76,7 @@ def live_scan(
         failed = True
         problems.append(str(error))
     end, last_frame = time.time_ns(), time.monotonic()
+    problems.extend(light.problems)
     report = stripes.report
     for index in report.fired:
         if index not in done:

@@ -7,7 +7,17 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from drivers import AcquireOptions, Camera, CameraSettings, LaserBoard, StripeStream, acquire, prepare
+from drivers import (
+    AcquireOptions,
+    Camera,
+    CameraSettings,
+    DriverError,
+    LaserBoard,
+    StripeStream,
+    acquire,
+    prepare,
+    setting_changes,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,6 +45,7 @@ class Rangefinder:
     camera: Camera
     options: AcquireOptions | None = None
     settings: CameraSettings | None = None
+    _locked: CameraSettings | None = field(default=None, repr=False)
     _entered: list[LaserBoard | Camera] = field(default_factory=list, repr=False)
 
     def __enter__(self) -> Self:
@@ -44,7 +55,7 @@ class Rangefinder:
                 device.__enter__()
                 self._entered.append(device)
             if self.settings is not None:
-                self.camera.lock(self.settings)
+                self.lock(self.settings)
         except BaseException:
             self._close()
             raise
@@ -55,6 +66,27 @@ class Rangefinder:
     ) -> None:
         """Close both, the laser off first."""
         self._close()
+
+    def lock(self, settings: CameraSettings) -> CameraSettings:
+        """Lock settings of the open camera; `setting_changes` compares with what it held then.
+
+        Raises:
+            drivers.CameraError: the camera does not take one.
+        """
+        self._locked = self.camera.lock(settings)
+        return self._locked
+
+    def setting_changes(self) -> tuple[str, ...]:
+        """Which locked settings the camera does not hold any more, and what to do; empty where it cannot be read.
+
+        A few questions to the camera, some milliseconds together.
+        """
+        if self._locked is None:
+            return ()
+        try:
+            return setting_changes(self.camera, self._locked)
+        except DriverError as error:
+            return (str(error),)
 
     def sweep(
         self, firing_order: FiringOrder, band: Callable[[int], tuple[int, int]], should_stop: Callable[[], bool]

@@ -7,13 +7,13 @@ import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from drivers import LaserBoard
+from drivers import CameraSettings, LaserBoard
 from drivers.emulator import EmulatedBoard, emulated_backend
 from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import load_calibration
-from guara_perception.simulation.camera import simulated_camera
+from guara_perception.simulation.camera import NOMINAL_EXPOSURE_S, simulated_camera
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.walk import Choice, WalkPause, simulate_walk
@@ -68,7 +68,8 @@ class SimulatedRobot:
         self._seed = seed
         board = EmulatedBoard()
         camera = simulated_camera(self._rig, board, fps=fps, latency=LATENCY_S)
-        self.rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
+        settings = CameraSettings(exposure=NOMINAL_EXPOSURE_S, gain=1.0)
+        self.rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera, settings=settings)
         self.stand_at(next(self.walk(cycles=0)))
 
     def stand_at(self, pause: WalkPause) -> None:

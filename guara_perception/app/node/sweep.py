@@ -86,7 +86,9 @@ class Sweeper:
             job.recording.extend("standard" if decision.is_whole else None)
         processor = processor.extended()
         second = self._run(processor, between, job)
-        both = dataclasses.replace(second, start=first.start, problems=(*first.problems, *second.problems))
+        both = dataclasses.replace(
+            second, start=first.start, problems=tuple(dict.fromkeys((*first.problems, *second.problems)))
+        )
         return refined(coarse, processor.finish()), both, processor
 
     def _run(self, processor: ScanProcessor, firing_order: FiringOrder, job: SweepJob) -> LiveScan:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from drivers import LightCheck
 from guara_perception.app.files.scan_folder_writer import ScanFolderWriter
 from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
 from guara_perception.exceptions import MirrorSlipped, PerceptionError
@@ -41,8 +42,11 @@ def scan_uncalibrated(
     *,
     mode: str = "standard",
     progress: Callable[[int, int], None] | None = None,
-) -> None:
+) -> tuple[str, ...]:
     """Take one scan into a scan folder; every row of its frames is looked at, since no stripe's rows are known.
+
+    Before the first stripe the camera's locked settings are read back: a plate that is scanned with others than its
+    session is none. The light is checked in the first frames.
 
     Args:
         rangefinder: open devices.
@@ -52,15 +56,21 @@ def scan_uncalibrated(
         mode: "standard" or "coarse".
         progress: called with (stripes done, stripes in all).
 
+    Returns:
+        What is wrong with the light, each in one sentence; the scan is whole nevertheless.
+
     Raises:
-        PlateScanFailed: a frame was lost or out of step.
+        PlateScanFailed: a setting changed since it was locked; a frame was lost or out of step.
         MirrorSlipped: the mirror lost steps.
         drivers.DriverError: a device failed.
     """
+    changes = rangefinder.setting_changes()
+    if changes:
+        raise PlateScanFailed(f"{folder.name}: {'; '.join(changes)}")
     order = nominal_order(robot, mode)
     rangefinder.lost_steps(order)
     rows = np.asarray(rangefinder.camera.grab(FRAME_SECONDS).image).shape[0]
-    stamp, done = time.time_ns(), 0
+    stamp, done, light = time.time_ns(), 0, LightCheck()
     with ScanFolderWriter(folder) as writer:
         stripes = rangefinder.sweep(order, lambda index: (0, rows), lambda: False)
         with stripes:
@@ -70,6 +80,7 @@ def scan_uncalibrated(
                         raise PlateScanFailed(
                             f"{folder.name}: stripe {capture.index}: frame {capture.verdict.value}; scan it again"
                         )
+                    light.look(capture, (0, rows))
                     writer.add(capture.index, capture.mirror_angle, capture.on, capture.off, off_key=id(capture.off))
                     done += 1
                     if progress is not None:
@@ -78,3 +89,4 @@ def scan_uncalibrated(
         if lost:
             raise MirrorSlipped(f"{folder.name}: the mirror lost {lost} steps during the scan: is it blocked?")
         writer.finish(robot=robot.name, mode=mode, stamp=stamp, step=0, stance=stance)
+    return light.problems

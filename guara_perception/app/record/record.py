@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from guara_perception.app.devices_file import Devices, save_devices
+from guara_perception.app.devices_file import Devices, load_devices, save_devices
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.record.board_advice import BoardAdvice
 from guara_perception.app.record.operator import Operator
@@ -70,7 +70,9 @@ def record_session(
         drivers.DriverError: a device failed; run the command again to go on.
     """
     plan = writer.plan
-    if not writer.has(DEVICES_FILE):
+    if writer.has(DEVICES_FILE):
+        _as_before(rangefinder, load_devices(writer.folder / DEVICES_FILE))
+    else:
         operator.clear()
         tell("metering the exposure and measuring the camera's lag")
         save_devices(measured_devices(robot, rangefinder, devices), writer.folder / DEVICES_FILE)
@@ -86,7 +88,8 @@ def record_session(
         if not writer.has(name):
             operator.lay_plate(plate)
             tell(f"scanning the plate of {1e3 * plate:g} mm")
-            scan_uncalibrated(rangefinder, robot, plan.stance, writer.folder / name, progress=progress)
+            for problem in scan_uncalibrated(rangefinder, robot, plan.stance, writer.folder / name, progress=progress):
+                tell(f"{name}: {problem}")
     return writer.finish()
 
 
@@ -102,14 +105,23 @@ def measured_devices(robot: RobotModel, rangefinder: Rangefinder, devices: Devic
     order = nominal_order(robot)
     rangefinder.lost_steps(order)
     middle = order[len(order) // 2][1]
-    held = camera.lock(CameraSettings(**devices.settings))
+    held = rangefinder.lock(CameraSettings(**devices.settings))
     result = meter_exposure(board, camera, middle, exposure=held.exposure or FIRST_EXPOSURE_S)
     settings = {**devices.settings, **({} if result.exposure is None else {"exposure": float(result.exposure)})}
-    camera.lock(CameraSettings(**settings))
+    rangefinder.lock(CameraSettings(**settings))
     board.go_to_angle(middle)
     lag = measure_lag(board, camera)
     camera.lag = lag.lag
     return replace(devices, settings=settings, lag=float(lag.lag))
+
+
+def _as_before(rangefinder: Rangefinder, devices: Devices) -> None:
+    """Lock what a session that goes on was begun with: its pictures and plates are of one exposure."""
+    from drivers import CameraSettings
+
+    rangefinder.lock(CameraSettings(**devices.settings))
+    if devices.lag is not None:
+        rangefinder.camera.lag = devices.lag
 
 
 def _picture(rangefinder: Rangefinder) -> Image:

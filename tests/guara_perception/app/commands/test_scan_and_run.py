@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
+from drivers import HeldSettings
+from drivers.emulator import EmulatedCamera
 from guara_perception.app.commands.run import recording_size
 from guara_perception.app.main import run
 from kinematics import RobotModel
@@ -30,6 +32,21 @@ def test_scan_writes_a_scan_that_can_be_processed(
     scan = gp.open_scan(out)
     assert (scan.mode, len(scan.stripes), scan.robot) == ("coarse", 35, robot.name)
     assert len(list((tmp_path / "scan-figures").glob("*.png"))) >= 7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("more", [[], ["--no-calibration"]])
+def test_scan_says_which_setting_is_not_as_it_was_locked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, more: list[str]
+) -> None:
+    """A scan is taken and says so; one to calibrate with is not."""
+    monkeypatch.setattr(EmulatedCamera, "held", lambda self, locked: HeldSettings(automatic=("exposure",)))
+    out = tmp_path / "scan"
+    code = run(["scan", "--simulated", "--mode", "coarse", "-o", str(out), *more])
+    printed = capsys.readouterr()
+    assert "simulated camera: automatic exposure is on, it was locked at" in printed.err
+    assert (code, out.exists()) == ((1, False) if more else (0, True))
+    assert more or "automatic exposure is on" in printed.out
 
 
 @pytest.mark.slow

@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
-from drivers import DriverError, Frame
+import guara_perception as gp
+from drivers import CameraSettings, DriverError, Frame
 from drivers.emulator import CameraFault, Fault, FaultKind
+from drivers.errors import CameraEnded
 from drivers.protocol import Request
-from guara_perception.app.node.live_scan import live_scan
+from guara_perception.app.node.live_scan import LiveScan, live_scan
+from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.terrain.layers.hazard import Hazard
 from tests.guara_perception.app.node.conftest import Rig
 
@@ -139,3 +142,60 @@ def test_no_camera_fault_makes_anything_safer(rig: Rig, kind: str, first: int) -
     live_scan(rig.rangefinder, processor, rig.pattern, should_stop=lambda: False)
     assert rig.never_safer(processor.finish())
     assert scan_again_is_whole(rig)
+
+
+@pytest.fixture(scope="module")
+def simulated() -> SimulatedRobot:
+    """Its picture brightens with exposure and gain; both are locked when it is opened."""
+    return SimulatedRobot(fps=120.0)
+
+
+def short_scan(simulated: SimulatedRobot) -> LiveScan:
+    stance = next(simulated.walk(cycles=0)).stance
+    processor = gp.ScanProcessor(simulated.calibration, simulated.robot, stance, "coarse")
+    order = [(stripe.index, stripe.mirror_angle) for stripe in simulated.calibration.stripes[20:32:2]]
+    return live_scan(simulated.rangefinder, processor, order, should_stop=lambda: False)
+
+
+def test_settings_that_hold_and_good_light_are_not_reported(simulated: SimulatedRobot) -> None:
+    """Scan after scan."""
+    with simulated.rangefinder:
+        assert [short_scan(simulated).problems for _ in range(2)] == [(), ()]
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        (
+            {"gain": 12.0},
+            ("gain is 12, it was locked at 1", "% of the picture is clipped without the laser"),
+        ),
+        ({"gain": 3.0}, ("gain is 3, it was locked at 1", "of the stripe is clipped: expose less or close the iris")),
+        ({"exposure": 0.0008}, ("exposure is 0.0008 s, it was locked at", "too dark: expose longer, open the iris")),
+    ],
+)
+def test_what_another_program_changes_is_told_with_what_it_does_to_the_light(
+    simulated: SimulatedRobot, changed: dict[str, float], words: tuple[str, str]
+) -> None:
+    """The scan is taken all the same; the next one says it again."""
+    with simulated.rangefinder as rangefinder:
+        rangefinder.camera.lock(CameraSettings(**changed))
+        for _ in range(2):
+            scan = short_scan(simulated)
+            assert not scan.failed
+            for word in words:
+                assert any(word in problem for problem in scan.problems), (word, scan.problems)
+        rangefinder.lock(rangefinder.settings)
+        assert short_scan(simulated).problems == ()
+
+
+def test_a_camera_that_does_not_answer_is_told(rig: Rig) -> None:
+    """Reading back fails: what the camera says stands in the problems."""
+    rig.rangefinder.lock(CameraSettings(gain=1.0))
+
+    def gone(locked: CameraSettings) -> None:
+        raise CameraEnded("camera 0 does not answer")
+
+    rig.camera.held = gone  # type: ignore[method-assign, assignment]
+    scan = live_scan(rig.rangefinder, rig.processor(), rig.pattern, should_stop=lambda: False)
+    assert "camera 0 does not answer" in scan.problems

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
+from drivers import CameraSettings
 from drivers.emulator import Fault, FaultKind
 from drivers.protocol import Request
 from guara_perception.app.files.open_scan import open_scans
@@ -67,6 +68,23 @@ def test_a_pause_that_ends_early_stops_the_scan(bench: Bench) -> None:
     assert "the pause ended before the scan" in cut.metadata["health"]["reasons"]
     bench.gait.say(1, PausePhase.BEGIN)
     np.testing.assert_array_equal(bench.client.wait_for_step(1, timeout=TIMEOUT).hazard, bench.rig.reference.hazard)
+
+
+def test_automatic_exposure_that_is_on_again_shows_in_health_and_status(bench: Bench) -> None:
+    """By name, with what to do; the scan that follows the cure is good again."""
+    bench.rig.rangefinder.lock(CameraSettings(exposure=0.004))
+    bench.rig.camera.automatic.add("exposure")
+    bench.gait.say(0, PausePhase.BEGIN)
+    health = bench.client.wait_for_step(0, timeout=TIMEOUT).metadata["health"]
+    bench.gait.say(0, PausePhase.END)
+    (reason,) = health["reasons"]
+    assert health["level"] == "degraded"
+    assert "automatic exposure is on, it was locked at 0.004 s: see that no other program" in reason
+    scanner = next(item for item in bench.status.items() if item.name == "scanner")
+    assert scanner.level is Health.WARN and scanner.message == reason
+    bench.rig.camera.automatic.clear()
+    bench.gait.say(1, PausePhase.BEGIN)
+    assert bench.client.wait_for_step(1, timeout=TIMEOUT).metadata["health"]["level"] == "ok"
 
 
 def test_a_scan_during_which_the_camera_moved_is_not_published(bench: Bench) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
+from drivers import CameraSettings
 from drivers.emulator.camera import CameraFault
 from guara_perception.app.devices_file import Devices, load_devices
 from guara_perception.app.record.plate_scan import PlateScanFailed, nominal_order, scan_uncalibrated
@@ -83,6 +84,37 @@ def test_an_interrupted_recording_goes_on(unfinished: Path, guara):
     assert guara("record", unfinished, "--simulated").code == 0
     assert (unfinished / "session.json").is_file() and (unfinished / "plate_40" / "scan.json").is_file()
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
+
+
+def test_a_session_that_goes_on_is_locked_as_it_was_begun(unfinished: Path):
+    """The metered exposure and the lag come from its file; a plate is refused when the camera does not hold them."""
+    devices = load_devices(unfinished / "devices.toml")
+
+    class Meddling(SimulatedWorkshop):
+        def lay_plate(self, height: float) -> None:
+            super().lay_plate(height)
+            assert self.rangefinder.camera.lag == pytest.approx(devices.lag)
+            self.rangefinder.camera.lock(CameraSettings(exposure=0.5 * devices.settings["exposure"]))
+
+    workshop = Meddling()
+    plan = SessionPlan("guara", BoardSpec(9, 7, 0.03), cross_points(workshop.robot), (0.0, 0.04, 0.08), workshop.stance)
+    writer = SessionWriter(unfinished, plan)
+    with (
+        workshop.rangefinder,
+        pytest.raises(PlateScanFailed, match=r"plate_40: simulated camera: exposure is .* locked"),
+    ):
+        record_session(writer, workshop.robot, workshop.rangefinder, Devices(), workshop, tell=lambda words: None)
+    assert not (unfinished / "plate_40").exists()
+
+
+def test_a_plate_in_light_that_clips_is_told(tmp_path: Path):
+    """The scan is whole; the words say what to do."""
+    workshop = SimulatedWorkshop()
+    workshop.lay_plate(0.04)
+    with workshop.rangefinder as rangefinder:
+        rangefinder.lock(CameraSettings(gain=12.0))
+        told = scan_uncalibrated(rangefinder, workshop.robot, workshop.stance, tmp_path / "plate_40", mode="coarse")
+    assert any("of the picture is clipped without the laser" in problem for problem in told)
 
 
 def test_crosses_that_are_not_there_are_asked_for_again(unfinished: Path):

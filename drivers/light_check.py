@@ -1,0 +1,87 @@
+"""Looks for clipped and too dark light in the first frames that a scan takes anyway."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from drivers.arrays import Image
+from drivers.capture import StripeCapture
+from drivers.metering import levels_of
+
+# Rows and columns from one looked at pixel of the background to the next.
+INTERVAL = 8
+# From this share of the scale on a pixel counts as clipped.
+CLIPPED = 0.996
+# Lamps and their reflections clip less than this share of a picture that is else well exposed.
+CLIPPED_PICTURE = 0.05
+# Of the columns that show the stripe. Bright floors clip three quarters of them and are still measured well.
+CLIPPED_STRIPE = 0.85
+# Of the full scale; a stripe below it is hardly brighter than the noise of cheap cameras. Metering aims at 0.7.
+DARK_STRIPE = 0.1
+# Stripes looked at until one shows the laser; holes and black ground show none.
+MOST_LOOKS = 4
+WHAT_TO_DO = "(`guara record` meters it; it stands as exposure in devices.toml)"
+
+
+class LightCheck:
+    """Judges the light of one scan by its first stripes; later ones cost nothing.
+
+    Attributes:
+        problems: what is wrong with the light, each in one sentence with what to do.
+    """
+
+    def __init__(self) -> None:
+        """Start with nothing seen."""
+        self.problems: tuple[str, ...] = ()
+        self._looks = 0
+        self._has_background = False
+
+    def look(self, capture: StripeCapture, rows: tuple[int, int]) -> None:
+        """Look at a stripe, unless enough was seen.
+
+        Args:
+            capture: of the scan, in order.
+            rows: (first, end) between which the stripe can lie; (0, 0) when it cannot be in view.
+        """
+        if self._looks >= MOST_LOOKS or capture.on is None:
+            return
+        if not self._has_background:
+            self._has_background = True
+            self._add(_background_problem(capture.on if capture.off is None else capture.off))
+        first, end = rows
+        if end <= first or capture.off is None or capture.off.shape != capture.on.shape:
+            return
+        self._looks += 1
+        levels = levels_of(capture.on[first:end], capture.off[first:end])
+        if math.isnan(levels.ridge):
+            return
+        self._looks = MOST_LOOKS
+        if levels.clipped > CLIPPED_STRIPE:
+            self._add(
+                f"light: {100 * levels.clipped:.0f} % of the stripe is clipped: expose less or close the iris "
+                f"{WHAT_TO_DO}"
+            )
+        elif levels.ridge < DARK_STRIPE:
+            self._add(
+                f"light: the stripe is at {100 * levels.ridge:.0f} % of the full scale, too dark: expose longer, open "
+                f"the iris or raise the gain {WHAT_TO_DO}"
+            )
+
+    def _add(self, problem: str) -> None:
+        if problem:
+            self.problems = (*self.problems, problem)
+
+
+def _background_problem(picture: Image) -> str:
+    thin = picture[::INTERVAL, ::INTERVAL]
+    limit = CLIPPED * np.iinfo(thin.dtype).max
+    clipped = thin >= limit
+    share = float(np.mean(clipped.any(axis=2) if clipped.ndim == 3 else clipped))
+    if share <= CLIPPED_PICTURE:
+        return ""
+    return (
+        f"light: {100 * share:.0f} % of the picture is clipped without the laser, where no stripe can be seen: shade "
+        f"the scene or expose less {WHAT_TO_DO}"
+    )
