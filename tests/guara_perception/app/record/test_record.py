@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
+import types
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +14,19 @@ import pytest
 
 import guara_perception as gp
 from drivers import CameraSettings
+from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
 from drivers.emulator.camera import CameraFault
-from guara_perception.app.devices_file import Devices, load_devices
+from guara_perception.app.devices_file import Devices, load_devices, save_devices
 from guara_perception.app.record.plate_scan import PlateScanFailed, nominal_order, scan_uncalibrated
 from guara_perception.app.record.record import RecordingFailed, record_session
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, SessionPlan, SessionWriter
 from guara_perception.app.record.simulated import SimulatedWorkshop
 from guara_perception.app.targets.drawings import cross_points
 from guara_perception.calibration.board import BoardSpec
+from guara_perception.simulation.camera import renderer
+from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.world import World
+from kinematics import Stance, load_robot
 
 pytestmark = pytest.mark.slow
 
@@ -76,6 +84,52 @@ def test_the_way_from_the_box_to_the_first_grid(recorded: Path, guara, tmp_path:
     terrain = gp.load_terrain(tmp_path / "first.npz")
     assert (terrain.hazard & 0xFF == 0).mean() > 0.6
     assert terrain.metadata["calibration_hash"] == gp.load_calibration(calibration).hash
+
+
+@pytest.fixture
+def devices_of_the_session(recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The session's devices.toml where the board is on the bus and the camera is a class of one's own, as real ones."""
+    truth, robot = SimulatedWorkshop().truth, load_robot("guara")
+    view = SimulatedRangefinder(World(), truth, robot, seed=3)
+    standing = Stance(robot.posture(robot.config.scan_posture), robot.legs, None)
+    view.set_pose(robot.stance_pose(standing).transform_base_to_footprint, standing.joint_positions)
+    board = EmulatedBoard()
+
+    class RigCamera(EmulatedCamera):
+        def __init__(self) -> None:
+            super().__init__(board, renderer(view), fps=60.0, exposure=0.002, latency=0.001, name="rig camera")
+
+    module = types.ModuleType("emulated_rig")
+    module.RigCamera = RigCamera  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "emulated_rig", module)
+    monkeypatch.setattr("drivers.usb_link.default_backend", lambda: emulated_backend(board))
+    kept = replace(load_devices(recorded / "devices.toml"), source="emulated_rig:RigCamera")
+    save_devices(kept, tmp_path / "devices.toml")
+    return tmp_path / "devices.toml"
+
+
+def test_doctor_checks_camera_and_board_of_the_session(
+    recorded: Path, devices_of_the_session: Path, guara, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    """Board and camera answer, the metered exposure is held; the scan that follows is locked, and good."""
+    calibration, devices = recorded / "calibration.json", devices_of_the_session
+    words = ["doctor", "-c", calibration, "--devices", devices, "--json"]
+    words += ["--only", "board", "--only", "camera", "--only", "calibration"]
+    said = guara(*words)
+    found = {line["name"]: line for line in map(json.loads, said.out.splitlines())}
+    assert said.code == 0 and {line["level"] for line in found.values()} == {"ok"}
+    assert "firmware" in found["board"]["message"]
+    exposure = load_devices(devices).settings["exposure"]
+    assert f"gives 640x512 px; exposure {exposure:g} held" in found["camera"]["message"]
+
+    scan = guara("scan", tmp_path / "first", "-c", calibration, "--devices", devices, "--mode", "coarse")
+    assert scan.code == 0, scan.err
+    assert "locked" not in scan.err and "light" not in scan.err
+
+    monkeypatch.setattr("drivers.usb_link.default_backend", lambda: emulated_backend())
+    said = guara(*words)
+    found = {line["name"]: line for line in map(json.loads, said.out.splitlines())}
+    assert said.code == 1 and found["board"]["level"] == "FAIL" and found["camera"]["level"] == "ok"
 
 
 def test_an_interrupted_recording_goes_on(unfinished: Path, guara):
