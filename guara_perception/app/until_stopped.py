@@ -2,24 +2,53 @@
 
 from __future__ import annotations
 
+import queue
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+# Seconds after which a signal is seen at the latest that the system gave to another thread.
+LOOK_PERIOD = 0.5
+
+
+class StopEvent(threading.Event):
+    """An event whose endless wait wakes now and then.
+
+    The system may give a signal to any thread, and only the main thread runs Python's handlers: asleep it would not.
+    """
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait as `threading.Event` does."""
+        if timeout is not None:
+            return super().wait(timeout)
+        while not super().wait(LOOK_PERIOD):
+            pass
+        return True
+
 
 @contextmanager
 def stop_event() -> Iterator[threading.Event]:
     """An event that SIGINT and SIGTERM set while the block runs; the handlers before are restored after it."""
-    stop = threading.Event()
+    stop = StopEvent()
+    # A handler runs in the main thread, which may hold the event's lock just then: it may put into this, not set that.
+    heard: queue.SimpleQueue[bool] = queue.SimpleQueue()
 
     def handle(number: int, frame: FrameType | None) -> None:
-        stop.set()
+        heard.put(True)
 
+    def pass_on() -> None:
+        while heard.get():
+            stop.set()
+
+    listener = threading.Thread(target=pass_on, name="guara-stop", daemon=True)
+    listener.start()
     before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield stop
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        heard.put(False)
+        listener.join()

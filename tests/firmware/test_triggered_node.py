@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -31,7 +32,17 @@ PATIENCE = 240.0
 @contextmanager
 def node(folder: Path, endpoint: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """`guara run` over chip and camera, in a process of its own; says when it listens."""
-    program = [sys.executable, "-m", "benchmarks.triggered_node", str(folder), "--listen", endpoint, *arguments]
+    program = [
+        sys.executable,
+        "-X",
+        "faulthandler",
+        "-m",
+        "benchmarks.triggered_node",
+        str(folder),
+        "--listen",
+        endpoint,
+        *arguments,
+    ]
     process = subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
@@ -41,6 +52,15 @@ def node(folder: Path, endpoint: str, *arguments: str) -> Iterator[subprocess.Po
     finally:
         process.kill()
         process.communicate(timeout=PATIENCE)
+
+
+def end_of(process: subprocess.Popen[str]) -> tuple[str, str]:
+    """What it said until it ended; where its threads stand, if it does not end."""
+    try:
+        return process.communicate(timeout=PATIENCE)
+    except subprocess.TimeoutExpired:
+        process.send_signal(signal.SIGABRT)
+        return process.communicate(timeout=PATIENCE)
 
 
 @pytest.mark.parametrize("wired", [True, False])
@@ -64,6 +84,10 @@ def test_a_whole_scan_is_triggered_proved_and_published(
             scan = json.loads(process.stdout.readline())
             gait.hold(pause)
             gait.end(pause)
+        process.send_signal(signal.SIGINT)
+        said, complaint = end_of(process)
+    assert process.returncode == 0, complaint
+    assert said.splitlines()[-1] == "stopped, laser off"
     assert (scan["stripes"], scan["proved"], scan["repeated"]) == (70, 70, 0)
     assert scan["mono"] and scan["counted"] == wired
     assert scan["seconds"] <= 0.7

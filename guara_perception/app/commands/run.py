@@ -79,6 +79,7 @@ def command(
       guara run -c calibration.json --record walk.mcap
       guara run --simulated
     """
+    from guara_perception.app.bounded_close import closed_within
     from guara_perception.app.node.devices import choose_rig
     from guara_perception.app.node.node import PerceptionNode
     from guara_perception.app.node.node_status import NodeStatus, certificates_item
@@ -109,7 +110,7 @@ def command(
             on_the_move=True,
         )
         instance = name or rig.robot.name
-        stack.enter_context(rig.rangefinder)
+        stack.enter_context(closed_within(rig.rangefinder))
         session = stack.enter_context(
             open_only_node(
                 robot=instance,

@@ -1,0 +1,55 @@
+"""Closes devices within a time, whatever they do: a driver that hangs ends with the process."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from typing import Any
+
+import click
+
+# [s] A camera that is gone takes some seconds to be given up; the recording is closed before.
+CLOSE_TIMEOUT_S = 30.0
+EXIT_FAILED = 1
+
+
+@contextmanager
+def closed_within(devices: AbstractContextManager[Any], seconds: float | None = None) -> Iterator[None]:
+    """Open `devices`, and close them at the end of the block; when that takes longer, end the process with code 1.
+
+    What nobody waits for may still be written: enter this before whatever must be closed in an orderly way.
+
+    Args:
+        devices: board and camera.
+        seconds: for closing them [s]; None for CLOSE_TIMEOUT_S.
+    """
+    seconds = CLOSE_TIMEOUT_S if seconds is None else seconds
+    with ExitStack() as stack:
+        alarm = threading.Timer(seconds, _end, [seconds])
+        alarm.daemon = True
+        stack.callback(faulthandler.cancel_dump_traceback_later)
+        stack.callback(alarm.cancel)
+        stack.enter_context(devices)
+        stack.callback(_arm, alarm, seconds)
+        yield
+
+
+def _arm(alarm: threading.Timer, seconds: float) -> None:
+    alarm.start()
+    # A driver may hang while it holds Python's lock: then no thread of Python's runs any more, only this.
+    faulthandler.dump_traceback_later(2.0 * seconds, exit=True, file=sys.__stderr__ or 2)
+
+
+def _end(seconds: float) -> None:
+    try:
+        click.echo(
+            f"guara: camera or laser board did not close within {seconds:g} s, ended without them; the board's "
+            "watchdog puts the laser out: see that it is dark, then plug both in anew",
+            err=True,
+        )
+    finally:
+        os._exit(EXIT_FAILED)

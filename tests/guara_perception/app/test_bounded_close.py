@@ -1,0 +1,103 @@
+"""Devices that hang when they are closed do not hold the end of a command up."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from typing import Any, Self
+
+import pytest
+
+from guara_perception.app.bounded_close import closed_within
+
+# Seconds for anything that must happen at all, on a machine busy with other things.
+PATIENCE = 60.0
+PROGRAM = """
+import ctypes, threading
+from guara_perception.app.bounded_close import closed_within
+
+class Device:
+    def __enter__(self): return self
+    def __exit__(self, *failure): {hang}
+
+with closed_within(Device(), 0.5):
+    print("used", flush=True)
+print("closed")
+"""
+
+
+def run(hang: str) -> subprocess.CompletedProcess[str]:
+    """A program whose device does `hang` when it is closed."""
+    program = PROGRAM.format(hang=hang)
+    return subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
+
+
+def test_a_device_that_hangs_is_left_behind_in_words() -> None:
+    result = run("threading.Event().wait()")
+    assert (result.returncode, result.stdout) == (1, "used\n")
+    assert result.stderr.startswith("guara: camera or laser board did not close within 0.5 s, ended without them")
+    assert "Traceback" not in result.stderr
+
+
+def test_a_driver_that_keeps_pythons_lock_is_left_behind_too() -> None:
+    """No thread of Python's runs any more; where it hung is told."""
+    result = run("ctypes.PyDLL(None).pause()")
+    assert (result.returncode, result.stdout) == (1, "used\n")
+    assert "__exit__" in result.stderr
+
+
+class Slow:
+    """Is used for longer than it may take to close."""
+
+    closed = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *failure: Any) -> None:
+        self.closed = True
+
+
+def test_only_closing_is_bounded_and_a_device_that_closes_ends_nothing() -> None:
+    device = Slow()
+    with pytest.raises(KeyError), closed_within(device, 0.05):
+        time.sleep(0.3)
+        raise KeyError
+    assert device.closed
+    time.sleep(0.3)
+
+
+NODE = """
+import sys, threading
+from guara_perception.app import bounded_close, main
+from guara_perception.app.node.rangefinder import Rangefinder
+
+closed = Rangefinder.__exit__
+
+def hang(rangefinder, *failure):
+    closed(rangefinder, *failure)
+    threading.Event().wait()
+
+bounded_close.CLOSE_TIMEOUT_S, Rangefinder.__exit__ = 0.5, hang
+sys.exit(main.run(["run", "--simulated", "--listen", sys.argv[1]]))
+"""
+
+
+@pytest.mark.slow
+def test_a_running_node_ends_although_its_devices_hang(free_endpoint: str) -> None:
+    """It did not end; that the laser is off it does not say then."""
+    node = subprocess.Popen(
+        [sys.executable, "-c", NODE, free_endpoint], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert node.stdout is not None and "listening on" in node.stdout.readline()
+        node.send_signal(signal.SIGINT)
+        printed, complaint = node.communicate(timeout=PATIENCE)
+    finally:
+        node.kill()
+    assert node.returncode == 1 and "did not close within 0.5 s" in complaint
+    assert "laser off" not in printed
