@@ -30,6 +30,7 @@ from guara_perception.calibration.records import (
 from guara_perception.calibration.result import CalibrationResult
 from guara_perception.calibration.session import CalibrationSession
 from guara_perception.calibration.stages import calibrate_boards, check_size, find_boards, find_lines
+from guara_perception.calibration.stance_checks import stance_checks
 from guara_perception.calibration.surface_map import surface_map
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.progress import Progress
@@ -118,6 +119,7 @@ def calibrate_session(
     to_base = np.asarray(np.linalg.inv(to_footprint))
     camera_to_base = np.asarray(to_base @ fit.transform_camera_to_footprint)
     checks += mount_checks(camera_to_base, robot.transform_camera_to_base, floor.mount)
+    checks += stance_checks(robot, session.stance)
     checks += laser_checks(laser, near, far, len(missing), len(wanted))
     verdict, reasons = verdict_of(checks, warnings(session, views, intrinsics, lost, missing))
     if laser.leave_one_out and any(check.name == LEFT_OUT and check.verdict != GOOD for check in checks):

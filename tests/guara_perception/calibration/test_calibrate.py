@@ -285,3 +285,21 @@ def test_an_upright_mount_is_compared_with_its_own_nominal(robot: RobotModel) ->
         place, turn = mount_checks(fitted, robot.transform_camera_to_base, mount)
         assert place.value == 0.0 and turn.value < 1e-4 and place.verdict == turn.verdict == "good"
     assert mount_checks(upright, robot.transform_camera_to_base, "eq5")[1].verdict == "refused"
+
+
+@pytest.mark.slow
+def test_a_floor_that_is_not_level_is_not_good(
+    session: CalibrationSession, result: CalibrationResult, robot: RobotModel
+) -> None:
+    """Gravity is one degree off the soles: too little for the comparison with the URDF, which allows two."""
+    angle = np.deg2rad(1.0)
+    stance = dataclasses.replace(session.stance, gravity_in_base=(float(np.sin(angle)), 0.0, -float(np.cos(angle))))
+    found = calibrate_session(dataclasses.replace(session, stance=stance), robot)
+    told = [reason for reason in found.reasons if reason.startswith("mount by joints and gravity")]
+    assert told == [
+        "mount by joints and gravity is 1 degrees, above 0.5: level the floor; check that all soles lie flat on it, "
+        "the zeros of the joints, and how the IMU is mounted"
+    ]
+    assert found.verdict == "usable"
+    assert not any("joints and gravity" in reason or reason.startswith("mount turned") for reason in result.reasons)
+    assert not any(reason.startswith("mount turned") for reason in found.reasons)
