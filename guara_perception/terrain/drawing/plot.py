@@ -41,6 +41,8 @@ COLOUR_BARS = {
     "looks": ("scans that saw the cell", 1.0),
 }
 SHOWN_FLAGS = 4
+# Where the key of the greys stands below the axes, under the labels, as a share of their height.
+KEY_Y = -0.16
 HTML_SIZE_INCH = (4.2, 3.0)
 
 
@@ -67,8 +69,10 @@ def plot(
     Raises:
         InvalidInput: no such layer, or a foothold without a place.
     """
-    if layer not in LAYER_NAMES:
-        raise InvalidInput(f"layer is {layer!r}, allowed: {', '.join(LAYER_NAMES)}")
+    if not isinstance(layer, str) or layer not in LAYER_NAMES:
+        given = repr(layer) if isinstance(layer, str) else f"a {type(layer).__name__}"
+        hint = "" if isinstance(layer, str) else "; cells of your own are drawn on the axes that plot gives"
+        raise InvalidInput(f"layer is {given}, allowed: {', '.join(LAYER_NAMES)}{hint}")
     marks = [_place_of(foothold) for foothold in footholds]
     with styled():
         if axes is None:
@@ -83,8 +87,11 @@ def plot(
             x, y = np.transpose(marks)
             axes.scatter(y, x, s=50, facecolor="white", edgecolor="black", zorder=3)
         title = f"{layer.replace('_', ' ')}, {terrain.extent}, step {terrain.step}"
-        legend = "" if layer == "hazard" else "\npale grey: unknown" + (", veiled: not traversable" if hazards else "")
-        axes.set_title(title + legend)
+        axes.set_title(title)
+        if layer != "hazard":
+            key = "pale grey: unknown" + (", veiled: not traversable" if hazards else "")
+            # Below the axes, where a title of one's own leaves it.
+            axes.text(0.5, KEY_Y, key, transform=axes.transAxes, ha="center", va="top", fontsize="small")
     return axes
 
 
@@ -145,4 +152,5 @@ def _place_of(foothold: Any) -> tuple[float, float]:
         x, y = (foothold.x, foothold.y) if hasattr(foothold, "x") else foothold
         return float(x), float(y)
     except (TypeError, ValueError):
-        raise InvalidInput(f"a foothold is {foothold!r}, it must have x and y, or be a pair (x, y) [m]") from None
+        hint = "; best_foothold found none: leave it out, check_foothold(x, y) says why" if foothold is None else ""
+        raise InvalidInput(f"a foothold is {foothold!r}, it must have x and y, or be a pair (x, y) [m]{hint}") from None

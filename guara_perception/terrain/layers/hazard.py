@@ -10,7 +10,14 @@ from guara_perception.arrays import Flags
 
 
 class Hazard(IntFlag):
-    """Flags of one cell. The lower byte says why a cell is unknown, the upper why a known cell is bad."""
+    """Flags of one cell. The lower byte says why a cell is unknown, the upper why a known cell is bad.
+
+    Unknown: DROPOUT, the laser should have returned here and did not; OCCLUDED, hidden by something nearer; UNSCANNED,
+    not looked at; OUT_OF_RANGE, below or above the heights that count as terrain; AMBIGUOUS, a return that may not be
+    trusted; SELF, hidden by the robot itself.
+    Known but bad: STEEP, STEP, DROP and ROUGH ground; EDGE, a sole centred here would reach something unknown, bad
+    or off the grid; UNCERTAIN, height known too poorly; CONFLICT, looks disagree; STALE, seen too long ago.
+    """
 
     NONE = 0
     DROPOUT = 1

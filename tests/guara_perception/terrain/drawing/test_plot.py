@@ -62,8 +62,8 @@ def test_every_layer_can_be_plotted(terrain, layer):
     drawn = terrain.plot(layer, axes=axes[0, 0])
     assert drawn is axes[0, 0]
     assert drawn.get_xlim() == pytest.approx((0.27, -0.27)) and drawn.get_ylim() == pytest.approx((0.50, 0.95))
-    assert drawn.get_title().splitlines()[0] == f"{layer.replace('_', ' ')}, footprint, step 7"
-    assert ("pale grey: unknown" in drawn.get_title()) == (layer != "hazard")
+    assert drawn.get_title() == f"{layer.replace('_', ' ')}, footprint, step 7"
+    assert [text.get_text()[:18] for text in drawn.texts] == ([] if layer == "hazard" else ["pale grey: unknown"])
     figure.canvas.draw()
 
 
@@ -109,3 +109,11 @@ def test_wrong_layer_and_foothold_are_refused(terrain):
 def test_completion_offers_the_layers(terrain):
     """`dir` names layers and questions."""
     assert {"elevation", "hazard", "plot", "best_foothold"} <= set(dir(terrain))
+
+
+def test_what_cannot_be_drawn_is_refused_in_words(terrain):
+    """An array in place of a layer's name, and the None of `best_foothold`."""
+    with pytest.raises(gp.InvalidInput, match=r"layer is a ndarray, allowed: elevation.*on the axes that plot gives"):
+        terrain.plot(terrain.hazard == 0)
+    with pytest.raises(gp.InvalidInput, match="a foothold is None.*best_foothold found none: leave it out"):
+        terrain.plot(footholds=[None])
