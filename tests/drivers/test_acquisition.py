@@ -26,6 +26,7 @@ def options(off: OffFrames, **more: object) -> AcquireOptions:
     return AcquireOptions(off=off, frame_timeout=20.0, **more)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off", ALL_MODES)
 def test_a_scan_brings_every_stripe_in_step(
     board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, scene, pattern: list, off: OffFrames
@@ -65,6 +66,7 @@ def test_shared_off_frame_is_one_array(board: LaserBoard, camera: EmulatedCamera
     assert not taken[0].on.flags.writeable
 
 
+@pytest.mark.slow
 def test_even_stripes_first_stay_in_step(board: LaserBoard, camera: EmulatedCamera, pattern: list) -> None:
     """The even stripes, then those between: all in step, in the order asked for."""
     order = sorted(pattern, key=lambda stripe: stripe[0] % 2)
@@ -74,6 +76,7 @@ def test_even_stripes_first_stay_in_step(board: LaserBoard, camera: EmulatedCame
     assert taken == [index for index, _ in order]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off", ALL_MODES)
 @pytest.mark.parametrize("last", [0, 1, 34, 35, 69])
 def test_a_pause_that_ends_leaves_a_partial_scan(
@@ -220,6 +223,7 @@ def test_a_camera_of_unknown_lag_is_in_step_too(board: LaserBoard, camera: Emula
     assert report.in_step and report.frames_skipped >= 2 * 20
 
 
+@pytest.mark.slow
 def test_a_lag_set_too_short_is_found_out(emulated: EmulatedBoard, board: LaserBoard, scene, pattern: list) -> None:
     """With a camera that is slower than it says, frames belong to earlier commands, and the proof says so."""
     with EmulatedCamera(emulated, scene, fps=100.0, exposure=0.002, latency=0.015) as camera:
@@ -267,6 +271,7 @@ def test_a_scan_finds_home_and_clears_faults_by_itself(
         assert stripes.report.in_step
 
 
+@pytest.mark.slow
 def test_a_watchdog_that_bit_in_mid_scan_is_reported(emulated: EmulatedBoard, scene, pattern: list) -> None:
     """A host that fell asleep for 0.5 s: the scan goes on, and says that the laser was out meanwhile."""
     short = EmulatedBoard()

@@ -73,6 +73,7 @@ def next_scan_is_whole(board: LaserBoard, camera: EmulatedCamera, emulated: Emul
     assert failure is None and len(taken) == len(PATTERN) and report.in_step and not report.problems
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", PHASES)
 @pytest.mark.parametrize("kind", TRANSFER_FAULTS)
 def test_single_transfer_faults(

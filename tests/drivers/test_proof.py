@@ -164,6 +164,7 @@ def band_of(row: int) -> tuple[int, int]:
     return max(row - 25, 0), min(row + 25, HEIGHT)
 
 
+@pytest.mark.slow
 @given(st.lists(st.integers(30, 170), min_size=2, max_size=8), st.integers(0, 10_000))
 @settings(max_examples=25, derandomize=True)
 def test_a_look_at_the_band_tells_what_the_whole_frame_tells(rows: list[int], seed: int) -> None:

@@ -145,6 +145,7 @@ def skewed(request: pytest.FixtureRequest) -> Iterator[tuple[LaserBoard, Emulate
         yield board, emulated, clock
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asleep", [0.0, 0.35])
 def test_end_of_a_motion_is_known_however_late_one_asks(
     skewed: tuple[LaserBoard, EmulatedBoard, Skewed], asleep: float

@@ -94,6 +94,7 @@ def rig() -> Iterator[Rig]:
         yield made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settle", [0.0, 0.003, 0.012, 0.03])
 @pytest.mark.parametrize(
     ("fps", "exposure", "latency"), [(60.0, 0.008, 0.005), (60.0, 0.016, 0.0005), (200.0, 0.002, 0.004)]
@@ -106,6 +107,7 @@ def test_no_frame_is_used_that_saw_the_mirror_move(settle: float, fps: float, ex
         assert len(taken) == len(PATTERN) and rig.report.in_step and not rig.report.problems
 
 
+@pytest.mark.slow
 def test_one_frame_a_stripe_is_enough_where_the_mirror_is_quick() -> None:
     """The bound on the end of the motion is so near to it that no frame is wasted."""
     with rig_of(EmulatorConfig(), 30.0, 0.008, 0.008) as rig:
@@ -197,6 +199,7 @@ def while_the_mirror_turns(rig: Rig, stripe: int, what: Callable[[Rig], None]) -
     rig.board.go_to_step = go_to_step  # type: ignore[method-assign]
 
 
+@pytest.mark.slow
 def test_laser_that_the_board_puts_out_in_mid_scan_is_lit_again() -> None:
     """The report of the motion tells: the frame that was taken meanwhile is not used, and the scan's report says so."""
     with rig_of(patient_config(settle=0.01), 200.0, 0.002, 0.001) as rig:
@@ -217,6 +220,7 @@ def test_laser_that_the_board_will_not_light_again_ends_the_scan() -> None:
         rig.board.ensure_ready()
 
 
+@pytest.mark.slow
 def test_laser_rests_before_its_limit() -> None:
     """Half of the board's limit at most in one go: it never has to put the laser out itself."""
     config = patient_config()

@@ -239,6 +239,7 @@ def test_orientation_order_and_pattern_are_told_before_the_laser_is_blamed(paper
         assert "stronger laser" not in said
 
 
+@pytest.mark.slow
 def test_raw_bayer_taken_as_grey_is_refused(paper_scan, calibration, robot) -> None:
     """Every frame that shows a stripe is refused with what to do; the scan in true grey is as good as in colour."""
     raw, _ = reasons(spoiled(paper_scan, lambda k, frame: raw_bayer(frame)), calibration, robot)

@@ -88,6 +88,7 @@ def test_every_method_takes_groups(method: str) -> None:
     same_result(several, single)
 
 
+@pytest.mark.slow
 def test_groups_of_a_coarse_scan_that_is_extended() -> None:
     """Coarse stripes in groups and the first missing ones alone after it: the standard scan of the same stripes."""
     scan, frames = recording("paper")

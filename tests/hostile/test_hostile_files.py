@@ -166,6 +166,7 @@ def test_a_calibration_of_odd_values_ends_in_words(tmp_path: Path, paper_scan: g
     assert outcomes["refused"] > 100 and outcomes["used"] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["robot.toml", "urdf/guara.urdf"])
 def test_damaged_robot_files_end_in_words(tmp_path: Path, part: str) -> None:
     """As above, of a robot's folder."""

@@ -250,6 +250,7 @@ def test_check_urdf_agrees(robot: RobotModel) -> None:
     assert done.returncode == 0 and f"root Link: {robot.config.base_frame}" in done.stdout
 
 
+@pytest.mark.slow
 def test_mujoco_compiles_the_guara(guara: RobotModel) -> None:
     """MuJoCo, which checks masses and inertias on its own, compiles the same file and finds the same mass."""
     mujoco = pytest.importorskip("mujoco", reason="the extra `sim` is not installed")

@@ -34,6 +34,7 @@ def _hears(endpoint: str, role: Path, expected: bool) -> bool:
             return False
 
 
+@pytest.mark.slow
 def test_an_added_member_gets_in_and_one_that_was_shut_out_gets_nothing(endpoint: str, folder: Path) -> None:
     """A second planner reads; the first, stolen, connects and reads nothing, also with a new certificate."""
     second = add(folder, "planner-2", "planner")
@@ -49,6 +50,7 @@ def test_an_added_member_gets_in_and_one_that_was_shut_out_gets_nothing(endpoint
             add(folder, name, "planner")
 
 
+@pytest.mark.slow
 def test_renewed_members_get_in_and_keep_their_names(endpoint: str, folder: Path) -> None:
     """New keys by the same CA, for all or for one; the node still answers to its host."""
     before = (folder / "viewer" / "viewer.pem").read_bytes()
@@ -97,6 +99,7 @@ def _make_old(folder: Path) -> None:
         path.write_text(json.dumps(configuration))
 
 
+@pytest.mark.slow
 def test_a_folder_of_an_earlier_version_works_and_says_so_until_it_is_renewed(
     endpoint: str, peer, folder: Path, caplog
 ) -> None:

@@ -295,6 +295,7 @@ def test_bytes_left_over_are_refused(payloads) -> None:
             decode(payload + b"\x00" * 8)
 
 
+@pytest.mark.slow
 def test_flipped_bytes_give_an_error_or_a_valid_message(payloads) -> None:
     """Damage anywhere ends in a MessageError or a message that passes all checks: nothing else."""
     rng = np.random.default_rng(0)

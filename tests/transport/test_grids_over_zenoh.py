@@ -60,12 +60,13 @@ def test_occupancy_and_grid_map_come_with_the_grid(start, endpoint: str, peer) -
             if "Occupancy" in name:
                 assert (message.info.height, message.info.width) == (108, 90) and not message.data.any()
             else:
-                assert message.layers[0] == "elevation" and len(message.layers) == 9
+                assert message.layers[0] == "elevation" and len(message.layers) == 10 and "hazard" in message.layers
                 slope = message.data[message.layers.index("slope")].data.reshape(108, 90)[::-1, ::-1]
                 np.testing.assert_array_equal(slope, terrain.layers["slope"])
             assert message.header.frame_id == "base_footprint"
 
 
+@pytest.mark.slow
 def test_a_slow_reader_gets_the_newest_and_counts_the_rest(endpoint: str, peer, eventually) -> None:
     """Grids that nobody asked for are superseded, never queued."""
     with transport.open_node(listen=endpoint) as session:
@@ -81,6 +82,7 @@ def test_a_slow_reader_gets_the_newest_and_counts_the_rest(endpoint: str, peer, 
             assert receiver.superseded == receiver.received - 2
 
 
+@pytest.mark.slow
 def test_callback_sees_only_newer_grids_and_survives_errors(endpoint: str, peer, eventually) -> None:
     """A callback that is slow and raises is called again with the newest, never with an older one."""
     seen: list[int] = []
@@ -100,6 +102,7 @@ def test_callback_sees_only_newer_grids_and_survives_errors(endpoint: str, peer,
     assert seen == sorted(set(seen))
 
 
+@pytest.mark.slow
 def test_a_damaged_grid_is_an_error_not_an_older_grid(endpoint: str, peer, eventually) -> None:
     """After damage the reader is told, waiting passes it over, and the next grid is fine again."""
     with transport.open_node(listen=endpoint) as session:
@@ -117,6 +120,7 @@ def test_a_damaged_grid_is_an_error_not_an_older_grid(endpoint: str, peer, event
             assert client.wait_for(lambda grid: grid.sequence == 2, timeout=30.0).step == 2
 
 
+@pytest.mark.slow
 def test_age_decides_what_may_be_used(endpoint: str, peer) -> None:
     """A grid older than max_age, or than its own validity in time or pauses, is refused in words."""
     with transport.open_node(listen=endpoint) as session:
@@ -139,6 +143,7 @@ def test_age_decides_what_may_be_used(endpoint: str, peer) -> None:
                 client.latest()
 
 
+@pytest.mark.slow
 def test_a_grid_outlives_only_its_pauses(endpoint: str, peer, eventually) -> None:
     """When the robot has made more pauses than the grid is valid for, it is stale however young."""
     with transport.open_node(listen=endpoint) as session:
@@ -167,6 +172,7 @@ def test_a_grid_outlives_only_its_pauses(endpoint: str, peer, eventually) -> Non
             assert client.latest(max_age=1e12).step == 3
 
 
+@pytest.mark.slow
 def test_without_a_node_the_scanner_is_unavailable(endpoint: str) -> None:
     """Nobody there is told from nothing new."""
     with transport.open_node(listen=endpoint), _client(endpoint) as client:
@@ -275,6 +281,7 @@ def test_a_node_killed_while_it_publishes_leaves_no_partial_grid(start, endpoint
     assert len(arrived) >= 3 and all(arrived)
 
 
+@pytest.mark.slow
 def test_query_returns_the_newest_grid_or_a_region(endpoint: str, peer) -> None:
     """A question is answered with the newest grid, cut to the region when one is given."""
     with transport.open_node(listen=endpoint) as session:
@@ -295,6 +302,7 @@ def test_query_returns_the_newest_grid_or_a_region(endpoint: str, peer) -> None:
                 client.query(region=(1.0, 0.0, 0.0, 1.0))
 
 
+@pytest.mark.slow
 def test_server_refuses_grids_of_others(endpoint: str, peer) -> None:
     """A grid under another robot's name, an occupancy of another shape, an unknown extent: all are refused."""
     with transport.open_node(listen=endpoint) as session:
@@ -308,6 +316,7 @@ def test_server_refuses_grids_of_others(endpoint: str, peer) -> None:
         assert [server.next_sequence("map") for _ in range(3)] == [1, 2, 3]
 
 
+@pytest.mark.slow
 def test_status_tells_how_the_node_does(endpoint: str, peer, eventually) -> None:
     """The status holds the transport's own figures and the items of the node, on change and again."""
     items = [transport.StatusItem(name="scanner", level=transport.Health.WARN, message="warm")]
@@ -352,6 +361,7 @@ def test_both_ends_of_a_pause_reach_the_node(start, endpoint: str, peer) -> None
         assert receiver.wait_for(lambda pause: pause.step == 5, 30.0)
 
 
+@pytest.mark.slow
 def test_an_announcement_that_is_none_is_told_and_the_next_one_heard(endpoint: str, eventually) -> None:
     """Damaged bytes, or a joint that is NaN, must not pass unnoticed: it may have been the end of a pause."""
     refused: list[str] = []
@@ -375,6 +385,7 @@ def test_an_announcement_that_is_none_is_told_and_the_next_one_heard(endpoint: s
         assert eventually(lambda: heard == [7])
 
 
+@pytest.mark.slow
 def test_who_comes_within_a_pause_hears_its_begin_and_not_its_holds(endpoint: str, peer, eventually) -> None:
     """HOLD is for those who listen now; a node that starts meanwhile needs the BEGIN, and then hears every HOLD."""
     with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint, timeout=30.0) as other:

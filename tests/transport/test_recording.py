@@ -101,6 +101,7 @@ def test_picture_files_are_kept_byte_by_byte(tmp_path: Path, peer) -> None:
         assert recording.frame(second.on).pixels.shape == (2, 2)
 
 
+@pytest.mark.slow
 def test_a_second_reader_opens_the_file(tmp_path: Path, peer) -> None:
     """The MCAP reader of rosbags, another implementation, finds topics, schemas and messages by the file alone."""
     from rosbags.highlevel import AnyReader

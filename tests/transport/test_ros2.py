@@ -43,6 +43,7 @@ def test_attachment_is_sequence_time_and_id() -> None:
     assert struct.unpack("<qqB16s", attachment) == (2, 5, 16, identity)
 
 
+@pytest.mark.slow
 def test_a_late_subscriber_gets_the_topic_as_from_a_ros_node(endpoint: str, peer) -> None:
     """A transient-local subscriber on the ROS 2 keys gets the last message of each topic with its attachment."""
     arrived: dict[str, tuple[bytes, bytes]] = {}
@@ -94,6 +95,7 @@ def test_a_late_subscriber_gets_the_topic_as_from_a_ros_node(endpoint: str, peer
     assert (sequence, length, identity) == (2, 16, publisher_id(token))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("domain", "robot", "words"),
     [

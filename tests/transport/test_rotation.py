@@ -11,6 +11,7 @@ from transport.rotation import matrix_from_quaternion, quaternion_from_matrix
 COMPONENT = st.floats(-1.0, 1.0)
 
 
+@pytest.mark.slow
 @given(st.tuples(COMPONENT, COMPONENT, COMPONENT, COMPONENT).filter(lambda q: np.linalg.norm(q) > 1e-3))
 @settings(max_examples=200, derandomize=True, deadline=None)
 def test_quaternion_and_matrix_round_trip(components: tuple[float, float, float, float]) -> None:

@@ -107,6 +107,7 @@ def test_a_scanner_that_dies_or_hangs_is_gone(start, endpoint: str, number: sign
     assert isinstance(errors[0], transport.ScannerGone), errors
 
 
+@pytest.mark.slow
 def test_after_a_timeout_the_scanner_takes_the_next_request(endpoint: str, peer) -> None:
     """The handler is told that the deadline passed, and the scanner is free when it returns."""
     told = threading.Event()
@@ -171,6 +172,7 @@ def test_a_wrong_request_is_refused_before_it_is_sent(fields: dict, words: str) 
         transport.ScanRequest(**({"id": "a", "mode": "coarse", "timeout": 1.0} | fields))
 
 
+@pytest.mark.slow
 def test_grids_of_an_earlier_node_do_not_answer_a_request(endpoint: str, peer) -> None:
     """After a restart the numbers start anew; the grid returned is the one that was asked for."""
     router = transport.open_node(listen=endpoint)
@@ -191,6 +193,7 @@ def test_grids_of_an_earlier_node_do_not_answer_a_request(endpoint: str, peer) -
     router.close()
 
 
+@pytest.mark.slow
 def test_a_node_that_lives_before_it_scans_is_asked_again(endpoint: str, peer) -> None:
     """A node that comes up: its life is known a little before its service, and the request finds it all the same."""
     with transport.open_node(listen=endpoint) as session, _client(endpoint) as client:
@@ -208,6 +211,7 @@ def test_a_node_that_lives_before_it_scans_is_asked_again(endpoint: str, peer) -
         late.join()
 
 
+@pytest.mark.slow
 def test_a_scanner_that_died_before_it_answered_is_gone(endpoint: str) -> None:
     """It was alive when it was asked and is not any more: gone, not unavailable; without a life sign: unavailable."""
     from transport.scan_client import request_scan

@@ -50,6 +50,7 @@ def test_the_node_is_known_by_its_hosts(tmp_path: Path) -> None:
     assert planner["connect"]["endpoints"] == ["tls/robot.example:7447"]
 
 
+@pytest.mark.slow
 def test_the_matrix_is_as_meant(folder: Path) -> None:
     """Connecting as each role shows exactly what it is meant to be allowed, and nothing for a stranger."""
     permissions = check_security(folder)
@@ -59,6 +60,7 @@ def test_the_matrix_is_as_meant(folder: Path) -> None:
     assert "!" not in text and len(text.splitlines()) == 1 + len(EXPECTED)
 
 
+@pytest.mark.slow
 def test_the_check_finds_a_door_left_open(tmp_path: Path) -> None:
     """With the access rules switched off the matrix shows what should not be possible, for any robot's name."""
     made = transport.init_security(tmp_path / "s", robot="rex")
@@ -109,6 +111,7 @@ def _certificate_of(authority: Credentials, folder: Path, days: int = 825) -> Pa
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flaw", ["other CA", "expired", "plain tcp", "no certificate"])
 def test_who_has_no_valid_certificate_does_not_get_in(endpoint: str, folder: Path, tmp_path: Path, flaw: str) -> None:
     """Every refused connection ends in the one message that says what to check."""

@@ -20,6 +20,7 @@ def test_unreachable_router_says_what_to_check(endpoint: str) -> None:
     assert isinstance(caught.value, ConnectionError)
 
 
+@pytest.mark.slow
 def test_taken_port_says_what_to_check(endpoint: str) -> None:
     """A second node on one port is told what may be the cause."""
     with transport.open_node(listen=endpoint):
@@ -33,6 +34,7 @@ def test_open_port_without_security_is_refused() -> None:
         transport.open_node(listen="tcp/0.0.0.0:0")
 
 
+@pytest.mark.slow
 def test_client_waits_for_a_router_that_comes_later(endpoint: str) -> None:
     """A client that starts first connects as soon as the node is there."""
     nodes: list[transport.Session] = []
@@ -49,6 +51,7 @@ def test_client_waits_for_a_router_that_comes_later(endpoint: str) -> None:
     nodes[0].close()
 
 
+@pytest.mark.slow
 def test_a_closed_session_says_so(endpoint: str) -> None:
     """Whatever is done with a closed session ends in SessionClosed, and closing twice is fine."""
     session = transport.open_node(listen=endpoint)
@@ -67,6 +70,7 @@ def test_a_closed_session_says_so(endpoint: str) -> None:
         receiver.on_newest(print)
 
 
+@pytest.mark.slow
 def test_a_key_that_zenoh_refuses_is_our_error(endpoint: str) -> None:
     """Zenoh's own error class does not get out."""
     with transport.open_node(listen=endpoint) as session:
@@ -74,6 +78,7 @@ def test_a_key_that_zenoh_refuses_is_our_error(endpoint: str) -> None:
             transport.Publisher(session, "/a/")
 
 
+@pytest.mark.slow
 def test_no_thread_is_left_after_close(endpoint: str, eventually, peer) -> None:
     """All threads that the package starts end with the session."""
     before = set(threading.enumerate())

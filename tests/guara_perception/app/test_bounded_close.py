@@ -36,6 +36,7 @@ def run(hang: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_a_device_that_hangs_is_left_behind_in_words() -> None:
     result = run("threading.Event().wait()")
     assert (result.returncode, result.stdout) == (1, "used\n")
@@ -43,6 +44,7 @@ def test_a_device_that_hangs_is_left_behind_in_words() -> None:
     assert "Traceback" not in result.stderr
 
 
+@pytest.mark.slow
 def test_a_driver_that_keeps_pythons_lock_is_left_behind_too() -> None:
     """No thread of Python's runs any more; where it hung is told."""
     result = run("ctypes.PyDLL(None).pause()")
@@ -62,6 +64,7 @@ class Slow:
         self.closed = True
 
 
+@pytest.mark.slow
 def test_only_closing_is_bounded_and_a_device_that_closes_ends_nothing() -> None:
     device = Slow()
     with pytest.raises(KeyError), closed_within(device, 0.05):

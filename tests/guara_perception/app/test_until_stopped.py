@@ -35,6 +35,7 @@ def run(program: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 @pytest.mark.parametrize("program", [GIVEN_TO_ANOTHER_THREAD, WITHIN_ITS_OWN_LOCK])
 def test_a_signal_is_heard_wherever_it_arrives(program: str, name: str) -> None:

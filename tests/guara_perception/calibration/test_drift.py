@@ -146,6 +146,7 @@ def test_recorded_scans_hold(name: str, data: Path, calibration: gp.Calibration,
     assert (drift.verdict, drift.reasons) == (HOLDS, ())
 
 
+@pytest.mark.slow
 def test_recorded_scan(paper_scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel) -> None:
     """The recorded scan holds with its calibration; with the camera turned by one degree it does not."""
     turned = calibration.transform_camera_to_base.copy()

@@ -17,6 +17,7 @@ def standing(robot: RobotModel, gravity: tuple[float, float, float] | None) -> S
     return Stance(robot.posture(robot.config.scan_posture), robot.legs, gravity)
 
 
+@pytest.mark.slow
 @given(tilt=st.floats(0.0, 40.0), heading=st.floats(-np.pi, np.pi))
 def test_the_figure_is_the_angle_between_soles_and_gravity(robot: RobotModel, tilt: float, heading: float) -> None:
     """Whichever way the floor slopes; its limits are 0.5 and 2 degrees."""

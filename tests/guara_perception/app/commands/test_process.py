@@ -55,6 +55,7 @@ def test_file_holds_every_promised_name(processed: Path, paper_scan: gp.Scan):
         assert json.loads(str(content["metadata"]))["mode"] == "coarse"
 
 
+@pytest.mark.slow
 def test_file_is_the_grid_that_python_makes(processed: Path, paper_terrain: gp.TerrainGrid):
     """The command and `gp.process_scan` give the same bytes, and `gp.load_terrain` reads them back."""
     loaded = gp.load_terrain(processed)

@@ -23,6 +23,7 @@ def get(address: str) -> bytes:
         return answer.read()
 
 
+@pytest.mark.slow
 def test_page_shows_step_words_and_picture():
     """State and picture are the last ones told; before the first picture there is none."""
     with LivePage() as page:
@@ -42,6 +43,7 @@ def test_page_shows_step_words_and_picture():
         get(page.address)
 
 
+@pytest.mark.slow
 def test_a_taken_port_is_refused():
     """In words, with the way out."""
     with LivePage() as page:

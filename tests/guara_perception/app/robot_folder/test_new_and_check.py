@@ -53,6 +53,7 @@ def test_it_loads_under_the_folder_s_name_and_is_sound(
     assert "note: robot.toml [assumed] sole: nobody has measured it" in printed
 
 
+@pytest.mark.slow
 def test_legs_are_those_written_by_hand(made: tuple[RobotModel, RobotModel]) -> None:
     """The same joints from hip to foot, left and right, front and hind as they stand."""
     robot, by_hand = made

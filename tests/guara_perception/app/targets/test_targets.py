@@ -91,6 +91,7 @@ def test_soles_on_the_mat_are_those_of_the_scan_posture(robot):
     )
 
 
+@pytest.mark.slow
 def test_ruler_is_150_mm_both_ways(printed):
     """Its first and last tick are 150 mm apart, across and along."""
     index = next(i for i, page in enumerate(printed[0]) if page.sheet.title == "Ruler")

@@ -69,6 +69,7 @@ def test_what_is_no_map_is_refused(robot: RobotModel, make_scan: MakeScan, tmp_p
         gp.TerrainMap.load(tmp_path / "grid.npz")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [

@@ -125,6 +125,7 @@ def test_an_overlap_that_contradicts_is_refused(robot: RobotModel, make_scan: Ma
         np.testing.assert_array_equal(correction(fused), 0.0)
 
 
+@pytest.mark.slow
 def test_a_saved_map_goes_on_with_its_correction(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
     """The state of the filter is part of the file."""
     terrain_map = gp.TerrainMap(robot)

@@ -72,6 +72,7 @@ def test_same_input_same_bytes(robot: RobotModel, make_scan: MakeScan) -> None:
     assert ends[0].metadata == ends[1].metadata
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_what_is_taken_back_leaves_no_trace(robot: RobotModel, make_scan: MakeScan, seed: int) -> None:
     """Scans fused after `keep` and taken back: the map goes on bit for bit as if they had never been."""

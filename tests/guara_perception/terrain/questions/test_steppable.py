@@ -127,6 +127,7 @@ def test_reach_of_a_leg_bounds_it(robot: RobotModel) -> None:
     assert terrain.steppable_region(0.8, 0.18, 0.05, leg="lf", robot=robot) is None
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.integers(0, 10_000), st.integers(0, 80))
 def test_a_grown_polygon_enters_no_square(seed: int, count: int) -> None:
