@@ -124,8 +124,9 @@ def check_camera(devices: Devices) -> Finding:
                 held = "".join(f"{name} {getattr(locked, name):g} held; " for name in devices.settings)
             frame = camera.grab(2.0)
         if triggered.triggered:
-            with triggered:
-                pass  # It has the line.
+            # It opens only where it has the line.
+            triggered.open()
+            triggered.close()
     except (DriverError, PerceptionError, ValueError) as error:
         return Finding("camera", FAIL, str(error))
     height, width = frame.image.shape[:2]

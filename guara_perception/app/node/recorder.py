@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Self
 import cv2
 
 from guara_perception.app.messages import stance_to_message
-from guara_perception.app.scene.clouds import stripe_cloud
 from guara_perception.app.scene.scene import Scene
 from guara_perception.arrays import Image
 from guara_perception.calibration.calibration import Calibration
@@ -141,10 +140,7 @@ class ScanRecorder:
         scene = self._scene
         if scene is not None:
             kept = dict(points)
-            self._add_later(
-                "the points of a scan",
-                lambda: self._writer.add_messages(scene.of_points(stripe_cloud(kept.items()), stamp)),
-            )
+            self._add_later("the points of a scan", lambda: self._writer.add_messages(scene.of_points(kept, stamp)))
 
     def write_terrains(self, terrains: Sequence[TerrainMessage]) -> None:
         """Write grids, then what is drawn of them; on the recorder's thread."""

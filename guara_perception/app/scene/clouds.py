@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,9 +36,9 @@ def cell_cloud(terrain: LayeredGrid) -> Fields:
     }
 
 
-def stripe_cloud(stripes: Iterable[tuple[int, StripePoints]]) -> Fields:
-    """Every point that the stripes of a scan gave, in base_footprint: x, y, z, sigma [m], stripe index."""
-    parts = [(index, stripe, np.isfinite(stripe.points).all(axis=1)) for index, stripe in stripes]
+def stripe_cloud(stripes: Mapping[int, StripePoints]) -> Fields:
+    """Every point that the stripes of a scan, by index, gave in base_footprint: x, y, z, sigma [m], stripe index."""
+    parts = [(index, stripe, np.isfinite(stripe.points).all(axis=1)) for index, stripe in stripes.items()]
     points = np.vstack([np.zeros((0, 3), np.float32), *(stripe.points[kept] for _, stripe, kept in parts)])
     variance = np.concatenate([np.zeros(0, np.float32), *(stripe.variance[kept] for _, stripe, kept in parts)])
     index = np.concatenate(

@@ -6,7 +6,6 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from guara_perception.app.scene.clouds import stripe_cloud
 from guara_perception.app.scene.scene import Named, Scene
 from kinematics import Stance
 from transport import TerrainMessage
@@ -43,9 +42,7 @@ class SceneMirror:
     def points(self, points: Mapping[int, StripePoints], stamp: int) -> None:
         """The points of a scan's stripes, by index."""
         kept = dict(points)
-        self._server.mirror(
-            lambda: self._named(self._scene.of_points(stripe_cloud(kept.items()), stamp)), lane="points"
-        )
+        self._server.mirror(lambda: self._named(self._scene.of_points(kept, stamp)), lane="points")
 
     def _of_grid(self, message: TerrainMessage) -> Iterator[Named]:
         return self._named(self._scene.of_grid(message, unknown=self._unknown))

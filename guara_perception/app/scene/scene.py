@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 from guara_perception.app.messages import message_to_terrain
-from guara_perception.app.scene.clouds import Fields, cell_cloud
+from guara_perception.app.scene.clouds import cell_cloud, stripe_cloud
 from guara_perception.app.scene.planned_footholds import planned_footholds
 from guara_perception.app.scene.robot_frames import RobotFrames
 from guara_perception.calibration.calibration import Calibration
@@ -26,6 +26,9 @@ from transport import (
 )
 from transport.recording import CAMERA_FRAME
 from transport.server import GRID_MAP_LAYERS
+
+if TYPE_CHECKING:
+    from guara_perception.ranging.stripe_points import StripePoints
 
 # Topic by its short name (transport.recording.topics) and message object.
 Named = tuple[str, Any]
@@ -64,9 +67,9 @@ class Scene:
             camera_info_message(camera.size, camera.matrix, camera.distortion, CAMERA_FRAME, stamp),
         )
 
-    def of_points(self, points: Fields, stamp: int) -> Iterator[Named]:
-        """The points of a scan, as of `stripe_cloud`."""
-        yield "scan/points", point_cloud_message(points, BASE_FOOTPRINT, stamp)
+    def of_points(self, points: Mapping[int, StripePoints], stamp: int) -> Iterator[Named]:
+        """The points of a scan's stripes, by index."""
+        yield "scan/points", point_cloud_message(stripe_cloud(points), BASE_FOOTPRINT, stamp)
 
     def of_grid(self, message: TerrainMessage, *, unknown: int = 100) -> Iterator[Named]:
         """What is made of a grid: occupancy and grid map; of a map also cells as points, obstacles, footholds, odom.

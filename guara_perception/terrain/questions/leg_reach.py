@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -55,9 +56,7 @@ def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotLike | None = None
         InvalidInput: the grid does not say robot, stance and transform.
         kinematics.KinematicsError: no such robot or leg.
     """
-    pose = _pose_of(terrain, robot)
-    transform = np.asarray(pose.transform_base_to_footprint)
-    return np.asarray(transform[:3, :3] @ pose.state.soles_in_base([leg])[0] + transform[:3, 3])
+    return _soles(_pose_of(terrain, robot), [leg])[0]
 
 
 def standing_soles(terrain: LayeredGrid, robot: RobotLike | None = None) -> tuple[StandingSole, ...]:
@@ -72,9 +71,15 @@ def standing_soles(terrain: LayeredGrid, robot: RobotLike | None = None) -> tupl
     rotation = np.asarray(pose.transform_base_to_footprint)[:3, :3]
     covariances = sole_covariances(pose.state, legs, noise)
     return tuple(
-        StandingSole(standing_sole(terrain, leg, robot), np.asarray(rotation @ covariance @ rotation.T))
-        for leg, covariance in zip(legs, covariances, strict=True)
+        StandingSole(centre, np.asarray(rotation @ covariance @ rotation.T))
+        for centre, covariance in zip(_soles(pose, legs), covariances, strict=True)
     )
+
+
+def _soles(pose: StancePose, legs: Sequence[str]) -> Float:
+    """Sole centres (n, 3) in base_footprint [m]."""
+    transform = np.asarray(pose.transform_base_to_footprint)
+    return np.asarray(pose.state.soles_in_base(legs) @ transform[:3, :3].T + transform[:3, 3])
 
 
 def _pose_of(terrain: LayeredGrid, robot: RobotLike | None) -> StancePose:

@@ -86,7 +86,7 @@ def test_every_message_fits_its_topic(
     named = [
         *scene.unchanging(STAMP),
         *scene.of_stance(paper_scan.stance, STAMP),
-        *scene.of_points(stripe_cloud([]), 0),
+        *scene.of_points({}, 0),
     ]
     for sequence, terrain in enumerate((paper_terrain, fused)):
         named += scene.of_grid(terrain_to_message(terrain, robot="guara", sequence=sequence))
@@ -123,7 +123,7 @@ def test_a_cloud_of_stripes_holds_every_point_with_its_sigma(
 ) -> None:
     """All columns that gave a point, none that did not."""
     points = run_scan(paper_scan, calibration, robot).points
-    cloud = stripe_cloud(points.items())
+    cloud = stripe_cloud(points)
     wanted = sum(int(np.isfinite(stripe.points).all(axis=1).sum()) for stripe in points.values())
     assert cloud["x"].size == wanted > 10_000
     assert set(np.unique(cloud["stripe"]).tolist()) <= set(points)
