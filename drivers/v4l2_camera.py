@@ -140,7 +140,7 @@ class V4l2Camera(Camera):
                 if switch and int(controls[switch].value) != off:
                     automatic.append(name)
         except OSError as error:
-            raise CameraEnded(f"{self.name} is gone ({error.strerror}): check its cable, then open it again") from None
+            raise self._ended(error) from None
         return HeldSettings(values=values, automatic=tuple(automatic))
 
     def grab(self, timeout: float) -> Frame:
@@ -152,9 +152,7 @@ class V4l2Camera(Camera):
             try:
                 taken = capture.buffer.raw_read()
             except OSError as error:
-                raise CameraEnded(
-                    f"{self.name} is gone ({error.strerror}): check its cable, then open it again"
-                ) from None
+                raise self._ended(error) from None
             if taken.buff.flags & DAMAGED:
                 continue
             self._counter = 0 if self._counter < 0 else self._counter + (taken.frame_nb - self._last) % NUMBERS
@@ -171,6 +169,9 @@ class V4l2Camera(Camera):
         if self._capture is None:
             raise CameraNotOpen(f"{self.name} is not open: use `with camera:`")
         return self._capture
+
+    def _ended(self, error: OSError) -> CameraEnded:
+        return CameraEnded(f"{self.name} is gone ({error.strerror}): check its cable, then open it again")
 
     def _set_format(self, capture: Any) -> None:
         there = [entry.pixel_format.name for entry in capture.formats()]

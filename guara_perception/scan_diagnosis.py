@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from guara_perception.arrays import Float, Index, Mask
 from guara_perception.calibration.calibration import Calibration
+from guara_perception.frame_pair import FramePair
 from guara_perception.ranging.scan_geometry import ScanGeometry
+from guara_perception.stripes.glance import brightest_rows
 
 # [m] The lines of the stripes on z = 0 are drawn this far to both sides.
 HALF_LENGTH_M = 0.6
@@ -26,52 +28,64 @@ MIXED_SHARE = 0.15
 TURNED, FLIPPED, UPRIGHT = "turned by 180 degrees", "flipped top to bottom", ""
 
 
-def glanced_columns(width: int) -> Index:
-    """The columns (GLANCED,) in which a frame is glanced at."""
-    return np.linspace(0.1 * width, 0.9 * width - 1, GLANCED).astype(np.intp)
+class Glances:
+    """Where the brightest light of some frames of a scan is, whatever their stripes should show."""
 
+    def __init__(self, order: Sequence[int], width: int) -> None:
+        """Choose frames: by an odd stride, which shows it when every second one is wrong.
 
-def glanced_stripes(order: Sequence[int]) -> frozenset[int]:
-    """Those of the stripes of a scan whose frames are glanced at: an odd stride shows it when every second is wrong."""
-    return frozenset(order[:: len(order) // GLANCED_FRAMES | 1])
+        Args:
+            order: indices of the scan's stripes.
+            width: of the frames [px].
+        """
+        self._chosen = frozenset(order[:: len(order) // GLANCED_FRAMES | 1])
+        self._columns = np.linspace(0.1 * width, 0.9 * width - 1, GLANCED).astype(np.intp)
+        self._rows: dict[int, Float] = {}
 
+    def look(self, pair: FramePair) -> None:
+        """Glance at a frame, where it is one of those chosen."""
+        if pair.index in self._chosen:
+            self._rows[pair.index] = brightest_rows(pair.on, pair.off, self._columns)
 
-def wrong_frames(glances: Mapping[int, Float], geometry: ScanGeometry, calibration: Calibration) -> str:
-    """What the frames have in common that they should not: turned, flipped, out of order, elsewhere; empty for nothing.
+    def take_over(self, other: Glances) -> None:
+        """Count what was seen in a part of this scan too."""
+        self._rows.update(other._rows)
 
-    Args:
-        glances: rows (GLANCED,) of the brightest light of each stripe's frame, by index, NaN where there was none.
-        geometry: of the scan.
-        calibration: in use.
-    """
-    indices = [index for index in sorted(glances) if np.isfinite(glances[index]).sum() >= GLANCED // 3]
-    if len(indices) < FEWEST_FRAMES:
+    def wrong_frames(self, geometry: ScanGeometry, calibration: Calibration) -> str:
+        """What the frames have in common that they should not: turned, flipped, out of order; empty for nothing.
+
+        Args:
+            geometry: of the scan.
+            calibration: in use.
+        """
+        indices = [index for index in sorted(self._rows) if np.isfinite(self._rows[index]).sum() >= GLANCED // 3]
+        if len(indices) < FEWEST_FRAMES:
+            return ""
+        seen = np.array([self._rows[index] for index in indices])
+        width, height = calibration.camera.size
+        order = list(geometry.stripes)
+        expected = _expected(geometry, calibration, self._columns)
+        mirrored = _expected(geometry, calibration, width - 1 - self._columns)
+        fits: dict[str, tuple[Sequence[int], Mask]] = {}
+        for name, rows in ((UPRIGHT, expected), (TURNED, height - 1 - mirrored), (FLIPPED, height - 1 - expected)):
+            fits[name] = _best_stripes(seen, rows, order, FIT_PX_OF_HEIGHT * height)
+        own = {name: fit & (np.array(stripe) == indices) for name, (stripe, fit) in fits.items()}
+        shares = {name: float(is_own.mean()) for name, is_own in own.items()}
+        other = max((TURNED, FLIPPED), key=lambda name: shares[name])
+        if shares[UPRIGHT] + shares[other] >= FITTING_SHARE and shares[other] >= MIXED_SHARE:
+            which = (
+                "the frames are"
+                if shares[UPRIGHT] < MIXED_SHARE
+                else f"{int(own[other].sum())} of {len(indices)} frames looked at are"
+            )
+            return f"{which} {other}: give them as the camera had them when it was calibrated"
+        if shares[UPRIGHT] >= FITTING_SHARE:
+            return ""
+        for name, (stripe, fit) in fits.items():
+            if fit.mean() >= FITTING_SHARE:
+                turned = f" and {name}" if name else ""
+                return f"{_order_words(np.array(indices)[fit], np.array(stripe)[fit])}{turned}"
         return ""
-    seen = np.array([glances[index] for index in indices])
-    width, height = calibration.camera.size
-    order = list(geometry.stripes)
-    expected = _expected(geometry, calibration, glanced_columns(width))
-    mirrored = _expected(geometry, calibration, width - 1 - glanced_columns(width))
-    fits: dict[str, tuple[Sequence[int], Mask]] = {}
-    for name, rows in ((UPRIGHT, expected), (TURNED, height - 1 - mirrored), (FLIPPED, height - 1 - expected)):
-        fits[name] = _best_stripes(seen, rows, order, FIT_PX_OF_HEIGHT * height)
-    own = {name: fit & (np.array(stripe) == indices) for name, (stripe, fit) in fits.items()}
-    shares = {name: float(is_own.mean()) for name, is_own in own.items()}
-    other = max((TURNED, FLIPPED), key=lambda name: shares[name])
-    if shares[UPRIGHT] + shares[other] >= FITTING_SHARE and shares[other] >= MIXED_SHARE:
-        which = (
-            "the frames are"
-            if shares[UPRIGHT] < MIXED_SHARE
-            else f"{int(own[other].sum())} of {len(indices)} frames looked at are"
-        )
-        return f"{which} {other}: give them as the camera had them when it was calibrated"
-    if shares[UPRIGHT] >= FITTING_SHARE:
-        return ""
-    for name, (stripe, fit) in fits.items():
-        if fit.mean() >= FITTING_SHARE:
-            turned = f" and {name}" if name else ""
-            return f"{_order_words(np.array(indices)[fit], np.array(stripe)[fit])}{turned}"
-    return ""
 
 
 def _expected(geometry: ScanGeometry, calibration: Calibration, columns: Index) -> Float:

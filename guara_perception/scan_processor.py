@@ -23,11 +23,10 @@ from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.stripe_ranger import StripeRanger
 from guara_perception.ranging.surface_raster import SurfaceRaster
 from guara_perception.robot_model import RobotLike, robot_model
-from guara_perception.scan_diagnosis import glanced_columns, glanced_stripes, wrong_frames
+from guara_perception.scan_diagnosis import Glances
 from guara_perception.scan_report import scan_report
 from guara_perception.settings import Settings
 from guara_perception.stripe_finder import StripeFinder
-from guara_perception.stripes.glance import brightest_rows
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.causes import LookPlan, unknown_causes
@@ -123,9 +122,7 @@ class ScanProcessor:
         self._ranger = StripeRanger(calibration, self._geometry, self._locator, height_limits, self._body.contains)
         self._order = list(self._geometry.stripes)
         self._profiles: dict[int, StripeProfile] = {}
-        self._glances: dict[int, Float] = {}
-        self._glanced = glanced_stripes(self._order)
-        self._glanced_columns = glanced_columns(calibration.camera.size[0])
+        self._glances = Glances(self._order, calibration.camera.size[0])
         self._surface = SurfaceRaster(self._grid.refined(self._pooling), self._pattern, self._settings.join_height)
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
 
@@ -204,8 +201,8 @@ class ScanProcessor:
         found = self._finder.find_all(pairs, {index: stripes[index].band for index in indices})
         profiles = dict(zip(indices, found, strict=True))
         for pair in pairs:
-            if pair.index in self._glanced and not profiles[pair.index].is_frame_bad:
-                self._glances[pair.index] = brightest_rows(pair.on, pair.off, self._glanced_columns)
+            if not profiles[pair.index].is_frame_bad:
+                self._glances.look(pair)
         extracted = time.perf_counter()
         points = self._ranger.points({index: each for index, each in profiles.items() if not each.is_frame_bad})
         triangulated = time.perf_counter()
@@ -265,7 +262,7 @@ class ScanProcessor:
             step=self._step,
         )
         standard._profiles.update(self._profiles)
-        standard._glances.update(self._glances)
+        standard._glances.take_over(self._glances)
         standard._surface.add(self.points)
         standard._seconds.update(self._seconds)
         return standard
@@ -304,7 +301,7 @@ class ScanProcessor:
             planned=self._order,
             layers=layers,
             seconds=seconds,
-            wrong_frames=lambda: wrong_frames(self._glances, self._geometry, self._calibration),
+            wrong_frames=lambda: self._glances.wrong_frames(self._geometry, self._calibration),
         )
         is_lost = np.array([index in self._profiles and self._profiles[index].is_frame_bad for index in self._order])
         report["lost_cells"] = []

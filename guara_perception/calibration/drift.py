@@ -119,14 +119,15 @@ def check_drift(
     rms = float(np.sqrt(np.mean(stray[on_floor] ** 2 + ends[on_floor] ** 2)))
     worst = int(np.argmax(np.where(on_floor, np.abs(stray), 0.0)))
     middle = float(lines.x[on_floor].mean())
-    reasons = _floor_reasons(plane, middle, pose_covariance, soles_in_footprint)
+    height, tilt = float(plane[0] * middle + plane[2]), float(np.arctan(np.hypot(plane[0], plane[1])))
+    reasons = _floor_reasons(plane, middle, (height, tilt), pose_covariance, soles_in_footprint)
     reasons += _stripe_reasons(lines, stray, on_floor, rms, max(MAX_STRIPE_RMS_M, rough))
     return Drift(
         DRIFTING if reasons else HOLDS,
         tuple(reasons),
         share,
-        float(plane[0] * middle + plane[2]),
-        float(np.arctan(np.hypot(plane[0], plane[1]))),
+        height,
+        tilt,
         rms,
         int(lines.index[worst]),
         float(stray[worst]),
@@ -151,22 +152,27 @@ def _plane(lines: FloorLines) -> tuple[Float, Mask]:
 
 
 def _floor_reasons(
-    plane: Float, middle: float, pose_covariance: npt.ArrayLike | None, soles: npt.ArrayLike | None
+    plane: Float,
+    middle: float,
+    height_and_tilt: tuple[float, float],
+    pose_covariance: npt.ArrayLike | None,
+    soles: npt.ArrayLike | None,
 ) -> list[str]:
     """Whether the floor is off z = 0, and off the soles' own plane where that is known."""
-    height, tilt = float(plane[0] * middle + plane[2]), float(np.arctan(np.hypot(plane[0], plane[1])))
+    height, tilt = height_and_tilt
     high, tilted = _allowed(pose_covariance, middle)
     is_high, is_tilted = abs(height) > high, tilt > tilted
     if soles is not None and len(np.asarray(soles)) >= 3:
         x, y, z = np.asarray(soles, np.float64).T
         terms = np.column_stack((x, y, np.ones(x.size)))
-        support, *_ = np.linalg.lstsq(terms, z, rcond=None)
+        support, _ = _fit(terms, z)
         if np.abs(z - terms @ support).max() > STANCE_SIGMAS * SOLE_SIGMA_M:
             return []
-        own_sigma = STANCE_SIGMAS * SOLE_SIGMA_M * np.sqrt(np.diag(np.linalg.pinv(terms.T @ terms)))
+        cofactors = np.linalg.pinv(terms.T @ terms)
+        own_sigma = STANCE_SIGMAS * SOLE_SIGMA_M * np.sqrt(np.diag(cofactors))
         off = plane - support
         is_tilted &= float(np.hypot(off[0], off[1])) > np.hypot(MAX_FLOOR_TILT, np.hypot(own_sigma[0], own_sigma[1]))
-        reach = np.array([middle, 0.0, 1.0]) @ np.linalg.pinv(terms.T @ terms) @ (middle, 0.0, 1.0)
+        reach = np.array([middle, 0.0, 1.0]) @ cofactors @ (middle, 0.0, 1.0)
         is_high &= abs(off[0] * middle + off[2]) > np.hypot(
             MAX_FLOOR_HEIGHT_M, STANCE_SIGMAS * SOLE_SIGMA_M * np.sqrt(reach)
         )
@@ -230,8 +236,8 @@ def _form(lines: FloorLines, stray: Float, on_floor: Mask) -> tuple[float, float
     x, offset, ends = lines.x[on_floor], stray[on_floor], HALF_WIDTH_M * lines.slope[on_floor]
     x = (x - x.mean()) / np.ptp(x)
     level, bowed = np.vander(x, 2), np.vander(x, 3)
-    bend = bowed @ np.linalg.lstsq(bowed, offset, rcond=None)[0] - level @ np.linalg.lstsq(level, offset, rcond=None)[0]
-    twist = level @ np.linalg.lstsq(level, ends, rcond=None)[0]
+    bend = bowed @ _fit(bowed, offset)[0] - level @ _fit(level, offset)[0]
+    twist = level @ _fit(level, ends)[0]
     rest = float(np.var(offset - offset.mean() - bend) + np.var(ends - twist))
     return float(np.hypot(np.std(bend), np.std(twist))), float(np.sqrt(rest / len(x)))
 
@@ -242,21 +248,21 @@ def _jump(lines: FloorLines, stray: Float, on_floor: Mask) -> tuple[int, float] 
     near = np.abs(stray) < HIGHEST_JUMP_M
     terms = np.column_stack((lines.x, np.ones(count)))[near]
     z, place = stray[near], np.flatnonzero(near)
-    whole = _rest(terms, z)
+    whole = max(_fit(terms, z)[1], 1e-30)
     best, found = JUMP_SHARE, None
     for after in range(JUMP_STRIPES, len(z) - JUMP_STRIPES + 1):
         step = (np.arange(len(z)) >= after).astype(float)
-        solved, *_ = np.linalg.lstsq(np.column_stack((terms, step)), z, rcond=None)
-        gone = 1.0 - float(np.square(z - np.column_stack((terms, step)) @ solved).sum()) / max(whole, 1e-30)
+        solved, rest = _fit(np.column_stack((terms, step)), z)
+        gone = 1.0 - rest / whole
         if gone > best and abs(solved[2]) > MAX_STRIPE_M:
             best, found = gone, (int(lines.index[place[after]]), float(solved[2]))
     return found
 
 
-def _rest(terms: Float, z: Float) -> float:
-    """Sum of squares (of z (n,)) that terms (n, 2) do not explain."""
+def _fit(terms: Float, z: Float) -> tuple[Float, float]:
+    """Coefficients of terms (n, k) by least squares, and the sum of squares of z (n,) that they do not explain."""
     solved, *_ = np.linalg.lstsq(terms, z, rcond=None)
-    return float(np.square(z - terms @ solved).sum())
+    return np.asarray(solved, dtype=np.float64), float(np.square(z - terms @ solved).sum())
 
 
 def _unknown(reason: str, share: float = float("nan")) -> Drift:
