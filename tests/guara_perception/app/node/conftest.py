@@ -1,7 +1,9 @@
 """A live rangefinder over a recorded scan: the real driver, an emulated board, a camera that shows the recording."""
 
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -67,12 +69,18 @@ def rig(
 
 
 @pytest.fixture
-def bench(
+def bench_with(
     rig: Rig, free_endpoint: str, robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan
-) -> "Iterator[Bench]":
-    """A running node over the rig."""
+) -> "Callable[..., AbstractContextManager[Bench]]":
+    """Makes a running node over the rig, with a recorder and what else `running` takes."""
     # Not above: that module takes the rig from here.
     from tests.guara_perception.app.node.live_bench import running
 
-    with running(rig, free_endpoint, robot, calibration, paper_scan.stance) as made:
+    return partial(running, rig, free_endpoint, robot, calibration, paper_scan.stance)
+
+
+@pytest.fixture
+def bench(bench_with: "Callable[..., AbstractContextManager[Bench]]") -> "Iterator[Bench]":
+    """A running node over the rig."""
+    with bench_with() as made:
         yield made

@@ -1,6 +1,8 @@
 """The node from end to end: real Zenoh, real driver over an emulated board, a gait and a planner as clients."""
 
 import resource
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,7 @@ from guara_perception.app.scene.scene import Scene
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import RobotModel, Stance
 from tests.guara_perception.app.node.conftest import Rig
-from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, running, wait_until
+from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, wait_until
 from transport import Health, PausePhase
 from transport.codec import read_time
 from transport.recording import open_recording
@@ -130,16 +132,15 @@ def test_a_grid_scanned_with_a_slipped_mirror_is_withdrawn(bench: Bench) -> None
 
 def test_a_recording_can_be_processed_again(
     rig: Rig,
-    free_endpoint: str,
+    bench_with: Callable[..., AbstractContextManager[Bench]],
     robot: RobotModel,
     calibration: gp.Calibration,
-    paper_scan: gp.Scan,
     tmp_path: Path,
 ) -> None:
     """What the node recorded gives the grids that it published."""
     path = tmp_path / "walk.mcap"
     recorder = ScanRecorder(path, robot="guara", calibration=calibration, scene=Scene(robot, calibration))
-    with recorder, running(rig, free_endpoint, robot, calibration, paper_scan.stance, recorder) as bench:
+    with recorder, bench_with(recorder) as bench:
         for step in (0, 1):
             bench.gait.say(step, PausePhase.BEGIN)
             bench.client.wait_for_step(step, timeout=TIMEOUT, extent="map")
@@ -166,11 +167,9 @@ def test_a_recording_can_be_processed_again(
 
 
 def test_nothing_that_is_drawn_costs_a_scan(
-    rig: Rig,
-    free_endpoint: str,
+    bench_with: Callable[..., AbstractContextManager[Bench]],
     robot: RobotModel,
     calibration: gp.Calibration,
-    paper_scan: gp.Scan,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
@@ -184,7 +183,7 @@ def test_nothing_that_is_drawn_costs_a_scan(
     monkeypatch.setattr(Scene, "of_grid", fail)
     path = tmp_path / "walk.mcap"
     recorder = ScanRecorder(path, robot="guara", calibration=calibration, scene=Scene(robot, calibration))
-    with recorder, running(rig, free_endpoint, robot, calibration, paper_scan.stance, recorder) as bench:
+    with recorder, bench_with(recorder) as bench:
         bench.gait.say(0, PausePhase.BEGIN)
         terrain = bench.client.wait_for_step(0, timeout=TIMEOUT, extent="map")
         assert wait_until(lambda: "no cloud today" in recorder.status_item().message)
@@ -197,16 +196,15 @@ def test_nothing_that_is_drawn_costs_a_scan(
 
 def test_a_full_disk_costs_the_recording_and_not_the_scan(
     rig: Rig,
-    free_endpoint: str,
+    bench_with: Callable[..., AbstractContextManager[Bench]],
     robot: RobotModel,
     calibration: gp.Calibration,
-    paper_scan: gp.Scan,
     tmp_path: Path,
 ) -> None:
     """The scan is published all the same, and the status says what could not be written."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     recorder = ScanRecorder(tmp_path / "walk.mcap", robot="guara", calibration=calibration)
-    with running(rig, free_endpoint, robot, calibration, paper_scan.stance, recorder) as bench:
+    with bench_with(recorder) as bench:
         resource.setrlimit(resource.RLIMIT_FSIZE, (2_000_000, before[1]))
         try:
             bench.gait.say(0, PausePhase.BEGIN)
@@ -220,17 +218,16 @@ def test_a_full_disk_costs_the_recording_and_not_the_scan(
 
 def test_a_failing_map_costs_the_map_of_that_pause_and_nothing_else(
     rig: Rig,
-    free_endpoint: str,
+    bench_with: Callable[..., AbstractContextManager[Bench]],
     robot: RobotModel,
     calibration: gp.Calibration,
-    paper_scan: gp.Scan,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The scan is published and its recording closed, the status says what failed; later pauses are whole."""
     path = tmp_path / "walk.mcap"
     recorder = ScanRecorder(path, robot="guara", calibration=calibration)
-    with recorder, running(rig, free_endpoint, robot, calibration, paper_scan.stance, recorder) as bench:
+    with recorder, bench_with(recorder) as bench:
         with monkeypatch.context() as patch:
             patch.setattr(WalkMap, "update", lambda *_, **__: 1 / 0)
             bench.gait.say(0, PausePhase.BEGIN)
@@ -252,18 +249,16 @@ def test_a_failing_map_costs_the_map_of_that_pause_and_nothing_else(
 
 def test_a_withdrawn_scan_is_not_replayed(
     guara,
-    rig: Rig,
-    free_endpoint: str,
+    bench_with: Callable[..., AbstractContextManager[Bench]],
     robot: RobotModel,
     calibration: gp.Calibration,
-    paper_scan: gp.Scan,
     tmp_path: Path,
 ) -> None:
     """No grid is made of its frames: replay leaves it out, process and convert refuse it, all in words."""
     both, moved = tmp_path / "both.mcap", tmp_path / "moved.mcap"
     for path, steps in ((both, (0, 1)), (moved, (1,))):
         recorder = ScanRecorder(path, robot="guara", calibration=calibration)
-        with recorder, running(rig, free_endpoint, robot, calibration, paper_scan.stance, recorder) as bench:
+        with recorder, bench_with(recorder) as bench:
             for step in steps:
                 bench.gait.say(step, PausePhase.BEGIN)
                 bench.client.wait_for_step(step, timeout=TIMEOUT, extent="map")

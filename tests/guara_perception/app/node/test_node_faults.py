@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -219,12 +220,12 @@ class Router:
 
 
 def test_a_router_that_dies_and_comes_back_costs_no_scan(
-    rig: Rig, free_endpoint: str, robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan
+    rig: Rig, free_endpoint: str, bench_with: Callable[..., AbstractContextManager[Bench]]
 ) -> None:
     """The scan under way ends well, its grid arrives later; then pauses, planners old and new, and status as ever."""
     router = Router(free_endpoint)
     try:
-        with running(rig, free_endpoint, robot, calibration, paper_scan.stance, has_router=True) as bench:
+        with bench_with(has_router=True) as bench:
             bench.gait.say(0, PausePhase.BEGIN)
             assert bench.client.wait_for_step(0, timeout=TIMEOUT).step == 0
             bench.gait.say(0, PausePhase.END)
