@@ -179,9 +179,7 @@ def _all_read(**reads: Callable[[], object]) -> dict[str, Any]:
     for name, read in reads.items():
         try:
             values[name] = read()
-        except FileFormatError as error:
-            refused += error.findings
-        except RobotFileError as error:
+        except (FileFormatError, RobotFileError) as error:
             refused += error.findings
     if refused:
         raise FileFormatError(*dict.fromkeys(refused))
