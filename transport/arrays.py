@@ -11,3 +11,4 @@ Array = npt.NDArray[Any]
 Float = npt.NDArray[np.float64]
 # Occupancy, 0 ... 100, and -1 for unknown.
 Percent = npt.NDArray[np.int8]
+Bytes = npt.NDArray[np.uint8]
