@@ -28,7 +28,9 @@ def compress(data: bytes | bytearray | memoryview, itemsize: int = 4) -> bytes:
     parameters = zstandard.ZstdCompressionParameters.from_level(
         LEVEL, source_size=len(data), write_content_size=True, write_checksum=True
     )
-    return zstandard.ZstdCompressor(compression_params=parameters).compress(_transposed(data, itemsize, encode=True))
+    return zstandard.ZstdCompressor(compression_params=parameters).compress(
+        _transposed(data, itemsize, encode=True).tobytes()
+    )
 
 
 def decompress(data: bytes | bytearray | memoryview, itemsize: int = 4, *, maximum: int = MAXIMUM_PAYLOAD) -> bytes:
