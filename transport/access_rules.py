@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from transport.keys import claim_key, perception_prefix, query_key, scan_key, stance_key, status_key
+from transport.keys import (
+    claim_key,
+    grid_keys,
+    perception_prefix,
+    query_key,
+    scan_key,
+    stance_key,
+    status_key,
+)
 
 # Roles that get a certificate; the node is the router that enforces the rules.
 ROLES = ("node", "gait", "planner", "viewer")
@@ -42,7 +50,7 @@ def access_control(robot: str, members: Mapping[str, Sequence[str]] | None = Non
         rule("read", "ingress", subscribing, perception),
         rule("history", "ingress", ["query"], [f"{prefix}/**/@adv/**"]),
         rule("send", "egress", serving, perception),
-        rule("ask", "ingress", ["query"], [query_key(robot), status_key(robot)]),
+        rule("ask", "ingress", ["query"], [query_key(robot), status_key(robot), *grid_keys(robot)]),
         rule("trigger", "ingress", ["query"], [scan_key(robot)]),
         rule("stance_in", "ingress", serving, stance_keys),
         rule("stance_out", "egress", [*subscribing, "query"], stance_keys),

@@ -46,6 +46,7 @@ def ask(
     *,
     is_alive: Callable[[], bool] | None = None,
     priority: str = "INTERACTIVE_HIGH",
+    encoding: str | None = None,
 ) -> Iterator[Answer]:
     """Send a query and yield what comes back; the last answer is `ended`, `timed_out` or `vanished`.
 
@@ -56,6 +57,7 @@ def ask(
         timeout: [s] after which the caller no longer waits. Ctrl-C works.
         is_alive: tells whether the other side still lives; asked while waiting.
         priority: on congested links, of the query and its replies.
+        encoding: of the payload, as of `transport.encodings`.
 
     Raises:
         SessionClosed: the session is closed.
@@ -79,6 +81,7 @@ def ask(
             on_reply,
             lambda: answers.put(Answer(ended=True)),
             priority=priority,
+            encoding=encoding,
         ),
         f"cannot ask {key!r}",
     )

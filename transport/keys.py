@@ -63,6 +63,12 @@ def grid_map_key(robot: str = DEFAULT_ROBOT) -> str:
     return f"{perception_prefix(robot)}/grid_map"
 
 
+def grid_keys(robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
+    """Keys of all grids: each is published, and asked for."""
+    terrain = (terrain_key(robot, extent) for extent in ("footprint", "map"))
+    return (*terrain, occupancy_key(robot), grid_map_key(robot))
+
+
 def scan_key(robot: str = DEFAULT_ROBOT) -> str:
     """Key of the queryable that takes scan requests."""
     return f"{perception_prefix(robot)}/scan"

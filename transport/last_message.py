@@ -16,9 +16,12 @@ from functools import partial
 from typing import Any
 
 from transport import zenoh_api
+from transport.encodings import cdr
 from transport.exceptions import SessionClosed, TransportError
 from transport.outbox import Outbox
+from transport.scan_messages import Refusal, encode_refusal
 from transport.session import Session
+from transport.typestore import REFUSAL
 
 logger = logging.getLogger(__name__)
 # [s] The number of the last message is repeated this often, so that its loss is noticed though nothing follows it.
@@ -49,15 +52,19 @@ def pieces_key(key: str, source: str = "*/*") -> str:
 class LastMessage:
     """The last message of one publisher, kept for others."""
 
-    def __init__(self, session: Session, key: str, source: str) -> None:
+    def __init__(
+        self, session: Session, key: str, source: str, encoding: str | None = None, *, answers: bool = False
+    ) -> None:
         """Declare the keys, show the token, begin the heartbeat.
 
         Args:
             session: open session.
             key: of the publisher.
             source: identity of the publisher, as of `zenoh_api.source_of`.
+            encoding: of the publisher's payloads.
+            answers: hand the last message to whoever asks on the key itself, too.
         """
-        self._session, self._key = session, key
+        self._session, self._key, self._encoding = session, key, encoding
         self._place, self._pieces = announcement_key(key, source), pieces_key(key, source)
         self._lock = threading.Lock()
         self._kept: OrderedDict[int, tuple[bytes | bytearray, bytes | None, float]] = OrderedDict()
@@ -72,6 +79,8 @@ class LastMessage:
             zenoh_api.declare_queryable(raw, self._pieces, self._on_piece),
             zenoh_api.declare_token(raw, self._place),
         ]
+        if answers:
+            self._raw.append(zenoh_api.declare_queryable(raw, key, self._on_get))
         self._beat = zenoh_api.declare_publisher(raw, self._place, "INTERACTIVE_LOW")
         self._raw.append(self._beat)
         self._thread = threading.Thread(target=self._run, name=f"transport-heartbeat {key}", daemon=True)
@@ -96,6 +105,9 @@ class LastMessage:
     def _on_history(self, query: Any) -> None:
         self._hand_over(query, self._answer_history)
 
+    def _on_get(self, query: Any) -> None:
+        self._hand_over(query, self._answer_get)
+
     def _on_piece(self, query: Any) -> None:
         # Advanced subscribers ask `KEY/@adv/**`: theirs is the other queryable.
         if query.parameters.get("piece") is None:
@@ -116,7 +128,18 @@ class LastMessage:
         with self._lock:
             number, (payload, attachment, _) = self._last, self._kept.get(self._last, (b"", None, 0.0))
         if number >= 0 and _is_within(number, query.parameters.get("_sn")):
-            query.reply(self._key, payload, attachment=attachment)
+            query.reply(self._key, payload, encoding=self._encoding, attachment=attachment)
+        query.drop()
+
+    def _answer_get(self, query: Any) -> None:
+        with self._lock:
+            number, (payload, attachment, _) = self._last, self._kept.get(self._last, (b"", None, 0.0))
+        if number >= 0:
+            query.reply(self._key, payload, encoding=self._encoding, attachment=attachment)
+        else:
+            words = f"nothing was published on {self._key!r} yet"
+            refusal = encode_refusal(Refusal(id="", code="no_terrain", message=words))
+            query.reply_err(refusal, encoding=cdr(REFUSAL))
         query.drop()
 
     def _answer_piece(self, query: Any) -> None:

@@ -23,7 +23,16 @@ class Publisher(Resource):
     `NewestReceiver` fetches it in pieces.
     """
 
-    def __init__(self, session: Session, key: str, *, latched: bool = True, priority: str = LARGE) -> None:
+    def __init__(
+        self,
+        session: Session,
+        key: str,
+        *,
+        latched: bool = True,
+        priority: str = LARGE,
+        encoding: str | None = None,
+        answers: bool = False,
+    ) -> None:
         """Declare the key.
 
         Args:
@@ -31,6 +40,8 @@ class Publisher(Resource):
             key: where to publish.
             latched: late joiners get the last payload, and receivers notice losses.
             priority: on links that are congested, one of `URGENT`, `SMALL`, `LARGE`, `LARGEST`.
+            encoding: of all payloads, as of `transport.encodings`; None says nothing.
+            answers: also hand the last payload to whoever asks (`get`) on the key itself.
 
         Raises:
             SessionClosed: the session is closed.
@@ -40,11 +51,11 @@ class Publisher(Resource):
         self._lock = threading.Lock()
         self._count = 0
         what = f"cannot publish on {key!r}"
-        self._raw = session.attempt(lambda: zenoh_api.declare_publisher(session.raw, key, priority), what)
+        self._raw = session.attempt(lambda: zenoh_api.declare_publisher(session.raw, key, priority, encoding), what)
         self._last: LastMessage | None = None
         if latched:
             source = zenoh_api.source_of(self._raw)
-            self._last = session.attempt(lambda: LastMessage(session, key, source), what)
+            self._last = session.attempt(lambda: LastMessage(session, key, source, encoding, answers=answers), what)
         super().__init__(session)
 
     @property

@@ -9,6 +9,7 @@ from typing import Any
 from transport import zenoh_api
 from transport.asking import ask
 from transport.crop import crop_terrain
+from transport.encodings import cdr
 from transport.exceptions import MessageError, ReceiveTimeout, ScannerUnavailable, StaleTerrain, TransportError
 from transport.keys import DEFAULT_ROBOT, query_key
 from transport.outbox import Outbox
@@ -24,6 +25,7 @@ from transport.scan_messages import (
 from transport.session import Session
 from transport.terrain_codec import decode_terrain, encode_terrain
 from transport.terrain_message import TerrainMessage
+from transport.typestore import QUERY_REQUEST, REFUSAL, TERRAIN
 
 # Questions that are answered at a time; more are dropped.
 MAXIMUM_ANSWERS = 16
@@ -67,11 +69,12 @@ class QueryServer(Resource):
             else:
                 if request.region is not None:
                     terrain = crop_terrain(terrain, request.region)
-                query.reply(self._key, encode_terrain(terrain))
+                query.reply(self._key, encode_terrain(terrain), encoding=cdr(TERRAIN))
         except MessageError as error:
             code, message = "bad_request", str(error)
         if code:
-            query.reply_err(encode_refusal(Refusal(id="", code=code, message=message)))
+            refusal = encode_refusal(Refusal(id="", code=code, message=message))
+            query.reply_err(refusal, encoding=cdr(REFUSAL))
         query.drop()
 
     def _release(self) -> None:
@@ -106,7 +109,8 @@ def query_terrain(
         ReceiveTimeout: no answer in time.
     """
     request = QueryRequest(extent=extent, region=region)
-    for answer in ask(session, query_key(robot), encode_query_request(request), timeout, priority="DATA"):
+    payload, encoding = encode_query_request(request), cdr(QUERY_REQUEST)
+    for answer in ask(session, query_key(robot), payload, timeout, priority="DATA", encoding=encoding):
         if answer.payload is not None:
             return decode_terrain(answer.payload)
         if answer.error is not None:

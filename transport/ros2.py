@@ -6,6 +6,7 @@ import struct
 import threading
 import time
 
+from transport.encodings import cdr
 from transport.exceptions import ConfigurationError
 from transport.keys import DEFAULT_ROBOT, check_name
 from transport.liveliness import AliveToken
@@ -63,7 +64,7 @@ class _Topic:
     def __init__(self, session: Session, domain: int, entity_id: int, topic: str, type_name: str) -> None:
         token_key = publisher_token_key(domain, session.zenoh_id, entity_id, topic, type_name)
         self._identity = publisher_id(token_key)
-        self._publisher = Publisher(session, data_key(domain, topic, type_name))
+        self._publisher = Publisher(session, data_key(domain, topic, type_name), encoding=cdr(type_name))
         self._token = AliveToken(session, token_key)
         self._lock = threading.Lock()
         self._sequence = 0

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import NoReturn
 
 from transport.asking import ask
+from transport.encodings import cdr
 from transport.exceptions import (
     MessageError,
     ScanBusy,
@@ -30,6 +31,7 @@ from transport.scan_messages import (
 )
 from transport.session import Session
 from transport.terrain_message import TerrainMessage
+from transport.typestore import SCAN_REQUEST
 
 # [s] A process that died is known to be gone within this time.
 GONE_WITHIN = 0.5
@@ -143,7 +145,8 @@ def _asked(
 ) -> ScanReply | None:
     """Send a request and follow it; the DONE reply, or None when nobody answers."""
     accepted = False
-    for answer in ask(session, scan_key(robot), encode_scan_request(request), timeout, is_alive=is_alive):
+    payload, encoding = encode_scan_request(request), cdr(SCAN_REQUEST)
+    for answer in ask(session, scan_key(robot), payload, timeout, is_alive=is_alive, encoding=encoding):
         if answer.payload is not None:
             reply = decode_scan_reply(answer.payload)
             if reply.id != request.id:

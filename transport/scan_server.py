@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from transport import zenoh_api
+from transport.encodings import cdr
 from transport.exceptions import MessageError, ScanFailed
 from transport.keys import DEFAULT_ROBOT, scan_key
 from transport.outbox import MAXIMUM_PENDING, Outbox
@@ -26,6 +27,7 @@ from transport.scan_messages import (
 )
 from transport.session import Session
 from transport.terrain_message import TerrainMessage
+from transport.typestore import REFUSAL, SCAN_REPLY
 
 logger = logging.getLogger(__name__)
 # Finished requests whose result a repeated request gets.
@@ -129,7 +131,7 @@ class ScanServer(Resource):
         is_last = reply.state in (ScanState.DONE, ScanState.FAILED)
 
         def send() -> None:
-            query.reply(self._key, payload)
+            query.reply(self._key, payload, encoding=cdr(SCAN_REPLY))
             if is_last:
                 query.drop()
 
@@ -140,7 +142,7 @@ class ScanServer(Resource):
         payload = encode_refusal(Refusal(id=request_id, code=code, message=message))
 
         def send() -> None:
-            query.reply_err(payload)
+            query.reply_err(payload, encoding=cdr(REFUSAL))
             query.drop()
 
         self._outbox.post("refusal", send, lane=str(id(query)))

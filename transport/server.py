@@ -14,6 +14,7 @@ import numpy as np
 from transport import clock
 from transport.arrays import Percent
 from transport.codec import encode
+from transport.encodings import cdr
 from transport.exceptions import MessageError, ReceiveTimeout
 from transport.grids import grid_map_message, occupancy_message
 from transport.keys import DEFAULT_ROBOT, alive_key, claim_key, grid_map_key, occupancy_key, run_key, terrain_key
@@ -30,7 +31,7 @@ from transport.status_message import STATUS_NAME, StatusItem
 from transport.status_reporter import StatusReporter
 from transport.terrain_codec import encode_terrain
 from transport.terrain_message import EXTENTS, LAYERS, Health, TerrainMessage
-from transport.typestore import GRID_MAP, OCCUPANCY, STATUS
+from transport.typestore import GRID_MAP, OCCUPANCY, STATUS, TERRAIN
 
 logger = logging.getLogger(__name__)
 # Layers of the GridMap: those of float32, the only type that it can hold, and the flags, which are whole numbers
@@ -90,11 +91,11 @@ class PerceptionServer(Resource):
         self._times: list[float] = []
         self._outbox = Outbox()
         self._terrain = {
-            extent: Publisher(session, terrain_key(robot, extent), priority=LARGEST if extent == "map" else LARGE)
+            extent: self._publisher(terrain_key(robot, extent), cdr(TERRAIN), LARGEST if extent == "map" else LARGE)
             for extent in EXTENTS
         }
-        self._occupancy = Publisher(session, occupancy_key(robot), priority=SMALL)
-        self._grid_map = Publisher(session, grid_map_key(robot), priority=LARGEST)
+        self._occupancy = self._publisher(occupancy_key(robot), cdr(OCCUPANCY), SMALL)
+        self._grid_map = self._publisher(grid_map_key(robot), cdr(GRID_MAP), LARGEST)
         self._mirror = None if ros2_domain is None else Ros2Mirror(session, robot=robot, domain=ros2_domain)
         self._draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]] | None = None
         self._queries = QueryServer(session, self._newest.get, robot=robot)
@@ -108,6 +109,10 @@ class PerceptionServer(Resource):
         self._claims = TokenWatcher(session, claim_key(robot), self._status.changed)
         claim.close()
         super().__init__(session)
+
+    def _publisher(self, key: str, encoding: str, priority: str) -> Publisher:
+        """Of grids: who comes later gets the last, and so does who asks on the key."""
+        return Publisher(self._session, key, priority=priority, encoding=encoding, answers=True)
 
     def next_sequence(self, extent: str) -> int:
         """The sequence number that the next message of one extent must carry; each call gives a new one.

@@ -7,6 +7,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
+from transport.encodings import cdr
 from transport.exceptions import MessageError
 from transport.keys import DEFAULT_ROBOT, stance_key
 from transport.outbox import Outbox
@@ -15,6 +16,7 @@ from transport.receiver import NewestReceiver
 from transport.resource import Resource
 from transport.session import Session
 from transport.stance_pause import PausePhase, StancePause, decode_stance_pause, encode_stance_pause
+from transport.typestore import STANCE_PAUSE
 
 logger = logging.getLogger(__name__)
 # Announcements that may wait for whoever follows them; of more, the oldest but BEGIN and END are dropped.
@@ -32,9 +34,10 @@ class StancePublisher(Resource):
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT) -> None:
         """Declare the key."""
         self._robot = robot
-        self._publisher = Publisher(session, stance_key(robot), priority=URGENT)
+        encoding = cdr(STANCE_PAUSE)
+        self._publisher = Publisher(session, stance_key(robot), priority=URGENT, encoding=encoding)
         # Not kept for those who join later: they need the begin.
-        self._holds = Publisher(session, stance_key(robot), latched=False, priority=URGENT)
+        self._holds = Publisher(session, stance_key(robot), latched=False, priority=URGENT, encoding=encoding)
         self._outbox = Outbox()
         self._count = 0
         super().__init__(session)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from transport import zenoh_api
+from transport.encodings import cdr
 from transport.exceptions import TransportError
 from transport.keys import DEFAULT_ROBOT, status_key
 from transport.outbox import MAXIMUM_PENDING, Outbox
@@ -16,6 +17,7 @@ from transport.publisher import SMALL, Publisher
 from transport.resource import Resource
 from transport.session import Session
 from transport.status_message import Status, StatusItem, encode_status
+from transport.typestore import STATUS
 
 logger = logging.getLogger(__name__)
 # [s] Between two messages without change.
@@ -37,7 +39,7 @@ class StatusReporter(Resource):
         """Start reporting; `collect` runs on the reporter's thread and must be quick."""
         self._collect = collect
         self._period = period
-        self._publisher = Publisher(session, status_key(robot), latched=False, priority=SMALL)
+        self._publisher = Publisher(session, status_key(robot), latched=False, priority=SMALL, encoding=cdr(STATUS))
         self._outbox = Outbox()
         self._questions, self._is_stopped = 0, False
         self._raw: Any = session.attempt(
@@ -74,7 +76,7 @@ class StatusReporter(Resource):
         self._outbox.post(lane, lambda: self._answer(query), lane=lane)
 
     def _answer(self, query: Any) -> None:
-        query.reply(self._publisher.key, self._status())
+        query.reply(self._publisher.key, self._status(), encoding=cdr(STATUS))
         query.drop()
 
     def _status(self) -> bytearray:

@@ -68,7 +68,7 @@ def direct(callback: Callable[[Any], None], finished: Callable[[], None] | None 
     return _zenoh().handlers.Callback(callback, finished, indirect=False)
 
 
-def declare_publisher(session: Any, key: str, priority: str) -> Any:
+def declare_publisher(session: Any, key: str, priority: str, encoding: str | None = None) -> Any:
     """A publisher whose samples are dropped for those, and only for those, whose link is congested.
 
     Nothing here ever blocks: a put that blocks for one reader is late for all others, and what blocks on Zenoh's own
@@ -78,10 +78,14 @@ def declare_publisher(session: Any, key: str, priority: str) -> Any:
         session: raw Zenoh session.
         key: where to publish.
         priority: name of one of Zenoh's; each has a queue of its own on each link.
+        encoding: of all payloads, see `transport.encodings`; None says nothing.
     """
     zenoh = _zenoh()
     return session.declare_publisher(
-        key, congestion_control=zenoh.CongestionControl.DROP, priority=getattr(zenoh.Priority, priority)
+        key,
+        congestion_control=zenoh.CongestionControl.DROP,
+        priority=getattr(zenoh.Priority, priority),
+        encoding=encoding,
     )
 
 
@@ -134,6 +138,7 @@ def get_replies(
     on_finished: Callable[[], None],
     *,
     priority: str = "INTERACTIVE_HIGH",
+    encoding: str | None = None,
 ) -> None:
     """Send a query whose replies may be several on one key.
 
@@ -145,6 +150,7 @@ def get_replies(
         on_reply: called on Zenoh's thread with (payload, None) or (None, error payload).
         on_finished: called on Zenoh's thread after the last reply, also when there was none.
         priority: of the query and, since Zenoh takes it from there, of the replies.
+        encoding: of the payload.
     """
     zenoh = _zenoh()
 
@@ -158,6 +164,7 @@ def get_replies(
         key,
         direct(sort, on_finished),
         payload=payload,
+        encoding=encoding,
         timeout=timeout,
         priority=getattr(zenoh.Priority, priority),
         consolidation=zenoh.ConsolidationMode.NONE,
