@@ -1,11 +1,14 @@
-"""Who may do what: the access rules of the node's router, one set per role."""
+"""Who may do what: the access rules of a node's own router and of a router that serves several robots, by role."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from transport.keys import (
+    FLEET_ALIVE,
+    FLEET_STATUS,
     claim_key,
     grid_keys,
     perception_prefix,
@@ -15,62 +18,173 @@ from transport.keys import (
     status_key,
 )
 
-# Roles that get a certificate; the node is the router that enforces the rules.
+# Roles of a robot that get a certificate; the node is the router that enforces the rules.
 ROLES = ("node", "gait", "planner", "viewer")
 
+# Roles beside any robot: a router of a site, and who sees which robots live and how they are.
+ROUTER, FLEET = "router", "fleet"
 
-def access_control(robot: str, members: Mapping[str, Sequence[str]] | None = None) -> dict[str, Any]:
-    """The `access_control` section of the router's Zenoh configuration.
+SUBSCRIBING = ("declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
+SERVING = ("put", "reply", "declare_queryable", "liveliness_token")
+FLEET_KEYS = (FLEET_STATUS, FLEET_ALIVE)
+
+# What each role may do with one robot. A router that reads from below may neither request scans nor say how the robot
+# stands: its certificate speaks for all behind it.
+READING = ("read", "history", "send", "ask")
+POLICIES = {"planner": (*READING, "trigger"), "viewer": READING, "gait": ("stance_in", "stance_out")}
+WATCHING = ("fleet_read", "fleet_ask", "fleet_send")
+# At a router: what brings a robot's grids, and a node that is its client and takes stance pauses from there.
+SOURCE = ("source_in", "source_out", "look", "looked")
+CLIENT_NODE = (*SOURCE, "stance_to", "stance_from")
+
+
+@dataclass(frozen=True, slots=True)
+class Neighbours:
+    """The links of a router to other routers, by the common names of their certificates.
+
+    Attributes:
+        above: routers that it dials; they read from it.
+        below: routers that dial it, each with the robots whose grids it may bring.
+        scans: whether who is above may request scans.
+    """
+
+    above: Sequence[str] = ()
+    below: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    scans: bool = False
+
+
+class _Rules:
+    """Rules and policies as Zenoh takes them; a rule is written once, when a policy first names it."""
+
+    def __init__(self) -> None:
+        self._rules: dict[str, dict[str, Any]] = {}
+        self._subjects: list[dict[str, Any]] = []
+        self._policies: list[dict[str, Any]] = []
+
+    def write(self, name: str, flow: str, messages: Iterable[str], keys: Iterable[str]) -> None:
+        # A rule without `flows` would hold in both directions.
+        self._rules[name] = {
+            "id": name,
+            "permission": "allow",
+            "flows": [flow],
+            "messages": list(messages),
+            "key_exprs": list(keys),
+        }
+
+    def allow(self, subject: str, names: Sequence[str], rules: Sequence[str]) -> None:
+        """Let who has one of the common names do so; a subject without names would stand for everybody."""
+        if names:
+            # One property per subject: several would all have to hold at once.
+            self._subjects.append({"id": subject, "cert_common_names": list(names)})
+            self._policies.append({"rules": list(rules), "subjects": [subject]})
+
+    def section(self) -> dict[str, Any]:
+        return {
+            "enabled": True,
+            "default_permission": "deny",
+            "rules": list(self._rules.values()),
+            "subjects": self._subjects,
+            "policies": self._policies,
+        }
+
+
+def access_control(
+    robot: str,
+    members: Mapping[str, Sequence[str]] | None = None,
+    *,
+    routers: Sequence[str] = (),
+    scanning_routers: Sequence[str] = (),
+) -> dict[str, Any]:
+    """The `access_control` section of the Zenoh configuration of a node that is its own router.
 
     Nothing is allowed but: planner and viewer read everything under `<robot>/perception/v1` and ask for the
     newest grid and the status; the planner also requests scans; gait publishes stance pauses; a second node may
-    show that it waits for the name. A rule without `flows` would hold in both directions, and `**` does not cover
-    chunks that start with `@`: both are spelt out.
+    show that it waits for the name; a router that the node dials reads as a viewer does.
 
     Args:
         robot: instance name.
         members: common names that have each role; None = the role's own name.
+        routers: common names of routers that may read what the node publishes.
+        scanning_routers: those of them that may also request scans, for whoever is behind them.
     """
-    prefix, stance = perception_prefix(robot), stance_key(robot)
-    perception = [f"{prefix}/**", f"{prefix}/**/@adv/**", f"{prefix}/@alive/**"]
+    rules = _Rules()
+    _write_reading(rules, robot)
+    rules.write("claim", "ingress", ["liveliness_token"], [claim_key(robot)])
+    if routers:
+        _write_watching(rules)
+    for role, allowed in {**POLICIES, "node": ("claim",)}.items():
+        rules.allow(role, list((members or {}).get(role, [] if members else [role])), allowed)
+    rules.allow(ROUTER, [name for name in routers if name not in scanning_routers], (*READING, *WATCHING))
+    rules.allow("scanning router", scanning_routers, (*READING, *WATCHING, "trigger"))
+    return rules.section()
+
+
+def router_access_control(
+    robots: Mapping[str, Mapping[str, Sequence[str]]], *, neighbours: Neighbours, fleet: Sequence[str] = ()
+) -> dict[str, Any]:
+    """The `access_control` section of a router that serves several robots.
+
+    Each robot's planner, viewer and gait may do with that robot what they may at its node, and nothing with another;
+    each node brings its own robot's grids. A router below brings the grids of its robots and nothing else, one above
+    reads; no link between routers carries stance pauses.
+
+    Args:
+        robots: by instance name, the common names that have each role.
+        neighbours: other routers.
+        fleet: common names of those who see which robots live, and their status.
+    """
+    rules = _Rules()
+    _write_watching(rules)
+    for robot, members in robots.items():
+        _write_reading(rules, robot, f"{robot} ")
+        _write_source(rules, robot)
+        for role, allowed in {**POLICIES, "node": CLIENT_NODE}.items():
+            rules.allow(f"{robot} {role}", list(members.get(role, ())), [f"{robot} {rule}" for rule in allowed])
+    for name, brought in neighbours.below.items():
+        allowed = tuple(f"{robot} {rule}" for robot in brought if robot in robots for rule in SOURCE)
+        if allowed:
+            rules.allow(f"below {name}", [name], allowed)
+    reading = (*READING, "trigger") if neighbours.scans else READING
+    above = tuple(f"{robot} {rule}" for robot in robots for rule in reading)
+    rules.allow("above", neighbours.above, (*above, *WATCHING))
+    rules.allow(FLEET, fleet, WATCHING)
+    return rules.section()
+
+
+def _perception(robot: str) -> list[str]:
+    # `**` does not cover chunks that start with `@`: they are spelt out.
+    prefix = perception_prefix(robot)
+    return [f"{prefix}/**", f"{prefix}/**/@adv/**", f"{prefix}/@alive/**"]
+
+
+def _write_reading(rules: _Rules, robot: str, label: str = "") -> None:
+    """What those do who read of a robot, ask and trigger it, or say how it stands."""
+    perception, stance = _perception(robot), stance_key(robot)
     stance_keys = [stance, f"{stance}/@adv/**"]
-    subscribing = ["declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
-    serving = ["put", "reply", "declare_queryable", "liveliness_token"]
+    rules.write(f"{label}read", "ingress", SUBSCRIBING, perception)
+    rules.write(f"{label}history", "ingress", ["query"], [f"{perception_prefix(robot)}/**/@adv/**"])
+    rules.write(f"{label}send", "egress", SERVING, perception)
+    rules.write(f"{label}ask", "ingress", ["query"], [query_key(robot), status_key(robot), *grid_keys(robot)])
+    rules.write(f"{label}trigger", "ingress", ["query"], [scan_key(robot)])
+    rules.write(f"{label}stance_in", "ingress", SERVING, stance_keys)
+    rules.write(f"{label}stance_out", "egress", [*SUBSCRIBING, "query"], stance_keys)
 
-    def rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[str, Any]:
-        return {
-            "id": name,
-            "permission": "allow",
-            "flows": [flow],
-            "messages": messages,
-            "key_exprs": keys,
-        }
 
-    rules = [
-        rule("read", "ingress", subscribing, perception),
-        rule("history", "ingress", ["query"], [f"{prefix}/**/@adv/**"]),
-        rule("send", "egress", serving, perception),
-        rule("ask", "ingress", ["query"], [query_key(robot), status_key(robot), *grid_keys(robot)]),
-        rule("trigger", "ingress", ["query"], [scan_key(robot)]),
-        rule("stance_in", "ingress", serving, stance_keys),
-        rule("stance_out", "egress", [*subscribing, "query"], stance_keys),
-        rule("claim", "ingress", ["liveliness_token"], [claim_key(robot)]),
-    ]
-    reading = ["read", "history", "send", "ask"]
-    policies = {
-        "planner": [*reading, "trigger"],
-        "viewer": reading,
-        "gait": ["stance_in", "stance_out"],
-        "node": ["claim"],
-    }
-    # A subject without names would stand for everybody.
-    named = {role: list((members or {}).get(role, [] if members else [role])) for role in policies}
-    named = {role: names for role, names in named.items() if names}
-    return {
-        "enabled": True,
-        "default_permission": "deny",
-        "rules": rules,
-        # One property per subject: several would all have to hold at once.
-        "subjects": [{"id": role, "cert_common_names": names} for role, names in named.items()],
-        "policies": [{"rules": policies[role], "subjects": [role]} for role in named],
-    }
+def _write_source(rules: _Rules, robot: str) -> None:
+    """What goes over the link to a robot's node, or to the router that it is behind."""
+    perception, stance = _perception(robot), stance_key(robot)
+    stance_keys = [stance, f"{stance}/@adv/**"]
+    rules.write(f"{robot} source_in", "ingress", SERVING, perception)
+    rules.write(f"{robot} source_out", "egress", [*SUBSCRIBING, "query"], [*perception, *FLEET_KEYS])
+    # A node looks for others of its name.
+    rules.write(f"{robot} look", "ingress", SUBSCRIBING[1:], perception[-1:])
+    rules.write(f"{robot} looked", "egress", ["liveliness_token"], perception[-1:])
+    rules.write(f"{robot} stance_to", "egress", SERVING, stance_keys)
+    rules.write(f"{robot} stance_from", "ingress", [*SUBSCRIBING, "query"], stance_keys)
+
+
+def _write_watching(rules: _Rules) -> None:
+    """What those do who see of any robot that it lives, and its status."""
+    rules.write("fleet_read", "ingress", SUBSCRIBING, FLEET_KEYS)
+    rules.write("fleet_ask", "ingress", ["query"], FLEET_KEYS[:1])
+    rules.write("fleet_send", "egress", SERVING, FLEET_KEYS)

@@ -2,25 +2,40 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
-import json
-import os
 import shutil
 from pathlib import Path
 from typing import Any
 
-from transport.access_rules import ROLES, access_control
+from transport.access_rules import FLEET, ROLES, ROUTER, access_control
 from transport.authority import Credentials, make_certificate
 from transport.configuration import sending
 from transport.exceptions import SecurityError
 from transport.keys import check_name
-from transport.security import CONFIGURATION, configured_robot, load_configuration, read_configuration
+from transport.members import (
+    Members,
+    common_name,
+    edit_configuration,
+    open_authority,
+    open_members,
+    replace_file,
+)
+from transport.security import (
+    CONFIGURATION,
+    LONGEST_NAME,
+    RESERVED,
+    check_robot,
+    configured_robot,
+    read_configuration,
+    write_member,
+    write_roles,
+)
 from transport.terrain_message import Health
+from transport.whole_folder import make_whole
 
 # [days] Before its end a certificate is warned of.
 WARNING_DAYS = 30
-# In `ca`: the role of each member that was added, and who was shut out.
-MEMBERS = "members.json"
 
 
 def days_left(certificate: str | Path) -> float:
@@ -41,7 +56,7 @@ def days_left(certificate: str | Path) -> float:
 def expiries(folder: str | Path) -> dict[str, float]:
     """[days] left of each certificate below a security folder, or of the folder of one role, by its path."""
     root = Path(folder)
-    found = sorted({*root.glob("*.pem"), *root.glob("*/*.pem")})
+    found = sorted({*root.glob("*.pem"), *root.glob("*/*.pem"), *root.glob("*/*/*.pem")})
     return {str(path.relative_to(root)): days_left(path) for path in found}
 
 
@@ -58,7 +73,9 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
     root, left = Path(folder), expiries(folder)
     if not left:
         raise SecurityError(f"{folder} holds no certificate; give what `guara security init` made, or a role's folder")
-    readable = [path for path in sorted({*root.glob("*.key"), *root.glob("*/*.key")}) if _is_open(path)]
+    readable = [
+        path for path in sorted({*root.glob("*.key"), *root.glob("*/*.key"), *root.glob("*/*/*.key")}) if _is_open(path)
+    ]
     if readable:
         return Health.ERROR, f"{readable[0].relative_to(root)} can be read by others on this machine; chmod 600 it"
     name, days = min(left.items(), key=lambda item: item[1])
@@ -66,7 +83,7 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
         return Health.ERROR, f"{name} expired {-days:.0f} days ago; `guara security renew`, then copy the folder anew"
     if days <= WARNING_DAYS:
         return Health.WARN, f"{name} expires in {days:.0f} days; `guara security renew`, then copy the folder anew"
-    for node in (root, root / "node"):
+    for node in (root, root / "node", *sorted(root.glob("*/node"))):
         if (node / "node.pem").is_file() and (node / CONFIGURATION).is_file() and not _has_present_rules(node):
             return Health.WARN, (
                 "the access rules were made by another version: planners may have to judge ages by wall clocks; "
@@ -89,10 +106,14 @@ def _has_present_rules(node: Path) -> bool:
 
 
 def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Give members new keys and certificates by the same CA; empty `names` renews all.
+    """Give members new keys and certificates by the same CA; empty `names` renews all. Common names stay.
 
     What an earlier version wrote into their configurations is brought up to date: the access rules of the node, and
     how much waits for a link.
+
+    Args:
+        folder: made by `init_security`.
+        names: role or member; with several robots `<robot>.<role>`; routers as `<name>.router`.
 
     Returns:
         Who was renewed.
@@ -100,120 +121,159 @@ def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
     Raises:
         SecurityError: no such member, or the folder lacks its CA.
     """
-    root = Path(folder)
-    authority = _authority(root)
-    members = _members(root)
-    chosen = names or tuple(name for name in (*ROLES, *members["added"]) if name not in members["revoked"])
+    authority, members = open_authority(folder), open_members(folder)
+    gone = members.shut_out
+    chosen = dict(members.find(name) for name in names) or {
+        name: place for name, place in members.everybody.items() if name not in gone
+    }
     for name in chosen:
-        if name in members["revoked"]:
+        if name in gone:
             raise SecurityError(f"{name} was shut out; add a member of another name instead")
-        if not (root / name / CONFIGURATION).is_file():
-            raise SecurityError(f"{root} has no member {name!r}; members: {', '.join((*ROLES, *members['added']))}")
-    for name in chosen:
-        _put_certificate(root / name, name, make_certificate(authority, name, _hosts(root / name / f"{name}.pem")))
-        _bring_up_to_date(root / name / CONFIGURATION)
-    if "node" in chosen:
-        _save(root, members)
-    return chosen
+    for place in chosen.values():
+        certificate = place / f"{place.name}.pem"
+        _put_certificate(place, make_certificate(authority, common_name(certificate), hosts_of(certificate)))
+        edit_configuration(place / CONFIGURATION, _bring_up_to_date)
+    if any(place.name == "node" or name.endswith(f".{ROUTER}") for name, place in chosen.items()):
+        members.save()
+    return tuple(chosen)
 
 
-def _bring_up_to_date(path: Path) -> None:
+def _bring_up_to_date(configuration: dict[str, Any]) -> bool:
     """Add what a member's configuration does not say yet; what its owner changed stays."""
-    try:
-        configuration = json.loads(path.read_text(encoding="utf-8"))
-        link, made = configuration["transport"]["link"], sending()
-        configured = link.get("tx", {})
-        link["tx"] = {**made, **configured, "queue": {**made["queue"], **configured.get("queue", {})}}
-        _replace(path, (json.dumps(configuration, indent=2) + "\n").encode())
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise SecurityError(f"cannot change {path}: {error}; it must be as `guara security init` made it") from error
+    link, made = configuration["transport"]["link"], sending()
+    configured = link.get("tx", {})
+    link["tx"] = {**made, **configured, "queue": {**made["queue"], **configured.get("queue", {})}}
+    return True
+
+
+def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = (), listen: str = "tls/0.0.0.0:7447") -> Path:
+    """Make the folders of the roles of one more robot, by the same CA.
+
+    Args:
+        folder: made by `init_security`.
+        robot: instance name.
+        hosts: names and addresses by which clients reach its node.
+        listen: where its node will listen.
+
+    Returns:
+        The folder of the robot, which holds those of its roles.
+
+    Raises:
+        SecurityError: the name is taken, or the folder lacks its CA.
+    """
+    authority, members = open_authority(folder), open_members(folder)
+    target = members.root / check_robot(robot)
+    check_free(members, robot, target)
+    make_whole(target, lambda place: write_roles(place, authority, robot, hosts=hosts, listen=listen))
+    open_members(folder).save()
+    return target
+
+
+def check_free(members: Members, name: str, place: Path) -> None:
+    """Refuse the name of a robot, a router or a fleet member that is taken, or was: SecurityError."""
+    if place.exists() or name in RESERVED or name in members.robots or name in members.revoked:
+        raise SecurityError(f"the name {name!r} is taken or was shut out; names are never used again")
 
 
 def add(folder: str | Path, name: str, role: str) -> Path:
     """Make a member of its own name with the rights of a role, such as a second planner.
 
+    Args:
+        folder: made by `init_security`.
+        name: of the member; with several robots `<robot>.<name>`.
+        role: "planner", "viewer" or "gait" of the robot, or "fleet": who sees which robots live, at routers.
+
     Returns:
-        Its folder. The node's folder changes too and must be copied to the robot; the node reads it when it starts.
+        Its folder. The folders of the node and of its routers change too and must be copied to where they run.
 
     Raises:
         SecurityError: the name is taken or was shut out, the role cannot be shared, or the folder lacks its CA.
     """
-    root, authority = Path(folder), _authority(Path(folder))
-    members = _members(root)
-    check_name(name, "member")
-    if role not in ROLES or role == "node":
-        raise SecurityError(f"role is {role!r}; allowed: {', '.join(r for r in ROLES if r != 'node')}")
-    if name in members["revoked"] or (root / name).exists() or name == "ca":
-        raise SecurityError(f"the name {name!r} is taken or was shut out; names are never used again")
-    target = root / name
+    authority, members = open_authority(folder), open_members(folder)
+    allowed = (*(other for other in ROLES if other != "node"), FLEET)
+    if role not in allowed:
+        raise SecurityError(f"role is {role!r}; allowed: {', '.join(allowed)}")
+    if role == FLEET:
+        return _add_watcher(members, authority, name.removesuffix(f".{FLEET}"))
+    robot, own_name = _split(members, name)
+    check_name(own_name, "member")
+    own = members.robots[robot]
+    target = own.place / own_name
+    if own_name in own.revoked or own_name in (*RESERVED, ROUTER, FLEET) or target.exists():
+        raise SecurityError(f"the name {own_name!r} is taken or was shut out; names are never used again")
+    # As the robot's other members are called: in folders of an earlier version without the robot's name.
+    before = common_name(own.place / "node" / "node.pem").removesuffix("node")
+    full = before + own_name
+    _check_length(full)
+    template = own.place / role
     target.mkdir()
-    text = (root / role / CONFIGURATION).read_text(encoding="utf-8")
+    text = (template / CONFIGURATION).read_text(encoding="utf-8")
     for ending in ("key", "pem"):
-        text = text.replace(f'"{role}.{ending}"', f'"{name}.{ending}"')
+        text = text.replace(f'"{role}.{ending}"', f'"{own_name}.{ending}"')
     (target / CONFIGURATION).write_text(text, encoding="utf-8")
-    shutil.copyfile(root / "ca" / "ca.pem", target / "ca.pem")
-    _put_certificate(target, name, make_certificate(authority, name, [name]))
-    members["added"][name] = role
-    _save(root, members)
+    shutil.copyfile(members.root / "ca" / "ca.pem", target / "ca.pem")
+    _put_certificate(target, make_certificate(authority, full, [full]))
+    members.with_robot(robot, dataclasses.replace(own, added={**own.added, own_name: role})).save()
     return target
 
 
-def revoke(folder: str | Path, name: str) -> None:
+def _split(members: Members, name: str) -> tuple[str, str]:
+    robot, dot, own_name = name.partition(".")
+    if not dot and len(members.robots) == 1:
+        return next(iter(members.robots)), name
+    if not dot or robot not in members.robots:
+        raise SecurityError(
+            f"{members.root} holds several robots: write ROBOT.{own_name or robot}, with one of "
+            f"{', '.join(members.robots)}"
+        )
+    return robot, own_name
+
+
+def _add_watcher(members: Members, authority: Credentials, name: str) -> Path:
+    from transport.configuration import DEFAULT_ENDPOINT, client_configuration
+    from transport.security import tls_links
+
+    target = members.root / check_name(name, "member")
+    check_free(members, name, target)
+    _check_length(f"{name}.{FLEET}")
+    configuration = client_configuration(DEFAULT_ENDPOINT.replace("tcp/127.0.0.1", "tls/localhost"))
+    configuration["transport"]["link"] |= tls_links(name, listens=False)
+    full = f"{name}.{FLEET}"
+    make_whole(target, lambda place: write_member(place, authority, full, [full], configuration))
+    dataclasses.replace(members, fleet=(*members.fleet, name)).save()
+    return target
+
+
+def _check_length(full: str) -> None:
+    if len(full) > 2 * LONGEST_NAME:
+        raise SecurityError(f"{full!r} is too long for a certificate; allowed: {2 * LONGEST_NAME} characters in all")
+
+
+def revoke(folder: str | Path, name: str) -> tuple[Path, ...]:
     """Shut a member out: its certificate still opens a link, on which nothing is allowed any more.
 
-    The node's folder changes and must be copied to the robot; the node reads it when it starts.
+    Returns:
+        The folders of nodes and routers that changed and must be copied to where they run; they read them when they
+        start.
 
     Raises:
         SecurityError: no such member, or it is the node itself.
     """
-    root = Path(folder)
-    _authority(root)
-    members = _members(root)
-    if name == "node":
+    open_authority(folder)
+    members = open_members(folder)
+    full, place = members.find(name)
+    if place.name == "node":
         raise SecurityError("the node cannot be shut out of itself; if its key is lost, make a new folder by init")
-    if name not in (*ROLES, *members["added"]):
-        raise SecurityError(f"{root} has no member {name!r}; members: {', '.join((*ROLES, *members['added']))}")
-    if name not in members["revoked"]:
-        members["revoked"].append(name)
-    _save(root, members)
+    if full in members.shut_out:
+        return ()
+    for robot, own in members.robots.items():
+        if place.parent == own.place and place.name in own.names:
+            return members.with_robot(robot, dataclasses.replace(own, revoked=(*own.revoked, place.name))).save()
+    return dataclasses.replace(members, revoked=(*members.revoked, place.name)).save()
 
 
-def _authority(root: Path) -> Credentials:
-    try:
-        return Credentials((root / "ca" / "ca.pem").read_bytes(), (root / "ca" / "ca.key").read_bytes())
-    except OSError as error:
-        raise SecurityError(
-            f"cannot read the CA of {root}: {error.strerror}; it is where `guara security init` was run"
-        ) from error
-
-
-def _members(root: Path) -> dict[str, Any]:
-    path = root / "ca" / MEMBERS
-    try:
-        found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-        return {"added": dict(found.get("added", {})), "revoked": list(found.get("revoked", []))}
-    except (OSError, ValueError, AttributeError, TypeError) as error:
-        raise SecurityError(f"cannot read {path}: {error}") from error
-
-
-def _save(root: Path, members: dict[str, Any]) -> None:
-    """Write the node's rules first: a list that says more than the rules do would be a promise not kept."""
-    path = root / "node" / CONFIGURATION
-    try:
-        configuration = json.loads(path.read_text(encoding="utf-8"))
-        names = {role: [role] for role in ROLES}
-        for name, role in members["added"].items():
-            names[role].append(name)
-        kept = {role: [name for name in who if name not in members["revoked"]] for role, who in names.items()}
-        configuration["access_control"] = access_control(configured_robot(root / "node"), kept)
-        _replace(path, (json.dumps(configuration, indent=2) + "\n").encode())
-        _replace(root / "ca" / MEMBERS, (json.dumps(members, indent=2) + "\n").encode())
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise SecurityError(f"cannot change {path}: {error}; it must be as `guara security init` made it") from error
-    load_configuration(root / "node")
-
-
-def _hosts(certificate: Path) -> list[str]:
+def hosts_of(certificate: Path) -> list[str]:
+    """Names and addresses under which the owner of a certificate can be reached; SecurityError when it has none."""
     from cryptography import x509
 
     try:
@@ -227,16 +287,6 @@ def _hosts(certificate: Path) -> list[str]:
     return [str(entry.value) for entry in names]
 
 
-def _put_certificate(root: Path, name: str, credentials: Credentials) -> None:
-    _replace(root / f"{name}.key", credentials.key, 0o600)
-    _replace(root / f"{name}.pem", credentials.certificate)
-
-
-def _replace(path: Path, data: bytes, mode: int = 0o644) -> None:
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.unlink(missing_ok=True)
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
-    with os.fdopen(descriptor, "wb") as file:
-        file.write(data)
-        os.fsync(file.fileno())
-    temporary.replace(path)
+def _put_certificate(place: Path, credentials: Credentials) -> None:
+    replace_file(place / f"{place.name}.key", credentials.key, 0o600)
+    replace_file(place / f"{place.name}.pem", credentials.certificate)

@@ -84,11 +84,24 @@ def _base(*, shared_memory: bool) -> dict[str, Any]:
     }
 
 
-def node_configuration(listen: Sequence[str], *, shared_memory: bool = True) -> dict[str, Any]:
-    """Configuration of a node that is itself the router that clients connect to."""
+def dialling(endpoint: str) -> dict[str, Any]:
+    """The `connect` section of a router that dials another one, at once and again whenever the link is gone."""
+    return {
+        "endpoints": [check_endpoint(endpoint)],
+        "timeout_ms": -1,
+        "exit_on_failure": False,
+        "retry": dict(RETRY),
+    }
+
+
+def node_configuration(
+    listen: Sequence[str], *, uplink: str | None = None, shared_memory: bool = True
+) -> dict[str, Any]:
+    """Configuration of a node that is itself the router that clients connect to, and may dial a further router."""
     return {
         "mode": "router",
         "listen": {"endpoints": [check_endpoint(endpoint) for endpoint in listen]},
+        **({} if uplink is None else {"connect": dialling(uplink)}),
         **_base(shared_memory=shared_memory),
     }
 

@@ -102,3 +102,18 @@ def run_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
 def claim_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
     """Key of the liveliness token of a node that waits until it may have the name, or of all with `*`."""
     return f"{perception_prefix(robot)}/@alive/claim/{run}"
+
+
+def summary_key(robot: str = DEFAULT_ROBOT) -> str:
+    """Key of the small form of the newest map, for the far end of a thin link."""
+    return f"{perception_prefix(robot)}/summary"
+
+
+# Status and sign of life of every robot.
+FLEET_STATUS = f"*/perception/{PERCEPTION_VERSION}/status"
+FLEET_ALIVE = f"*/perception/{PERCEPTION_VERSION}/@alive/{NODE_ROLE}"
+
+
+def robot_of(key: str) -> str:
+    """The robot's instance name in a key."""
+    return key.partition("/")[0]

@@ -72,6 +72,7 @@ def open_only_node(
     robot: str = DEFAULT_ROBOT,
     listen: str | None = None,
     connect: str | None = None,
+    uplink: str | None = None,
     security: str | Path | None = None,
     allow_insecure: bool = False,
     timeout: float = NAME_TIMEOUT,
@@ -81,7 +82,7 @@ def open_only_node(
 
     Args:
         robot: instance name, for the other node to say who waits.
-        listen, connect, security, allow_insecure: as of `open_node`.
+        listen, connect, uplink, security, allow_insecure: as of `open_node`.
         timeout: [s] to wait for the port.
         is_stopped: ends the waiting.
 
@@ -94,7 +95,9 @@ def open_only_node(
         has_knocked = False
         while True:
             try:
-                return open_node(listen=listen, connect=connect, security=security, allow_insecure=allow_insecure)
+                return open_node(
+                    listen=listen, connect=connect, uplink=uplink, security=security, allow_insecure=allow_insecure
+                )
             except ConnectionFailed as error:
                 if connect is not None or is_stopped():
                     raise

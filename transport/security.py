@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import socket
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from transport import zenoh_api
 from transport.access_rules import ROLES, access_control
-from transport.authority import make_authority, make_certificate
-from transport.configuration import check_endpoint, client_configuration, node_configuration, sending
+from transport.authority import Credentials, make_authority, make_certificate
+from transport.configuration import check_endpoint, client_configuration, dialling, node_configuration, sending
 from transport.exceptions import ConfigurationError, SecurityError
 from transport.keys import DEFAULT_ROBOT, check_name
+from transport.whole_folder import make_whole, write_file
 
 # Name of the Zenoh configuration in a role's folder.
 CONFIGURATION = "zenoh.json5"
@@ -28,6 +27,11 @@ DEFAULT_LISTEN = "tls/0.0.0.0:7447"
 LARGEST_CONFIGURATION = 256 * 1024
 DEEPEST_CONFIGURATION = 32
 
+# A certificate's common name has 64 characters at most, and `.planner` or the name of a member comes after the robot's.
+LONGEST_NAME = 31
+# Folders in a security folder that are no robot's.
+RESERVED = (*ROLES, "ca")
+
 TLS = "transport/link/tls"
 FILES = (
     "root_ca_certificate",
@@ -38,90 +42,150 @@ FILES = (
 )
 
 
-def _role_configuration(role: str, robot: str, listen: str, connect: str) -> dict[str, Any]:
+def tls_links(name: str, *, listens: bool, place: str = "") -> dict[str, Any]:
+    """The `transport/link` section of who is called `name`; `place` is what its files' names begin with."""
     files = {
-        "root_ca_certificate": "ca.pem",
-        "connect_private_key": f"{role}.key",
-        "connect_certificate": f"{role}.pem",
+        "root_ca_certificate": f"{place}ca.pem",
+        "connect_private_key": f"{place}{name}.key",
+        "connect_certificate": f"{place}{name}.pem",
     }
+    if listens:
+        files |= {"listen_private_key": f"{place}{name}.key", "listen_certificate": f"{place}{name}.pem"}
+    tls = {**files, "enable_mtls": True, "close_link_on_expiration": True}
+    return {"protocols": ["tls"], "tls": tls, "tx": sending()}
+
+
+def _role_configuration(role: str, robot: str, listen: str, connect: str) -> dict[str, Any]:
     if role == "node":
         configuration = node_configuration([listen])
-        files |= {"listen_private_key": f"{role}.key", "listen_certificate": f"{role}.pem"}
         configuration["adminspace"] = {"enabled": False}
-        configuration["access_control"] = access_control(robot)
+        configuration["access_control"] = access_control(robot, {name: [f"{robot}.{name}"] for name in ROLES})
     else:
         configuration = client_configuration(connect)
-    tls = {**files, "enable_mtls": True, "close_link_on_expiration": True}
-    configuration["transport"]["link"] |= {"protocols": ["tls"], "tls": tls, "tx": sending()}
+    configuration["transport"]["link"] |= tls_links(role, listens=role == "node")
     return configuration
-
-
-def _write(path: Path, data: bytes, *, private: bool = False) -> None:
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if private else 0o644)
-    with os.fdopen(descriptor, "wb") as file:
-        file.write(data)
 
 
 def init_security(
     folder: str | Path,
     *,
-    robot: str = DEFAULT_ROBOT,
+    robot: str | Sequence[str] = DEFAULT_ROBOT,
     hosts: Sequence[str] = (),
     listen: str = DEFAULT_LISTEN,
 ) -> Path:
     """Make a CA and the folders of all roles: `ca`, `node`, `gait`, `planner`, `viewer`.
 
-    Give each machine only the folders of its roles, and keep `ca` off the robot. The folder appears whole or
-    not at all.
+    The common name of a certificate is `<robot>.<role>`. With several robots there is one CA, and the folders of the
+    roles stand in a folder per robot. Give each machine only the folders of its roles, and keep `ca` off the robot.
+    The folder appears whole or not at all.
 
     Args:
         folder: new folder.
-        robot: instance name; the access rules hold for its keys.
-        hosts: names and addresses by which clients reach the node, beside localhost and this machine's name.
+        robot: instance name, or several; the access rules hold for its keys.
+        hosts: names and addresses by which clients reach the node, beside localhost and this machine's name; of
+            several robots each has one of the same number, or none is given.
         listen: where the node will listen.
 
     Returns:
         The folder.
 
     Raises:
-        SecurityError: the folder exists and is not empty, or cannot be written.
+        SecurityError: the folder exists and is not empty, or cannot be written; a robot twice.
         ConfigurationError: `listen` is no TLS endpoint.
     """
-    check_name(robot)
-    if not check_endpoint(listen).startswith("tls/"):
-        raise ConfigurationError(f"endpoint {listen!r} is not encrypted; write tls/host:port")
+    robots = [robot] if isinstance(robot, str) else list(robot)
+    for name in robots:
+        check_robot(name)
+    if len(set(robots)) != len(robots) or not robots:
+        raise SecurityError(f"robots are {', '.join(robots) or 'none'}; give each robot once")
+    if len(robots) > 1 and hosts and len(hosts) != len(robots):
+        raise SecurityError(
+            f"{len(hosts)} hosts are given for {len(robots)} robots; give one per robot in the same order, or none"
+        )
     target = Path(folder)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise SecurityError(f"{target} exists and is not empty; give a new folder, or remove it first")
-    own_hosts = list(dict.fromkeys([*hosts, "localhost", "127.0.0.1", "::1", socket.gethostname()]))
-    port = listen.rpartition(":")[2]
-    connect = f"tls/{hosts[0] if hosts else 'localhost'}:{port}"
-    authority = make_authority(f"{robot} CA")
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
-    except OSError as error:
-        raise SecurityError(f"cannot write {target}: {error.strerror}") from error
-    try:
+    authority = make_authority(f"{robots[0]} CA")
+
+    def write(staging: Path) -> None:
         (staging / "ca").mkdir()
-        _write(staging / "ca" / "ca.pem", authority.certificate)
-        _write(staging / "ca" / "ca.key", authority.key, private=True)
-        for role in ROLES:
-            own = staging / role
-            own.mkdir()
-            credentials = make_certificate(authority, role, own_hosts if role == "node" else [role])
-            configuration = _role_configuration(role, robot, listen, connect)
-            _write(own / "ca.pem", authority.certificate)
-            _write(own / f"{role}.pem", credentials.certificate)
-            _write(own / f"{role}.key", credentials.key, private=True)
-            _write(own / CONFIGURATION, (json.dumps(configuration, indent=2) + "\n").encode())
-        if target.exists():
-            target.rmdir()
-        staging.rename(target)
-    except OSError as error:
-        shutil.rmtree(staging, ignore_errors=True)
-        raise SecurityError(f"cannot write {target}: {error.strerror}") from error
+        write_file(staging / "ca" / "ca.pem", authority.certificate)
+        write_file(staging / "ca" / "ca.key", authority.key, private=True)
+        for number, name in enumerate(robots):
+            own = hosts if len(robots) == 1 else hosts[number : number + 1]
+            place = staging if len(robots) == 1 else staging / name
+            place.mkdir(exist_ok=True)
+            write_roles(place, authority, name, hosts=own, listen=listen)
+
+    check_tls(listen)
+    make_whole(target, write)
     return target
+
+
+def check_robot(name: str) -> str:
+    """`name` if it can be a robot's and the first part of a certificate's name.
+
+    Raises:
+        KeyNameError: it cannot be part of a key.
+        SecurityError: it is too long, or the name of something else in a security folder.
+    """
+    check_name(name)
+    if len(name) > LONGEST_NAME or name in RESERVED:
+        raise SecurityError(
+            f"robot name {name!r} cannot be in a certificate; allowed: {LONGEST_NAME} characters at most, and none "
+            f"of {', '.join(RESERVED)}"
+        )
+    return name
+
+
+def check_tls(endpoint: str) -> str:
+    """`endpoint` if it is one of TLS.
+
+    Raises:
+        ConfigurationError: it is not.
+    """
+    if not check_endpoint(endpoint).startswith("tls/"):
+        raise ConfigurationError(f"endpoint {endpoint!r} is not encrypted; write tls/host:port")
+    return endpoint
+
+
+def check_encrypted(endpoint: str) -> str:
+    """`endpoint` if it is one of TLS or QUIC.
+
+    Raises:
+        ConfigurationError: it is not.
+    """
+    if not check_endpoint(endpoint).startswith(("tls/", "quic/")):
+        raise ConfigurationError(
+            f"endpoint {endpoint!r} is not encrypted although a security folder is given; use tls/host:port"
+        )
+    return endpoint
+
+
+def write_roles(place: Path, authority: Credentials, robot: str, *, hosts: Sequence[str], listen: str) -> None:
+    """Write the folders of a robot's roles below `place`."""
+    for role in ROLES:
+        own = place / role
+        own.mkdir()
+        names = own_hosts(hosts) if role == "node" else [f"{robot}.{role}"]
+        connect = f"tls/{hosts[0] if hosts else 'localhost'}:{listen.rpartition(':')[2]}"
+        write_member(own, authority, f"{robot}.{role}", names, _role_configuration(role, robot, listen, connect))
+
+
+def own_hosts(hosts: Sequence[str]) -> list[str]:
+    """Names and addresses of a machine that listens: those given, localhost, and this machine's name."""
+    return list(dict.fromkeys([*hosts, "localhost", "127.0.0.1", "::1", socket.gethostname()]))
+
+
+def write_member(
+    own: Path, authority: Credentials, common_name: str, hosts: Sequence[str], configuration: dict[str, Any]
+) -> None:
+    """Write certificate, key and configuration of one member into its new, empty folder; files bear its name."""
+    credentials = make_certificate(authority, common_name, hosts)
+    write_file(own / "ca.pem", authority.certificate)
+    write_file(own / f"{own.name}.pem", credentials.certificate)
+    write_file(own / f"{own.name}.key", credentials.key, private=True)
+    write_file(own / CONFIGURATION, (json.dumps(configuration, indent=2) + "\n").encode())
 
 
 def role_folder(folder: str | Path, role: str) -> Path:
@@ -159,7 +223,9 @@ def load_configuration(
     *,
     listen: Sequence[str] = (),
     connect: str | None = None,
+    uplink: str | None = None,
     shared_memory: bool = True,
+    local: bool = False,
 ) -> str:
     """The Zenoh configuration of a role's folder, with the paths of its files made absolute.
 
@@ -167,32 +233,37 @@ def load_configuration(
         folder: folder of a role.
         listen: endpoints instead of the configured ones.
         connect: endpoint instead of the configured one; a node then is a client of that router.
+        uplink: endpoint of a further router that a node dials, and again whenever the link is gone.
         shared_memory: let Zenoh pass large payloads through /dev/shm between processes of one machine.
+        local: take the files that lie in the folder, wherever the configuration says that they will lie, and dial
+            nobody but `connect` and `uplink`.
 
     Raises:
         SecurityError: the configuration cannot be read, or a file that it names is missing.
         ConfigurationError: an endpoint without encryption.
     """
-    for endpoint in (*listen, *(() if connect is None else (connect,))):
-        if not check_endpoint(endpoint).startswith(("tls/", "quic/")):
-            raise ConfigurationError(
-                f"endpoint {endpoint!r} is not encrypted although a security folder is given; use tls/host:port"
-            )
+    for endpoint in (*listen, *(endpoint for endpoint in (connect, uplink) if endpoint is not None)):
+        check_encrypted(endpoint)
     try:
         text = _configuration_text(folder)
         values: dict[str, Any] = {}
         for name in FILES:
             value = zenoh_api.configuration_value(text, f"{TLS}/{name}")
             if value is not None:
+                value = Path(value).name if local else value
                 values[f"{TLS}/{name}"] = str(_existing(folder, value, is_key=name.endswith("private_key")))
     except (OSError, ValueError, zenoh_api.zenoh_error()) as error:
         raise SecurityError(f"cannot use {folder / CONFIGURATION}: {error}") from error
     values["transport/shared_memory/enabled"] = shared_memory
+    if local:
+        values["connect/endpoints"] = []
     if listen:
         values["listen/endpoints"] = list(listen)
     if connect is not None:
         values |= {"connect/endpoints": [connect], "mode": "client", "connect/timeout_ms": 0}
         values |= {"access_control/enabled": False, "listen/endpoints": []}
+    if uplink is not None:
+        values["connect"] = dialling(uplink)
     return zenoh_api.with_values(text, values)
 
 

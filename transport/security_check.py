@@ -12,20 +12,22 @@ from pathlib import Path
 from typing import Any
 
 from transport import zenoh_api
-from transport.access_rules import ROLES
+from transport.access_rules import FLEET, ROLES, ROUTER
 from transport.configuration import client_configuration
-from transport.exceptions import ConnectionFailed
+from transport.exceptions import ConnectionFailed, SecurityError
 from transport.fetcher import Fetcher
-from transport.keys import check_name, scan_key, stance_key, terrain_key
+from transport.keys import FLEET_STATUS, scan_key, stance_key, status_key, terrain_key
+from transport.members import Members, open_members
 from transport.publisher import Publisher
-from transport.security import configured_robot, role_folder
-from transport.session import Session, connect_with, open_client, open_node
+from transport.security import load_configuration, role_folder
+from transport.session import Session, connect_with, listen_with, open_node
 
 # What is tried, in the order of the matrix.
 ACTIONS = (
     "connect",
     "read grids",
     "read the last grid",
+    "see the status",
     "request a scan",
     "publish stance pauses",
     "forge grids",
@@ -35,9 +37,10 @@ ACTIONS = (
 STRANGER = "nobody"
 
 # What each role is meant to be allowed.
-EXPECTED = {
-    "planner": ("connect", "read grids", "read the last grid", "request a scan"),
-    "viewer": ("connect", "read grids", "read the last grid"),
+READER = ("connect", "read grids", "read the last grid", "see the status")
+EXPECTED: dict[str, tuple[str, ...]] = {
+    "planner": (*READER, "request a scan"),
+    "viewer": READER,
     "gait": ("connect", "publish stance pauses"),
     STRANGER: (),
 }
@@ -97,6 +100,7 @@ class _Probe:
     def __init__(self, session: Session, robot: str) -> None:
         self.robot = robot
         self.live = Publisher(session, terrain_key(robot), latched=True)
+        self.status = Publisher(session, status_key(robot), latched=False)
         self.stance = _Ear(session, stance_key(robot))
         self._raw: Any = zenoh_api.declare_queryable(session.raw, scan_key(robot), self._reply)
         self.live.put(b"last")
@@ -107,49 +111,135 @@ class _Probe:
 
 
 def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Permission, ...]:
-    """Connect as each role, and as nobody, and try every action.
+    """Connect to a robot's node as each role, and as nobody, and try every action.
 
     A node with the folder's own configuration is opened on a free port of this machine for the time of the
-    check; a running node is not touched.
+    check; a running node is not touched. Where the folder has them, a planner of another robot and the robot's routers
+    are tried too.
 
     Args:
         folder: made by `init_security`, with the folders of all roles.
-        robot: instance name; None takes the one for which the folder was made.
+        robot: instance name; None takes the one for which the folder was made, or the first.
 
     Returns:
         One entry per role and action.
 
     Raises:
-        SecurityError: a role's folder is missing.
+        SecurityError: a role's folder is missing, or there is no such robot.
         ConnectionFailed: the node does not start with its certificate.
     """
+    members, name = _robot_in(folder, robot)
+    place = members.robots[name].place
+    rows = _own_rows(members, name)
+    for router in members.routers:
+        if name in members.routers[router].robots and router not in members.revoked:
+            allowed = (*READER, "request a scan") if members.routers[router].scans else READER
+            rows[f"{router}.{ROUTER}"] = (members.root / router, allowed)
+    endpoint = _free_endpoint()
+    with open_node(listen=endpoint, security=place / "node", shared_memory=False) as session:
+        return _try_all(_Probe(session, name), rows, endpoint, place)
+
+
+def check_router(folder: str | Path, router: str, *, robot: str | None = None) -> tuple[Permission, ...]:
+    """The same at a router: its configuration is run on a free port of this machine, and the node is its client.
+
+    Args:
+        folder: made by `init_security`.
+        router: its name.
+        robot: instance name of one that it serves; None takes the first.
+
+    Raises:
+        SecurityError: there is no such router, or it does not serve the robot.
+        ConnectionFailed: it does not start with its configuration.
+    """
+    members = open_members(folder)
+    if router not in members.routers:
+        raise SecurityError(f"{folder} has no router {router!r}; routers: {', '.join(members.routers) or 'none'}")
+    served = members.routers[router]
+    name = robot or served.robots[0]
+    if name not in served.robots:
+        raise SecurityError(f"router {router!r} does not serve {name!r}; it serves {', '.join(served.robots)}")
+    place, rows = members.robots[name].place, _own_rows(members, name)
+    if served.uplink and served.uplink not in members.revoked:
+        allowed = (*READER, "request a scan") if served.scans else READER
+        rows[f"{served.uplink}.{ROUTER}"] = (members.root / served.uplink, allowed)
+    for other, found in members.routers.items():
+        if found.uplink == router and other not in members.revoked:
+            # What it brings of its own robots is its business.
+            brings = ("connect", "forge grids") if name in found.robots else ("connect",)
+            rows[f"{other}.{ROUTER}"] = (members.root / other, brings)
+    for watcher in members.fleet:
+        if watcher not in members.revoked:
+            rows[f"{watcher}.{FLEET}"] = (members.root / watcher, ("connect", "see the status"))
+    endpoint = _free_endpoint()
+    with (
+        listen_with(_of_router(members.root / router, endpoint), (endpoint,)),
+        open_node(connect=endpoint, security=place / "node", shared_memory=False) as session,
+    ):
+        return _try_all(_Probe(session, name), rows, endpoint, place)
+
+
+def _robot_in(folder: str | Path, robot: str | None) -> tuple[Members, str]:
+    members = open_members(folder)
+    if not members.robots:
+        role_folder(Path(folder) / "node", "node")
+    name = robot or next(iter(members.robots))
+
+    if name not in members.robots:
+        raise SecurityError(f"{folder} has no robot {name!r}; robots: {', '.join(members.robots)}")
     for role in ROLES:
-        role_folder(Path(folder) / role, role)
-    name = check_name(robot or configured_robot(Path(folder) / "node"))
+        role_folder(members.robots[name].place / role, role)
+    return members, name
+
+
+def _own_rows(members: Members, robot: str) -> dict[str, tuple[Path | None, tuple[str, ...]]]:
+    own = members.robots[robot]
+    rows: dict[str, tuple[Path | None, tuple[str, ...]]] = {}
+    for role, allowed in EXPECTED.items():
+        expected = ("connect",) if role in own.revoked else allowed
+        rows[role] = (None, ()) if role == STRANGER else (own.place / role, expected)
+    other = next((other for other in members.robots if other != robot), None)
+    if other is not None:
+        for role in ("planner", "node"):
+            rows[f"{other}.{role}"] = (members.robots[other].place / role, ("connect",))
+    return rows
+
+
+def _of_router(folder: Path, endpoint: str) -> str:
+    """A router's configuration as it runs, but on this machine and by itself."""
+    return load_configuration(folder, listen=[endpoint], local=True)
+
+
+def _free_endpoint() -> str:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        endpoint = f"tls/localhost:{probe.getsockname()[1]}"
+        return f"tls/localhost:{probe.getsockname()[1]}"
+
+
+def _try_all(
+    node: _Probe, rows: dict[str, tuple[Path | None, tuple[str, ...]]], endpoint: str, place: Path
+) -> tuple[Permission, ...]:
     found: list[Permission] = []
-    with open_node(listen=endpoint, security=Path(folder) / "node", shared_memory=False) as session:
-        node = _Probe(session, name)
-        with open_client(endpoint, security=Path(folder) / "viewer", shared_memory=False) as witness:
-            witness_ear = _Ear(witness, terrain_key(name))
-            for role in EXPECTED:
-                allowed = _try_role(Path(folder), role, endpoint, node, witness_ear)
-                found += [Permission(role, action, action in allowed, action in EXPECTED[role]) for action in ACTIONS]
+    with _open_role(place / "viewer", place, endpoint) as witness:
+        ear = None if witness is None else _Ear(witness, terrain_key(node.robot))
+        for role, (folder, expected) in rows.items():
+            with _open_role(folder, place, endpoint) as session:
+                allowed = set() if session is None else _try_role(session, role, expected, node, ear)
+            found += [Permission(role, action, action in allowed, action in expected) for action in ACTIONS]
     return tuple(found)
 
 
 @contextmanager
-def _open_role(folder: Path, role: str, endpoint: str) -> Iterator[Session | None]:
+def _open_role(folder: Path | None, place: Path, endpoint: str) -> Iterator[Session | None]:
     try:
-        if role == STRANGER:
+        if folder is None:
             configuration = client_configuration(endpoint, shared_memory=False)
-            tls = {"root_ca_certificate": str(folder / "node" / "ca.pem")}
+            tls = {"root_ca_certificate": str(place / "node" / "ca.pem")}
             configuration["transport"]["link"]["tls"] = tls
             session = connect_with(configuration, (endpoint,), 0.0)
         else:
-            session = open_client(endpoint, security=folder / role, shared_memory=False, timeout=WAIT)
+            text = load_configuration(folder, connect=endpoint, shared_memory=False, local=True)
+            session = connect_with(text, (endpoint,), WAIT)
     except ConnectionFailed:
         yield None
         return
@@ -157,32 +247,34 @@ def _open_role(folder: Path, role: str, endpoint: str) -> Iterator[Session | Non
         yield session
 
 
-def _try_role(folder: Path, role: str, endpoint: str, node: _Probe, witness: _Ear) -> set[str]:
-    with _open_role(folder, role, endpoint) as session:
-        if session is None:
-            return set()
-        allowed = {"connect"}
-        key = terrain_key(node.robot)
-        patience = WAIT if role in ("planner", "viewer") else QUIET
-        live, last = _Ear(session, key), _Ear(session, key, latched=True)
-        if last.hears("last", patience):
-            allowed.add("read the last grid")
-        deadline = time.monotonic() + patience
-        while time.monotonic() < deadline and "read grids" not in allowed:
-            node.live.put(f"live {role}".encode())
-            if live.hears(f"live {role}", 0.1):
-                allowed.add("read grids")
-        node.live.put(b"last")
-        if _is_answered(session, node.robot):
-            allowed.add("request a scan")
-        stance, forged = f"stance of {role}", f"forged by {role}"
-        session.raw.put(stance_key(node.robot), stance.encode())
-        session.raw.put(key, forged.encode())
-        if node.stance.hears(stance, WAIT if role == "gait" else QUIET):
-            allowed.add("publish stance pauses")
-        if witness.hears(forged, QUIET):
-            allowed.add("forge grids")
-        return allowed
+def _try_role(session: Session, role: str, expected: tuple[str, ...], node: _Probe, witness: _Ear | None) -> set[str]:
+    allowed = {"connect"}
+    key = terrain_key(node.robot)
+    patience = WAIT if "read grids" in expected else QUIET
+    live, last = _Ear(session, key), _Ear(session, key, latched=True)
+    status = _Ear(session, FLEET_STATUS if role.endswith(f".{FLEET}") else status_key(node.robot))
+    if last.hears("last", patience):
+        allowed.add("read the last grid")
+    deadline = time.monotonic() + (WAIT if "see the status" in expected else QUIET)
+    hoped = {"read grids", "see the status"} & set(expected) or {"read grids"}
+    while time.monotonic() < deadline and not hoped <= allowed:
+        node.live.put(f"live {role}".encode())
+        node.status.put(f"status {role}".encode())
+        if live.hears(f"live {role}", 0.1):
+            allowed.add("read grids")
+        if status.hears(f"status {role}", 0.1):
+            allowed.add("see the status")
+    node.live.put(b"last")
+    if _is_answered(session, node.robot):
+        allowed.add("request a scan")
+    stance, forged = f"stance of {role}", f"forged by {role}"
+    session.raw.put(stance_key(node.robot), stance.encode())
+    session.raw.put(key, forged.encode())
+    if node.stance.hears(stance, WAIT if "publish stance pauses" in expected else QUIET):
+        allowed.add("publish stance pauses")
+    if witness is not None and witness.hears(forged, WAIT if "forge grids" in expected else QUIET):
+        allowed.add("forge grids")
+    return allowed
 
 
 def _is_answered(session: Session, robot: str) -> bool:

@@ -151,6 +151,7 @@ def open_node(
     *,
     listen: str | tuple[str, ...] | None = None,
     connect: str | None = None,
+    uplink: str | None = None,
     security: str | Path | None = None,
     allow_insecure: bool = False,
     shared_memory: bool = False,
@@ -162,26 +163,35 @@ def open_node(
         listen: endpoints that clients connect to; the node is the Zenoh router. None takes this machine only,
             or what the security folder says.
         connect: endpoint of an external router; then the node listens nowhere.
+        uplink: endpoint of a further router that the node dials besides listening, and again whenever the link is
+            gone; nobody waits for it. What is asked for there is sent once, however many read it behind it.
         security: folder made by `guara security init`, or its folder `node`.
-        allow_insecure: listen beyond this machine without security.
+        allow_insecure: listen beyond this machine, or have an uplink there, without security.
         shared_memory: let Zenoh pass large payloads through /dev/shm between processes of one machine. Saves a
             millisecond per grid; a process that lives on keeps 17 MB and 2 descriptors of each that died.
         timeout: [s] to wait for an external router.
 
     Raises:
-        ConfigurationError: an endpoint is not valid, or open to other machines without security.
+        ConfigurationError: an endpoint is not valid, or open to other machines without security; `connect` and
+            `uplink` at once.
         SecurityError: the security folder is incomplete.
         ConnectionFailed: the port is taken, or the external router does not answer.
     """
+    if connect is not None and uplink is not None:
+        raise ConfigurationError(
+            f"connect ({connect}) and uplink ({uplink}) contradict one another: a node is the client of one router, or "
+            f"its own router with an uplink; give one of them"
+        )
     if connect is not None:
         return _open_client(connect, security, "node", shared_memory=shared_memory, timeout=timeout)
     given = (listen,) if isinstance(listen, str) else tuple(listen or ())
     if security is None:
         endpoints = given or (DEFAULT_ENDPOINT,)
-        check_exposure(endpoints, allow_insecure=allow_insecure)
-        return listen_with(node_configuration(endpoints, shared_memory=shared_memory), endpoints)
+        # Who is behind the router at the other end of an uplink reaches this node through it.
+        check_exposure((*endpoints, *(() if uplink is None else (uplink,))), allow_insecure=allow_insecure)
+        return listen_with(node_configuration(endpoints, uplink=uplink, shared_memory=shared_memory), endpoints)
     folder = role_folder(security, "node")
-    configuration = load_configuration(folder, listen=given, shared_memory=shared_memory)
+    configuration = load_configuration(folder, listen=given, uplink=uplink, shared_memory=shared_memory)
     return listen_with(configuration, given or configured_endpoints(folder, "listen"))
 
 

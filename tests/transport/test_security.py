@@ -32,7 +32,7 @@ def test_each_role_gets_its_own_folder(folder: Path) -> None:
     for role in ROLES:
         certificate = x509.load_pem_x509_certificate((folder / role / f"{role}.pem").read_bytes())
         certificate.verify_directly_issued_by(authority)
-        assert certificate.subject.rfc4514_string() == f"CN={role}"
+        assert certificate.subject.rfc4514_string() == f"CN=guara.{role}"
         assert stat.S_IMODE((folder / role / f"{role}.key").stat().st_mode) == 0o600
         assert json.loads((folder / role / "zenoh.json5").read_text())
         assert not (folder / role / "ca.key").exists()

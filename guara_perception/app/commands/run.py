@@ -39,6 +39,7 @@ JPEG_QUALITY = 90
 @click.option("--domain", type=click.IntRange(0, 232), default=0, show_default=True, help="ROS 2 domain")
 @click.option("--listen", help="where clients connect; default: tcp/127.0.0.1:7447, or the security folder's")
 @click.option("--connect", help="use an external Zenoh router instead of being one")
+@click.option("--uplink", help="dial a further router too, for readers elsewhere; planner and gait stay on this one")
 @click.option("--security", type=click.Path(path_type=Path), help="folder made by `guara security init`")
 @click.option("--allow-insecure", is_flag=True, help="listen beyond this machine without security")
 @click.option("--robot", help="name or folder of the robot; default: the calibration's")
@@ -61,6 +62,7 @@ def command(
     domain: int,
     listen: str | None,
     connect: str | None,
+    uplink: str | None,
     security: Path | None,
     allow_insecure: bool,
     robot: str | None,
@@ -78,6 +80,7 @@ def command(
     Example:
       guara run -c calibration.json --record walk.mcap
       guara run --simulated
+      guara run -c calibration.json --security keys --uplink tls/site.local:7447
     """
     from guara_perception.app.bounded_close import closed_within
     from guara_perception.app.node.devices import choose_rig
@@ -116,6 +119,7 @@ def command(
                 robot=instance,
                 listen=listen,
                 connect=connect,
+                uplink=uplink,
                 security=security,
                 allow_insecure=allow_insecure,
                 is_stopped=stop.is_set,
@@ -157,6 +161,8 @@ def command(
         )
         StanceReceiver(session, robot=instance, on_pause=node.on_pause, on_refused=node.on_refused)
         click.echo(f"{instance}: listening on {', '.join(session.endpoints)}; Ctrl-C stops")
+        if uplink is not None:
+            click.echo(f"{instance}: uplink to {uplink}, dialled again whenever it is gone")
         if record is not None:
             click.echo(f"recording to {record}: {recording_size(quality)}")
         if rig.simulation is not None:

@@ -15,42 +15,128 @@ def command() -> None:
     Example:
       guara security init keys --host robot.local
       guara security check keys
+      guara security router site --robot rex --robot ada --host site.local
     """
 
 
 @command.command(name="init")
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--robot", default="guara", show_default=True, help="instance name of the robot")
+@click.option(
+    "--robot", "robots", multiple=True, default=["guara"], show_default=True, help="instance name; repeatable"
+)
 @click.option("--host", "hosts", multiple=True, help="name or address by which clients reach the node; repeatable")
-def init(folder: Path, robot: str, hosts: tuple[str, ...]) -> None:
+def init(folder: Path, robots: tuple[str, ...], hosts: tuple[str, ...]) -> None:
     """Make a CA and one folder per role (node, gait, planner, viewer) in the new FOLDER.
+
+    Of several robots, the folders of the roles stand in one folder per robot.
 
     \b
     Example:
       guara security init keys --host robot.local
+      guara security init site --robot rex --host rex.local --robot ada --host ada.local
     """
     from transport.security import init_security
 
-    made = init_security(folder, robot=robot, hosts=hosts)
-    click.echo(f"{made}: ca, node, gait, planner, viewer; give each machine only its own folder, keep ca safe")
+    made = init_security(folder, robot=robots, hosts=hosts)
+    folders = "ca, node, gait, planner, viewer" if len(robots) == 1 else f"ca, {', '.join(robots)}"
+    click.echo(f"{made}: {folders}; give each machine only its own folder, keep ca safe")
+
+
+@command.command(name="robot")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("name")
+@click.option("--host", "hosts", multiple=True, help="name or address by which clients reach its node; repeatable")
+def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
+    """Add the robot NAME to FOLDER: the same CA, a folder per role of its own.
+
+    \b
+    Example:
+      guara security robot site bob --host bob.local
+    """
+    from transport.certificates import add_robot as add_to
+
+    made = add_to(folder, name, hosts=hosts)
+    click.echo(f"{made}: node, gait, planner, viewer; give each machine only its own folder")
+
+
+@command.command(name="router")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--robot", "robots", multiple=True, required=True, help="instance name of a robot it serves; repeatable")
+@click.option("--name", default="router", show_default=True, help="name of the router and of its folder")
+@click.option("--host", "hosts", multiple=True, help="name or address by which others reach it; repeatable")
+@click.option("--listen", default="tls/0.0.0.0:7447", show_default=True, help="where it listens")
+@click.option("--uplink", default="", help="name of the router in FOLDER that it dials; default: none")
+@click.option("--uplink-host", default="", help="how it reaches that router; default: the first of its hosts")
+@click.option("--scans", is_flag=True, help="planners behind it may request scans at nodes that dial it")
+@click.option("--place", help="folder of its files where it will run; default: where they are made")
+def router(
+    folder: Path,
+    robots: tuple[str, ...],
+    name: str,
+    hosts: tuple[str, ...],
+    listen: str,
+    uplink: str,
+    uplink_host: str,
+    scans: bool,
+    place: str | None,
+) -> None:
+    """Make the certificate and the whole configuration of a Zenoh router (`zenohd`) that serves several robots.
+
+    \b
+    Example:
+      guara security router site --robot rex --robot ada --host site.local
+      zenohd -c site/router/zenoh.json5
+    """
+    from transport.members import open_members
+    from transport.router_folder import make_router
+
+    before = set(open_members(folder).robots) if folder.exists() else set()
+    made = make_router(
+        folder,
+        robots,
+        name=name,
+        hosts=hosts,
+        listen=listen,
+        uplink=uplink,
+        uplink_host=uplink_host,
+        scans=scans,
+        place=place,
+    )
+    click.echo(f"{made}: for {', '.join(robots)}; start it there: zenohd -c {made / 'zenoh.json5'}")
+    fresh = [robot for robot in robots if robot not in before]
+    if fresh:
+        click.echo(f"new robots: {', '.join(fresh)}, with a folder per role in {folder}")
+    others = f" and of {uplink}" if uplink else ""
+    click.echo(f"copy the node's folder of each of these robots{others} again, and restart what runs there")
 
 
 @command.command(name="check")
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--robot", help="instance name of the robot; default: what the folder says")
+@click.option("--robot", help="instance name of the robot; default: all of the folder")
 @click.pass_context
 def check(context: click.Context, folder: Path, robot: str | None) -> None:
-    """Connect as each role and print what it may do; exit 1 when that is not as it should be.
+    """Connect as each role, to each node and router, and print what it may do; exit 1 when that is not as it should be.
 
     \b
     Example:
       guara security check keys
+      guara security check site --robot rex
     """
-    from transport.security_check import check_security, format_matrix
+    from transport.members import open_members
+    from transport.security_check import check_router, check_security, format_matrix
 
-    permissions = check_security(folder, robot=robot)
-    click.echo(format_matrix(permissions))
-    if any(permission.allowed != permission.expected for permission in permissions):
+    members = open_members(folder)
+    robots = [robot] if robot or not members.robots else list(members.robots)
+    found = {f"node of {name}": check_security(folder, robot=name) for name in robots}
+    for router, served in members.routers.items():
+        for name in served.robots:
+            if robot in (None, name):
+                found[f"router {router}, robot {name}"] = check_router(folder, router, robot=name)
+    for place, permissions in found.items():
+        if len(found) > 1:
+            click.echo(f"{place}:")
+        click.echo(format_matrix(permissions))
+    if any(permission.allowed != permission.expected for rows in found.values() for permission in rows):
         context.exit(1)
 
 
@@ -73,18 +159,26 @@ def renew(folder: Path, names: tuple[str, ...]) -> None:
 @command.command(name="add")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.argument("name")
-@click.option("--role", type=click.Choice(["planner", "viewer", "gait"]), default="planner", show_default=True)
+@click.option("--role", type=click.Choice(["planner", "viewer", "gait", "fleet"]), default="planner", show_default=True)
 def add(folder: Path, name: str, role: str) -> None:
-    """Make the member NAME with the rights of a role, such as a second planner.
+    """Make the member NAME with the rights of a role, such as a second planner; of several robots: ROBOT.NAME.
+
+    The role `fleet` is of no robot: at routers it sees which robots live, and how they are.
 
     \b
     Example:
       guara security add keys planner-2
+      guara security add site rex.planner-2
+      guara security add site desk --role fleet
     """
     from transport.certificates import add as add_member
 
     made = add_member(folder, name, role)
-    click.echo(f"{made}: for the new {role}; copy {folder / 'node'} to the robot again and restart the node")
+    if role == "fleet":
+        click.echo(f"{made}: for the new fleet; copy the folders of the routers again and restart them")
+    else:
+        click.echo(f"{made}: for the new {role}; copy {made.parent / 'node'} to the robot again and restart the node")
+        _tell_of_routers(folder)
 
 
 @command.command(name="revoke")
@@ -96,8 +190,20 @@ def revoke(folder: Path, name: str) -> None:
     \b
     Example:
       guara security revoke keys planner
+      guara security revoke site rex.planner
     """
     from transport.certificates import revoke as revoke_member
 
-    revoke_member(folder, name)
-    click.echo(f"{name} is shut out as soon as {folder / 'node'} is copied to the robot and the node restarted")
+    changed = ", ".join(map(str, revoke_member(folder, name)))
+    if changed:
+        click.echo(f"{name} is shut out as soon as {changed} is copied to where it runs and that is restarted")
+    else:
+        click.echo(f"{name} is shut out already, where the rules in {folder} are in force")
+
+
+def _tell_of_routers(folder: Path) -> None:
+    from transport.members import open_members
+
+    routers = open_members(folder).routers
+    if routers:
+        click.echo(f"copy the folders of the routers too, and restart them: {', '.join(routers)}")

@@ -51,13 +51,26 @@ def test_add_and_revoke_say_what_to_copy(guara, keys: Path) -> None:
     assert said.code == 0 and said.out.startswith("planner is shut out as soon as")
     subjects = json.loads((keys / "node" / CONFIGURATION).read_text())["access_control"]["subjects"]
     names = {subject["id"]: subject["cert_common_names"] for subject in subjects}
-    assert names["planner"] == ["planner-2"] and names["viewer"] == ["viewer"]
+    assert names["planner"] == ["guara.planner-2"] and names["viewer"] == ["guara.viewer"]
     assert guara("security", "renew", keys).out.startswith("renewed: node, gait, viewer, planner-2;")
 
 
 @pytest.mark.parametrize(
     ("words", "told"),
     [
+        (["router", "KEYS", "--robot", "guara", "--robot", "r/x"], "r/x"),
+        (["router", "KEYS", "--robot", "node"], "robot name 'node' cannot be in a certificate"),
+        (["router", "KEYS", "--robot", "r" * 32], "31 characters at most"),
+        (["router", "KEYS", "--robot", "guara", "--name", "ca"], "the name 'ca' is taken"),
+        (["router", "KEYS", "--robot", "guara", "--name", "r" * 32], "is too long for a certificate"),
+        (["router", "KEYS", "--robot", "guara", "--uplink", "site"], "has no router 'site' to dial; routers: none"),
+        (["router", "KEYS", "--robot", "guara", "--listen", "tcp/0.0.0.0:1"], "is not encrypted"),
+        (["router", "KEYS"], "Missing option '--robot'"),
+        (["robot", "KEYS", "guara"], "the name 'guara' is taken or was shut out"),
+        (["robot", "NOWHERE", "rex"], "cannot read the CA of"),
+        (["check", "KEYS", "--robot", "rex"], "has no robot 'rex'; robots: guara"),
+        (["add", "KEYS", "router"], "the name 'router' is taken or was shut out"),
+        (["add", "KEYS", "rex.planner-2"], "holds several robots"),
         (["renew", "KEYS", "rex"], "has no member 'rex'; members: node, gait, planner, viewer"),
         (["renew", "NOWHERE"], "cannot read the CA of"),
         (["add", "KEYS", "viewer"], "the name 'viewer' is taken or was shut out"),
@@ -132,3 +145,45 @@ def test_a_running_node_warns_planners(start, keys: Path, free_endpoint: str, ev
         item = client.status().item("certificates")
     assert item.level is Health.WARN and "node.pem expires in 20 days" in item.message
     assert node.interrupt() == 0
+
+
+def test_a_router_for_several_robots_says_what_to_do(guara, tmp_path: Path) -> None:
+    """Out of nothing: CA, robots and router; then a room's router below it, a robot more, a watcher, and their ends."""
+    site = tmp_path / "site"
+    said = guara("security", "router", site, "--robot", "rex", "--robot", "ada", "--name", "top", "--host", "top.local")
+    assert said.code == 0 and f"{site / 'top'}: for rex, ada; start it there: zenohd -c" in said.out
+    assert "new robots: rex, ada, with a folder per role" in said.out and "copy the node's folder" in said.out
+    said = guara("security", "router", site, "--robot", "rex", "--name", "room", "--uplink", "top")
+    assert said.code == 0 and "new robots" not in said.out and "and of top again" in said.out
+    room = json.loads((site / "room" / CONFIGURATION).read_text())
+    assert room["connect"]["endpoints"] == ["tls/top.local:7447"]
+    said = guara("security", "router", site, "--robot", "bob", "--name", "hall", "--uplink", "top")
+    assert said.code == 2 and "router 'top' does not serve bob" in said.err and not (site / "hall").exists()
+    assert guara("security", "robot", site, "bob").out.startswith(f"{site / 'bob'}: node, gait, planner, viewer")
+    said = guara("security", "add", site, "rex.planner-2")
+    assert f"copy {site / 'rex' / 'node'}" in said.out and "copy the folders of the routers too" in said.out
+    said = guara("security", "add", site, "desk", "--role", "fleet")
+    assert said.out == f"{site / 'desk'}: for the new fleet; copy the folders of the routers again and restart them\n"
+    assert "holds several robots: write ROBOT.planner-3" in guara("security", "add", site, "planner-3").err
+    said = guara("security", "revoke", site, "rex.planner")
+    changed = ", ".join(str(site / name) for name in ("rex/node", "top", "room"))
+    assert (
+        said.out == f"rex.planner is shut out as soon as {changed} is copied to where it runs and that is restarted\n"
+    )
+    assert "shut out already" in guara("security", "revoke", site, "rex.planner").out
+    assert str(site / "top") in guara("security", "revoke", site, "room").out
+    renewed = guara("security", "renew", site).out
+    assert "ada.planner," in renewed and "top.router, desk.fleet;" in renewed
+    assert "room.router" not in renewed and "rex.planner," not in renewed
+    assert certificates_item(site).level is Health.OK
+
+
+@pytest.mark.slow
+def test_the_check_of_a_site_tries_nodes_and_routers(guara, tmp_path: Path) -> None:
+    """Each is named; a robot's planner gets at its robot, not at the other; exit 0 as all is as meant."""
+    site = tmp_path / "site"
+    assert guara("security", "router", site, "--robot", "rex", "--robot", "ada").code == 0
+    said = guara("security", "check", site, "--robot", "rex")
+    assert said.code == 0, said.out
+    assert said.out.startswith("node of rex:\n") and "\nrouter router, robot rex:\n" in said.out
+    assert said.out.count("ada.planner") == 2 and "!" not in said.out

@@ -1,0 +1,41 @@
+"""A folder that appears whole or not at all, and new files of which some are for their owner alone."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from transport.exceptions import SecurityError
+
+
+def write_file(path: Path, data: bytes, *, private: bool = False) -> None:
+    """Write a new file; a private one is readable by its owner only, from the first moment."""
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if private else 0o644)
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(data)
+
+
+def make_whole(target: Path, write: Callable[[Path], None]) -> None:
+    """Make a folder whole or not at all: `write` fills one beside it, which then takes its name.
+
+    Raises:
+        SecurityError: it cannot be written.
+    """
+    staging: Path | None = None
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        staging = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+        filled = staging / target.name
+        filled.mkdir()
+        write(filled)
+        if target.exists():
+            target.rmdir()
+        filled.rename(target)
+    except OSError as error:
+        raise SecurityError(f"cannot write {target}: {error.strerror}") from error
+    finally:
+        if staging is not None:
+            shutil.rmtree(staging, ignore_errors=True)
