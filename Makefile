@@ -66,7 +66,7 @@ test-all: install-extras
 ROS_STAMP := .venv-ros/.installed
 FOXGLOVE_STAMP := tests/interop/js/node_modules/.installed
 
-$(ROS_STAMP): tests/interop/ros-requirements.txt tests/interop/ros_environment.py $(wildcard transport/msg/*.msg) | $(BIN)/python
+$(ROS_STAMP): tests/interop/ros-requirements.txt tests/interop/ros_environment.py $(wildcard transport/msg/*.msg robots/guara/*.txt) | $(BIN)/python
 	-$(BIN)/python tests/interop/ros_environment.py .venv-ros && touch $@
 
 $(FOXGLOVE_STAMP): tests/interop/js/package.json

@@ -11,20 +11,13 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.extras import optional_library
 from guara_perception.simulation.features import Box, Patch
+from guara_perception.simulation.mujoco_robot import FRICTION, STEP_S, mujoco_robot
 from guara_perception.simulation.world import World
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
 
-# With the default pyramidal cone feet creep 2.6 mm per step, with steps of 4 ms they slide 150 mm.
-STEP_S = 0.002
-FRICTION = 0.9
-IMPEDANCE_RATIO = 10.0
-# A stiffer servo (1000) shakes, a softer one sags.
-SERVO_STIFFNESS = 300.0
-SERVO_DAMPING = 12.0
-SERVO_TORQUE = 40.0
 ROBOT_BIT, TERRAIN_BIT = 1, 2
 GROUND_THICKNESS_M = 0.05
 
@@ -61,7 +54,7 @@ class PhysicsRobot:
         self._model = self._build(world, robot)
         self._data: Any = self._mujoco.MjData(self._model)
         self._positions = [self._model.joint(name).qposadr[0] for name in self._names]
-        self._servos = [self._model.actuator(f"servo_{name}").id for name in self._names]
+        self._servos = [self._model.actuator(name).id for name in self._names]
         quaternion = np.zeros(4)
         self._mujoco.mju_mat2Quat(quaternion, transform_base_to_world[:3, :3].ravel().copy())
         self._data.qpos[:3] = transform_base_to_world[:3, 3]
@@ -100,20 +93,10 @@ class PhysicsRobot:
         self._data.ctrl[self._servos] = [joint_positions[name] for name in self._names]
 
     def _build(self, world: World, robot: RobotModel) -> Any:
-        mujoco = self._mujoco
-        spec = mujoco.MjSpec.from_string(robot.tree.urdf.text)
-        spec.body(robot.config.base_frame).add_freejoint()
+        spec = mujoco_robot(robot)
         for geom in spec.geoms:
             # The robot touches the terrain, never itself.
             geom.contype, geom.conaffinity = ROBOT_BIT, TERRAIN_BIT
-            geom.friction = [FRICTION, 0.01, 0.001]
-        for name in self._names:
-            servo = spec.add_actuator(name=f"servo_{name}", target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-            servo.set_to_position(kp=SERVO_STIFFNESS, kv=SERVO_DAMPING)
-            servo.forcelimited, servo.forcerange = True, [-SERVO_TORQUE, SERVO_TORQUE]
-        option = spec.option
-        option.timestep, option.impratio = STEP_S, IMPEDANCE_RATIO
-        option.cone, option.integrator = mujoco.mjtCone.mjCONE_ELLIPTIC, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         self._add_terrain(spec, world)
         return spec.compile()
 
@@ -123,7 +106,7 @@ class PhysicsRobot:
         common = {
             "contype": TERRAIN_BIT,
             "conaffinity": ROBOT_BIT,
-            "friction": [FRICTION, 0.01, 0.001],
+            "friction": FRICTION,
         }
         plane = self._mujoco.mjtGeom.mjGEOM_PLANE
         spec.worldbody.add_geom(name="ground", type=plane, size=[0, 0, GROUND_THICKNESS_M], **common)

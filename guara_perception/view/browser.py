@@ -15,13 +15,12 @@ from guara_perception.terrain.drawing.style import rgb
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import MEANING, Hazard
 from guara_perception.view.moment import Moment
-from guara_perception.view.robot_mesh import robot_meshes
+from guara_perception.view.robot_looks import robot_looks
 from guara_perception.view.terrain_mesh import COLOURINGS, TerrainMesh, terrain_mesh
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-BODY_COLOUR, LEG_COLOUR = (120, 130, 145), (95, 105, 122)
 STRIPE_COLOUR, FOOTHOLD_COLOUR = (213, 94, 0), (0, 114, 178)
 SOLE_THICKNESS_M = 0.004
 EVEN_LIGHT = 2.6
@@ -148,13 +147,15 @@ class BrowserView:
         joints = moment.joint_positions
         if joints is None:
             return
-        transform = moment.transform_base_to_footprint
-        for link, (vertices, faces) in robot_meshes(self._robot, joints).items():
-            placed = vertices @ transform[:3, :3].T + transform[:3, 3]
-            colour = BODY_COLOUR if link == self._robot.config.base_frame else LEG_COLOUR
-            self._server.scene.add_mesh_simple(
-                f"/robot/{link}", placed, faces, color=colour, flat_shading=True, side="double"
-            )
+        state = self._robot.state(joints)
+        for link, looks in robot_looks(self._robot).items():
+            transform = moment.transform_base_to_footprint @ state.transform_to_base(link)
+            for number, look in enumerate(looks):
+                placed = look.vertices @ transform[:3, :3].T + transform[:3, 3]
+                colour = tuple(round(255 * part) for part in look.colour)
+                self._server.scene.add_mesh_simple(
+                    f"/robot/{link}/{number}", placed, look.faces, color=colour, flat_shading=True, side="double"
+                )
 
     def _draw_terrain(self, moment: Moment) -> None:
         mesh = terrain_mesh(self._grid_of(moment), self._colouring.value)

@@ -64,7 +64,7 @@ def make(folder: Path) -> None:
         grid_map = Path(build) / "grid_map_msgs"
         texts = (ROOT / "transport" / "msg" / "grid_map_msgs").glob("*.msg")
         write_package(grid_map, {path.stem: path.read_text() for path in texts})
-        for package in (ROOT / "ros" / "guara_msgs", grid_map, tf2):
+        for package in (ROOT / "ros" / "guara_msgs", ROOT / "robots" / "guara", grid_map, tf2):
             build_package(folder, package, Path(build) / f"build-{package.name}")
 
 

@@ -39,6 +39,13 @@ def test_the_message_package_holds_every_definition(ros: Path) -> None:
     assert (overlay / "include" / "guara_msgs" / "guara_msgs" / "msg" / "terrain.hpp").is_file()
 
 
+def test_the_robot_is_a_ros_package(ros: Path) -> None:
+    """guara_description was built by ament: its URDF lies where `package://` looks for it."""
+    share = ros / "overlay" / "share" / "guara_description"
+    for file in ("package.xml", "urdf/guara.urdf", "srdf/guara.srdf", "mjcf/guara.xml"):
+        assert (share / file).is_file()
+
+
 def test_foxglove_decodes_every_message(read_by_foxglove: dict[str, Any], counts: dict[str, int]) -> None:
     """Their MCAP reader, their parser of the schemas in the file, their CDR."""
     assert read_by_foxglove["profile"] == "ros2"

@@ -11,14 +11,14 @@ from guara_perception.app.robot_folder.scan_checks import coverage
 from guara_perception.arrays import Float
 from guara_perception.settings import Settings
 from guara_perception.terrain.drawing.style import new_figure, save_figure, styled
-from guara_perception.view.robot_mesh import robot_meshes
+from guara_perception.view.robot_looks import robot_looks
 from kinematics import RobotModel, Stance
 from kinematics.stance_pose import StancePose
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-BODY, LEG, SOLE = "#9aa5b1", "#6b7684", "#0072b2"
+SOLE = "#0072b2"
 CAMERA, LASER, AREA, BAD = "#009e73", "#d55e00", "#56b4e9", "#cc3311"
 
 
@@ -29,7 +29,7 @@ def draw_robot(robot: RobotModel, path: Path) -> None:
     pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs), find_unloaded=False)
     settings, seen = Settings.of(robot), coverage(robot)
     with styled():
-        figure, ((side, top),) = new_figure(1, 2, size=(13.0, 5.5))
+        figure, ((side, top),) = new_figure(1, 2, size=(13.0, 4.0))
         for axes, across in ((side, 2), (top, 1)):
             _draw_links(axes, robot, pose, across)
         (near, far), (right, left) = settings.footprint_x, settings.footprint_y
@@ -66,14 +66,18 @@ def draw_robot(robot: RobotModel, path: Path) -> None:
 
 
 def _draw_links(axes: Axes, robot: RobotModel, pose: StancePose, across: int) -> None:
-    """The convex outline of each link's shapes, seen along y (across = 2) or from above (across = 1)."""
+    """The convex outline of each shape, seen along y (across = 2) or from above (across = 1)."""
     from matplotlib.patches import Polygon
     from scipy.spatial import ConvexHull
 
-    transform = pose.transform_base_to_footprint
-    for link, (vertices, _) in robot_meshes(robot, robot.posture(robot.config.scan_posture)).items():
-        placed: Float = vertices @ transform[:3, :3].T + transform[:3, 3]
-        flat = placed[:, [0, across]]
+    state = robot.state(robot.posture(robot.config.scan_posture))
+    shapes = []
+    for link, looks in robot_looks(robot).items():
+        transform = pose.transform_base_to_footprint @ state.transform_to_base(link)
+        shapes += [(look.vertices @ transform[:3, :3].T + transform[:3, 3], look.colour) for look in looks]
+    # The far ones first: those on the left when seen from the right, the low ones when seen from above.
+    shapes.sort(key=lambda item: -item[0][:, 1].mean() if across == 2 else item[0][:, 2].mean())
+    for placed, colour in shapes:
+        flat: Float = placed[:, [0, across]]
         outline = flat[ConvexHull(flat).vertices]
-        colour = BODY if link == robot.config.base_frame else LEG
-        axes.add_patch(Polygon(outline, closed=True, facecolor=colour, edgecolor="white", linewidth=0.5, alpha=0.8))
+        axes.add_patch(Polygon(outline, closed=True, facecolor=colour, edgecolor="white", linewidth=0.4))

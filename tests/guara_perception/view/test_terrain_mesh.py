@@ -1,8 +1,6 @@
-"""Tests of what is drawn in 3-D."""
+"""Tests of the terrain as it is drawn in 3-D."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,28 +8,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.drawing import style
-from guara_perception.view.robot_mesh import robot_meshes
 from guara_perception.view.terrain_mesh import terrain_mesh
-from kinematics import load_robot
-
-ROBOTS = ("guara", str(Path(__file__).parents[2] / "robots" / "tapir"))
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_every_shape_is_drawn_where_it_is(name: str) -> None:
-    """The drawn robot stands on its soles, as wide as its hips; each mesh is closed and faces outwards."""
-    robot = load_robot(name)
-    posture = robot.posture(robot.config.scan_posture)
-    meshes = robot_meshes(robot, posture)
-    assert set(meshes) == {link for link, description in robot.tree.links.items() if description.shapes}
-    lowest = min(vertices[:, 2].min() for vertices, _ in meshes.values())
-    assert lowest == pytest.approx(robot.state(posture).soles_in_base()[:, 2].mean(), abs=0.02)
-    for vertices, faces in meshes.values():
-        assert faces.max() == len(vertices) - 1
-        one, two, three = (vertices[faces[:, i]] for i in range(3))
-        # The sum of signed volumes against the origin is the volume of a closed surface that faces outwards.
-        assert np.einsum("ij,ij->i", one, np.cross(two, three)).sum() > 0
-        np.testing.assert_allclose(np.cross(two - one, three - one).sum(axis=0), 0, atol=1e-9)
 
 
 def test_the_mesh_lies_on_the_grid(grid: gp.TerrainGrid) -> None:

@@ -1,43 +1,23 @@
-"""The robot as triangles: the collision shapes of its links, placed by forward kinematics."""
+"""Boxes, cylinders and spheres as triangles."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from guara_perception.arrays import Float, Index
 
-if TYPE_CHECKING:
-    from kinematics import RobotModel
-
 Faces = Index
 
-ROUND_SIDES = 16
+ROUND_SIDES = 24
 
 
-def robot_meshes(robot: RobotModel, joint_positions: Mapping[str, float]) -> dict[str, tuple[Float, Faces]]:
-    """Vertices (n, 3) in base_link [m] and triangles (m, 3) of every link that has a shape, by link.
+def primitive(kind: str, size: tuple[float, ...]) -> tuple[Float, Faces]:
+    """Vertices (n, 3) [m] and triangles (m, 3) that face outwards, about the origin.
 
-    Raises:
-        kinematics.KinematicsError: the joints are not those of the robot.
+    Args:
+        kind: "box", "cylinder" (axis z) or "sphere".
+        size: as of `kinematics.urdf.Shape` [m].
     """
-    state = robot.state(joint_positions)
-    meshes = {}
-    for name, link in robot.tree.links.items():
-        parts = []
-        for shape in link.shapes:
-            vertices, faces = _primitive(shape.kind, shape.size)
-            transform = state.transform_to_base(name) @ shape.transform_shape_to_link
-            parts.append((vertices @ transform[:3, :3].T + transform[:3, 3], faces))
-        if parts:
-            meshes[name] = _together(parts)
-    return meshes
-
-
-def _primitive(kind: str, size: tuple[float, ...]) -> tuple[Float, Faces]:
-    """A box, a cylinder along z or a sphere about the origin."""
     if kind == "box":
         corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size
         quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
@@ -60,9 +40,3 @@ def _turned(profile: list[tuple[float, float]]) -> tuple[Float, Faces]:
         faces.append(np.column_stack((low + here, low + beside, high + beside)))
         faces.append(np.column_stack((low + here, high + beside, high + here)))
     return np.vstack(rings), np.vstack(faces)
-
-
-def _together(parts: list[tuple[Float, Faces]]) -> tuple[Float, Faces]:
-    starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
-    faces = [faces + start for (_, faces), start in zip(parts, starts, strict=False)]
-    return np.vstack([vertices for vertices, _ in parts]), np.vstack(faces)

@@ -1,0 +1,91 @@
+"""How a robot looks: the visuals of its URDF as triangles in their colours, link by link."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree
+
+import numpy as np
+
+from guara_perception.arrays import Float, Index
+from guara_perception.view.primitives import primitive
+from kinematics.urdf import Shape, rotation_from_rpy
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+Colour = tuple[float, float, float]
+BODY_COLOUR: Colour = (0.47, 0.51, 0.57)
+LEG_COLOUR: Colour = (0.37, 0.41, 0.48)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """One shape of a link.
+
+    Attributes:
+        vertices: (n, 3) in the link's frame [m].
+        faces: (m, 3), facing outwards.
+        colour: red, green, blue 0 ... 1.
+    """
+
+    vertices: Float
+    faces: Index
+    colour: Colour
+
+
+def robot_looks(robot: RobotModel) -> dict[str, tuple[Look, ...]]:
+    """The shapes of every link that has any, by link.
+
+    A link is drawn by its visuals where all of them are boxes, cylinders and spheres; else, as with meshes, by its
+    collision shapes, which hold those of meshes.
+    """
+    root = ElementTree.fromstring(robot.tree.urdf.text)
+    named = {str(found.get("name")): colour for found in root.findall("material") if (colour := _colour(found))}
+    looks = {}
+    for element in root.findall("link"):
+        name = str(element.get("name"))
+        colour = BODY_COLOUR if name == robot.config.base_frame else LEG_COLOUR
+        try:
+            shown = [_visual(found, named, colour) for found in element.findall("visual")]
+        except (KeyError, TypeError, ValueError):
+            shown = []
+        shapes = shown or [(shape, colour) for shape in robot.tree.links[name].shapes]
+        if shapes:
+            looks[name] = tuple(_look(*item) for item in shapes)
+    return looks
+
+
+def _visual(element: ElementTree.Element, named: dict[str, Colour], default: Colour) -> tuple[Shape, Colour]:
+    """Shape and colour of a <visual>; ValueError, TypeError or KeyError where it is no plain one."""
+    (geometry,) = element.findall("geometry")
+    (found,) = geometry
+    words = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}[found.tag]
+    size = tuple(float(word) for name in words for word in found.attrib[name].split())
+    if len(size) != {"box": 3, "cylinder": 2, "sphere": 1}[found.tag] or min(size) <= 0.0:
+        raise ValueError(f"size of a {found.tag}: {size}")
+    transform = np.eye(4)
+    origin = element.find("origin")
+    if origin is not None:
+        transform[:3, 3] = [float(word) for word in origin.get("xyz", "0 0 0").split()]
+        transform[:3, :3] = rotation_from_rpy(*(float(word) for word in origin.get("rpy", "0 0 0").split()))
+    material = element.find("material")
+    colour = None if material is None else _colour(material) or named.get(str(material.get("name")))
+    return Shape(found.tag, size, transform), colour or default
+
+
+def _colour(material: ElementTree.Element) -> Colour | None:
+    found = material.find("color")
+    words = [] if found is None else str(found.get("rgba")).split()
+    try:
+        red, green, blue = (min(max(float(word), 0.0), 1.0) for word in words[:3])
+    except ValueError:
+        return None
+    return red, green, blue
+
+
+def _look(shape: Shape, colour: Colour) -> Look:
+    vertices, faces = primitive(shape.kind, shape.size)
+    transform = shape.transform_shape_to_link
+    return Look(vertices @ transform[:3, :3].T + transform[:3, 3], faces, colour)

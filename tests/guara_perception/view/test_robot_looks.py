@@ -1,0 +1,122 @@
+"""Tests of how a robot is drawn."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from guara_perception.settings import Settings
+from guara_perception.view.robot_looks import BODY_COLOUR, LEG_COLOUR, robot_looks
+from kinematics import RobotModel, load_robot
+
+ROBOTS = ("guara", str(Path(__file__).parents[2] / "robots" / "tapir"))
+
+
+def with_text(robot: RobotModel, text: str) -> RobotModel:
+    """A stand-in that has the robot's shapes and another text of its URDF."""
+    tree = SimpleNamespace(urdf=dataclasses.replace(robot.tree.urdf, text=text), links=robot.tree.links)
+    return SimpleNamespace(tree=tree, config=robot.config)  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_shape_is_drawn_where_it_is(name: str) -> None:
+    """The drawn robot stands on its soles; each shape is closed and faces outwards."""
+    robot = load_robot(name)
+    state = robot.state(robot.posture(robot.config.scan_posture))
+    looks = robot_looks(robot)
+    assert {link for link, description in robot.tree.links.items() if description.shapes} <= set(looks)
+    lowest = []
+    for link, shapes in looks.items():
+        transform = state.transform_to_base(link)
+        for look in shapes:
+            placed = look.vertices @ transform[:3, :3].T + transform[:3, 3]
+            lowest.append(placed[:, 2].min())
+            assert look.faces.max() == len(look.vertices) - 1
+            one, two, three = (look.vertices[look.faces[:, i]] for i in range(3))
+            # The sum of signed volumes against the origin is the volume of a closed surface that faces outwards.
+            assert np.einsum("ij,ij->i", one, np.cross(two, three)).sum() > 0
+            np.testing.assert_allclose(np.cross(two - one, three - one).sum(axis=0), 0, atol=1e-9)
+    assert min(lowest) == pytest.approx(state.soles_in_base()[:, 2].mean(), abs=0.02)
+
+
+def test_the_guara_has_the_colours_of_its_materials(robot: RobotModel) -> None:
+    """Materials are found by name; every link with a body has a look, the sensors too."""
+    looks = robot_looks(robot)
+    assert looks["base_link"][0].colour == (0.62, 0.27, 0.13)
+    assert {"camera_link", "laser_link", "lf_thigh_link", "rh_foot_link"} <= set(looks)
+    assert sum(map(len, looks.values())) == robot.tree.urdf.text.count("<visual>") == 62
+
+
+def test_collision_shapes_stand_in_for_what_is_no_plain_visual(robot: RobotModel) -> None:
+    """No visual, a mesh, a shape that is broken: the link is drawn by what collides, in the colour of its part."""
+    text = robot.tree.urdf.text
+    bare = robot_looks(with_text(robot, re.sub(r"<visual>.*?</visual>", "", text, flags=re.DOTALL)))
+    assert {link: len(shapes) for link, shapes in bare.items()} == {
+        link: len(found.shapes) for link, found in robot.tree.links.items() if found.shapes
+    }
+    assert bare["base_link"][0].colour == BODY_COLOUR and bare["lf_thigh_link"][0].colour == LEG_COLOUR
+    motor = '<cylinder radius="0.034" length="0.120"/>'
+    for broken in (
+        '<mesh filename="motor.stl"/>',
+        '<cylinder radius="-1" length="1"/>',
+        "<box/>",
+        '<sphere radius="x"/>',
+    ):
+        looks = robot_looks(with_text(robot, text.replace(motor, broken, 1)))
+        assert len(looks["base_link"]) == 1 and looks["base_link"][0].colour == BODY_COLOUR
+        assert len(looks["lf_thigh_link"]) == 3
+    unknown = robot_looks(with_text(robot, text.replace('rgba="0.62 0.27 0.13 1"', 'rgba="red"')))
+    assert unknown["base_link"][0].colour == BODY_COLOUR
+
+
+def test_what_carries_the_sensors_stands_in_nobodys_way(robot: RobotModel) -> None:
+    """Body, mast, boom and sensor bodies hide no cell of the area from camera or laser."""
+    looks = robot_looks(robot)
+    state = robot.state(robot.posture("scan"))
+    settings = Settings.of(robot)
+    floor = state.soles_in_base()[:, 2].mean()
+    x, y = np.meshgrid(np.linspace(*settings.footprint_x, 10), np.linspace(*settings.footprint_y, 10))
+    cells = np.column_stack((x.ravel(), y.ravel(), np.full(x.size, floor)))
+    camera = robot.transform_camera_to_base[:3, 3]
+    mirror = robot.transform_laser_to_base[:3, 3]
+    drawn = [(link, look) for link in ("base_link", "camera_link", "laser_link") for look in looks[link]]
+    hit: list[str] = []
+    for eye, own in ((camera, "camera_link"), (mirror, "laser_link")):
+        for link, look in drawn:
+            transform = state.transform_to_base(link)
+            triangles = (look.vertices @ transform[:3, :3].T + transform[:3, 3])[look.faces]
+            # The mirror itself lies on the axis; what leaves it starts below its housing.
+            start = eye + (cells - eye) * (0.06 if link == own else 0.0)
+            if crosses(start, cells, triangles):
+                hit.append(f"{own}: {link}")
+    assert hit == []
+
+
+def crosses(starts: np.ndarray, ends: np.ndarray, triangles: np.ndarray) -> bool:
+    """Whether any of the lines (n, 3) -> (n, 3) crosses any triangle (m, 3, 3), after Moeller and Trumbore."""
+    sizes = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+    triangles = triangles[sizes > 1e-12]
+    one, edge_a, edge_b = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    along = (ends - starts)[:, None]
+    across = np.cross(along, edge_b)
+    size = np.einsum("mi,nmi->nm", edge_a, across)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        offset = starts[:, None] - one
+        u = np.einsum("nmi,nmi->nm", offset, across) / size
+        turned = np.cross(offset, edge_a)
+        v = np.einsum("nmi,nmi->nm", np.broadcast_to(along, turned.shape), turned) / size
+        t = np.einsum("mi,nmi->nm", edge_b, turned) / size
+        return bool(((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < 1)).any())
+
+
+def test_a_line_through_a_triangle_is_seen() -> None:
+    """The test above can fail."""
+    triangle = np.array([[[0.0, -1, -1], [0, 1, -1], [0, 0, 1]]])
+    assert crosses(np.array([[-1.0, 0, 0]]), np.array([[1.0, 0, 0]]), triangle)
+    assert not crosses(np.array([[-1.0, 2, 0]]), np.array([[1.0, 2, 0]]), triangle)
+    assert not crosses(np.array([[-1.0, 0, 0]]), np.array([[-0.5, 0, 0]]), triangle)
