@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from guara_perception.app.client import TerrainClient
     from guara_perception.app.files.open_scan import open_scan
     from guara_perception.app.files.recording import Recording, open_recording
+    from guara_perception.app.map_summary import TerrainSummary
     from guara_perception.calibration.calibration import Calibration, StripePlane
     from guara_perception.calibration.camera import CameraModel
     from guara_perception.calibration.drift import Drift, check_drift
@@ -118,6 +119,7 @@ __all__ = [
     "TerrainClient",
     "TerrainGrid",
     "TerrainMap",
+    "TerrainSummary",
     "TransportError",
     "TraversabilityLimits",
     "UnsafeGrid",
@@ -185,6 +187,7 @@ _MODULES = {
     "TerrainClient": "guara_perception.app.client",
     "TerrainGrid": "guara_perception.terrain.grid",
     "TerrainMap": "guara_perception.terrain.map.terrain_map",
+    "TerrainSummary": "guara_perception.app.map_summary",
     "TransportError": "transport.exceptions",
     "TraversabilityLimits": "guara_perception.settings",
     "UnsafeGrid": "guara_perception.exceptions",

@@ -17,6 +17,7 @@ class SlowLink:
 
     Attributes:
         endpoint: Zenoh endpoint to connect to in place of the real one.
+        passed: [byte] that went either way so far.
     """
 
     def __init__(self, target: str, rate: float) -> None:
@@ -30,6 +31,7 @@ class SlowLink:
         self._target, self._rate = int(port), rate
         self._lock = threading.Lock()
         self._is_closed = False
+        self.passed = 0
         self._server = socket.create_server(("127.0.0.1", 0))
         self._sockets = [self._server]
         self.endpoint = f"{place}:{self._server.getsockname()[1]}"
@@ -72,11 +74,21 @@ class SlowLink:
                 due = max(due, time.monotonic()) + len(data) / self._rate
                 time.sleep(max(0.0, due - time.monotonic()))
                 sink.sendall(data)
+                with self._lock:
+                    self.passed += len(data)
         except OSError:
             pass
         # One side has gone: the other must see it.
         for end in (source, sink):
             _shut(end)
+
+    def cut(self) -> None:
+        """Cut all connections that there are; new ones are let through."""
+        with self._lock:
+            ends, self._sockets = self._sockets[1:], self._sockets[:1]
+        for end in ends:
+            _shut(end)
+            end.close()
 
     def close(self) -> None:
         """Cut all connections; safe to call twice."""

@@ -11,7 +11,7 @@ from typing import Self
 from transport import clock
 from transport.exceptions import MessageError, ReceiveTimeout, ScannerGone, ScannerUnavailable, StaleTerrain
 from transport.grid_judge import GridJudge
-from transport.keys import DEFAULT_ROBOT, query_key, terrain_key
+from transport.keys import DEFAULT_ROBOT, query_key, summary_key, terrain_key
 from transport.node_clock import ClockOffset
 from transport.query import query_terrain
 from transport.received import Received
@@ -21,6 +21,7 @@ from transport.scan_messages import ScanReply
 from transport.seldom import Seldom
 from transport.session import Session
 from transport.status_message import Status
+from transport.summary_message import SummaryMessage, decode_summary
 from transport.terrain_codec import decode_terrain
 from transport.terrain_message import EXTENTS, TerrainMessage
 
@@ -57,6 +58,7 @@ class PerceptionClient:
         self._session = session
         self._receivers: dict[str, NewestReceiver[TerrainMessage]] = {}
         self._since: dict[str, float] = {}
+        self._summaries: NewestReceiver[SummaryMessage] | None = None
         self._start = time.monotonic()
         self._judge = GridJudge(session, robot)
 
@@ -138,6 +140,45 @@ class PerceptionClient:
             raise self._unavailable()
         return self._judge.check(received, max_age, wait=SETTLE)
 
+    def summary(self, *, timeout: float, max_age: float | None = None) -> SummaryMessage:
+        """The newest summary of the map, if it may still be used; the first is waited for.
+
+        It has no history: what was sent before the first call of this is not had.
+
+        Args:
+            timeout: [s] to wait for one.
+            max_age: as of `latest`.
+
+        Raises:
+            StaleTerrain: the newest is too old and no newer one came.
+            ReceiveTimeout: none came although the node lives.
+            ScannerGone, ScannerUnavailable: none came, and the node went away or was never seen.
+            MessageError: the newest sample is no valid summary.
+        """
+        if self._summaries is None:
+            self._summaries = NewestReceiver(
+                self._session,
+                summary_key(self.robot),
+                decode_summary,
+                latched=False,
+                refusal=lambda summary: self._judge.refusal(summary, SummaryMessage.extent),
+            )
+        received = self._summaries.latest()
+        if received is not None:
+            return self._judge.check(received, max_age, wait=SETTLE)
+        try:
+            return self._judge.check(self._summaries.wait_for(lambda _: True, timeout), max_age, wait=SETTLE)
+        except ReceiveTimeout as error:
+            raise self._not_received(error, "") from error
+
+    def _not_received(self, error: ReceiveTimeout, stale: str) -> ReceiveTimeout | ScannerGone | ScannerUnavailable:
+        """Why nothing came in time, by what is known of the node."""
+        if self.is_alive:
+            return ReceiveTimeout(f"{error}{stale}")
+        if self._judge.node.was_seen:
+            return ScannerGone(f"{error}{stale}; the node of {self.robot!r} went away")
+        return self._unavailable(f"{error}{stale}; ")
+
     def _first(self, extent: str, within: float) -> Received[TerrainMessage] | None:
         left = self._since[extent] + within - time.monotonic()
         try:
@@ -190,11 +231,7 @@ class PerceptionClient:
         try:
             return self.receiver(extent).wait_until(accepts, timeout, after=after)
         except ReceiveTimeout as error:
-            if self.is_alive:
-                raise ReceiveTimeout(f"{error}{stale}") from error
-            if self._judge.node.was_seen:
-                raise ScannerGone(f"{error}{stale}; the node of {self.robot!r} went away") from error
-            raise self._unavailable(f"{error}{stale}; ") from error
+            raise self._not_received(error, stale) from error
 
     def wait_for(
         self,

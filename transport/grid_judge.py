@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Mapping
+from typing import Protocol, TypeVar
 
 from transport import clock
 from transport.exceptions import MessageError, StaleTerrain
@@ -17,7 +18,6 @@ from transport.receiver import NewestReceiver
 from transport.seldom import Seldom
 from transport.session import Session
 from transport.status_message import STATUS_NAME, Status, decode_status
-from transport.terrain_message import TerrainMessage
 
 NS = 1e-9
 # The only frame that grids of this major version are in.
@@ -28,6 +28,57 @@ REMEMBERED = 64
 POLL = 0.05
 logger = logging.getLogger(__name__)
 ADVICE = "Wait for the next, ask for a scan, or give a larger max_age"
+
+
+class Grid(Protocol):
+    """What a grid of either extent, and the summary of a map, say of themselves; each as of `TerrainMessage`."""
+
+    @property
+    def robot(self) -> str:
+        """Instance name."""
+
+    @property
+    def extent(self) -> str:
+        """Kind: "footprint", "map" or "summary"."""
+
+    @property
+    def frame_id(self) -> str:
+        """Frame of the grid."""
+
+    @property
+    def run(self) -> str:
+        """Identity of the run of the node."""
+
+    @property
+    def epoch(self) -> str:
+        """Identity of the walk."""
+
+    @property
+    def sequence(self) -> int:
+        """Number within the run."""
+
+    @property
+    def step(self) -> int:
+        """Number of the stance pause."""
+
+    @property
+    def scan_end(self) -> int:
+        """End of the scan [ns]."""
+
+    @property
+    def scan_end_clock(self) -> float | None:
+        """End of the scan by a clock that never steps [s]."""
+
+    @property
+    def valid_for(self) -> float:
+        """Validity [s]."""
+
+    @property
+    def valid_pauses(self) -> int:
+        """Validity in pauses."""
+
+
+G = TypeVar("G", bound=Grid)
 
 
 class GridJudge:
@@ -63,7 +114,7 @@ class GridJudge:
             return sent or asked
         return asked if _clock_of(asked) > _clock_of(sent) else sent
 
-    def refusal(self, terrain: TerrainMessage, extent: str, *, is_newest: bool = True) -> str:
+    def refusal(self, terrain: Grid, extent: str, *, is_newest: bool = True) -> str:
         """Why a grid that came must not be taken for one of this robot, in words; empty when it may.
 
         Args:
@@ -81,7 +132,7 @@ class GridJudge:
         with self._lock:
             return self._refused_run(terrain) or (self._refused_order(terrain) if is_newest else "")
 
-    def _refused_run(self, terrain: TerrainMessage) -> str:
+    def _refused_run(self, terrain: Grid) -> str:
         run = terrain.run
         # A sender that tells no run is one of an earlier version, or another tool: it is judged by order alone.
         if not run or run == self._run:
@@ -100,7 +151,7 @@ class GridJudge:
         self._run, self._sequences = run, {}
         return ""
 
-    def _refused_order(self, terrain: TerrainMessage) -> str:
+    def _refused_order(self, terrain: Grid) -> str:
         # While no node has announced its run, any may have started anew: its sequences mean nothing.
         last = self._sequences.get(terrain.extent, 0) if self._run else 0
         if terrain.sequence <= last:
@@ -108,7 +159,7 @@ class GridJudge:
         self._sequences[terrain.extent] = terrain.sequence
         return ""
 
-    def age(self, received: Received[TerrainMessage]) -> float:
+    def age(self, received: Received[G]) -> float:
         """[s] since the end of the scan of a received grid, never less than the truth by what is not known.
 
         By the clocks of both machines that never step, where the node tells its own. A node that does not: the time
@@ -127,7 +178,7 @@ class GridJudge:
                 )
         return received.age + max(0.0, (received.arrival_stamp - terrain.scan_end) * NS)
 
-    def check(self, received: Received[TerrainMessage], max_age: float | None, *, wait: float = 0.0) -> TerrainMessage:
+    def check(self, received: Received[G], max_age: float | None, *, wait: float = 0.0) -> G:
         """The grid, if it may still be used.
 
         Args:
@@ -159,7 +210,7 @@ class GridJudge:
                 return
             time.sleep(POLL)
 
-    def _check_pauses(self, terrain: TerrainMessage, name: str) -> None:
+    def _check_pauses(self, terrain: Grid, name: str) -> None:
         values = self._values_of(terrain.run)
         epoch, step = values.get("epoch", ""), values.get("step", "")
         knows = _knows(values, terrain)
@@ -183,9 +234,9 @@ class GridJudge:
         return item.values
 
 
-def _knows(values: Mapping[str, str], terrain: TerrainMessage) -> bool:
+def _knows(values: Mapping[str, str], terrain: Grid) -> bool:
     """Whether a status was made after a grid was published: it then knows better which walk the robot is on."""
-    last = values.get("last_map_sequence" if terrain.extent == "map" else "last_scan_sequence", "")
+    last = values.get("last_scan_sequence" if terrain.extent == "footprint" else "last_map_sequence", "")
     return last.isdigit() and int(last) >= terrain.sequence
 
 

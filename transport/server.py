@@ -17,7 +17,16 @@ from transport.codec import encode
 from transport.encodings import cdr
 from transport.exceptions import MessageError, ReceiveTimeout
 from transport.grids import grid_map_message, occupancy_message
-from transport.keys import DEFAULT_ROBOT, alive_key, claim_key, grid_map_key, occupancy_key, run_key, terrain_key
+from transport.keys import (
+    DEFAULT_ROBOT,
+    alive_key,
+    claim_key,
+    grid_map_key,
+    occupancy_key,
+    run_key,
+    summary_key,
+    terrain_key,
+)
 from transport.liveliness import AliveToken, TokenWatcher
 from transport.node_name import NAME_TIMEOUT, claim_name
 from transport.outbox import Outbox
@@ -29,9 +38,10 @@ from transport.scan_server import Admission, Handler, ScanJob, ScanServer
 from transport.session import Session
 from transport.status_message import STATUS_NAME, StatusItem
 from transport.status_reporter import StatusReporter
+from transport.summary_message import SummaryMessage, encode_summary
 from transport.terrain_codec import encode_terrain
 from transport.terrain_message import EXTENTS, LAYERS, Health, TerrainMessage
-from transport.typestore import GRID_MAP, OCCUPANCY, STATUS, TERRAIN
+from transport.typestore import GRID_MAP, OCCUPANCY, STATUS, SUMMARY, TERRAIN
 
 logger = logging.getLogger(__name__)
 # Layers of the GridMap: those of float32, the only type that it can hold, and the flags, which are whole numbers
@@ -96,6 +106,8 @@ class PerceptionServer(Resource):
         }
         self._occupancy = self._publisher(occupancy_key(robot), cdr(OCCUPANCY), SMALL)
         self._grid_map = self._publisher(grid_map_key(robot), cdr(GRID_MAP), LARGEST)
+        # Without history: a router on the way may thin it out, and nobody fetches what was left out on purpose.
+        self._summary = Publisher(session, summary_key(robot), latched=False, encoding=cdr(SUMMARY))
         self._mirror = None if ros2_domain is None else Ros2Mirror(session, robot=robot, domain=ros2_domain)
         self._draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]] | None = None
         self._queries = QueryServer(session, self._newest.get, robot=robot)
@@ -126,7 +138,9 @@ class PerceptionServer(Resource):
             self._sequences[extent] += 1
             return self._sequences[extent]
 
-    def publish(self, terrain: TerrainMessage, *, occupancy: Percent | None = None) -> None:
+    def publish(
+        self, terrain: TerrainMessage, *, occupancy: Percent | None = None, summary: SummaryMessage | None = None
+    ) -> None:
         """Hand over one grid; returns at once, encoding and sending happen on threads of the outbox.
 
         The Terrain message goes first, then what is derived from it; grids of one extent never wait for the other's.
@@ -135,6 +149,7 @@ class PerceptionServer(Resource):
             terrain: grid of either extent.
             occupancy: (ny, nx) int8 of the same grid; with it, and for extent "footprint", the OccupancyGrid
                 and the GridMap are published too.
+            summary: of a map, to be sent after it.
 
         Raises:
             MessageError: the occupancy has another shape, or the grid another robot's name.
@@ -155,6 +170,10 @@ class PerceptionServer(Resource):
         self._outbox.post(publisher.key, lambda: publisher.put(encode_terrain(terrain)), lane=lane)
         if occupancy is not None and terrain.extent == "footprint":
             self._post_derived(terrain, occupancy)
+        if summary is not None:
+            self._outbox.post(
+                self._summary.key, lambda: self._summary.put(encode_summary(summary)), lane=self._summary.key
+            )
         if self._draw is not None:
             draw = self._draw
             self.mirror(lambda: draw(terrain), lane=lane)
@@ -310,7 +329,7 @@ class PerceptionServer(Resource):
         # What waits is sent first.
         self._outbox.close()
         resources: list[Any] = [self._status, *self._tokens, self._claims, self._scans, self._queries, self._mirror]
-        resources += [*self._terrain.values(), self._occupancy, self._grid_map]
+        resources += [*self._terrain.values(), self._occupancy, self._grid_map, self._summary]
         for resource in resources:
             if resource is not None:
                 resource.close()

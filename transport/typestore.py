@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 TERRAIN = "guara_msgs/msg/Terrain"
+SUMMARY = "guara_msgs/msg/TerrainSummary"
 STANCE_PAUSE = "guara_msgs/msg/StancePause"
 SCAN_REQUEST = "guara_msgs/msg/ScanRequest"
 SCAN_REPLY = "guara_msgs/msg/ScanReply"

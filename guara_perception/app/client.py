@@ -8,6 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from guara_perception.app.map_summary import TerrainSummary, message_to_summary
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.exceptions import PerceptionError
 from guara_perception.terrain.grid import TerrainGrid
@@ -98,6 +99,23 @@ class TerrainClient:
             UnsafeGrid: the grid breaks the safety invariant and must not be used.
         """
         return message_to_terrain(self._client.latest(extent=extent, max_age=max_age))
+
+    def summary(self, max_age: float | None = None, timeout: float = 30.0) -> TerrainSummary:
+        """The newest summary of the fused map: a few kilobytes, for the far end of a thin link.
+
+        It has no history, so that a router on the way may thin it out: the first call waits for one.
+
+        Args:
+            max_age: seconds since the end of its scan; None = its own validity, in time and pauses.
+            timeout: seconds to wait for the first.
+
+        Raises:
+            StaleTerrain: the newest summary is too old.
+            transport.ReceiveTimeout: none came in time although the node lives.
+            ScannerGone, ScannerUnavailable: none came, and the node went away or was never there.
+            UnsafeGrid: it breaks the safety invariant and must not be used.
+        """
+        return message_to_summary(self._client.summary(timeout=timeout, max_age=max_age))
 
     def stream(
         self, timeout: float | None = None, extent: str = "footprint", *, max_age: float | None = None

@@ -6,6 +6,7 @@ import dataclasses
 import math
 import time
 
+from guara_perception.app.map_summary import summary_message
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.terrain.grid import TerrainGrid
 from transport import TerrainMessage, clock
@@ -25,7 +26,8 @@ def publish_terrain(
 
     Args:
         server: the node's side of the transport.
-        terrain: grid of either extent; of a footprint the occupancy and the grid map go out too.
+        terrain: grid of either extent; of a footprint the occupancy and the grid map go out too, of a map its
+            summary.
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
         scan_end_clock: last frame by `transport.clock` [s]; None = by what the wall clock says of it now.
         valid_for: at most so long after `scan_end`, besides the grid's own validity [s].
@@ -48,5 +50,8 @@ def publish_terrain(
         scan_end=scan_end,
         valid_for=valid_for,
     )
-    server.publish(message, occupancy=terrain.to_occupancy() if terrain.extent == "footprint" else None)
+    if terrain.extent == "footprint":
+        server.publish(message, occupancy=terrain.to_occupancy())
+    else:
+        server.publish(message, summary=summary_message(message))
     return message

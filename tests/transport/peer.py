@@ -12,6 +12,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
+import zenoh
 
 import transport
 from transport.recording import FrameRecord, RecordingWriter, ScanRecord
@@ -121,7 +122,7 @@ def scan_handler(server: transport.PerceptionServer):
             raise ZeroDivisionError("a mistake")
         if behaviour == "slow":
             job.cancelled.wait(60.0)
-        terrain = make_terrain(server.next_sequence("footprint"), stamp=time.time_ns())
+        terrain = make_terrain(server.next_sequence("footprint"), robot=server.robot, stamp=time.time_ns())
         server.publish(terrain)
         if behaviour == "large":
             number = server.next_sequence("map")
@@ -131,27 +132,29 @@ def scan_handler(server: transport.PerceptionServer):
     return scan
 
 
-def run_node(endpoint: str, mode: str = "listen", security: str = "") -> None:
+def run_node(endpoint: str, mode: str = "listen", security: str = "", robot: str = "guara", uplink: str = "") -> None:
     """A node; `publish N`, `stream N PERIOD ROWS`, `map N`, `quit`, `crash`."""
     place = {"listen": endpoint} if mode == "listen" else {"connect": endpoint, "timeout": 20.0}
+    if uplink:
+        place["uplink"] = uplink
     with transport.open_node(**place, security=security or None) as session:
-        server = transport.PerceptionServer(session, ros2_domain=0 if mode == "listen" else None)
+        server = transport.PerceptionServer(session, robot=robot, ros2_domain=0 if mode == "listen" else None)
 
         def admit(request: transport.ScanRequest) -> None:
             if request.id.startswith("walking"):
                 raise transport.ScanFailed("the robot walks", "not_stationary")
 
         server.serve_scans(scan_handler(server), admission=admit)
-        pauses = transport.StanceReceiver(session, on_pause=lambda p: say("pause", p.step, p.phase.name))
+        pauses = transport.StanceReceiver(session, robot=robot, on_pause=lambda p: say("pause", p.step, p.phase.name))
         say("ready")
         for line in sys.stdin:
             command, *words = line.split()
             if command == "publish":
                 values = np.zeros((108, 90), np.int8)
-                server.publish(make_terrain(int(words[0]), stamp=time.time_ns()), occupancy=values)
+                server.publish(make_terrain(int(words[0]), robot=robot, stamp=time.time_ns()), occupancy=values)
                 server.flush()
             elif command == "map":
-                server.publish(make_terrain(int(words[0]), extent="map", shape=(140, 320)))
+                server.publish(make_terrain(int(words[0]), robot=robot, extent="map", shape=(140, 320)))
                 server.flush()
             elif command == "stream":
                 shape = (int(words[2]), 400)
@@ -177,10 +180,17 @@ def run_router(endpoint: str) -> None:
         sys.stdin.read()
 
 
-def run_viewer(endpoint: str, security: str = "") -> None:
+def run_zenohd(configuration: str) -> None:
+    """A Zenoh router out of its own configuration file, as `zenohd -c` would run it."""
+    with zenoh.open(zenoh.Config.from_file(configuration)):
+        say("ready")
+        sys.stdin.read()
+
+
+def run_viewer(endpoint: str, security: str = "", robot: str = "guara") -> None:
     """A viewer behind a slow link: receives both extents and says so."""
     session = transport.open_client(endpoint, security=security or None, timeout=30.0, shared_memory=False)
-    with transport.PerceptionClient(session) as client:
+    with transport.PerceptionClient(session, robot=robot) as client:
         for extent in ("footprint", "map"):
             client.on_terrain(lambda terrain: say("got", terrain.extent, terrain.sequence), extent=extent)
         say("ready")
@@ -277,6 +287,7 @@ if __name__ == "__main__":
     commands = {
         "node": run_node,
         "router": run_router,
+        "zenohd": run_zenohd,
         "planner": run_planner,
         "viewer": run_viewer,
         "exit": run_exit,

@@ -1,8 +1,6 @@
 """Several robots by one CA: the names in their certificates, and routers that serve them, as a stock `zenohd` would."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -19,13 +17,6 @@ from transport.publisher import Publisher
 from transport.router_folder import make_router
 from transport.security import CONFIGURATION, init_security
 from transport.security_check import check_router, check_security
-
-ZENOHD = """
-import sys, zenoh
-with zenoh.open(zenoh.Config.from_file(sys.argv[1])):
-    print("ready", flush=True)
-    sys.stdin.read()
-"""
 
 
 @pytest.fixture(scope="module")
@@ -97,29 +88,22 @@ def test_scans_through_a_router_are_allowed_by_its_own_word_only(tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_a_zenoh_router_takes_the_configuration_as_it_stands(tmp_path: Path) -> None:
-    """Read from its file by Zenoh itself, in another process and folder: robots dial in, readers read, others not."""
+def test_a_zenoh_router_takes_the_configuration_as_it_stands(start, tmp_path: Path) -> None:
+    """Read from its file by Zenoh itself, in another process: robots dial in, readers read, others do not."""
     folder, port = tmp_path / "keys", free_port()
     made = make_router(folder, ["rex", "ada"], listen=f"tls/127.0.0.1:{port}")
-    command = [sys.executable, "-c", ZENOHD, str(made / CONFIGURATION)]
-    router = subprocess.Popen(command, cwd="/", stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     endpoint = f"tls/localhost:{port}"
-    try:
-        assert router.stdout.readline() == "ready\n"
-        with transport.open_node(connect=endpoint, security=folder / "rex", timeout=20.0) as node:
-            Publisher(node, terrain_key("rex")).put(b"grid of rex")
-            for reader, hears in (("rex/planner", True), ("rex/viewer", True), ("ada/planner", False)):
-                with transport.open_client(endpoint, security=folder / reader, timeout=20.0) as session:
-                    receiver = transport.NewestReceiver(session, terrain_key("rex"), bytes)
-                    if hears:
-                        assert receiver.wait_for(lambda _: True, 20.0).message == b"grid of rex"
-                    else:
-                        with pytest.raises(transport.ReceiveTimeout):
-                            receiver.wait_for(lambda _: True, 1.5)
-    finally:
-        router.stdin.close()
-        assert router.wait(30.0) == 0
-        router.stdout.close()
+    start("zenohd", str(made / CONFIGURATION))
+    with transport.open_node(connect=endpoint, security=folder / "rex", timeout=20.0) as node:
+        Publisher(node, terrain_key("rex")).put(b"grid of rex")
+        for reader, hears in (("rex/planner", True), ("rex/viewer", True), ("ada/planner", False)):
+            with transport.open_client(endpoint, security=folder / reader, timeout=20.0) as session:
+                receiver = transport.NewestReceiver(session, terrain_key("rex"), bytes)
+                if hears:
+                    assert receiver.wait_for(lambda _: True, 20.0).message == b"grid of rex"
+                else:
+                    with pytest.raises(transport.ReceiveTimeout):
+                        receiver.wait_for(lambda _: True, 1.5)
 
 
 def test_the_files_lie_where_the_router_will_run(tmp_path: Path) -> None:

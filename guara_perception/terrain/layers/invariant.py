@@ -27,10 +27,24 @@ def check_invariant(layers: Mapping[str, Array]) -> None:
         if array is None or array.shape != shape or array.dtype != layer.dtype or array.ndim != 2:
             given = "missing" if array is None else f"{array.dtype} {array.shape}"
             raise UnsafeGrid(f"layer {layer.name} is {given}, it must be {np.dtype(layer.dtype)} {shape}")
-    hazard = np.asarray(layers["hazard"], np.uint16)
-    traversability = np.asarray(layers["traversability"], np.float32)
+    check_safe(layers["elevation"], np.asarray(layers["hazard"], np.uint16), layers["traversability"])
+    variance = layers["variance"]
+    _refuse(((layers["hazard"] & UNKNOWN_MASK) == 0) & ~(variance >= 0), "variance of a known cell is NaN or negative")
+
+
+def check_safe(elevation: Float32, hazard: Flags, traversability: Float32) -> None:
+    """The rules of `check_invariant` for the three layers that say where a foot may go.
+
+    Args:
+        elevation: (ny, nx) [m], NaN where unknown.
+        hazard: (ny, nx) flags.
+        traversability: (ny, nx), 0 never.
+
+    Raises:
+        UnsafeGrid: a rule is broken.
+    """
+    traversability = np.asarray(traversability, np.float32)
     unknown = (hazard & UNKNOWN_MASK) != 0
-    elevation = layers["elevation"]
     _refuse(np.isinf(elevation), "elevation is infinite")
     _refuse(np.isnan(elevation) != unknown, "elevation is NaN without an unknown flag, or known with one")
     _refuse(~((traversability >= 0) & (traversability <= 1)), "traversability is outside 0 ... 1")
@@ -40,8 +54,6 @@ def check_invariant(layers: Mapping[str, Array]) -> None:
     # A safe cell has a window of known cells around it; the nearest ring of it can be judged without any limits.
     beside = cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE) > 0
     _refuse((hazard == 0) & beside, "a cell beside an unknown one is traversable")
-    variance = layers["variance"]
-    _refuse(~unknown & ~(variance >= 0), "variance of a known cell is NaN or negative")
 
 
 def occupancy_values(traversability: Float32, hazard: Flags, unknown: int = 100) -> npt.NDArray[np.int8]:

@@ -1,0 +1,175 @@
+"""`TerrainSummary`: the fused map made small for the far end of a thin link, and its message."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, overload
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.arrays import Flags, Float32, Mask
+from guara_perception.exceptions import UnsafeGrid
+from guara_perception.readonly import readonly
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.layers.invariant import check_safe
+from guara_perception.terrain.layers.layered_grid import coordinates
+from transport import TerrainMessage
+from transport.summary_message import UNKNOWN_HEIGHT, SummaryMessage
+
+# [mm] Highest and lowest that the summary can say.
+TALLEST = 32767
+# Traversability is sent in steps of 1 / STEPS.
+STEPS = 255
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TerrainSummary:
+    """Heights to the millimetre, flags and traversability of the fused map, as `TerrainClient.summary` gives them.
+
+    For looking, and for ways over the ground; a foot is set by the map itself, which knows how sure its heights are.
+    Made only from layers that satisfy the safety invariant; arrays are (ny, nx), a[iy, ix], read-only.
+
+    Attributes:
+        robot: instance name.
+        elevation: [m] in steps of 1 mm, NaN where unknown.
+        hazard: flags of `Hazard`, all of the map's.
+        traversability: 0 never ... 1 ideal, in steps of 1/255, rounded down.
+        geometry: origin, resolution and shape.
+        frame: "base_footprint".
+        stamp: time of the scan [ns since the epoch].
+        step: number of the stance pause.
+        sequence: number of the map that it is made of.
+        epoch: identity of the walk.
+        is_provisional: whether the pause has yet to confirm that the robot stood still.
+    """
+
+    robot: str
+    elevation: Float32
+    hazard: Flags
+    traversability: Float32
+    geometry: GridGeometry
+    frame: str = "base_footprint"
+    stamp: int = 0
+    step: int = 0
+    sequence: int = 0
+    epoch: str = ""
+    is_provisional: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the invariant and freeze."""
+        check_safe(self.elevation, self.hazard, self.traversability)
+        for name in ("elevation", "hazard", "traversability"):
+            object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    @property
+    def resolution(self) -> float:
+        """Edge of a cell [m]."""
+        return self.geometry.resolution
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Corner of cell (0, 0) [m]."""
+        return self.geometry.origin
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(ny, nx)."""
+        return self.geometry.shape
+
+    @overload
+    def height_at(self, x: float, y: float) -> float: ...
+
+    @overload
+    def height_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Float32: ...
+
+    def height_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Any:
+        """Elevation of the cell under each point [m]; NaN where unknown or outside. Scalars give a float."""
+        height = self._look_up(self.elevation, x, y, np.float32(np.nan))
+        return height if height.ndim else float(height[()])
+
+    @overload
+    def is_traversable(self, x: float, y: float) -> bool: ...
+
+    @overload
+    def is_traversable(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Mask: ...
+
+    def is_traversable(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Any:
+        """Whether the map lets a sole be centred on the cell under each point; False outside. Scalars give a bool."""
+        score = self._look_up(self.traversability, x, y, np.float32(0))
+        return score > 0 if score.ndim else bool(score > 0)
+
+    def _look_up(self, layer: npt.NDArray[Any], x: npt.ArrayLike, y: npt.ArrayLike, outside: np.generic) -> Any:
+        px, py = coordinates(x, y)
+        iy, ix = self.geometry.indices(px, py)
+        inside = self.geometry.contains(iy, ix)
+        values = np.full(px.shape, outside)
+        values[inside] = layer[iy[inside], ix[inside]]
+        return values
+
+
+def summary_message(terrain: TerrainMessage) -> SummaryMessage:
+    """The summary of a map's message. Whatever does not fit into the smaller numbers becomes unsafe, never safe.
+
+    Heights are rounded to the nearest millimetre, traversability down. A height beyond 32.767 m becomes unknown
+    (`OUT_OF_RANGE`) and what is beside it `EDGE`; a traversability below 1/255 becomes `UNCERTAIN`.
+    """
+    elevation, score = terrain.layers["elevation"], terrain.layers["traversability"]
+    hazard = np.array(terrain.layers["hazard"])
+    millimetres = np.rint(elevation.astype(np.float64) * 1e3)
+    beyond = np.abs(millimetres) > TALLEST
+    if beyond.any():
+        hazard[cv2.dilate(beyond.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0] |= np.uint16(Hazard.EDGE)
+        hazard[beyond] = np.uint16(Hazard.OUT_OF_RANGE)
+    steps = np.floor(score.astype(np.float64) * STEPS).astype(np.uint8)
+    hazard[(steps == 0) & (hazard == 0)] = np.uint16(Hazard.UNCERTAIN)
+    unknown = (hazard & UNKNOWN_MASK) != 0
+    steps[hazard != 0] = 0
+    return SummaryMessage(
+        robot=terrain.robot,
+        sequence=terrain.sequence,
+        step=terrain.step,
+        stamp=terrain.stamp,
+        scan_end=terrain.scan_end,
+        valid_for=terrain.valid_for,
+        valid_pauses=terrain.valid_pauses,
+        resolution=terrain.resolution,
+        origin=terrain.origin,
+        heights=np.where(unknown, UNKNOWN_HEIGHT, millimetres).astype("<i2"),
+        hazard=hazard.astype("<u2"),
+        traversability=steps,
+        run=terrain.run,
+        epoch=terrain.epoch,
+        scan_end_clock=terrain.scan_end_clock,
+        provisional=terrain.provisional,
+        withdrawn=terrain.withdrawn,
+        frame_id=terrain.frame_id,
+    )
+
+
+def message_to_summary(message: SummaryMessage) -> TerrainSummary:
+    """What a summary's message says.
+
+    Raises:
+        UnsafeGrid: its layers break the safety invariant, by a defect of the sender or damage on the way.
+    """
+    heights = message.heights.astype(np.float32) * np.float32(1e-3)
+    heights[message.heights == UNKNOWN_HEIGHT] = np.nan
+    try:
+        return TerrainSummary(
+            robot=message.robot,
+            elevation=heights,
+            hazard=message.hazard.astype(np.uint16),
+            traversability=message.traversability.astype(np.float32) / np.float32(STEPS),
+            geometry=GridGeometry(message.origin, message.resolution, message.shape),
+            frame=message.frame_id,
+            stamp=message.stamp,
+            step=message.step,
+            sequence=message.sequence,
+            epoch=message.epoch,
+            is_provisional=message.provisional,
+        )
+    except UnsafeGrid as error:
+        raise UnsafeGrid(f"summary received from {message.robot!r}, step {message.step}: {error}") from None

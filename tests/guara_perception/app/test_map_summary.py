@@ -1,0 +1,105 @@
+"""The small form of a map: never safer than the map, close to it, and had over Zenoh without history."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import guara_perception as gp
+from guara_perception.app.map_summary import message_to_summary, summary_message
+from guara_perception.app.messages import terrain_to_message
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+from transport.summary_message import decode_summary, encode_summary
+
+PATIENCE = 60.0
+
+
+def _summary(terrain: gp.TerrainGrid) -> gp.TerrainSummary:
+    message = summary_message(terrain_to_message(terrain, robot="rex", sequence=3))
+    return message_to_summary(decode_summary(encode_summary(message)))
+
+
+def test_a_scanned_grid_is_small_and_close(paper_terrain: gp.TerrainGrid) -> None:
+    """Flags as they were, heights to half a millimetre, traversability a step lower at most and never higher."""
+    small = _summary(paper_terrain)
+    assert np.array_equal(small.hazard, paper_terrain.hazard)
+    assert np.array_equal(np.isnan(small.elevation), np.isnan(paper_terrain.elevation))
+    known = ~np.isnan(small.elevation)
+    assert np.abs(small.elevation - paper_terrain.elevation)[known].max() <= 0.5e-3 + 1e-6
+    lost = paper_terrain.traversability - small.traversability
+    assert lost.min() >= -1e-6 and lost.max() < 1 / 255 + 1e-6
+    assert np.array_equal(small.traversability > 0, paper_terrain.traversability > 0)
+    message = terrain_to_message(paper_terrain, robot="rex", sequence=3)
+    assert len(encode_summary(summary_message(message))) < 12_000
+    assert (small.robot, small.step, small.sequence, small.shape) == ("rex", paper_terrain.step, 3, paper_terrain.shape)
+    assert not small.elevation.flags.writeable and not small.hazard.flags.writeable
+    x, y = (float(centre[5]) for centre in paper_terrain.geometry.centres())
+    assert small.is_traversable(x, y) == paper_terrain.is_traversable(x, y)
+    np.testing.assert_allclose(small.height_at(x, y), paper_terrain.height_at(x, y), atol=0.51e-3)
+    assert np.isnan(small.height_at(9.0, 9.0)) and not small.is_traversable(9.0, 9.0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), share=st.floats(0, 0.4), tall=st.integers(0, 3))
+def test_no_cell_becomes_safer(seed: int, share: float, tall: int) -> None:
+    """Whatever heights and gaps: what is not traversable in the map is not in the summary, unknown least of all."""
+    rng = np.random.default_rng(seed)
+    elevation = rng.normal(0, 0.004, (24, 30)).astype(np.float32)
+    elevation[rng.random(elevation.shape) < share * share] = np.nan
+    terrain = gp.assess_terrain(elevation, 0.005)
+    layers = dict(terrain.layers)
+    # Scores of any size above nothing, and heights that no summary can say.
+    score = np.where(layers["hazard"] == 0, rng.random(elevation.shape) ** 8 + 1e-7, 0)
+    layers["traversability"] = np.minimum(score, 1).astype(np.float32)
+    heights = np.array(layers["elevation"])
+    for _ in range(tall):
+        iy, ix = rng.integers(0, 24), rng.integers(0, 30)
+        heights[iy, ix] += np.float32(40.0)
+    layers["elevation"] = heights
+    terrain = dataclasses.replace(terrain, layers=layers)
+    small = _summary(terrain)
+    assert not np.any((small.traversability > 0) & (terrain.traversability == 0))
+    assert not np.any((small.hazard & UNKNOWN_MASK != 0) & (small.traversability > 0))
+    assert np.all(small.traversability <= terrain.traversability + 1e-6)
+    was_unknown = (terrain.hazard & UNKNOWN_MASK) != 0
+    assert np.all(np.isnan(small.elevation)[was_unknown])
+    assert np.all(
+        small.hazard[was_unknown] == terrain.hazard[was_unknown] | (small.hazard[was_unknown] & gp.Hazard.EDGE)
+    )
+
+
+def test_a_summary_that_breaks_the_invariant_is_refused(paper_terrain: gp.TerrainGrid) -> None:
+    """One flag that was lost on the way, and the cell would be safe: nothing is handed out."""
+    message = summary_message(terrain_to_message(paper_terrain, robot="rex", sequence=1))
+    for layer, value in (("hazard", 0), ("traversability", 200), ("heights", 5)):
+        changed = np.array(getattr(message, layer))
+        iy, ix = (int(i[0]) for i in np.nonzero(paper_terrain.hazard & UNKNOWN_MASK))
+        changed[iy, ix] = value
+        with pytest.raises(gp.UnsafeGrid, match="summary received from 'rex'"):
+            message_to_summary(dataclasses.replace(message, **{layer: changed}))
+
+
+@pytest.mark.slow
+def test_it_comes_with_each_map_and_has_no_history(start, free_endpoint: str, terrain_file: Path, eventually) -> None:
+    """The first is waited for; the newest is given; of an old one, and of none, it is said why."""
+    node = start(Path(__file__).with_name("publishing_node.py"), free_endpoint, "rex", terrain_file)
+    assert node.line() == "ready"
+    node.tell("map 1")
+    with gp.TerrainClient(free_endpoint, robot="rex", timeout=PATIENCE) as client:
+        with pytest.raises(gp.ReceiveTimeout, match="rex/perception/v1/summary"):
+            client.summary(timeout=1.0)
+        node.tell("map 2")
+        small, whole = client.summary(timeout=PATIENCE), client.wait_for_step(2, PATIENCE, "map")
+        assert (small.step, small.sequence, small.robot) == (2, 2, "rex")
+        assert np.array_equal(small.hazard, whole.hazard)
+        node.tell("map 3")
+        client.wait_for_step(3, PATIENCE, "map")
+        assert eventually(lambda: client.summary().step == 3)
+        with pytest.raises(gp.StaleTerrain, match="newest summary grid"):
+            client.summary(max_age=0.0)
+    with gp.TerrainClient(free_endpoint, robot="nobody", timeout=PATIENCE) as client:
+        with pytest.raises(gp.ScannerUnavailable):
+            client.summary(timeout=0.5)
