@@ -72,31 +72,11 @@ class AliveWatcher(Resource):
             self._raw.undeclare()
 
 
-def last_chunk(key: str) -> str:
-    """The last chunk of a key."""
-    return key.rpartition("/")[2]
-
-
 class TokenWatcher(Resource):
-    """Knows which tokens of a group are there, by one part of their keys."""
+    """Knows which tokens of a group are there, by the last chunk of their keys."""
 
-    def __init__(
-        self,
-        session: Session,
-        keys: str,
-        on_change: Callable[[], None] | None = None,
-        *,
-        part: Callable[[str], str] = last_chunk,
-    ) -> None:
-        """Watch `keys`, a key expression.
-
-        Args:
-            session: open session.
-            keys: key expression of the tokens.
-            on_change: runs on Zenoh's thread and must not block.
-            part: what of a token's key it is known by.
-        """
-        self._part = part
+    def __init__(self, session: Session, keys: str, on_change: Callable[[], None] | None = None) -> None:
+        """Watch `keys`, a key expression; `on_change()` runs on Zenoh's thread and must not block."""
         self._lock = threading.Lock()
         self._names: frozenset[str] = frozenset()
         self._on_change = on_change
@@ -107,11 +87,11 @@ class TokenWatcher(Resource):
 
     @property
     def names(self) -> frozenset[str]:
-        """Of all tokens that are there now, what they are known by."""
+        """Last chunks of the keys of all tokens that are there now."""
         return self._names
 
     def _on_token(self, key: str, alive: bool) -> None:
-        name = self._part(key)
+        name = key.rpartition("/")[2]
         with self._lock:
             self._names = self._names | {name} if alive else self._names - {name}
         if self._on_change is not None:

@@ -17,17 +17,18 @@ from transport.codec import encode
 from transport.encodings import cdr
 from transport.exceptions import MessageError, ReceiveTimeout
 from transport.grids import grid_map_message, occupancy_message
+from transport.jump_watch import JumpWatch
 from transport.keys import (
     DEFAULT_ROBOT,
     alive_key,
-    claim_key,
     grid_map_key,
     occupancy_key,
     run_key,
     summary_key,
     terrain_key,
 )
-from transport.liveliness import AliveToken, TokenWatcher
+from transport.liveliness import AliveToken
+from transport.name_watch import NameWatch
 from transport.node_name import NAME_TIMEOUT, claim_name
 from transport.outbox import Outbox
 from transport.publisher import LARGE, LARGEST, SMALL, Publisher
@@ -50,8 +51,6 @@ GRID_MAP_LAYERS = (*(name for name, kind in LAYERS.items() if kind.dtype == np.f
 
 # [s] How long the last word of a scan request waits for its terrain message to be sent.
 SEND_TIMEOUT = 2.0
-# [s] How long a jump of the clock stands in the status.
-JUMP_TOLD_FOR = 60.0
 
 
 class PerceptionServer(Resource):
@@ -95,9 +94,8 @@ class PerceptionServer(Resource):
         self._step: int | None = None
         self._epoch = ""
         self._standing: bool | None = None
-        self._claims: TokenWatcher | None = None
-        self._detector = clock.JumpDetector()
-        self._jump: tuple[float, float] | None = None
+        self._names: NameWatch | None = None
+        self._jumps = JumpWatch(robot)
         self._times: list[float] = []
         self._outbox = Outbox()
         self._terrain = {
@@ -118,7 +116,7 @@ class PerceptionServer(Resource):
             self._status.follow(lambda payload: mirror.put("/diagnostics", STATUS, payload))
         # Last: who sees them asks at once.
         self._tokens = [AliveToken(session, key) for key in (run_key(robot, self.run), alive_key(robot))]
-        self._claims = TokenWatcher(session, claim_key(robot), self._status.changed)
+        self._names = NameWatch(session, robot, self.run, self._status.changed)
         claim.close()
         super().__init__(session)
 
@@ -301,34 +299,20 @@ class PerceptionServer(Resource):
             further = [] if self._collect is None else list(self._collect())
         except Exception as error:
             further = [StatusItem(name="status", level=Health.ERROR, message=f"not collected: {error}")]
-        return [own, *self._warnings(), *further]
-
-    def _warnings(self) -> list[StatusItem]:
-        """Of others who want the name; of a jump of the wall clock: stamps before and after it do not compare."""
-        jump, now = self._detector.jump(), clock.now()
-        if jump:
-            self._jump = (jump, now)
-            logger.warning("the clock has jumped by %+.1f s; the ages of grids do not depend on it", jump)
-        items = self._told_of_claims()
-        if self._jump is None or now - self._jump[1] > JUMP_TOLD_FOR:
-            return items
-        by, at = self._jump
-        words = f"the clock jumped by {by:+.1f} s, {now - at:.0f} s ago; the ages of grids do not depend on it"
-        return [*items, StatusItem(name="clock", level=Health.WARN, message=words, hardware_id=self.robot)]
-
-    def _told_of_claims(self) -> list[StatusItem]:
-        if self._claims is None or not self._claims.names:
-            return []
-        words = (
-            f"another node wants the name {self.robot!r} and waits until this one is gone: one robot has one node. "
-            "Stop one of the two, or give it another name"
-        )
-        return [StatusItem(name="name", level=Health.WARN, message=words, hardware_id=self.robot)]
+        names = [] if self._names is None else self._names.items()
+        return [own, *names, *self._jumps.items(), *further]
 
     def _release(self) -> None:
         # What waits is sent first.
         self._outbox.close()
-        resources: list[Any] = [self._status, *self._tokens, self._claims, self._scans, self._queries, self._mirror]
+        resources: list[Any] = [
+            self._status,
+            *self._tokens,
+            self._names,
+            self._scans,
+            self._queries,
+            self._mirror,
+        ]
         resources += [*self._terrain.values(), self._occupancy, self._grid_map, self._summary]
         for resource in resources:
             if resource is not None:

@@ -14,8 +14,8 @@ import transport
 from tests.ports import free_port
 from transport import PerceptionClient, open_client
 from transport.certificates import add
-from transport.keys import FLEET_ALIVE, robot_of, terrain_key
-from transport.liveliness import TokenWatcher
+from transport.fleet import robot_states
+from transport.keys import terrain_key
 from transport.publisher import Publisher
 from transport.router_folder import make_router
 from transport.security import CONFIGURATION, init_security
@@ -160,8 +160,13 @@ def test_who_has_no_certificate_gets_no_link(site: Site) -> None:
 def test_the_fleet_is_seen_from_the_top(site: Site, eventually) -> None:
     """All six robots of both rooms, by who may see nothing else of them."""
     with open_client(site.endpoints["top"], security=site.keys / "desk", timeout=PATIENCE) as session:
-        watcher = TokenWatcher(session, FLEET_ALIVE, part=robot_of)
-        assert eventually(lambda: watcher.names == set(ROBOTS))
+        assert eventually(lambda: [state.robot for state in robot_states(session)] == list(ROBOTS))
+        states = robot_states(session)
+        assert all(state.health is transport.Health.OK and state.links >= 1 for state in states)
+    with open_client(site.endpoints["top"], security=site.keys / "n1" / "viewer", timeout=PATIENCE) as session:
+        assert [state.robot for state in robot_states(session, robots=["n1", "n2"])] == ["n1"]
+        with pytest.raises(transport.ScannerUnavailable, match="the role `fleet` sees all"):
+            robot_states(session)
 
 
 @pytest.mark.parametrize("victim", ["n1", "north", "top", "planner", "s3", "south"])

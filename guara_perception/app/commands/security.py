@@ -85,7 +85,7 @@ def router(
     \b
     Example:
       guara security router site --robot rex --robot ada --host site.local
-      zenohd -c site/router/zenoh.json5
+      guara security router site --name room --robot rex --uplink router
     """
     from transport.members import open_members
     from transport.router_folder import make_router

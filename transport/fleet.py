@@ -1,0 +1,119 @@
+"""Which robots live on a router and how they are, by their sign of life and their status alone."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from transport import zenoh_api
+from transport.exceptions import MessageError, ScannerUnavailable
+from transport.keys import FLEET_ALIVE, FLEET_STATUS, alive_key, robot_of, status_key
+from transport.session import Session
+from transport.status_message import STATUS_NAME, Status, decode_status
+from transport.terrain_message import Health
+
+
+@dataclass(frozen=True, slots=True)
+class RobotState:
+    """One robot as its node tells.
+
+    Attributes:
+        robot: instance name.
+        step: number of the stance pause that it is in, or was last in; None when it tells none.
+        standing: whether it stands in a pause; None when it does not know.
+        age: [s] since its last grid was published; NaN when there was none.
+        health: the worst of all parts; STALE when it lives and did not answer.
+        message: what is the matter, one part after the other; empty when all is well.
+        links: links of its node.
+        run: identity of the node's run.
+    """
+
+    robot: str
+    step: int | None = None
+    standing: bool | None = None
+    age: float = math.nan
+    health: Health = Health.STALE
+    message: str = "lives, and did not answer for its status"
+    links: int = 0
+    run: str = ""
+
+
+def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float = 2.0) -> tuple[RobotState, ...]:
+    """Ask once for all robots, or for those that are named; nothing is subscribed to, and no grid is moved.
+
+    Args:
+        session: open session of a client of the router.
+        robots: instance names; empty asks for all, which with certificates is the right of the role `fleet`.
+        timeout: [s] to wait for answers.
+
+    Returns:
+        Those that live, by name.
+
+    Raises:
+        ScannerUnavailable: no robot is to be seen.
+    """
+    places = [(alive_key(robot), status_key(robot)) for robot in robots] or [(FLEET_ALIVE, FLEET_STATUS)]
+    found: dict[str, RobotState] = {}
+    for alive, asked in places:
+        tokens: list[str] = session.attempt(
+            partial(zenoh_api.tokens, session.raw, alive, timeout), f"cannot look for {alive!r}"
+        )
+        living = {robot_of(token) for token in tokens}
+        found |= {robot: RobotState(robot) for robot in living}
+        found |= {state.robot: state for state in _answers(session, asked, timeout) if state.robot in living}
+    if not found:
+        raise ScannerUnavailable(
+            f"{'none of ' + ', '.join(robots) if robots else 'no robot'} is to be seen: none lives on this router, or "
+            "this side may not look: with certificates the role `fleet` sees all, another role its own robot by name"
+        )
+    return tuple(found[robot] for robot in sorted(found))
+
+
+def _answers(session: Session, key: str, timeout: float) -> list[RobotState]:
+    states: list[RobotState] = []
+    finished = threading.Event()
+
+    def take(payload: bytes | None, _: bytes | None) -> None:
+        try:
+            state = None if payload is None else _state_of(decode_status(payload))
+        except MessageError:
+            return
+        if state is not None:
+            states.append(state)
+
+    session.attempt(
+        lambda: zenoh_api.get_replies(session.raw, key, b"", timeout, take, finished.set), f"cannot ask {key!r}"
+    )
+    # Zenoh ends the stream itself; the rest is for a busy machine.
+    finished.wait(2.0 * timeout)
+    return list(states)
+
+
+def _state_of(status: Status) -> RobotState | None:
+    """What a status says; None when it does not say whose it is."""
+    own = status.item(STATUS_NAME)
+    if own is None or not own.hardware_id:
+        return None
+    step, standing = own.values.get("step", ""), own.values.get("standing", "")
+    links, age = own.values.get("links", ""), own.values.get("last_scan_age_s", "")
+    wrong = [f"{item.name}: {item.message}" for item in status.items if item.level is not Health.OK]
+    return RobotState(
+        robot=own.hardware_id,
+        step=int(step) if step.lstrip("-").isdigit() else None,
+        standing={"true": True, "false": False}.get(standing),
+        age=_number(age),
+        health=status.level,
+        message="; ".join(wrong),
+        links=int(links) if links.isdigit() else 0,
+        run=own.values.get("run", ""),
+    )
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan

@@ -1,0 +1,56 @@
+"""Others who have the name of a node, or want it: what the node's status says of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from transport.keys import claim_key, run_key
+from transport.liveliness import TokenWatcher
+from transport.session import Session
+from transport.status_message import StatusItem
+from transport.terrain_message import Health
+
+
+class NameWatch:
+    """Watches the tokens of a name; a session's end ends it too."""
+
+    def __init__(self, session: Session, robot: str, run: str, on_change: Callable[[], None]) -> None:
+        """Watch from now on.
+
+        Args:
+            session: open session of the node.
+            robot: instance name.
+            run: identity of the node's own run.
+            on_change: runs on Zenoh's thread and must not block.
+        """
+        self._robot, self._run = robot, run
+        self._claims = TokenWatcher(session, claim_key(robot), on_change)
+        # Over an uplink that was down when the name was claimed another node may come into sight later.
+        self._runs = TokenWatcher(session, run_key(robot), on_change)
+
+    def items(self) -> list[StatusItem]:
+        """Empty when nobody else is there."""
+        if self._runs.names - {self._run}:
+            level, words = (
+                Health.ERROR,
+                (
+                    f"another node lives under the name {self._robot!r}, beyond an uplink: who reads there takes the "
+                    "grids of one of the two. Give one of them another name"
+                ),
+            )
+        elif self._claims.names:
+            level, words = (
+                Health.WARN,
+                (
+                    f"another node wants the name {self._robot!r} and waits until this one is gone: one robot has one "
+                    "node. Stop one of the two, or give it another name"
+                ),
+            )
+        else:
+            return []
+        return [StatusItem(name="name", level=level, message=words, hardware_id=self._robot)]
+
+    def close(self) -> None:
+        """Stop watching; safe to call twice."""
+        self._claims.close()
+        self._runs.close()
