@@ -14,6 +14,7 @@ import sys
 PROGRAMS = {
     "accuracy": "error of recorded scans against their truth",
     "announcements": "what HOLD and floods of bad announcements cost a node",
+    "compact": "size and time of grids in both encodings",
     "calibration": "error of calibrations against the truth of their session",
     "drift": "how far the fused map drifts aside, with and without laying scans onto it",
     "drift_check": "false alarms and finds of the check for a calibration that has drifted",

@@ -11,7 +11,7 @@ from typing import Self
 from transport import clock
 from transport.exceptions import MessageError, ReceiveTimeout, ScannerGone, ScannerUnavailable, StaleTerrain
 from transport.grid_judge import GridJudge
-from transport.keys import DEFAULT_ROBOT, query_key, summary_key, terrain_key
+from transport.keys import DEFAULT_ROBOT, check_encoding, query_key, summary_key, terrain_key
 from transport.node_clock import ClockOffset
 from transport.query import query_terrain
 from transport.received import Received
@@ -47,14 +47,16 @@ class PerceptionClient:
         robot: instance name.
     """
 
-    def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT) -> None:
+    def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT, encoding: str = "lossless") -> None:
         """Watch the node and its status.
 
         Args:
             session: open session; closing the client closes it.
             robot: instance name.
+            encoding: of the grids: "lossless", or "compact" (`transport.compact`); KeyNameError for others.
         """
         self.robot = robot
+        self._encoding = check_encoding(encoding)
         self._session = session
         self._receivers: dict[str, NewestReceiver[TerrainMessage]] = {}
         self._since: dict[str, float] = {}
@@ -82,7 +84,7 @@ class PerceptionClient:
         if extent not in EXTENTS:
             raise MessageError(f"extent is {extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
         if extent not in self._receivers:
-            key = terrain_key(self.robot, extent)
+            key = terrain_key(self.robot, extent, self._encoding)
             self._receivers[extent] = NewestReceiver(
                 self._session, key, decode_terrain, refusal=lambda terrain: self._judge.refusal(terrain, extent)
             )
@@ -136,7 +138,8 @@ class PerceptionClient:
             received = self._first(extent, FIRST_GRID)
         if received is None:
             if self.is_alive:
-                raise StaleTerrain(f"the node of {self.robot!r} runs, but has published no {extent} grid yet")
+                older = "" if self._encoding == "lossless" else "; nodes of earlier versions have none in 'compact'"
+                raise StaleTerrain(f"the node of {self.robot!r} runs, but has published no {extent} grid yet{older}")
             raise self._unavailable()
         return self._judge.check(received, max_age, wait=SETTLE)
 
@@ -345,7 +348,9 @@ class PerceptionClient:
             MessageError: what was answered is of another robot, extent or frame, or of a node that is no more.
         """
         asked = time.time_ns(), clock.now()
-        terrain = query_terrain(self._session, robot=self.robot, extent=extent, region=region, timeout=timeout)
+        terrain = query_terrain(
+            self._session, robot=self.robot, extent=extent, region=region, timeout=timeout, encoding=self._encoding
+        )
         refusal = self._judge.refusal(terrain, extent, is_newest=False)
         if refusal:
             raise MessageError(f"answer on {query_key(self.robot)!r} not taken: {refusal}")

@@ -9,3 +9,8 @@ from __future__ import annotations
 def cdr(type_name: str) -> str:
     """Zenoh's own name for CDR, with the ROS 2 type as schema: `application/cdr;nav_msgs/msg/OccupancyGrid`."""
     return f"application/cdr;{type_name}"
+
+
+def compact(type_name: str) -> str:
+    """CDR whose bytes were shuffled by four and compressed (`transport.shuffle`)."""
+    return f"application/zstd;shuffle=4;{cdr(type_name)}"

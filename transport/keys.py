@@ -15,6 +15,9 @@ PERCEPTION_VERSION = "v1"
 # Name of the perception node's liveliness token.
 NODE_ROLE = "node"
 
+# How Terrain messages are sent.
+ENCODINGS = ("lossless", "compact")
+
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_\-]*")
 
 
@@ -41,16 +44,33 @@ def perception_prefix(robot: str = DEFAULT_ROBOT) -> str:
     return f"{check_name(robot)}/perception/{PERCEPTION_VERSION}"
 
 
-def terrain_key(robot: str = DEFAULT_ROBOT, extent: str = "footprint") -> str:
-    """Key of the Terrain messages of one extent: "footprint" (one scan) or "map" (fused).
+def check_encoding(encoding: str) -> str:
+    """`encoding` if Terrain messages are sent in it.
 
     Raises:
-        KeyNameError: unknown extent.
+        KeyNameError: it is none of `ENCODINGS`.
+    """
+    if encoding not in ENCODINGS:
+        raise KeyNameError(f"encoding {encoding!r} is unknown; allowed: {', '.join(map(repr, ENCODINGS))}")
+    return encoding
+
+
+def terrain_key(robot: str = DEFAULT_ROBOT, extent: str = "footprint", encoding: str = "lossless") -> str:
+    """Key of the Terrain messages of one extent: "footprint" (one scan) or "map" (fused).
+
+    Args:
+        robot: instance name.
+        extent: "footprint" or "map".
+        encoding: "lossless", or "compact" for slow links (see `transport.compact`).
+
+    Raises:
+        KeyNameError: unknown extent or encoding.
     """
     names = {"footprint": "terrain", "map": "map"}
     if extent not in names:
         raise KeyNameError(f"extent {extent!r} is unknown; allowed: {', '.join(map(repr, names))}")
-    return f"{perception_prefix(robot)}/{names[extent]}"
+    below = "/compact" if check_encoding(encoding) == "compact" else ""
+    return f"{perception_prefix(robot)}{below}/{names[extent]}"
 
 
 def occupancy_key(robot: str = DEFAULT_ROBOT) -> str:
@@ -65,7 +85,7 @@ def grid_map_key(robot: str = DEFAULT_ROBOT) -> str:
 
 def grid_keys(robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
     """Keys of all grids: each is published, and asked for."""
-    terrain = (terrain_key(robot, extent) for extent in ("footprint", "map"))
+    terrain = (terrain_key(robot, extent, encoding) for extent in ("footprint", "map") for encoding in ENCODINGS)
     return (*terrain, occupancy_key(robot), grid_map_key(robot))
 
 

@@ -8,10 +8,11 @@ from typing import Any
 
 from transport import zenoh_api
 from transport.asking import ask
+from transport.compact import encode_compact
 from transport.crop import crop_terrain
-from transport.encodings import cdr
+from transport.encodings import cdr, compact
 from transport.exceptions import MessageError, ReceiveTimeout, ScannerUnavailable, StaleTerrain, TransportError
-from transport.keys import DEFAULT_ROBOT, query_key
+from transport.keys import DEFAULT_ROBOT, check_encoding, query_key
 from transport.outbox import Outbox
 from transport.resource import Resource
 from transport.scan_messages import (
@@ -69,7 +70,10 @@ class QueryServer(Resource):
             else:
                 if request.region is not None:
                     terrain = crop_terrain(terrain, request.region)
-                query.reply(self._key, encode_terrain(terrain), encoding=cdr(TERRAIN))
+                if query.parameters.get("encoding") == "compact":
+                    query.reply(self._key, encode_compact(terrain), encoding=compact(TERRAIN))
+                else:
+                    query.reply(self._key, encode_terrain(terrain), encoding=cdr(TERRAIN))
         except MessageError as error:
             code, message = "bad_request", str(error)
         if code:
@@ -92,6 +96,7 @@ def query_terrain(
     extent: str = "footprint",
     region: tuple[float, float, float, float] | None = None,
     timeout: float = 5.0,
+    encoding: str = "lossless",
 ) -> TerrainMessage:
     """Ask for the newest grid, or the cells that a region touches.
 
@@ -101,16 +106,19 @@ def query_terrain(
         extent: "footprint" or "map".
         region: [m] (x_min, x_max, y_min, y_max) in the frame of the grid; None for all of it.
         timeout: [s]
+        encoding: "lossless" or "compact"; a node of an earlier version answers lossless.
 
     Raises:
+        KeyNameError: unknown encoding.
         MessageError: the extent or the region is not allowed, or lies off the grid.
         StaleTerrain: the node has no grid yet.
         ScannerUnavailable: nobody answers, or this side may not ask.
         ReceiveTimeout: no answer in time.
     """
     request = QueryRequest(extent=extent, region=region)
-    payload, encoding = encode_query_request(request), cdr(QUERY_REQUEST)
-    for answer in ask(session, query_key(robot), payload, timeout, priority="DATA", encoding=encoding):
+    payload = encode_query_request(request)
+    selector = query_key(robot) + ("" if check_encoding(encoding) == "lossless" else f"?encoding={encoding}")
+    for answer in ask(session, selector, payload, timeout, priority="DATA", encoding=cdr(QUERY_REQUEST)):
         if answer.payload is not None:
             return decode_terrain(answer.payload)
         if answer.error is not None:

@@ -14,7 +14,8 @@ import numpy as np
 from transport import clock
 from transport.arrays import Percent
 from transport.codec import encode
-from transport.encodings import cdr
+from transport.compact import encode_compact
+from transport.encodings import cdr, compact
 from transport.exceptions import MessageError, ReceiveTimeout
 from transport.grids import grid_map_message, occupancy_message
 from transport.jump_watch import JumpWatch
@@ -102,6 +103,10 @@ class PerceptionServer(Resource):
             extent: self._publisher(terrain_key(robot, extent), cdr(TERRAIN), LARGEST if extent == "map" else LARGE)
             for extent in EXTENTS
         }
+        self._compact = {
+            extent: self._publisher(terrain_key(robot, extent, "compact"), compact(TERRAIN), LARGE)
+            for extent in EXTENTS
+        }
         self._occupancy = self._publisher(occupancy_key(robot), cdr(OCCUPANCY), SMALL)
         self._grid_map = self._publisher(grid_map_key(robot), cdr(GRID_MAP), LARGEST)
         # Without history: a router on the way may thin it out, and nobody fetches what was left out on purpose.
@@ -166,6 +171,8 @@ class PerceptionServer(Resource):
             self._times = [*self._times[-9:], time.monotonic()]
         lane = terrain.extent
         self._outbox.post(publisher.key, lambda: publisher.put(encode_terrain(terrain)), lane=lane)
+        small = self._compact[terrain.extent]
+        self._outbox.post(small.key, lambda: small.put(encode_compact(terrain)), lane=lane)
         if occupancy is not None and terrain.extent == "footprint":
             self._post_derived(terrain, occupancy)
         if summary is not None:
@@ -313,7 +320,7 @@ class PerceptionServer(Resource):
             self._queries,
             self._mirror,
         ]
-        resources += [*self._terrain.values(), self._occupancy, self._grid_map, self._summary]
+        resources += [*self._terrain.values(), *self._compact.values(), self._occupancy, self._grid_map, self._summary]
         for resource in resources:
             if resource is not None:
                 resource.close()

@@ -9,6 +9,7 @@ import numpy as np
 from transport.arrays import Array
 from transport.codec import decode, encode, make_header, make_time, read_time
 from transport.exceptions import MessageError, TransportError, VersionError
+from transport.shuffle import FRAME_MAGIC, decompress
 from transport.submessage_codec import (
     make_obstacle,
     make_stance,
@@ -35,14 +36,16 @@ def encode_terrain(terrain: TerrainMessage) -> bytearray:
 
 
 def decode_terrain(payload: bytes | bytearray | memoryview) -> TerrainMessage:
-    """Read and check the CDR payload of a guara_msgs/Terrain.
+    """Read and check the payload of a guara_msgs/Terrain: CDR, or its compact form (`transport.compact`).
 
-    Layers that this version does not know are ignored. The arrays are read-only views of the payload.
+    Layers that this version does not know are ignored. The arrays are read-only views of the CDR payload.
 
     Raises:
         VersionError: another major version.
         MessageError: the payload is damaged, or a length, name or number is not what the message allows.
     """
+    if bytes(payload[:4]) == FRAME_MAGIC:
+        payload = decompress(payload)
     message = decode(payload, TERRAIN)
     try:
         return read_terrain(message)

@@ -18,7 +18,7 @@ from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, H
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, coordinates, look_up
 from guara_perception.terrain.layers.limits_of import limits_of, other_limits
 from guara_perception.terrain.layers.reason import Reason
-from guara_perception.terrain.questions.leg_reach import beyond_reach
+from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
 from guara_perception.terrain.questions.sole_cells import sole_flags, sole_window
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def check_foothold(
     beyond = np.zeros(flat_x.size)
     if leg is not None:
         z = np.asarray(terrain.height_at(flat_x, flat_y), np.float64)
-        beyond = beyond_reach(terrain, leg, np.column_stack((flat_x, flat_y, z)), robot)
+        beyond = beyond_reach_of_ground(terrain, leg, np.column_stack((flat_x, flat_y, z)), robot)
         ok &= beyond == 0
     shape = px.shape
     verdicts = FootholdVerdicts(

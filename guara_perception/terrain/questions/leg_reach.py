@@ -15,6 +15,7 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.robot_model import RobotLike, robot_model
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.rounding import rounding_of
 from kinematics import RobotModel, RobotNotFound, Stance, StancePose, load_robot, robot_from_description
 from kinematics.reach import leg_kinematics, reach_from_pose
 from kinematics.stance_pose import sole_covariances
@@ -28,7 +29,29 @@ class StandingSole:
     covariance: Float
 
 
-def beyond_reach(terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robot: RobotLike | None = None) -> Float:
+# [rad] Between heights that are tried a joint goes no further than this beyond both.
+BETWEEN_HEIGHTS = 1e-6
+
+
+def beyond_reach_of_ground(
+    terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robot: RobotLike | None = None
+) -> Float:
+    """As `beyond_reach` for places whose z was looked up in the grid: of rounded heights the worst one counts."""
+    off = rounding_of(terrain).elevation
+    if off == 0:
+        return beyond_reach(terrain, leg, soles_in_footprint, robot)
+    tried = [soles_in_footprint + (0.0, 0.0, z) for z in (-off, 0.0, off)]
+    return np.max([beyond_reach(terrain, leg, soles, robot, margin=BETWEEN_HEIGHTS) for soles in tried], axis=0)
+
+
+def beyond_reach(
+    terrain: LayeredGrid,
+    leg: str,
+    soles_in_footprint: Float,
+    robot: RobotLike | None = None,
+    *,
+    margin: float = 0.0,
+) -> Float:
     """How far the leg's joints would have to go beyond their limits [rad]: 0 within reach, NaN where nothing helps.
 
     Args:
@@ -36,6 +59,7 @@ def beyond_reach(terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robo
         leg: name of the leg.
         soles_in_footprint: (n, 3) sole centres on the ground [m].
         robot: its model, name or folder; None = the one that the grid carries, or of its name.
+        margin: to keep from the limits [rad].
 
     Raises:
         InvalidInput: the grid does not say robot, stance and transform.
@@ -45,8 +69,10 @@ def beyond_reach(terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robo
     reach = reach_from_pose(pose, leg, soles_in_footprint)
     solver = leg_kinematics(pose.state.tree, leg)
     joints = np.asarray(reach.joint_positions)
-    excess = np.maximum(np.maximum(solver.lower - joints, joints - solver.upper), 0.0).max(axis=-1)
-    return np.where(reach.is_reachable, 0.0, np.where(excess > 0, excess, np.nan))
+    lower, upper = solver.lower + margin, solver.upper - margin
+    excess = np.maximum(np.maximum(lower - joints, joints - upper), 0.0).max(axis=-1)
+    within = reach.is_reachable if margin == 0 else reach.is_reachable & (excess == 0)
+    return np.where(within, 0.0, np.where(excess > 0, excess, np.nan))
 
 
 def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotLike | None = None) -> Float:

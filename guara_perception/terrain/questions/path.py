@@ -74,8 +74,10 @@ def check_over(ground: SwingGround, path: Float, clearance: float) -> PathVerdic
         confidence = confidences(ground, cells)
         distance = distances(ground, samples, cells, confidence)
         from_ends = np.minimum(*(np.linalg.norm(samples - end, axis=1) for end in (path[0], path[-1])))
-        # What a vertical lift-off from ground that is so uncertain has gained at least.
-        wanted = np.minimum(clearance, from_ends[:, None] - TOUCH_M - confidence)
+        # What a vertical lift-off from ground that is so uncertain has gained at least: less over less certain ground,
+        # so a variance that was rounded up counts as the least that it may have been.
+        least_confidence = confidence / np.sqrt(1 + ground.rounding)
+        wanted = np.minimum(clearance, from_ends[:, None] - TOUCH_M - least_confidence)
         lack = np.where(cells.used, wanted - distance, -np.inf)
         reasons = list(_too_near(samples, distance, wanted, lack))
         free = (~cells.used | (wanted >= clearance)).all(axis=1)

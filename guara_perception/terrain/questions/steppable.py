@@ -12,8 +12,9 @@ from guara_perception.arrays import Float, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.readonly import readonly
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.rounding import rounding_of
 from guara_perception.terrain.questions.convex import ConvexPolygon, grow_polygon
-from guara_perception.terrain.questions.leg_reach import beyond_reach
+from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
 
 if TYPE_CHECKING:
     from guara_perception.robot_model import RobotLike
@@ -128,7 +129,8 @@ def steppable_regions(
 class _Window:
     """Cells of a part of a grid: their centres, whether a sole may be set on every point of each, and their heights.
 
-    `bounds` are the half-planes of the part's rectangle, `seed` its cell in the middle where it was made around one.
+    `bounds` are the half-planes of the part's rectangle, `tolerance` is how far the ground may lie off its plane,
+    `seed` is the cell in the middle where the part was made around one.
     """
 
     x: Float
@@ -138,6 +140,7 @@ class _Window:
     variance: Float
     bounds: Float
     resolution: float
+    tolerance: float
     seed: tuple[int, int] | None = None
 
     @staticmethod
@@ -154,7 +157,8 @@ class _Window:
             free &= _reached(terrain, cx[columns], cy[rows], free, height, leg, robot)
         bounds = np.array([[1, 0, x + radius], [-1, 0, radius - x], [0, 1, y + radius], [0, -1, radius - y]])
         variance = np.asarray(terrain.variance, np.float64)[part]
-        return _Window(cx[columns], cy[rows], free, height, variance, bounds, terrain.resolution)
+        tolerance = PLANE_TOLERANCE_M - rounding_of(terrain).elevation
+        return _Window(cx[columns], cy[rows], free, height, variance, bounds, terrain.resolution, tolerance)
 
     def around(self, seed: tuple[np.intp, ...], reach: float) -> _Window:
         iy, ix = (int(i) for i in seed)
@@ -169,6 +173,7 @@ class _Window:
             self.variance[part],
             np.empty((0, 3)),
             self.resolution,
+            self.tolerance,
             (iy - rows.start, ix - columns.start),
         )
 
@@ -182,7 +187,7 @@ def _reached(
     reached = np.ones(iy.size, dtype=bool)
     for sx, sy in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         corners = np.column_stack((cx[ix] + sx * half, cy[iy] + sy * half, height[iy, ix]))
-        reached &= beyond_reach(terrain, leg, corners, robot) == 0
+        reached &= beyond_reach_of_ground(terrain, leg, corners, robot) == 0
     result = np.zeros(free.shape, dtype=bool)
     result[iy, ix] = reached
     return result
@@ -212,7 +217,7 @@ def _plane_of(window: _Window, iy: int, ix: int) -> tuple[Float, Mask]:
     ground = near
     for _ in range(2):
         off = np.abs(window.height - (plane[0] * x + plane[1] * y + plane[2]))
-        ground = window.free & (off <= PLANE_TOLERANCE_M)
+        ground = window.free & (off <= window.tolerance)
         ground[iy, ix] = True
         _, labels = cv2.connectedComponents(ground.astype(np.uint8), connectivity=4)
         ground = labels == labels[iy, ix]

@@ -13,6 +13,7 @@ from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.layers.limits_of import limits_of
+from guara_perception.terrain.layers.rounding import rounding_of
 from guara_perception.terrain.questions.leg_reach import StandingSole, standing_soles
 from kinematics import KinematicsError
 
@@ -30,6 +31,7 @@ class SwingGround:
         top: (ny, nx) highest sample [m].
         variance: (ny, nx) [m^2].
         confidence: sigmas that are added to the top.
+        rounding: the variance that was computed is at least that of the grid over 1 + this.
     """
 
     geometry: GridGeometry
@@ -37,6 +39,7 @@ class SwingGround:
     top: Float32
     variance: Float32
     confidence: float
+    rounding: float
 
 
 def swing_ground(terrain: LayeredGrid, start: Float) -> SwingGround:
@@ -49,7 +52,8 @@ def swing_ground(terrain: LayeredGrid, start: Float) -> SwingGround:
     hazard = np.asarray(terrain.hazard)
     top, variance = np.asarray(terrain.elevation_max), np.asarray(terrain.variance)
     limits = limits_of(terrain)
-    ground = SwingGround(terrain.geometry, hazard, top, variance, limits.confidence)
+    rounding = rounding_of(terrain).variance
+    ground = SwingGround(terrain.geometry, hazard, top, variance, limits.confidence, rounding)
     unknown = (hazard & UNKNOWN_MASK) != 0
     half = np.array([limits.sole_length, limits.sole_width]) / 2 - terrain.resolution / 2 + 1e-9
     # The robot's model is asked only where it matters.
@@ -59,7 +63,7 @@ def swing_ground(terrain: LayeredGrid, start: Float) -> SwingGround:
     borne = unknown & _within(terrain, sole.centre, half - limits.confidence * np.sqrt(np.diag(sole.covariance)[:2]))
     hazard, top, variance = hazard.copy(), top.copy(), variance.copy()
     hazard[borne], top[borne], variance[borne] = 0, sole.centre[2], sole.covariance[2, 2]
-    return SwingGround(terrain.geometry, hazard, top, variance, limits.confidence)
+    return SwingGround(terrain.geometry, hazard, top, variance, limits.confidence, rounding)
 
 
 def _within(terrain: LayeredGrid, centre: Float, half: Float) -> Mask:
