@@ -9,6 +9,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +69,7 @@ def measured(name: str, grid: gp.TerrainGrid) -> list[dict[str, Any]]:
     times: dict[str, list[tuple[float, float]]] = {encoding: [] for encoding in makers}
     for _ in range(ROUNDS):
         for encoding, make in makers.items():
-            times[encoding].append((spent(make), spent(lambda encoding=encoding: decode_terrain(payloads[encoding]))))
+            times[encoding].append((spent(make), spent(partial(decode_terrain, payloads[encoding]))))
     rows = []
     for encoding, payload in payloads.items():
         make, read = np.median(times[encoding], axis=0)
