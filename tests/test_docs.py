@@ -36,7 +36,12 @@ from guara_perception.app.main import guara as program
 from guara_perception.ranging.scan_geometry import scan_geometry
 from guara_perception.settings import Settings
 from guara_perception.terrain.assessment.disc import disc_kernel
-from guara_perception.terrain.assessment.edges import EXTRA_RING_CELLS, LARGEST_DRIFT_CELLS, half_cells
+from guara_perception.terrain.assessment.edges import (
+    EXTRA_RING_CELLS,
+    LARGEST_DRIFT_CELLS,
+    LEAST_MARGIN_CELLS,
+    half_cells,
+)
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -337,16 +342,18 @@ def test_figures_of_the_safety_page_are_those_of_the_program(robot, calibration,
     disc = disc_kernel(limits.disc_radius / cell).shape[0] // 2
     sole = [half_cells(length, cell) for length in (limits.sole_length, limits.sole_width)]
     hazard, fused, unknown = (
-        [round((n + more) * cell * 1e3) for n in sole] for more in (0, disc, disc + EXTRA_RING_CELLS)
+        [round((n + more) * cell * 1e3) for n in sole]
+        for more in (0, disc + LEAST_MARGIN_CELLS, disc + EXTRA_RING_CELLS)
     )
-    assert f"around a hazard: {hazard[0]} mm along x, {hazard[1]} mm along y" in page
+    least = round(LEAST_MARGIN_CELLS * cell * 1e3)
+    assert f"a hazard: {hazard[0]} mm along x, {hazard[1]} mm along y, and {least} mm more in the fused map" in page
     assert f"border of the grid: {unknown[0]} mm along x, {unknown[1]} mm along y in a single scan" in page
-    beyond = round((LARGEST_DRIFT_CELLS - disc) * cell * 1e3)
+    beyond = round((LARGEST_DRIFT_CELLS - disc - LEAST_MARGIN_CELLS) * cell * 1e3)
     assert f"in the fused map: {fused[0]} mm along x, {fused[1]} mm along y, and up to {beyond} mm more" in page
     assert f"up to {round(LARGEST_DRIFT_CELLS * cell * 1e3)} mm in all (the largest margin" in page
     patch, in_map = ([round(2 * n + cell * 1e3) for n in margin] for margin in (unknown, fused))
     assert f"known for {patch[0]} mm along x and {patch[1]} mm along y at least, in the map" in page
-    assert f"in the map {in_map[0]} and {in_map[1]} mm" in page
+    assert f"in the map {in_map[0]} and {in_map[1]} mm too" in page
     assert "(15 mm)" in page and limits.disc_radius == 0.015
 
 

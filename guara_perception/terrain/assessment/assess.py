@@ -34,6 +34,8 @@ def assess_layers(
     resolution: float,
     limits: TraversabilityLimits,
     drift: Index | None = None,
+    *,
+    beyond: int = 0,
 ) -> dict[str, Array]:
     """Judge every cell; return all layers of a grid that follow from the heights.
 
@@ -45,7 +47,10 @@ def assess_layers(
         hazard: (ny, nx) uint16, flags known beforehand (causes of unknown, CONFLICT, STALE).
         resolution: cell edge [m].
         limits: what the feet can bear.
-        drift: (ny, nx) how far each cell may have drifted sideways, in cells (the fused map); None for a single scan.
+        drift: (ny, nx, 2) how far the ground may lie aside of each cell along y and x, in cells (the fused map); None
+            for a single scan.
+        beyond: rows and columns on each side that lie beyond the border: the tests read them, the layers that are
+            returned do not have them.
 
     Returns:
         Layers by name, read-only, in the types of `LAYERS`: elevation, variance, elevation_min, elevation_max,
@@ -63,11 +68,26 @@ def assess_layers(
     for name, values in judged.items():
         layers[name] = flags if name == "hazard" else np.full(known.shape, UNKNOWN.get(name, np.nan), np.float32)
         layers[name][window] = values
+    if beyond:
+        inner = np.s_[beyond:-beyond, beyond:-beyond]
+        layers = {name: np.ascontiguousarray(layer[inner]) for name, layer in layers.items()}
+        flags = layers["hazard"]
+        off_grid = _sole_off_grid(flags.shape, resolution, limits) & ((flags & UNKNOWN_MASK) == 0)
+        flags[off_grid] |= np.uint16(Hazard.EDGE)
+        layers["traversability"][off_grid] = 0.0
     layers["clearance"] = clearance(flags, resolution).astype(np.float32)
     for layer in layers.values():
         # Frozen here they need not be copied when a grid is made of them.
         layer.setflags(write=False)
     return layers
+
+
+def _sole_off_grid(shape: tuple[int, ...], resolution: float, limits: TraversabilityLimits) -> Mask:
+    """Cells on which a sole would reach over the border."""
+    y, x = (half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length))
+    result = np.ones(shape, dtype=bool)
+    result[y : max(shape[0] - y, 0), x : max(shape[1] - x, 0)] = False
+    return result
 
 
 def _extent(known: Mask, axis: int) -> slice:

@@ -12,6 +12,8 @@ from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK
 
 # A height of a single scan may change when a stripe beside it is lost, so one more ring must be known.
 EXTRA_RING_CELLS = 1
+# So much wider is the sole in the fused map at least.
+LEAST_MARGIN_CELLS = 1
 # How far the ground of the fused map may lie aside of where the map has it [cells]; more than that makes no difference.
 LARGEST_DRIFT_CELLS = 6
 
@@ -25,17 +27,19 @@ def edge_cells(
     under the sole depends on anything that is not known. The window is exactly that, corners rounded as the disc is.
 
     So whatever is unknown, rises or falls lies a disc's radius beside the sole at least, and may lie as much aside of
-    where the map says without coming under it. Where a cell may have drifted further the sole is widened by the rest:
-    all that its tests read is still known, so that losing cells makes no other cell safe.
+    where the map says without coming under it. In the map the sole is widened by one cell besides, so that nothing
+    that the truth would refuse comes under its rim while the ground lies aside by no more than that; and where a cell
+    may have drifted by more than the disc's radius, by the rest if that is more. Unknown cells and hazards are kept
+    away alike: what is unknown might turn out to be a hazard.
 
     Args:
         flags: (ny, nx).
         kernel: the disc of the tests.
         resolution: cell edge [m].
         limits: with the sole's size.
-        drift: (ny, nx) cells by which the ground may lie aside of where each cell is, a property of that cell alone
-            (the fused map). None: a single scan, where nothing has drifted but heights may change with the stripe
-            beside them: one ring more around the discs must be known.
+        drift: (ny, nx, 2) cells along y and x by which the ground may lie aside of where each cell is, a property of
+            that cell alone (the fused map). None: a single scan, where nothing has drifted but heights may change with
+            the stripe beside them: one ring more around the discs must be known.
     """
     half = [half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length)]
     bad = ((flags & ALL_BUT_EDGE) != 0).astype(np.uint8)
@@ -44,18 +48,29 @@ def edge_cells(
     def reaches(cells: Codes, area: Codes) -> Codes:
         return np.asarray(cv2.dilate(cells, area, borderType=cv2.BORDER_CONSTANT, borderValue=(1,)))
 
-    def under_sole(cells: Codes, beside: int) -> Mask:
-        return np.asarray(reaches(cells, np.ones([2 * (n + beside) + 1 for n in half], np.uint8)), dtype=bool)
+    def under_sole(cells: Codes, beside: tuple[int, ...]) -> Mask:
+        area = np.ones([2 * (n + more) + 1 for n, more in zip(half, beside, strict=True)], np.uint8)
+        return np.asarray(reaches(cells, area), dtype=bool)
 
     read = reaches(unknown, kernel)
     if drift is None:
         side = 2 * EXTRA_RING_CELLS + 1
-        return under_sole(bad | reaches(read, np.ones((side, side), np.uint8)), 0)
+        return under_sole(bad | reaches(read, np.ones((side, side), np.uint8)), (0, 0))
     result = np.zeros(flags.shape, dtype=bool)
-    beyond = np.maximum(drift - kernel.shape[0] // 2, 0)
-    for cells in np.unique(beyond).tolist():
-        result |= (beyond == cells) & under_sole(bad | read, cells)
+    beside = np.maximum(drift - kernel.shape[0] // 2, LEAST_MARGIN_CELLS)
+    for pair in np.unique(beside.reshape(-1, 2), axis=0).tolist():
+        result |= (beside == pair).all(axis=-1) & under_sole(bad | read, tuple(pair))
     return result
+
+
+def beyond_border(kernel: Kernel) -> int:
+    """How many rows and columns beyond the border of the fused map can have a say in whether a sole on it is safe."""
+    return kernel.shape[0] // 2 + _most_beside(kernel)
+
+
+def _most_beside(kernel: Kernel) -> int:
+    """Cells by which a sole in the map is wider on each side at most."""
+    return max(LARGEST_DRIFT_CELLS - kernel.shape[0] // 2, LEAST_MARGIN_CELLS)
 
 
 def widest_window(kernel: Kernel, resolution: float, limits: TraversabilityLimits, *, is_map: bool) -> float:
@@ -63,7 +78,7 @@ def widest_window(kernel: Kernel, resolution: float, limits: TraversabilityLimit
     half_y, half_x = (half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length))
     iy, ix = np.nonzero(kernel)
     radius = kernel.shape[0] // 2
-    more = max(LARGEST_DRIFT_CELLS - radius, 0) if is_map else EXTRA_RING_CELLS
+    more = _most_beside(kernel) if is_map else EXTRA_RING_CELLS
     reach_y, reach_x = np.abs(iy - radius) + more, np.abs(ix - radius) + more
     return float(np.hypot(half_y + reach_y + 0.5, half_x + reach_x + 0.5).max()) * resolution
 

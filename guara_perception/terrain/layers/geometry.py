@@ -85,6 +85,12 @@ class GridGeometry:
         y = self.origin[1] + (np.arange(ny, dtype=np.float64) + 0.5) * self.resolution
         return x, y
 
+    def widened(self, cells: int) -> GridGeometry:
+        """The grid with so many rows and columns more on each side."""
+        (x, y), (ny, nx) = self.origin, self.shape
+        aside = cells * self.resolution
+        return GridGeometry((x - aside, y - aside), self.resolution, (ny + 2 * cells, nx + 2 * cells))
+
     def refined(self, factor: int) -> GridGeometry:
         """The same area with cells `factor` times smaller."""
         ny, nx = self.shape

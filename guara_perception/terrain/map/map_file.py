@@ -18,10 +18,11 @@ from guara_perception.terrain.file import UNREADABLE
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
 from guara_perception.terrain.map.height_anchor import HeightAnchor
 from guara_perception.terrain.map.odom_cells import MEMORY, OdomCells
+from guara_perception.terrain.map.sideways import SidewaysDrift
 from guara_perception.terrain.map.walk_correction import WalkCorrection
 from guara_perception.whole_file import whole_file
 
-FORMAT = "guara-map/1"
+FORMAT = "guara-map/2"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +57,7 @@ def write_map(path: str | Path, robot: str, cells: OdomCells, state: Mapping[str
         **state,
         "_centre": None if centre is None else centre.tolist(),
         "_drift": dataclasses.asdict(state["_drift"]),
+        "_sideways": state["_sideways"].to_fields(),
         "_anchor": dataclasses.asdict(state["_anchor"]),
         "_walk": state["_walk"].to_fields(),
     }
@@ -107,6 +109,7 @@ def _state(fields: Fields) -> dict[str, Any]:
         "_step": fields.integer("step") if fields.has("step") else None,
         "_time": fields.integer("time") if fields.has("time") else None,
         "_drift": OdometryDrift(*(drift.number(name, 0.0) for name in ("rise", "shift", "turn"))),
+        "_sideways": SidewaysDrift.of_fields(fields.sub("sideways")),
         "_anchor": HeightAnchor(
             offset=anchor.number("offset"),
             variance=anchor.number("variance", 0.0),

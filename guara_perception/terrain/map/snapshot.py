@@ -10,14 +10,16 @@ import numpy as np
 from guara_perception.arrays import Array, Flags, Float
 from guara_perception.settings import Settings
 from guara_perception.terrain.assessment.assess import assess_layers
-from guara_perception.terrain.assessment.edges import LARGEST_DRIFT_CELLS
+from guara_perception.terrain.assessment.disc import disc_kernel
+from guara_perception.terrain.assessment.edges import LARGEST_DRIFT_CELLS, beyond_border
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.map.fuse_heights import OdometryDrift, drift_variance, sideways_variance
+from guara_perception.terrain.map.fuse_heights import OdometryDrift, drift_variance
 from guara_perception.terrain.map.look import tilt_variance
 from guara_perception.terrain.map.odom_cells import OdomCells
+from guara_perception.terrain.map.sideways import SidewaysDrift
 from guara_perception.terrain.map.touched import Squares
 
 NEVER_SEEN_AGE = 255
@@ -31,12 +33,14 @@ class MapPause:
         pause: its number.
         stamp: [ns] of the clock by which cells grow old.
         drift: of the odometry.
+        sideways: how far the ground may lie aside of where the map has it.
         transform_footprint_to_odom: (4, 4).
     """
 
     pause: int
     stamp: int
     drift: OdometryDrift
+    sideways: SidewaysDrift
     transform_footprint_to_odom: Float
 
 
@@ -45,9 +49,12 @@ def snapshot_layers(
 ) -> dict[str, Array]:
     """All layers of the `map` extent.
 
+    Soles stay on the grid, but the discs of their tests also read what the map knows beyond its border.
     A cell whose square touches an unknown cell of the map is unknown, with the causes of all of them; lowest and
     highest samples are those of all cells touched, so that no narrow bump slips between the nearest ones.
     """
+    inner, beyond = geometry, beyond_border(disc_kernel(settings.limits.disc_radius / geometry.resolution))
+    geometry = inner.widened(beyond)
     x, y = geometry.centres()
     transform = now.transform_footprint_to_odom
     row, memory = transform[2], cells.memory
@@ -78,8 +85,9 @@ def snapshot_layers(
     variance = np.maximum(memory["variance"].take(slot), memory["other_variance"].take(slot))
     variance += drift_variance(cells, slot, now.drift, np.sqrt(x * x + y * y))
     # Depends on the tested cell alone, never on whether others are known: so losing those makes none safe.
-    sideways = settings.limits.confidence * np.sqrt(sideways_variance(cells, slot, now.drift, np.sqrt(x * x + y * y)))
-    drifted = np.clip(np.ceil(sideways / geometry.resolution), 1, LARGEST_DRIFT_CELLS).astype(np.intp)
+    aside = now.sideways.variances(memory["pause"].take(slot), in_odom_x.take(known), in_odom_y.take(known), transform)
+    drifted = np.ceil(settings.limits.confidence * np.sqrt(aside) / geometry.resolution)
+    drifted = np.minimum(drifted, LARGEST_DRIFT_CELLS).astype(np.intp)
     # What was seen at this very pause shares its tilt; older heights do not.
     variance += np.where(pauses > 0, tilt_variance(terrain, x, y), 0.0)
 
@@ -94,11 +102,13 @@ def snapshot_layers(
         shaped((squares.joined(low, np.fmin, known) - drop) / row[2], np.nan),
         shaped((squares.joined(high, np.fmax, known) - drop) / row[2], np.nan),
     )
+    drift = np.stack((shaped(drifted[1], 0), shaped(drifted[0], 0)), axis=-1)
     layers = assess_layers(
-        raster, flags.reshape(geometry.shape), geometry.resolution, settings.limits, shaped(drifted, 0)
+        raster, flags.reshape(geometry.shape), geometry.resolution, settings.limits, drift, beyond=beyond
     )
-    layers["age"] = shaped(pauses.astype(np.uint8), NEVER_SEEN_AGE)
-    layers["looks"] = shaped(memory["looks"].take(slot), 0)
+    cut = np.s_[beyond:-beyond, beyond:-beyond]
+    layers["age"] = shaped(pauses.astype(np.uint8), NEVER_SEEN_AGE)[cut]
+    layers["looks"] = shaped(memory["looks"].take(slot), 0)[cut]
     return layers
 
 

@@ -25,6 +25,7 @@ from guara_perception.terrain.map.look import LOOKED_AT, look_at
 from guara_perception.terrain.map.map_file import read_map, write_map
 from guara_perception.terrain.map.map_report import map_report
 from guara_perception.terrain.map.odom_cells import OdomCells
+from guara_perception.terrain.map.sideways import SidewaysDrift
 from guara_perception.terrain.map.snapshot import MapPause, snapshot_layers
 from guara_perception.terrain.map.support_feet import fill_under_foot, sole_error, support_feet
 from guara_perception.terrain.map.walk_correction import WalkCorrection
@@ -32,7 +33,19 @@ from guara_perception.terrain.map.walk_correction import WalkCorrection
 # The window is moved when the robot has gone this far: seldom, and still little memory.
 MARGIN_M = 0.2
 # What a map is besides its cells.
-STATE = ("_centre", "_pause", "_step", "_time", "_drift", "_anchor", "_walk", "_ground", "_scans", "_reasons")
+STATE = (
+    "_centre",
+    "_pause",
+    "_step",
+    "_time",
+    "_drift",
+    "_sideways",
+    "_anchor",
+    "_walk",
+    "_ground",
+    "_scans",
+    "_reasons",
+)
 
 
 class TerrainMap:
@@ -72,6 +85,7 @@ class TerrainMap:
         self._pause = 0
         self._step: int | None = None
         self._drift = OdometryDrift(0.0, 0.0, 0.0)
+        self._sideways = SidewaysDrift.none()
         self._anchor = HeightAnchor()
         self._walk = WalkCorrection.none()
         self._ground: list[dict[str, Any]] = []
@@ -140,8 +154,11 @@ class TerrainMap:
         correction, self._anchor = anchor.offset - self._anchor.offset, anchor
         transform[2, 3] += correction
         by_odometry = pose_covariance if since_last is None else None
-        self._drift = self._walk.drift(self._drift, self._anchor.rise, by_odometry)
-        now = MapPause(self._pause, clock, self._drift, transform)
+        before, self._drift = self._drift, self._walk.drift(self._drift, self._anchor.rise, by_odometry)
+        shift, turn = self._drift.shift - before.shift, self._drift.turn - before.turn
+        growth = self._walk.growth if by_odometry is None else np.diag([shift, shift, turn])
+        self._sideways = self._sideways.after(self._pause, growth, transform[:2, 3])
+        now = MapPause(self._pause, clock, self._drift, self._sideways, transform)
         rejected = self._look(terrain, now)
         for foot in feet:
             fill_under_foot(self._cells, foot.raised(correction), self._drift, self._pause, clock)
@@ -169,7 +186,7 @@ class TerrainMap:
         transform[2, 3] += self._anchor.offset
         pause = self._pause + (1 if self._step is None else terrain.step - self._step)
         clock = terrain.stamp if time is None else round(time * 1e9)
-        now = MapPause(pause, clock, self._drift, transform)
+        now = MapPause(pause, clock, self._drift, self._sideways, transform)
         return self._snapshot(terrain, now, pose_covariance, 0, {}, metadata)
 
     def save(self, path: str | Path) -> None:

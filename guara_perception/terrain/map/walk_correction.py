@@ -6,7 +6,7 @@ scan and map takes some of it off again. Nothing is shifted silently: correction
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.registration import register
+from guara_perception.terrain.map.sideways import kept_growth
 
 SIDEWAYS = [0, 1, 5]
 # Priors of what registration sees beside the sideways drift, and does not correct: the soles hold the height.
@@ -34,14 +35,15 @@ class WalkCorrection:
         transform: (4, 4) to be multiplied from the left to transforms of odometry; a turn about z and a shift in x, y.
         covariance: (3, 3) of x, y and heading of the walk against the map.
         last: transform_footprint_to_odom of the last pause as odometry gave it, None before the first.
-        shift, turn: variance that cells gain sideways and by the heading while they are not seen, summed since the
-            start [m^2, rad^2].
+        growth: (3, 3) what of the last motion's covariance the overlap has not taken off again.
+        shift, turn: of all motions, summed since the start [m^2, rad^2].
         refused: why the last overlap was not used, None where it was.
     """
 
     transform: Float
     covariance: Float
     last: Float | None = None
+    growth: Float = field(default_factory=lambda: np.zeros((3, 3)))
     shift: float = 0.0
     turn: float = 0.0
     refused: str | None = None
@@ -88,6 +90,7 @@ class WalkCorrection:
             transform=fields.array("transform", (4, 4)),
             covariance=fields.array("covariance", (3, 3)),
             last=fields.array("last", (4, 4)) if fields.has("last") else None,
+            growth=fields.array("growth", (3, 3)),
             shift=fields.number("shift", 0.0),
             turn=fields.number("turn", 0.0),
             refused=fields.text("refused") if fields.has("refused") else None,
@@ -106,7 +109,7 @@ class WalkCorrection:
             since_last: (6, 6) covariance of the motion since the last pause, in the last footprint.
         """
         if self.last is None:
-            return WalkCorrection(self.transform, self.covariance, odometry.copy(), self.shift, self.turn)
+            return replace(self, last=odometry.copy())
         here, before = self.transform @ odometry, self.transform @ self.last
         rotation = np.kron(np.eye(2), before[:3, :3])
         growth = rotation @ since_last @ rotation.T
@@ -122,14 +125,14 @@ class WalkCorrection:
         here[2, 3] += rise
         found = register(cells, terrain, here, prior)
         left = found.covariance[np.ix_(SIDEWAYS, SIDEWAYS)]
-        # Of the growth, the share that the overlap did not take off again stays with the cells.
-        kept_shift = np.linalg.eigvalsh(left[:2, :2])[-1] / np.linalg.eigvalsh(sideways[:2, :2])[-1]
+        kept = kept_growth(added, sideways, left)
         return WalkCorrection(
             transform=_moved(found.motion, here[:3, 3]) @ self.transform,
             covariance=left,
             last=odometry.copy(),
-            shift=self.shift + float(np.linalg.eigvalsh(added[:2, :2])[-1] * min(kept_shift, 1.0)),
-            turn=self.turn + float(added[2, 2] * min(left[2, 2] / sideways[2, 2], 1.0)),
+            growth=kept,
+            shift=self.shift + float(np.linalg.eigvalsh(kept[:2, :2])[-1]),
+            turn=self.turn + float(kept[2, 2]),
             refused=found.refused,
         )
 

@@ -74,7 +74,7 @@ def test_no_filling_of_the_unknown_makes_a_free_cell_unsafe(limits: Traversabili
     for _ in range(GRIDS):
         heights = ground(rng)
         lost = holes(rng, heights.shape)
-        drift = rng.integers(1, LARGEST_DRIFT_CELLS + 1, heights.shape) if is_map else None
+        drift = rng.integers(0, LARGEST_DRIFT_CELLS + 1, (*heights.shape, 2)) if is_map else None
         free = assessed(np.where(lost, np.nan, heights), limits, drift) == 0
         free_cells += int(free.sum())
         for filled in fillings(rng, heights, lost):
@@ -94,7 +94,7 @@ def test_losing_cells_never_frees_another_whatever_the_drift(seed: int) -> None:
     rng = np.random.default_rng(seed)
     heights = ground(rng)
     heights[holes(rng, heights.shape) & (rng.random(heights.shape) < 0.5)] = np.nan
-    drift = rng.integers(1, LARGEST_DRIFT_CELLS + 1, heights.shape)
+    drift = rng.integers(0, LARGEST_DRIFT_CELLS + 1, (*heights.shape, 2))
     limits = dataclasses.replace(gp.TraversabilityLimits(**gp.assess_terrain([[0.0]], 1.0).metadata["limits"]))
     before = assessed(heights, limits, drift)
     after = assessed(np.where(holes(rng, heights.shape), np.nan, heights), limits, drift)
@@ -117,16 +117,17 @@ def test_a_narrower_window_would_be_broken(limits: TraversabilityLimits) -> None
     assert broken > 1000
 
 
-@pytest.mark.parametrize("drift", [None, 1, 3, 4, 6])
-def test_the_window_of_one_unknown_cell(limits: TraversabilityLimits, drift: int | None) -> None:
-    """Exactly the sole, the disc, and for a scan one ring, for a map what drift goes beyond the disc's radius."""
+@pytest.mark.parametrize("drift", [None, (0, 0), (0, 1), (3, 1), (4, 3), (6, 5)])
+def test_the_window_of_one_unknown_cell(limits: TraversabilityLimits, drift: tuple[int, int] | None) -> None:
+    """Exactly the sole, the disc, one cell more, and in a map as many as drift goes beyond the disc's radius."""
     flags = np.zeros((81, 81), np.uint16)
     flags[40, 40] = Hazard.UNSCANNED
     kernel = disc_kernel(limits.disc_radius / RESOLUTION)
-    cells = None if drift is None else np.full(flags.shape, drift)
+    cells = None if drift is None else np.full((*flags.shape, 2), drift)
     edge = edge_cells(flags, kernel, RESOLUTION, limits, cells)[25:56, 25:56]
-    more = 1 if drift is None else max(drift - kernel.shape[0] // 2, 0)
-    half = [half_cells(n, RESOLUTION) + more for n in (limits.sole_width, limits.sole_length)]
+    more = {None: (1, 1), (0, 0): (1, 1), (0, 1): (1, 1), (3, 1): (1, 1), (4, 3): (1, 1), (6, 5): (3, 2)}[drift]
+    sizes = zip((limits.sole_width, limits.sole_length), more, strict=True)
+    half = [half_cells(length, RESOLUTION) + beside for length, beside in sizes]
     expected = np.zeros(edge.shape, dtype=bool)
     for dy, dx in zip(*np.nonzero(kernel), strict=True):
         iy, ix = 15 + dy - kernel.shape[0] // 2, 15 + dx - kernel.shape[1] // 2
@@ -144,7 +145,41 @@ def test_a_cell_that_drifted_far_keeps_further_from_a_hazard(limits: Traversabil
         flags[40, 40] = flag
         kernel = disc_kernel(limits.disc_radius / RESOLUTION)
         sizes = [
-            int(edge_cells(flags, kernel, RESOLUTION, limits, np.full(flags.shape, cells)).sum())
-            for cells in range(1, LARGEST_DRIFT_CELLS + 1)
+            int(edge_cells(flags, kernel, RESOLUTION, limits, np.full((*flags.shape, 2), cells)).sum())
+            for cells in range(LARGEST_DRIFT_CELLS + 1)
         ]
-        assert sizes[0] == sizes[1] == sizes[2] < sizes[3] < sizes[4] < sizes[5]
+        assert sizes[0] == sizes[1] == sizes[2] == sizes[3] == sizes[4] < sizes[5] < sizes[6]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("most", [1, 3, LARGEST_DRIFT_CELLS])
+def test_ground_that_lies_aside_of_where_the_map_has_it(limits: TraversabilityLimits, most: int) -> None:
+    """300 grounds, moved under the map by as much as it allows for: by one cell nothing that the truth refuses is free.
+
+    By more, up to the largest drift, nothing that rises or falls too much and nothing unknown comes under the sole.
+    """
+    rng = np.random.default_rng(most)
+    sole = np.ones([2 * half_cells(n, RESOLUTION) + 1 for n in (limits.sole_width, limits.sole_length)], np.uint8)
+    free_cells = moved_cells = 0
+    for _ in range(GRIDS):
+        heights = ground(rng)
+        heights[holes(rng, heights.shape)] = np.nan
+        sigmas = rng.integers(0, most + 1, 2) if most > 1 else np.ones(2, int)
+        angle = rng.uniform(0, 2 * np.pi)
+        # Anywhere within the ellipse of the sigmas; for one cell into the corners too.
+        by = np.trunc(sigmas * [np.sin(angle), np.cos(angle)]).astype(int) if most > 1 else rng.integers(-1, 2, 2)
+        drift = np.full((*heights.shape, 2), sigmas)
+        free = assessed(heights, limits, drift) == 0
+        true = np.roll(heights, by, (0, 1))
+        known = np.isfinite(true)
+        free_cells += int(free.sum())
+        moved_cells += int(free.sum()) if by.any() else 0
+        lowest, highest = np.where(known, true, 1e3), np.where(known, true, -1e3)
+        # Against a plane: the ground of the grids is tilted by up to 0.1.
+        relief = cv2.dilate(highest, sole) - cv2.erode(lowest, sole) - 0.15 * np.hypot(*sole.shape) * RESOLUTION
+        unknown = cv2.dilate((~known).astype(np.uint8), sole) > 0
+        assert not (free & (unknown | (relief > limits.drop))).any()
+        if most == 1:
+            bad = ((assessed(true, limits, np.zeros_like(drift)) & ALL_BUT_EDGE) != 0).astype(np.uint8)
+            assert not (free & (cv2.dilate(bad, sole) > 0)).any()
+    assert free_cells > 20_000 and moved_cells > 10_000

@@ -13,6 +13,7 @@ from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
 from guara_perception.terrain.map.odom_cells import OdomCells
+from guara_perception.terrain.map.sideways import SidewaysDrift
 from guara_perception.terrain.map.snapshot import MapPause, snapshot_layers
 from guara_perception.terrain.map.touched import SHRUNK_M
 from kinematics import RobotModel
@@ -49,7 +50,7 @@ def test_each_cell_tells_of_all_that_it_touches(robot: RobotModel, make_scan: An
     transform = np.eye(4)
     transform[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
     transform[:3, 3] = 1.003, -0.497, 0.01
-    now = MapPause(NOW, 0, OdometryDrift(0.0, 0.0, 0.0), transform)
+    now = MapPause(NOW, 0, OdometryDrift(0.0, 0.0, 0.0), SidewaysDrift.none(), transform)
     layers = snapshot_layers(cells, GRID, make_scan(), now, settings)
 
     x, y = (a.ravel() for a in np.meshgrid(*GRID.centres()))

@@ -1,0 +1,73 @@
+"""How far ground may lie aside: sums of motions are those of each cell's own displacement, along each axis."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from guara_perception.fields import Fields
+from guara_perception.terrain.map.sideways import MOST_PAUSES, SidewaysDrift, kept_growth
+
+
+def covariance(rng: np.random.Generator) -> np.ndarray:
+    """A covariance of x, y and heading with any correlations."""
+    root = rng.normal(0, 1, (3, 3)) * [0.002, 0.002, 0.004]
+    return root.T @ root
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 10_000))
+def test_variance_is_that_of_all_motions_since_the_cell_was_seen(seed: int) -> None:
+    """Each motion moves a cell by its shift, and turns it about where the robot then stood."""
+    rng = np.random.default_rng(seed)
+    places, growths = np.cumsum(rng.normal(0, 0.1, (12, 2)), axis=0) + 30.0, [covariance(rng) for _ in range(12)]
+    drift = SidewaysDrift.none()
+    for pause, (growth, place) in enumerate(zip(growths, places, strict=True)):
+        drift = drift.after(3 * pause, growth, place)
+    yaw, seen, cell = rng.uniform(-3, 3), int(rng.integers(0, 12)), places[-1] + rng.normal(0, 0.4, 2)
+    rotation = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    expected = np.zeros((2, 2))
+    for growth, place in zip(growths[seen + 1 :], places[seen + 1 :], strict=True):
+        (x, y) = cell - place
+        jacobian = rotation.T @ [[1, 0, -y], [0, 1, x]]
+        expected += jacobian @ growth @ jacobian.T
+    transform = np.eye(4)
+    transform[:2, :2] = rotation
+    # Between two pauses that it knows the earlier one counts.
+    for pause in (3 * seen, 3 * seen + 2):
+        found = drift.variances(np.array([pause]), cell[:1], cell[1:], transform)
+        np.testing.assert_allclose(found[:, 0], np.diag(expected), rtol=1e-6, atol=1e-12)
+
+
+def test_memory_is_bounded_and_what_is_older_has_drifted_as_much_as_the_oldest() -> None:
+    """A walk without end keeps so many pauses."""
+    drift = SidewaysDrift.none()
+    for pause in range(MOST_PAUSES + 50):
+        drift = drift.after(pause, np.diag([1e-6, 1e-6, 0.0]), np.zeros(2))
+    assert len(drift.pauses) == MOST_PAUSES
+    found = drift.variances(np.array([0, 50, MOST_PAUSES + 49]), np.zeros(3), np.zeros(3), np.eye(4))
+    np.testing.assert_allclose(found[0], [(MOST_PAUSES - 1) * 1e-6, (MOST_PAUSES - 1) * 1e-6, 0.0], atol=1e-15)
+    again = SidewaysDrift.of_fields(Fields(drift.to_fields(), "test"))
+    np.testing.assert_array_equal(again.total, drift.total)
+    nothing = SidewaysDrift.of_fields(Fields(SidewaysDrift.none().to_fields(), "test"))
+    assert nothing.variances(np.array([3]), np.zeros(1), np.zeros(1), np.eye(4)).tolist() == [[0.0], [0.0]]
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 10_000))
+def test_what_an_overlap_takes_off_is_taken_off_where_it_tells(seed: int) -> None:
+    """Nothing without an overlap, all in what it shows exactly; never more than before, never a negative variance."""
+    rng = np.random.default_rng(seed)
+    prior = covariance(rng) + np.diag([1e-8, 1e-8, 1e-9])
+    added = covariance(rng)
+    np.testing.assert_allclose(kept_growth(added, prior, prior), added, rtol=1e-5, atol=1e-13)
+    row = rng.normal(0, 1, (1, 3))
+    gain = prior @ row.T / (row @ prior @ row.T + 1e-6)
+    left = prior - gain @ row @ prior
+    kept = kept_growth(added, prior, left)
+    assert np.linalg.eigvalsh(kept)[0] > -1e-12
+    whitened = np.linalg.inv(np.linalg.cholesky(prior))
+    assert np.trace(whitened @ kept @ whitened.T) <= np.trace(whitened @ added @ whitened.T) * (1 + 1e-6)
+    scalar = kept_growth(np.diag([4e-6, 1e-6, 1e-6]), np.eye(3) * 8e-6, np.diag([2e-6, 8e-6, 8e-6]))
+    np.testing.assert_allclose(scalar, np.diag([1e-6, 1e-6, 1e-6]), atol=1e-15)
