@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from guara_perception.app.client import TerrainClient
     from guara_perception.app.files.open_scan import open_scan
     from guara_perception.app.files.recording import Recording, open_recording
+    from guara_perception.app.map_regions import MapRegions
     from guara_perception.app.map_summary import TerrainSummary
     from guara_perception.calibration.calibration import Calibration, StripePlane
     from guara_perception.calibration.camera import CameraModel
@@ -91,6 +92,7 @@ __all__ = [
     "InvalidInput",
     "KinematicsError",
     "KnownGround",
+    "MapRegions",
     "MissingFile",
     "Obstacle",
     "PathVerdict",
@@ -159,6 +161,7 @@ _MODULES = {
     "InvalidInput": "guara_perception.exceptions",
     "KinematicsError": "kinematics",
     "KnownGround": "guara_perception.terrain.map.known_ground",
+    "MapRegions": "guara_perception.app.map_regions",
     "MissingFile": "guara_perception.exceptions",
     "Obstacle": "guara_perception.terrain.questions.obstacles",
     "PathVerdict": "guara_perception.terrain.questions.path",

@@ -10,12 +10,13 @@ from typing import Self
 
 from transport import clock
 from transport.exceptions import MessageError, ReceiveTimeout, ScannerGone, ScannerUnavailable, StaleTerrain
-from transport.grid_judge import GridJudge
-from transport.keys import DEFAULT_ROBOT, check_encoding, query_key, summary_key, terrain_key
+from transport.grid_judge import G, GridJudge
+from transport.keys import DEFAULT_ROBOT, check_encoding, query_key, regions_key, summary_key, terrain_key
 from transport.node_clock import ClockOffset
 from transport.query import query_terrain
 from transport.received import Received
 from transport.receiver import NewestReceiver
+from transport.regions_message import RegionsMessage, decode_regions
 from transport.scan_client import request_grid
 from transport.scan_messages import ScanReply
 from transport.seldom import Seldom
@@ -61,6 +62,7 @@ class PerceptionClient:
         self._receivers: dict[str, NewestReceiver[TerrainMessage]] = {}
         self._since: dict[str, float] = {}
         self._summaries: NewestReceiver[SummaryMessage] | None = None
+        self._regions: NewestReceiver[RegionsMessage] | None = None
         self._start = time.monotonic()
         self._judge = GridJudge(session, robot)
 
@@ -166,11 +168,28 @@ class PerceptionClient:
                 latched=False,
                 refusal=lambda summary: self._judge.refusal(summary, SummaryMessage.extent),
             )
-        received = self._summaries.latest()
+        return self._newest_of(self._summaries, timeout, max_age)
+
+    def regions(self, *, timeout: float, max_age: float | None = None) -> RegionsMessage:
+        """The steppable regions of the newest map, if they may still be used; the first are waited for.
+
+        Arguments and errors as of `summary`, but the last that were sent are had too.
+        """
+        if self._regions is None:
+            self._regions = NewestReceiver(
+                self._session,
+                regions_key(self.robot),
+                decode_regions,
+                refusal=lambda regions: self._judge.refusal(regions, RegionsMessage.extent),
+            )
+        return self._newest_of(self._regions, timeout, max_age)
+
+    def _newest_of(self, receiver: NewestReceiver[G], timeout: float, max_age: float | None) -> G:
+        received = receiver.latest()
         if received is not None:
             return self._judge.check(received, max_age, wait=SETTLE)
         try:
-            return self._judge.check(self._summaries.wait_for(lambda _: True, timeout), max_age, wait=SETTLE)
+            return self._judge.check(receiver.wait_for(lambda _: True, timeout), max_age, wait=SETTLE)
         except ReceiveTimeout as error:
             raise self._not_received(error, "") from error
 

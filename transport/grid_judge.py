@@ -31,7 +31,7 @@ ADVICE = "Wait for the next, ask for a scan, or give a larger max_age"
 
 
 class Grid(Protocol):
-    """What a grid of either extent, and the summary of a map, say of themselves; each as of `TerrainMessage`."""
+    """What a grid of either extent, a summary and regions of a map say of themselves; each as of `TerrainMessage`."""
 
     @property
     def robot(self) -> str:
@@ -39,7 +39,7 @@ class Grid(Protocol):
 
     @property
     def extent(self) -> str:
-        """Kind: "footprint", "map" or "summary"."""
+        """Kind: "footprint", "map", "summary" or "regions"."""
 
     @property
     def frame_id(self) -> str:

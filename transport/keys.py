@@ -84,9 +84,14 @@ def grid_map_key(robot: str = DEFAULT_ROBOT) -> str:
 
 
 def grid_keys(robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
-    """Keys of all grids: each is published, and asked for."""
+    """Keys of all grids and of the regions of the map: each is published, and asked for."""
     terrain = (terrain_key(robot, extent, encoding) for extent in ("footprint", "map") for encoding in ENCODINGS)
-    return (*terrain, occupancy_key(robot), grid_map_key(robot))
+    return (*terrain, occupancy_key(robot), grid_map_key(robot), regions_key(robot))
+
+
+def regions_key(robot: str = DEFAULT_ROBOT) -> str:
+    """Key of the steppable regions of the newest map."""
+    return f"{perception_prefix(robot)}/regions"
 
 
 def scan_key(robot: str = DEFAULT_ROBOT) -> str:

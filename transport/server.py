@@ -24,6 +24,7 @@ from transport.keys import (
     alive_key,
     grid_map_key,
     occupancy_key,
+    regions_key,
     run_key,
     summary_key,
     terrain_key,
@@ -34,6 +35,7 @@ from transport.node_name import NAME_TIMEOUT, claim_name
 from transport.outbox import Outbox
 from transport.publisher import LARGE, LARGEST, SMALL, Publisher
 from transport.query import QueryServer
+from transport.regions_message import RegionsMessage, encode_regions
 from transport.resource import Resource
 from transport.ros2 import Ros2Mirror
 from transport.scan_server import Admission, Handler, ScanJob, ScanServer
@@ -43,7 +45,7 @@ from transport.status_reporter import StatusReporter
 from transport.summary_message import SummaryMessage, encode_summary
 from transport.terrain_codec import encode_terrain
 from transport.terrain_message import EXTENTS, LAYERS, Health, TerrainMessage
-from transport.typestore import GRID_MAP, OCCUPANCY, STATUS, SUMMARY, TERRAIN
+from transport.typestore import GRID_MAP, OCCUPANCY, REGIONS, STATUS, SUMMARY, TERRAIN
 
 logger = logging.getLogger(__name__)
 # Layers of the GridMap: those of float32, the only type that it can hold, and the flags, which are whole numbers
@@ -111,6 +113,7 @@ class PerceptionServer(Resource):
         self._grid_map = self._publisher(grid_map_key(robot), cdr(GRID_MAP), LARGEST)
         # Without history: a router on the way may thin it out, and nobody fetches what was left out on purpose.
         self._summary = Publisher(session, summary_key(robot), latched=False, encoding=cdr(SUMMARY))
+        self._regions = self._publisher(regions_key(robot), cdr(REGIONS), SMALL)
         self._mirror = None if ros2_domain is None else Ros2Mirror(session, robot=robot, domain=ros2_domain)
         self._draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]] | None = None
         self._queries = QueryServer(session, self._newest.get, robot=robot)
@@ -142,7 +145,12 @@ class PerceptionServer(Resource):
             return self._sequences[extent]
 
     def publish(
-        self, terrain: TerrainMessage, *, occupancy: Percent | None = None, summary: SummaryMessage | None = None
+        self,
+        terrain: TerrainMessage,
+        *,
+        occupancy: Percent | None = None,
+        summary: SummaryMessage | None = None,
+        regions: Callable[[], RegionsMessage] | None = None,
     ) -> None:
         """Hand over one grid; returns at once, encoding and sending happen on threads of the outbox.
 
@@ -153,6 +161,7 @@ class PerceptionServer(Resource):
             occupancy: (ny, nx) int8 of the same grid; with it, and for extent "footprint", the OccupancyGrid
                 and the GridMap are published too.
             summary: of a map, to be sent after it.
+            regions: makes those of a map, which takes time: it is called on a thread of the outbox.
 
         Raises:
             MessageError: the occupancy has another shape, or the grid another robot's name.
@@ -178,6 +187,10 @@ class PerceptionServer(Resource):
         if summary is not None:
             self._outbox.post(
                 self._summary.key, lambda: self._summary.put(encode_summary(summary)), lane=self._summary.key
+            )
+        if regions is not None:
+            self._outbox.post(
+                self._regions.key, lambda: self._regions.put(encode_regions(regions())), lane=self._regions.key
             )
         if self._draw is not None:
             draw = self._draw
@@ -320,7 +333,8 @@ class PerceptionServer(Resource):
             self._queries,
             self._mirror,
         ]
-        resources += [*self._terrain.values(), *self._compact.values(), self._occupancy, self._grid_map, self._summary]
+        resources += [*self._terrain.values(), *self._compact.values(), self._occupancy, self._grid_map]
+        resources += [self._summary, self._regions]
         for resource in resources:
             if resource is not None:
                 resource.close()

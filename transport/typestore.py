@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 TERRAIN = "guara_msgs/msg/Terrain"
 SUMMARY = "guara_msgs/msg/TerrainSummary"
+REGIONS = "guara_msgs/msg/SteppableRegions"
 STANCE_PAUSE = "guara_msgs/msg/StancePause"
 SCAN_REQUEST = "guara_msgs/msg/ScanRequest"
 SCAN_REPLY = "guara_msgs/msg/ScanReply"

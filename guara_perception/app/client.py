@@ -8,6 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from guara_perception.app.map_regions import MapRegions, message_to_regions
 from guara_perception.app.map_summary import TerrainSummary, message_to_summary
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.exceptions import PerceptionError
@@ -121,6 +122,13 @@ class TerrainClient:
             UnsafeGrid: it breaks the safety invariant and must not be used.
         """
         return message_to_summary(self._client.summary(timeout=timeout, max_age=max_age))
+
+    def regions(self, max_age: float | None = None, timeout: float = 30.0) -> MapRegions:
+        """The convex steppable regions of the newest fused map, without the map itself.
+
+        Arguments and errors as of `summary`; who comes late gets the last.
+        """
+        return message_to_regions(self._client.regions(timeout=timeout, max_age=max_age))
 
     def stream(
         self, timeout: float | None = None, extent: str = "footprint", *, max_age: float | None = None

@@ -6,6 +6,7 @@ import dataclasses
 import math
 import time
 
+from guara_perception.app.map_regions import regions_message
 from guara_perception.app.map_summary import summary_message
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.terrain.grid import TerrainGrid
@@ -27,7 +28,7 @@ def publish_terrain(
     Args:
         server: the node's side of the transport.
         terrain: grid of either extent; of a footprint the occupancy and the grid map go out too, of a map its
-            summary.
+            summary and its steppable regions.
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
         scan_end_clock: last frame by `transport.clock` [s]; None = by what the wall clock says of it now.
         valid_for: at most so long after `scan_end`, besides the grid's own validity [s].
@@ -53,5 +54,5 @@ def publish_terrain(
     if terrain.extent == "footprint":
         server.publish(message, occupancy=terrain.to_occupancy())
     else:
-        server.publish(message, summary=summary_message(message))
+        server.publish(message, summary=summary_message(message), regions=lambda: regions_message(terrain, message))
     return message

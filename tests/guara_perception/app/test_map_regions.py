@@ -1,0 +1,50 @@
+"""Regions of the map from a node to a planner without a map: the same half-planes, what is inside may be trodden."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.map_regions import message_to_regions, regions_message
+from guara_perception.app.messages import terrain_to_message
+from transport.regions_message import decode_regions, encode_regions
+
+PATIENCE = 60.0
+
+
+def test_regions_arrive_as_the_map_has_them(paper_terrain: gp.TerrainGrid) -> None:
+    """Through the wire's form and back; of a withdrawn grid there are none."""
+    message = terrain_to_message(paper_terrain, robot="rex", sequence=3)
+    got = message_to_regions(decode_regions(encode_regions(regions_message(paper_terrain, message))))
+    regions = paper_terrain.steppable_regions()
+    assert len(got.regions) == len(regions) > 0
+    assert (got.robot, got.step, got.sequence) == ("rex", paper_terrain.step, 3)
+    rng = np.random.default_rng(0)
+    for ours, theirs in zip(regions, got.regions, strict=True):
+        np.testing.assert_array_equal(ours.halfspaces, theirs.halfspaces)
+        np.testing.assert_allclose(ours.plane, theirs.plane, atol=1e-9)
+        inside = rng.dirichlet(np.ones(len(theirs.vertices)), 50) @ theirs.vertices
+        assert paper_terrain.check_foothold(inside[:, 0], inside[:, 1]).ok.all()
+        assert all(theirs.contains(x, y) for x, y, _ in inside)
+
+
+@pytest.mark.slow
+def test_they_come_with_each_map_and_late_joiners_get_the_last(
+    start, free_endpoint: str, terrain_file: Path, eventually
+) -> None:
+    """No map is asked for; the newest regions are given, of old ones and of none it is said why."""
+    node = start(Path(__file__).with_name("publishing_node.py"), free_endpoint, "rex", terrain_file)
+    assert node.line() == "ready"
+    node.tell("map 1")
+    expected = len(gp.load_terrain(terrain_file).steppable_regions())
+    with gp.TerrainClient(free_endpoint, robot="rex", timeout=PATIENCE) as client:
+        got = client.regions(timeout=PATIENCE)
+        assert (got.step, got.robot, len(got.regions)) == (1, "rex", expected)
+        node.tell("map 2")
+        assert eventually(lambda: client.regions().step == 2)
+        with pytest.raises(gp.StaleTerrain, match="newest regions grid"):
+            client.regions(max_age=0.0)
+    with gp.TerrainClient(free_endpoint, robot="nobody", timeout=PATIENCE) as client:
+        with pytest.raises(gp.ScannerUnavailable):
+            client.regions(timeout=0.5)

@@ -1,0 +1,211 @@
+"""The steppable regions of a fused map, as a message and as its CDR payload."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from transport.arrays import Float
+from transport.codec import decode, encode, make_header, make_time, read_time
+from transport.exceptions import MessageError, VersionError
+from transport.keys import check_name
+from transport.rotation import matrix_from_quaternion, quaternion_from_matrix
+from transport.submessage_codec import make_point
+from transport.submessages import checked_array, finite
+from transport.terrain_message import MAXIMUM_IDENTITY
+from transport.typestore import REGIONS, message_class
+
+VERSION_MAJOR, VERSION_MINOR = 1, 0
+MAXIMUM_REGIONS, MAXIMUM_CORNERS = 1000, 256
+# By so much a half-plane's normal may differ from length 1, and a corner may lie outside of it or off the plane [m].
+TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RegionMessage:
+    """A convex area in which a sole may be centred, in the frame of the message that carries it.
+
+    Attributes:
+        halfspaces: (n, 3) a, b, c of a x + b y <= c, (a, b) of length 1 [m].
+        vertices: (m, 3) corners on the plane, counter-clockwise [m].
+        plane: (3,) p of z = p[0] x + p[1] y + p[2].
+        sigma: standard deviation of the ground about the plane [m].
+        area: seen from above [m^2].
+    """
+
+    halfspaces: Float
+    vertices: Float
+    plane: Float
+    sigma: float
+    area: float
+
+    def __post_init__(self) -> None:
+        """Copy and check: a region that says two things about where a sole may go is refused."""
+        halfspaces = checked_array(self.halfspaces, (None, 3), "half-planes of a region")
+        vertices = checked_array(self.vertices, (None, 3), "corners of a region")
+        for name, count in (("half-planes", len(halfspaces)), ("corners", len(vertices))):
+            if not 3 <= count <= MAXIMUM_CORNERS:
+                raise MessageError(f"region of {count} {name}; allowed: 3 to {MAXIMUM_CORNERS}")
+        plane = checked_array(self.plane, (3,), "plane of a region")
+        if np.abs(np.hypot(halfspaces[:, 0], halfspaces[:, 1]) - 1.0).max() > TOLERANCE:
+            raise MessageError("a half-plane of a region has a normal whose length is not 1")
+        if (vertices[:, :2] @ halfspaces[:, :2].T - halfspaces[:, 2]).max() > TOLERANCE:
+            raise MessageError("a corner of a region lies outside of one of its half-planes")
+        if np.abs(vertices[:, :2] @ plane[:2] + plane[2] - vertices[:, 2]).max() > TOLERANCE:
+            raise MessageError("a corner of a region lies off its plane")
+        for name in ("sigma", "area"):
+            value = finite(getattr(self, name), f"{name} of a region")
+            if value < 0:
+                raise MessageError(f"{name} of a region is {value}; allowed: 0 or more")
+            object.__setattr__(self, name, value)
+        for name, array in (("halfspaces", halfspaces), ("vertices", vertices), ("plane", plane)):
+            object.__setattr__(self, name, array)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RegionsMessage:
+    """All steppable regions of a map.
+
+    Attributes:
+        robot: instance name.
+        sequence: of the map that they are of.
+        step: number of the stance pause.
+        stamp, scan_end: [ns] since the epoch, as of the map.
+        valid_for: [s] after `scan_end`; may be infinite.
+        valid_pauses: pauses after `step` for which they may be used.
+        regions: in the order in which they were found.
+        run, epoch: identity of the node's run and of the walk; empty when it tells none.
+        scan_end_clock: end of the scan by a clock of the node that never steps [s]; None when it tells none.
+        provisional, withdrawn: as of the map.
+        frame_id: frame of the regions.
+        version: (major, minor) of the message.
+    """
+
+    # Judged as grids are; of this kind, not of the map's.
+    extent: ClassVar[str] = "regions"
+
+    robot: str
+    sequence: int
+    step: int
+    stamp: int
+    scan_end: int
+    valid_for: float
+    valid_pauses: int
+    regions: tuple[RegionMessage, ...]
+    run: str = ""
+    epoch: str = ""
+    scan_end_clock: float | None = None
+    provisional: bool = False
+    withdrawn: bool = False
+    frame_id: str = "base_footprint"
+    version: tuple[int, int] = (VERSION_MAJOR, VERSION_MINOR)
+
+    def __post_init__(self) -> None:
+        """Check what others rely on."""
+        check_name(self.robot)
+        object.__setattr__(self, "regions", tuple(self.regions))
+        if len(self.regions) > MAXIMUM_REGIONS:
+            raise MessageError(f"{len(self.regions)} regions; allowed: up to {MAXIMUM_REGIONS}")
+        if self.withdrawn and self.regions:
+            raise MessageError(f"withdrawn, and yet {len(self.regions)} regions; allowed: none")
+        if math.isnan(self.valid_for) or self.valid_for < 0:
+            raise MessageError(f"valid_for is {self.valid_for} s; allowed: 0 or more")
+        if self.scan_end_clock is not None:
+            finite(self.scan_end_clock, "scan_end_clock")
+        if max(len(self.run), len(self.epoch)) > MAXIMUM_IDENTITY:
+            raise MessageError(f"run or epoch is longer than {MAXIMUM_IDENTITY} characters")
+
+
+def encode_regions(message: RegionsMessage) -> bytearray:
+    """The CDR payload of regions, a guara_msgs/SteppableRegions.
+
+    Raises:
+        MessageError: a field does not fit its ROS 2 type.
+    """
+    return encode(
+        message_class(REGIONS)(
+            header=make_header(message.stamp, message.frame_id),
+            version_major=message.version[0],
+            version_minor=message.version[1],
+            robot=message.robot,
+            run=message.run,
+            epoch=message.epoch,
+            sequence=message.sequence,
+            step=message.step,
+            scan_end=make_time(message.scan_end),
+            scan_end_clock=math.nan if message.scan_end_clock is None else message.scan_end_clock,
+            valid_for=float(message.valid_for),
+            valid_pauses=message.valid_pauses,
+            provisional=message.provisional,
+            withdrawn=message.withdrawn,
+            regions=[_make_region(region) for region in message.regions],
+        )
+    )
+
+
+def decode_regions(payload: bytes | bytearray | memoryview) -> RegionsMessage:
+    """Regions from their CDR payload.
+
+    Raises:
+        VersionError: another major version.
+        MessageError: the payload is damaged, or a length or number is not what the message allows.
+    """
+    message = decode(payload, REGIONS)
+    if message.version_major != VERSION_MAJOR:
+        raise VersionError(
+            f"regions of version {message.version_major}.{message.version_minor}; this package speaks version "
+            f"{VERSION_MAJOR}: install the node's version here, or this one on the node"
+        )
+    return RegionsMessage(
+        robot=message.robot,
+        sequence=message.sequence,
+        step=message.step,
+        stamp=read_time(message.header.stamp),
+        scan_end=read_time(message.scan_end),
+        valid_for=message.valid_for,
+        valid_pauses=message.valid_pauses,
+        regions=tuple(_read_region(region) for region in message.regions),
+        run=message.run,
+        epoch=message.epoch,
+        scan_end_clock=None if math.isnan(message.scan_end_clock) else message.scan_end_clock,
+        provisional=bool(message.provisional),
+        withdrawn=bool(message.withdrawn),
+        frame_id=message.header.frame_id,
+        version=(message.version_major, message.version_minor),
+    )
+
+
+def _make_region(region: RegionMessage) -> Any:
+    """A guara_msgs/SteppableRegion; x of the plane's frame points along x, as far as the plane lets it."""
+    x, y = region.vertices[:, :2].mean(axis=0)
+    a, b, c = region.plane
+    normal = np.array([-a, -b, 1.0]) / math.sqrt(a * a + b * b + 1.0)
+    ahead = np.array([1.0, 0.0, a]) / math.hypot(1.0, a)
+    rotation = np.column_stack((ahead, np.cross(normal, ahead), normal))
+    pose = message_class("geometry_msgs/msg/Pose")(
+        make_point(x, y, a * x + b * y + c),
+        message_class("geometry_msgs/msg/Quaternion")(*quaternion_from_matrix(rotation)),
+    )
+    corners = [make_point(*corner) for corner in region.vertices.tolist()]
+    kind = message_class("guara_msgs/msg/SteppableRegion")
+    return kind(pose, corners, region.halfspaces.ravel().copy(), region.sigma, region.area)
+
+
+def _read_region(message: Any) -> RegionMessage:
+    at, turn = message.plane_parameters.position, message.plane_parameters.orientation
+    normal = matrix_from_quaternion((turn.x, turn.y, turn.z, turn.w), "plane_parameters of a region")[:, 2]
+    if not normal[2] > TOLERANCE:
+        raise MessageError("the plane of a region does not look upwards")
+    a, b = -normal[:2] / normal[2]
+    if len(message.halfspaces) % 3:
+        raise MessageError(f"half-planes of a region have {len(message.halfspaces)} numbers; allowed: 3 for each")
+    return RegionMessage(
+        halfspaces=message.halfspaces.reshape(-1, 3),
+        vertices=np.array([(p.x, p.y, p.z) for p in message.boundary], np.float64).reshape(-1, 3),
+        plane=np.array([a, b, at.z - a * at.x - b * at.y]),
+        sigma=message.sigma,
+        area=message.area,
+    )
