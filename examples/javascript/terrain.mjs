@@ -1,0 +1,71 @@
+// Reads grids in JavaScript: payloads of `<robot>/perception/v1/terrain` or `/map`, lossless or compact, and cells of them.
+import { readFileSync, readdirSync } from "node:fs";
+import { join } from "node:path";
+import { fileURLToPath } from "node:url";
+import { parse } from "@foxglove/rosmsg";
+import { MessageReader } from "@foxglove/rosmsg2-serialization";
+import { decompress } from "fzstd";
+
+const DEFINITIONS = fileURLToPath(new URL("../../transport/msg", import.meta.url));
+const FRAME_MAGIC = [0x28, 0xb5, 0x2f, 0xfd];
+// Flags of `hazard` with which nothing is known of a cell; any other is a reason not to step there.
+export const UNKNOWN = 0x00ff;
+
+// One type with all that it uses, as a parser of ROS 2 definitions wants it.
+function reader(name) {
+  const others = [["guara_msgs", DEFINITIONS]];
+  const standard = join(DEFINITIONS, "standard");
+  for (const entry of readdirSync(standard, { withFileTypes: true })) {
+    if (entry.isDirectory()) others.push([entry.name, join(standard, entry.name)]);
+  }
+  let text = readFileSync(join(DEFINITIONS, `${name}.msg`), "utf8");
+  for (const [place, folder] of others) {
+    for (const file of readdirSync(folder).filter((each) => each.endsWith(".msg") && each !== `${name}.msg`)) {
+      text += `\n${"=".repeat(80)}\nMSG: ${place}/${file.slice(0, -4)}\n${readFileSync(join(folder, file), "utf8")}`;
+    }
+  }
+  return new MessageReader(parse(text, { ros2: true }));
+}
+
+const terrainReader = reader("Terrain");
+
+// The compact encoding: one zstd frame; inside, all first bytes of each group of four, then all second ones, and so on.
+export function plainCdr(payload) {
+  if (!FRAME_MAGIC.every((byte, i) => payload[i] === byte)) return payload;
+  const shuffled = decompress(payload);
+  const count = Math.floor(shuffled.length / 4);
+  const plain = new Uint8Array(shuffled.length);
+  for (let byte = 0; byte < 4; byte++) {
+    for (let i = 0; i < count; i++) plain[4 * i + byte] = shuffled[byte * count + i];
+  }
+  plain.set(shuffled.subarray(4 * count), 4 * count);
+  return plain;
+}
+
+export function readTerrain(payload) {
+  const terrain = terrainReader.readMessage(plainCdr(payload));
+  if (terrain.version_major !== 1) throw new Error(`terrain message of version ${terrain.version_major}, 1 is read here`);
+  const arrays = { 1: "float32_values", 2: "uint16_values", 3: "uint8_values" };
+  terrain.layer = Object.fromEntries(terrain.layers.map((layer) => [layer.name, layer[arrays[layer.type]]]));
+  for (const [name, values] of Object.entries(terrain.layer)) {
+    if (values.length !== terrain.nx * terrain.ny) throw new Error(`layer ${name} has ${values.length} values`);
+  }
+  return terrain;
+}
+
+// What is known of the cell under a place [m] in the grid's frame; off the grid nothing is. On the border of two cells the
+// one beyond counts, and rounding must not choose the other: 0.70 - 0.50 is a hair less than 40 * 0.005.
+export function cellAt(terrain, x, y) {
+  const ix = Math.floor((x - terrain.origin_x) / terrain.resolution + 1e-6);
+  const iy = Math.floor((y - terrain.origin_y) / terrain.resolution + 1e-6);
+  if (!(ix >= 0 && ix < terrain.nx && iy >= 0 && iy < terrain.ny)) return { known: false, safe: false };
+  const at = iy * terrain.nx + ix;
+  const hazard = terrain.layer.hazard[at];
+  return {
+    known: (hazard & UNKNOWN) === 0,
+    safe: hazard === 0 && terrain.layer.traversability[at] > 0,
+    hazard,
+    elevation: terrain.layer.elevation[at],
+    traversability: terrain.layer.traversability[at],
+  };
+}

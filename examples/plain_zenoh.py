@@ -1,0 +1,23 @@
+"""The newest grid with Zenoh alone, as a program in any language gets it; its payload goes into a file."""
+
+import sys
+
+import zenoh
+
+# ENDPOINT KEY FILE, for example tcp/127.0.0.1:7447 guara/perception/v1/terrain terrain.cdr
+endpoint, key, file = sys.argv[1:]
+configuration = zenoh.Config()
+configuration.insert_json5("mode", '"client"')
+configuration.insert_json5("connect/endpoints", f'["{endpoint}"]')
+with zenoh.open(configuration) as session:
+    # What is published from now on comes by itself; what was published last is asked for, on the same key.
+    subscriber = session.declare_subscriber(key)
+    for reply in session.get(key, timeout=5.0):
+        if reply.ok is not None:
+            sample = reply.ok
+            break
+    else:
+        sample = subscriber.recv()
+    with open(file, "wb") as payload:
+        payload.write(sample.payload.to_bytes())
+    print(f"{sample.key_expr}: {len(sample.payload)} bytes of {sample.encoding}")

@@ -1,0 +1,137 @@
+"""The examples in other languages: a grid of a node over Zenoh alone, read in JavaScript and C++ as in Python."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.messages import message_to_terrain
+from guara_perception.app.publisher import publish_terrain
+from tests.interop.conftest import INSTALL
+from tests.interop.ros_environment import environment
+from tests.ports import free_endpoint
+from transport import PerceptionServer, decode_terrain, open_node
+
+pytestmark = pytest.mark.interop
+PLACES = ((0.7, 0.0), (0.62, -0.21), (0.502, 0.262), (0.9, 0.1), (3.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def endpoint(paper_terrain: gp.TerrainGrid) -> Iterator[str]:
+    """A node that has published the grid of a recorded scan."""
+    place = free_endpoint()
+    with open_node(listen=place) as session:
+        server = PerceptionServer(session)
+        publish_terrain(server, paper_terrain)
+        server.flush()
+        yield place
+
+
+@pytest.fixture(scope="module")
+def payloads(endpoint: str, root: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Payloads by key, as examples/plain_zenoh.py brings them."""
+    folder = tmp_path_factory.mktemp("payloads")
+    found = {}
+    for name, said in (
+        ("terrain", "application/cdr;guara_msgs/msg/Terrain"),
+        ("compact/terrain", "application/zstd;shuffle=4;application/cdr;guara_msgs/msg/Terrain"),
+    ):
+        path = folder / f"{name.replace('/', '_')}.bin"
+        words = [sys.executable, root / "examples" / "plain_zenoh.py", endpoint, f"guara/perception/v1/{name}", path]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout == f"guara/perception/v1/{name}: {path.stat().st_size} bytes of {said}\n"
+        found[name] = path
+    return found
+
+
+def first_line(terrain: gp.TerrainGrid) -> str:
+    return f"guara, footprint of step 0: 90 x 108 cells, {int((terrain.hazard == 0).sum())} safe"
+
+
+@pytest.mark.parametrize("name", ["terrain", "compact/terrain"])
+def test_javascript_reads_what_python_reads(payloads: dict[str, Path], root: Path, name: str) -> None:
+    """Foxglove's libraries and our definitions; the compact one decompressed and unshuffled there."""
+    folder = root / "examples" / "javascript"
+    if shutil.which("node") is None:
+        pytest.skip("node is not installed")
+    if not (folder / "node_modules" / "fzstd").is_dir():
+        pytest.skip(f"libraries of the example are missing: {INSTALL}")
+    terrain = message_to_terrain(decode_terrain(payloads[name].read_bytes()))
+    assert ("rounding" in terrain.metadata) == (name != "terrain")
+    for x, y in PLACES:
+        words = ["node", folder / "read_terrain.mjs", payloads[name], str(x), str(y)]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+        assert done.returncode == 0, done.stderr
+        what, cell = done.stdout.splitlines()
+        assert what == first_line(terrain)
+        found = json.loads(cell)
+        hazard = terrain.hazard_at(x, y)
+        assert found["safe"] == terrain.is_traversable(x, y)
+        assert found["known"] == (hazard & 0xFF == 0)
+        if x < 1.0:
+            assert found["hazard"] == int(hazard)
+        if found["known"]:
+            assert found["elevation"] == terrain.height_at(x, y)
+
+
+def test_javascript_refuses_what_is_no_grid(root: Path, tmp_path: Path) -> None:
+    folder = root / "examples" / "javascript"
+    if shutil.which("node") is None or not (folder / "node_modules" / "fzstd").is_dir():
+        pytest.skip(f"node or libraries of the example are missing: {INSTALL}")
+    (tmp_path / "x").write_bytes(b"\x00\x01\x00\x00 no grid")
+    words = ["node", folder / "read_terrain.mjs", tmp_path / "x", "0.7", "0"]
+    assert subprocess.run(words, capture_output=True, timeout=60, check=False).returncode != 0
+
+
+@pytest.fixture(scope="module")
+def build(root: Path, ros: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Builds a folder of C++ with ROS 2's wheels."""
+
+    def made(folder: str) -> Path:
+        target = tmp_path_factory.mktemp("build")
+        options = {"Python3_EXECUTABLE": ros / "bin" / "python", "CMAKE_CXX_FLAGS": "-Wall -Wextra -Werror"}
+        given = [f"-D{name}={value}" for name, value in options.items()]
+        for words in (
+            ["cmake", "-G", "Ninja", "-S", root / folder, "-B", target, *given],
+            ["cmake", "--build", target],
+        ):
+            done = subprocess.run(words, env=environment(ros), capture_output=True, text=True, timeout=300, check=False)
+            assert done.returncode == 0, done.stdout + done.stderr
+        return target
+
+    return made
+
+
+def test_cpp_reads_what_python_reads(build: Callable[[str], Path], payloads: dict[str, Path], ros: Path) -> None:
+    """guara_msgs as rosidl generates it, read by the middleware's own deserialiser."""
+    program = build("examples/cpp") / "read_terrain"
+    terrain = message_to_terrain(decode_terrain(payloads["terrain"].read_bytes()))
+
+    def run(*words: object) -> subprocess.CompletedProcess[str]:
+        given = [program, *map(str, words)]
+        return subprocess.run(given, env=environment(ros), capture_output=True, text=True, timeout=60, check=False)
+
+    for x, y in PLACES:
+        done = run(payloads["terrain"], x, y)
+        assert done.returncode == 0, done.stderr
+        what, cell = done.stdout.splitlines()
+        assert what == first_line(terrain)
+        if x > 1.0:
+            assert cell == "off the grid: nothing is known"
+            continue
+        hazard = terrain.hazard_at(x, y)
+        known, safe = (("unknown", "known")[hazard & 0xFF == 0], ("not safe", "safe")[terrain.is_traversable(x, y)])
+        assert cell.startswith(f"{known}, {safe}, hazard {int(hazard)}, elevation ")
+        if known == "known":
+            (height,) = re.findall(r"elevation (-?[0-9.]+)", cell)
+            assert float(height) == pytest.approx(terrain.height_at(x, y), abs=1e-6)
+    done = run(payloads["compact/terrain"], 0.7, 0.0)
+    assert done.returncode == 1 and "no Terrain message" in done.stderr
+    assert run().returncode == 2
