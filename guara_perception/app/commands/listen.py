@@ -15,6 +15,13 @@ CONNECTING_SECONDS = 5.0
 @click.option("--connect", "endpoint", help="where the node listens; default: tcp/127.0.0.1:7447")
 @click.option("--robot", "--name", "robot", default="guara", show_default=True, help="instance name of the robot")
 @click.option("--extent", type=click.Choice(["footprint", "map"]), default="footprint", show_default=True)
+@click.option(
+    "--encoding",
+    type=click.Choice(["lossless", "compact"]),
+    default="lossless",
+    show_default=True,
+    help="compact: an eighth of the bytes, for slow links",
+)
 @click.option("--security", type=click.Path(path_type=Path), help="folder of a role made by `guara security init`")
 @click.option("--count", type=click.IntRange(min=1), help="end after this many grids; default: until Ctrl-C")
 @click.option("--timeout", type=click.FloatRange(min=0.1), help="fail when no grid comes for this many seconds")
@@ -23,6 +30,7 @@ def command(
     endpoint: str | None,
     robot: str,
     extent: str,
+    encoding: str,
     security: Path | None,
     count: int | None,
     timeout: float | None,
@@ -33,13 +41,14 @@ def command(
     \b
     Example:
       guara listen --connect tcp/127.0.0.1:7447 --count 1
+      guara listen --connect tcp/127.0.0.1:7447 --encoding compact --count 1
     """
     from guara_perception.app.client import TerrainClient
     from guara_perception.app.summary import facts, summary
 
     seen = 0
     patience = CONNECTING_SECONDS if timeout is None else min(timeout, CONNECTING_SECONDS)
-    with TerrainClient(endpoint, robot=robot, security=security, timeout=patience) as client:
+    with TerrainClient(endpoint, robot=robot, security=security, timeout=patience, encoding=encoding) as client:
         try:
             for terrain in client.stream(timeout, extent):
                 seen += 1

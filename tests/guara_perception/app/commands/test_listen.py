@@ -1,8 +1,12 @@
 """`guara listen` in a process of its own: what it prints, when it ends."""
 
+import json
 from pathlib import Path
 
 import pytest
+
+import guara_perception as gp
+from transport import KeyNameError
 
 NODE = Path(__file__).parent.parent / "publishing_node.py"
 GUARA = ("-m", "guara_perception.app.main")
@@ -34,6 +38,26 @@ def test_every_new_grid_is_a_line_until_interrupted(node, start, module_endpoint
     assert ": step 9, " in listener.line()
     assert listener.interrupt() == 0
     assert [line.strip() for line in listener.errors] == ["stopped after 2 grids"]
+
+
+def test_the_compact_encoding_shows_the_same_grid(node, start, module_endpoint: str):
+    """`--encoding compact` says of the grid what the lossless one says; in Python it tells how it was rounded."""
+    node.tell("publish 10")
+    lines = []
+    for encoding in ("lossless", "compact"):
+        words = ("--encoding", encoding, "--json", "--count", "1", "--timeout", "60")
+        listener = start(*GUARA, "listen", "--connect", module_endpoint, *words)
+        lines.append(json.loads(listener.line()))
+        assert listener.wait() == 0
+    lossless, compact = lines
+    for name in ("sequence", "step", "known", "traversable", "hazards"):
+        assert compact.get(name) == lossless.get(name)
+    with gp.TerrainClient(module_endpoint, encoding="compact") as client:
+        terrain = client.wait_for_step(10, timeout=60)
+        assert terrain.metadata["rounding"] == {"elevation": 2.0**-14, "variance": 0.125}
+        assert terrain.check_foothold(0.7, 0.0).ok <= client.query().check_foothold(0.7, 0.0).ok
+    with pytest.raises(KeyNameError, match="encoding 'small' is unknown; allowed: 'lossless', 'compact'"):
+        gp.TerrainClient(module_endpoint, encoding="small")
 
 
 def test_other_extent(node, start, module_endpoint: str):
