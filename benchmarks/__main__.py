@@ -19,6 +19,7 @@ PROGRAMS = {
     "drift": "how far the fused map drifts aside, with and without laying scans onto it",
     "drift_check": "false alarms and finds of the check for a calibration that has drifted",
     "drivers": "costs of the laser board's driver and of proving stripes",
+    "fleet": "many robots and planners on one router: delays, cost, growth, TLS, a restart",
     "hostile": "what files that were made to harm cost before they are refused",
     "kinematics": "speed and agreement of the kinematics",
     "misplaced_crosses": "what misplaced crosses of a calibration do to the grid",

@@ -1,0 +1,228 @@
+"""Many robots with a planner each on one router: delays, traffic, processor time, memory, and how they grow.
+
+Usage: python -m benchmarks.fleet [--sizes 1,5,20,50,100] [--seconds 15] [--json]
+
+Each robot publishes what a node does, footprint and fused map among it, every 3 s from a random moment on; each planner
+receives both extents of its own robot. All over TCP on one machine, without shared memory; robots and planners live in
+processes that hold up to ten. A delay is from the call that publishes to the grid in the planner's callback. Then the
+same for 20 with mutual TLS and the router's own rules, and a router that is killed and comes back to 20 of each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.growth import fit
+from benchmarks.machine import machine
+from benchmarks.peers import Peer, free_endpoint, free_port, peers
+from transport.router_folder import make_router
+from transport.security import CONFIGURATION
+
+SIZES = (1, 5, 20, 50, 100)
+# Robots, or planners, of one process.
+HELD = 10
+# [s] Between two pauses of a robot, and for a fleet to be ready.
+PERIOD = 3.0
+# Fleet of the comparison with TLS and of the router's restart.
+COMPARED = 20
+# [ms] What the slowest and the 99th percentile of grids must be below with the largest fleet.
+WORST_MS, HIGH_MS = 100.0, 50.0
+EXTENTS = ("footprint", "map")
+TICKS = os.sysconf("SC_CLK_TCK")
+
+
+class Fleet:
+    """A router, robots and planners that run, ready for a measurement."""
+
+    def __init__(self, stack: ExitStack, size: int, keys: Path | None = None) -> None:
+        """Start all; with `keys`, an empty folder, over mutual TLS."""
+        self.names = [f"r{number}" for number in range(size)]
+        self._start = stack.enter_context(peers())
+        self._words = ["router", free_endpoint(), ""]
+        endpoint, folder = self._words[1], ""
+        if keys is not None:
+            port = free_port()
+            made = make_router(keys / "keys", self.names, listen=f"tls/127.0.0.1:{port}")
+            endpoint, folder = f"tls/localhost:{port}", str(keys / "keys")
+            self._words = ["zenohd", str(made / CONFIGURATION), ""]
+        self.router = self._peer(*self._words)
+        groups = [self.names[first : first + HELD] for first in range(0, size, HELD)]
+        self.robots = [self._peer("robots", endpoint, folder, *group) for group in groups]
+        self.planners = [self._peer("planners", endpoint, folder, *group) for group in groups]
+
+    def _peer(self, *words: str) -> Peer:
+        peer: Peer = self._start(*words, module="fleet_peer")
+        return peer
+
+    def publish(self, **words: Any) -> int:
+        """Let all robots publish; how many pauses there were."""
+        for peer in self.robots:
+            peer.tell(**words)
+        return sum(int(peer.hear()["published"]) for peer in self.robots)
+
+    def reports(self) -> list[dict[str, Any]]:
+        """What came at the planners since the last time."""
+        for peer in self.planners:
+            peer.tell()
+        return [peer.hear() for peer in self.planners]
+
+    def restart_router(self) -> float:
+        """Let robots publish to nobody, and bring the router back; when it was ready [s since the epoch]."""
+        self.router.end()
+        self.publish(once=True)
+        self.router = self._peer(*self._words)
+        return time.time()
+
+
+def processor_seconds(peer: Peer) -> float:
+    """Processor time that a process has had [s]."""
+    words = Path(f"/proc/{peer.popen.pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(words[11]) + int(words[12])) / TICKS
+
+
+def memory_mb(peer: Peer) -> float:
+    """Memory that a process has in use [MB]."""
+    lines = Path(f"/proc/{peer.popen.pid}/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1e3
+
+
+def measure(fleet: Fleet, seconds: float) -> dict[str, Any]:
+    """Figures of one fleet."""
+    size = len(fleet.names)
+    # The first pauses pay for what is done once.
+    fleet.publish(once=True)
+    time.sleep(1.0)
+    fleet.reports()
+    parts = {"router": [fleet.router], "robot": fleet.robots, "planner": fleet.planners}
+    before = {name: sum(map(processor_seconds, group)) for name, group in parts.items()}
+    start = time.monotonic()
+    pauses = fleet.publish(seconds=seconds, period=PERIOD)
+    # A grid that was lost comes within a second when its loss is noticed.
+    time.sleep(2.0)
+    took = time.monotonic() - start
+    spent = {name: sum(map(processor_seconds, group)) - before[name] for name, group in parts.items()}
+    reports = fleet.reports()
+    figures: dict[str, Any] = {"robots": size, "pauses": pauses}
+    for extent in EXTENTS:
+        delays = [delay for report in reports for delay in report["delays_ms"][extent]]
+        middle, high = np.percentile(delays, (50, 99)) if delays else (np.inf, np.inf)
+        figures |= {
+            f"{extent}_p50_ms": round(float(middle), 1),
+            f"{extent}_p99_ms": round(float(high), 1),
+            f"{extent}_worst_ms": round(max(delays, default=np.inf), 1),
+            f"{extent}_arrived": len(delays),
+        }
+    figures["missed"] = sum(report["missed"] for report in reports)
+    figures["mb_per_s"] = round(sum(report["bytes"] for report in reports) / 1e6 / seconds, 2)
+    for name, shared in (("router", 1), ("robot", size), ("planner", size)):
+        # Of one core, in per cent; of a robot or planner each.
+        figures[f"{name}_processor"] = round(100 * spent[name] / took / shared, 3)
+        figures[f"{name}_mb"] = round(sum(map(memory_mb, parts[name])) / len(parts[name]), 1)
+    figures["processor"] = round(100 * sum(spent.values()) / took, 2)
+    return figures
+
+
+def storm(fleet: Fleet) -> dict[str, Any]:
+    """All robots and planners come back to a router that was away, at once: when each planner had the newest."""
+    fleet.reports()
+    ready = fleet.restart_router()
+    came: dict[str, float] = {}
+    deadline = time.monotonic() + 30.0
+    while len(came) < len(fleet.names) and time.monotonic() < deadline:
+        time.sleep(0.2)
+        for report in fleet.reports():
+            came |= report["newest"]
+    after = [moment - ready for moment in came.values()]
+    return {
+        "robots": len(fleet.names),
+        "came": len(came),
+        "newest_p50_s": round(float(np.median(after)), 2) if after else None,
+        "newest_worst_s": round(max(after), 2) if after else None,
+    }
+
+
+def exponents(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """Slopes of straight lines through the logarithms over the number of robots, from five on."""
+    large = [row for row in rows if row["robots"] >= 5]
+    if len(large) < 2:
+        return {}
+    sizes = [row["robots"] for row in large]
+    names = ("processor", "router_processor", "footprint_p99_ms", "map_p50_ms", "map_p99_ms", "mb_per_s")
+    return {name: round(fit(sizes, [max(row[name], 1e-3) for row in large]), 2) for name in names}
+
+
+def show(name: str, row: dict[str, Any]) -> None:
+    """One line of the table."""
+    print(
+        f"{name:<10}{row['pauses']:>7}"
+        + "".join(f"{row[f'{extent}_{part}_ms']:>8.1f}" for extent in EXTENTS for part in ("p50", "p99", "worst"))
+        + f"{row['missed']:>7}{row['mb_per_s']:>8.1f}{row['router_processor']:>9.2f}{row['robot_processor']:>8.2f}"
+        + f"{row['planner_processor']:>9.2f}{row['router_mb']:>10.0f}{row['robot_mb']:>8.0f}{row['planner_mb']:>9.0f}",
+        flush=True,
+    )
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sizes", default=",".join(map(str, SIZES)), help="numbers of robots")
+    parser.add_argument("--seconds", type=float, default=15.0, help="each fleet publishes for so long; at most 60")
+    parser.add_argument("--json", action="store_true", help="print all figures as one JSON object in the last line")
+    options = parser.parse_args()
+    seconds = min(max(options.seconds, 1.0), 60.0)
+    rows = []
+    figures: dict[str, Any] = {"machine": machine(), "held_by_a_process": HELD, "period_s": PERIOD}
+    print(
+        "robots     pauses   footprint ms: p50 p99 worst     map ms: p50 p99 worst    lost    MB/s  % of a core: router"
+    )
+    print("            robot planner      MB of a process: router  robots planners")
+    for size in map(int, options.sizes.split(",")):
+        with ExitStack() as stack:
+            rows.append(measure(Fleet(stack, size), seconds))
+        show(str(size), rows[-1])
+    figures["fleets"] = rows
+    figures["exponents"] = exponents(rows)
+    if figures["exponents"]:
+        print("exponents: " + ", ".join(f"{name} {value:g}" for name, value in figures["exponents"].items()))
+    with ExitStack() as stack:
+        plain = Fleet(stack, COMPARED)
+        figures["tcp"] = measure(plain, seconds)
+        show(f"{COMPARED} tcp", figures["tcp"])
+        figures["storm"] = storm(plain)
+    with ExitStack() as stack:
+        place = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        secured = Fleet(stack, COMPARED, place)
+        figures["tls"] = measure(secured, seconds)
+        show(f"{COMPARED} tls", figures["tls"])
+        figures["storm_tls"] = storm(secured)
+    for name in ("storm", "storm_tls"):
+        row = figures[name]
+        print(
+            f"{name}: {row['came']} of {row['robots']} planners had the newest grid, the middle one {row['newest_p50_s']} s "
+            f"and the last {row['newest_worst_s']} s after the router was back"
+        )
+    largest = rows[-1]
+    is_met = all(
+        largest[f"{extent}_p99_ms"] <= HIGH_MS and largest[f"{extent}_worst_ms"] <= WORST_MS for extent in EXTENTS
+    )
+    print(
+        f"{'ok  ' if is_met else 'FAIL'} with {largest['robots']} robots: the newest of each within {HIGH_MS:g} ms at the "
+        f"99th percentile, {WORST_MS:g} ms at worst"
+    )
+    if options.json:
+        print(json.dumps(figures))
+    sys.exit(not is_met)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,160 @@
+"""Processes that `benchmarks/fleet.py` starts: a router, several robots, several planners."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import random
+import sys
+import threading
+import time
+from typing import Any
+
+import numpy as np
+
+import transport
+from benchmarks.transport_peer import SHAPE, make_terrain, say
+
+# Cells of the fused map as a robot publishes it: 1.8 MB with all layers.
+MAP_SHAPE = (140, 320)
+PATIENCE = 60.0
+
+
+def run_router(endpoint: str, security: str) -> None:
+    """A Zenoh router with the product's queues and nothing else."""
+    with transport.open_node(listen=endpoint, security=security or None):
+        say(ready=True)
+        sys.stdin.read()
+
+
+def run_zenohd(configuration: str, _: str) -> None:
+    """A Zenoh router out of its own configuration file, as `guara security router` writes it."""
+    import zenoh
+
+    with zenoh.open(zenoh.Config.from_file(configuration)):
+        say(ready=True)
+        sys.stdin.read()
+
+
+class Robots:
+    """Robots of one process, each with a session of its own; a thread publishes each at its own moments."""
+
+    def __init__(self, names: list[str], endpoint: str, security: str) -> None:
+        self._footprint = make_terrain(1)
+        self._map = dataclasses.replace(make_terrain(1, MAP_SHAPE), extent="map")
+        self._occupancy = np.zeros(SHAPE, np.int8)
+        self._servers = []
+        for name in names:
+            folder = f"{security}/{name}" if security else None
+            session = transport.open_node(connect=endpoint, security=folder, timeout=PATIENCE)
+            self._servers.append(transport.PerceptionServer(session, robot=name, name_timeout=PATIENCE))
+
+    def publish(self, server: transport.PerceptionServer) -> None:
+        """One pause: footprint, what is derived from it, map."""
+        now, number = time.time_ns(), server.next_sequence("footprint")
+        changes: dict[str, Any] = {
+            "robot": server.robot,
+            "sequence": number,
+            "step": number,
+            "stamp": now,
+            "scan_start": now,
+            "scan_end": now,
+        }
+        server.publish(dataclasses.replace(self._footprint, **changes), occupancy=self._occupancy)
+        now = time.time_ns()
+        server.publish(dataclasses.replace(self._map, **changes | {"scan_end": now}))
+
+    def run(self, seconds: float, period: float) -> int:
+        """Publish for so long, each robot every `period` from a random phase on; how many pauses there were."""
+        chance = random.Random()
+        start = time.monotonic()
+        due = [(start + chance.random() * period, server) for server in self._servers]
+        count = 0
+        while due:
+            moment, server = min(due, key=lambda entry: entry[0])
+            due.remove((moment, server))
+            if moment > start + seconds:
+                continue
+            time.sleep(max(0.0, moment - time.monotonic()))
+            self.publish(server)
+            count += 1
+            due.append((moment + period, server))
+        for server in self._servers:
+            server.flush(PATIENCE)
+        return count
+
+    def publish_all(self) -> None:
+        """One pause of each, at once."""
+        for server in self._servers:
+            self.publish(server)
+
+
+def run_robots(endpoint: str, security: str, *names: str) -> None:
+    """Robots; each line says for how long and how often to publish, or that all are to publish once."""
+    robots = Robots(list(names), endpoint, security)
+    say(ready=True)
+    for line in sys.stdin:
+        wish = json.loads(line)
+        if wish.get("once"):
+            robots.publish_all()
+            say(published=len(names))
+        else:
+            say(published=robots.run(wish["seconds"], wish["period"]))
+
+
+class Planners:
+    """Planners of one process, each with a client of its own robot."""
+
+    def __init__(self, names: list[str], endpoint: str, security: str) -> None:
+        self._lock = threading.Lock()
+        self._delays: dict[str, list[float]] = {"footprint": [], "map": []}
+        self._bytes = 0
+        self._newest: dict[str, float] = {}
+        self._clients = []
+        sizes = {
+            "footprint": len(transport.encode_terrain(make_terrain(1))),
+            "map": len(transport.encode_terrain(dataclasses.replace(make_terrain(1, MAP_SHAPE), extent="map"))),
+        }
+        for name in names:
+            folder = f"{security}/{name}/planner" if security else None
+            session = transport.open_client(endpoint, security=folder, timeout=PATIENCE)
+            client = transport.PerceptionClient(session, robot=name)
+            for extent in ("footprint", "map"):
+                client.receiver(extent).on_newest(
+                    lambda received, size=sizes[extent]: self._take(received.message, size)  # type: ignore[misc]
+                )
+            self._clients.append(client)
+
+    def _take(self, terrain: transport.TerrainMessage, size: int) -> None:
+        now = time.time_ns()
+        with self._lock:
+            self._delays[terrain.extent].append((now - terrain.scan_end) * 1e-6)
+            self._bytes += size
+            self._newest[terrain.robot] = now * 1e-9
+
+    def report(self) -> dict[str, Any]:
+        """What came since the last report, and what did not."""
+        receivers = [client.receiver(extent) for client in self._clients for extent in ("footprint", "map")]
+        with self._lock:
+            told = {
+                "delays_ms": self._delays,
+                "bytes": self._bytes,
+                "newest": self._newest,
+                "missed": sum(receiver.missed for receiver in receivers),
+                "superseded": sum(receiver.superseded for receiver in receivers),
+            }
+            self._delays, self._bytes, self._newest = {"footprint": [], "map": []}, 0, {}
+        return told
+
+
+def run_planners(endpoint: str, security: str, *names: str) -> None:
+    """Planners; each line asks for a report."""
+    planners = Planners(list(names), endpoint, security)
+    say(ready=True)
+    for _ in sys.stdin:
+        say(**planners.report())
+
+
+if __name__ == "__main__":
+    roles = {"router": run_router, "zenohd": run_zenohd, "robots": run_robots, "planners": run_planners}
+    roles[sys.argv[1]](*sys.argv[2:])

@@ -1,0 +1,34 @@
+"""The benchmark of many robots as a smoke test: every figure is there, every grid arrives; no time is asserted."""
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from benchmarks.fleet import Fleet, exponents, measure, storm
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize("is_secured", [False, True], ids=["tcp", "tls"])
+def test_a_small_fleet_is_measured(tmp_path: Path, is_secured: bool) -> None:
+    """Twelve robots in two processes: all pauses arrive, and after the router's restart each planner has the newest."""
+    with ExitStack() as stack:
+        fleet = Fleet(stack, 12, tmp_path if is_secured else None)
+        row = measure(fleet, 1.0)
+        # Each robot that has its moment within the second publishes once.
+        assert 1 <= row["pauses"] <= 12 and row["robots"] == 12
+        for extent in ("footprint", "map"):
+            assert row[f"{extent}_arrived"] + row["missed"] >= row["pauses"]
+            assert 0 < row[f"{extent}_p50_ms"] <= row[f"{extent}_p99_ms"] <= row[f"{extent}_worst_ms"]
+        assert row["mb_per_s"] > 0 and row["router_mb"] > 10 and row["robot_processor"] > 0
+        back = storm(fleet)
+    assert back["came"] == 12 and 0 < back["newest_p50_s"] <= back["newest_worst_s"]
+
+
+def test_exponents_are_those_of_power_laws() -> None:
+    """One robot is left out: its figures are of the machine, not of the number."""
+    names = ("processor", "router_processor", "footprint_p99_ms", "map_p50_ms", "map_p99_ms", "mb_per_s")
+    rows = [{"robots": size} | {name: 3.0 * size**power for power, name in enumerate(names)} for size in (1, 5, 20, 80)]
+    assert exponents(rows) == {name: float(power) for power, name in enumerate(names)}
+    assert exponents(rows[:2]) == {}
