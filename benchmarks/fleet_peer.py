@@ -40,6 +40,7 @@ class Robots:
     """Robots of one process, each with a session of its own; a thread publishes each at its own moments."""
 
     def __init__(self, names: list[str], endpoint: str, security: str) -> None:
+        """Connect each; `security` is a folder with one folder per robot, empty without."""
         self._footprint = make_terrain(1)
         self._map = dataclasses.replace(make_terrain(1, MAP_SHAPE), extent="map")
         self._occupancy = np.zeros(SHAPE, np.int8)
@@ -106,6 +107,7 @@ class Planners:
     """Planners of one process, each with a client of its own robot."""
 
     def __init__(self, names: list[str], endpoint: str, security: str) -> None:
+        """Connect each; `security` is a folder with one folder per robot, empty without."""
         self._lock = threading.Lock()
         self._delays: dict[str, list[float]] = {"footprint": [], "map": []}
         self._bytes = 0
@@ -141,6 +143,7 @@ class Planners:
                 "bytes": self._bytes,
                 "newest": self._newest,
                 "missed": sum(receiver.missed for receiver in receivers),
+                "fetched": sum(receiver.fetched for receiver in receivers),
                 "superseded": sum(receiver.superseded for receiver in receivers),
             }
             self._delays, self._bytes, self._newest = {"footprint": [], "map": []}, 0, {}

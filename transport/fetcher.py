@@ -63,9 +63,15 @@ class Fetcher:
         self._announced: dict[str, int] = {}
         self._is_closed = False
         self._size = FIRST_PIECE
+        self._fetched = 0
         self._raw = zenoh_api.declare_subscriber(session.raw, announcement_key(key), self._on_announcement)
         self._thread = threading.Thread(target=self._run, name=f"transport-fetch {key}", daemon=True)
         self._thread.start()
+
+    @property
+    def fetched(self) -> int:
+        """Messages that did not come by themselves and were fetched."""
+        return self._fetched
 
     def take(self, source: str, number: int, payload: bytes) -> None:
         """Hand over a message that came, by itself or in pieces, unless a later one of its publisher came before."""
@@ -167,6 +173,7 @@ class Fetcher:
             if len(buffer) >= head[1]:
                 if fetched >= FIRST_PIECE:
                     self._judge(fetched / took)
+                self._fetched += 1
                 self.take(source, number, bytes(buffer))
                 return
         with self._changed:

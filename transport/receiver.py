@@ -99,6 +99,11 @@ class NewestReceiver(Resource, Generic[T]):
         return self._missed
 
     @property
+    def fetched(self) -> int:
+        """Samples that did not come by themselves and were fetched, at the beginning or after a loss on the way."""
+        return 0 if self._fetcher is None else self._fetcher.fetched
+
+    @property
     def refused(self) -> int:
         """Samples that were of somebody else, or out of order."""
         return self._refused
