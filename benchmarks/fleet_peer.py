@@ -14,15 +14,17 @@ import numpy as np
 
 import transport
 from benchmarks.transport_peer import SHAPE, make_terrain, say
+from transport.configuration import router_configuration
+from transport.session import listen_with
 
 # Cells of the fused map as a robot publishes it: 1.8 MB with all layers.
 MAP_SHAPE = (140, 320)
 PATIENCE = 60.0
 
 
-def run_router(endpoint: str, security: str) -> None:
-    """A Zenoh router with the product's queues and nothing else."""
-    with transport.open_node(listen=endpoint, security=security or None):
+def run_router(endpoint: str, _: str) -> None:
+    """A Zenoh router as `guara security router` would configure it, but without TLS."""
+    with listen_with(router_configuration([endpoint]), (endpoint,)):
         say(ready=True)
         sys.stdin.read()
 
@@ -159,5 +161,5 @@ def run_planners(endpoint: str, security: str, *names: str) -> None:
 
 
 if __name__ == "__main__":
-    roles = {"router": run_router, "zenohd": run_zenohd, "robots": run_robots, "planners": run_planners}
+    roles: dict[str, Any] = {"router": run_router, "zenohd": run_zenohd, "robots": run_robots, "planners": run_planners}
     roles[sys.argv[1]](*sys.argv[2:])

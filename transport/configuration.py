@@ -17,6 +17,11 @@ LEASE_MS = 2000
 # [us] A sample that a link cannot take within this time is dropped for that link: the healthy readers wait as long.
 WAIT_BEFORE_DROP_US = 20_000
 
+# [us] The same where no healthy reader waits for a slow one for long: at a client, which has one link, and at a router
+# of a site, whose robots have their planners with them. There a map is given the time that a busy machine takes to
+# run the threads of a hundred links; below it maps of bursts were lost on the link from router to planner.
+PATIENT_WAIT_US = 100_000
+
 # Batches of 64 KiB that wait for a link, by priority (Zenoh's default is 2, the most it takes 16): the grid of a scan
 # fits whole, so does the largest piece of one that is asked for, and most of a map. A reader on a busy machine that
 # does not run for some milliseconds then loses nothing, and a put waits for nobody.
@@ -39,6 +44,30 @@ def check_endpoint(endpoint: str) -> str:
         raise ConfigurationError(
             f"endpoint {endpoint!r} is not valid; write protocol/host:port, for example {DEFAULT_ENDPOINT}, "
             f"with one of {', '.join(PROTOCOLS)}"
+        )
+    return endpoint
+
+
+def check_tls(endpoint: str) -> str:
+    """`endpoint` if it is one of TLS.
+
+    Raises:
+        ConfigurationError: it is not.
+    """
+    if not check_endpoint(endpoint).startswith("tls/"):
+        raise ConfigurationError(f"endpoint {endpoint!r} is not encrypted; write tls/host:port")
+    return endpoint
+
+
+def check_encrypted(endpoint: str) -> str:
+    """`endpoint` if it is one of TLS or QUIC.
+
+    Raises:
+        ConfigurationError: it is not.
+    """
+    if not check_endpoint(endpoint).startswith(("tls/", "quic/")):
+        raise ConfigurationError(
+            f"endpoint {endpoint!r} is not encrypted although a security folder is given; use tls/host:port"
         )
     return endpoint
 
@@ -71,16 +100,16 @@ def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:
             )
 
 
-def sending() -> dict[str, Any]:
+def sending(*, patient: bool = False) -> dict[str, Any]:
     """The `transport/link/tx` section: how long a silent side counts as there, what waits for a link and how long."""
-    drop = {"max_wait_before_drop_fragments": WAIT_BEFORE_DROP_US}
+    drop = {"max_wait_before_drop_fragments": PATIENT_WAIT_US if patient else WAIT_BEFORE_DROP_US}
     return {"lease": LEASE_MS, "queue": {"size": dict(QUEUES), "congestion_control": {"drop": drop}}}
 
 
-def _base(*, shared_memory: bool) -> dict[str, Any]:
+def _base(*, shared_memory: bool, patient: bool = False) -> dict[str, Any]:
     return {
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        "transport": {"link": {"tx": sending()}, "shared_memory": {"enabled": shared_memory}},
+        "transport": {"link": {"tx": sending(patient=patient)}, "shared_memory": {"enabled": shared_memory}},
     }
 
 
@@ -106,10 +135,15 @@ def node_configuration(
     }
 
 
+def router_configuration(listen: Sequence[str], *, uplink: str | None = None) -> dict[str, Any]:
+    """Configuration of a router of a site: as of a node, but it waits longer before it drops a grid for a link."""
+    return {**node_configuration(listen, uplink=uplink), **_base(shared_memory=False, patient=True)}
+
+
 def client_configuration(endpoint: str, *, shared_memory: bool = True) -> dict[str, Any]:
     """Configuration of a client of one router; it reconnects by itself when the router comes back."""
     return {
         "mode": "client",
         "connect": {"endpoints": [check_endpoint(endpoint)], "timeout_ms": 0, "retry": dict(RETRY)},
-        **_base(shared_memory=shared_memory),
+        **_base(shared_memory=shared_memory, patient=True),
     }

@@ -12,11 +12,10 @@ from transport import zenoh_api
 from transport.codec import MAXIMUM_PAYLOAD
 from transport.exceptions import SessionClosed, TransportError
 from transport.last_message import MAXIMUM_PIECE, PIECE, announcement_key, pieces_key
+from transport.patience import Patience
 from transport.session import Session
 
 logger = logging.getLogger(__name__)
-# [s] A message that was announced may still be on its way by itself, as long as this side is subscribed.
-GRACE = 0.3
 # [byte/s] On a slower link most of what is sent by itself is lost half way, and what was sent of it keeps other things
 # waiting: a reader there unsubscribes, and fetches what is announced.
 SUBSCRIBING_RATE = 3e6
@@ -64,6 +63,9 @@ class Fetcher:
         self._is_closed = False
         self._size = FIRST_PIECE
         self._fetched = 0
+        self._patience = Patience()
+        # When the number of each publisher was announced that has not come yet.
+        self._heard: dict[str, tuple[int, float]] = {}
         self._raw = zenoh_api.declare_subscriber(session.raw, announcement_key(key), self._on_announcement)
         self._thread = threading.Thread(target=self._run, name=f"transport-fetch {key}", daemon=True)
         self._thread.start()
@@ -74,7 +76,13 @@ class Fetcher:
         return self._fetched
 
     def take(self, source: str, number: int, payload: bytes) -> None:
-        """Hand over a message that came, by itself or in pieces, unless a later one of its publisher came before."""
+        """Hand over a message that came by itself, unless a later one of its publisher came before."""
+        with self._changed:
+            announced, moment = self._heard.get(source, (-1, 0.0))
+            self._patience.learn(time.monotonic() - moment if announced == number else 0.0)
+        self._hand_over(source, number, payload)
+
+    def _hand_over(self, source: str, number: int, payload: bytes) -> None:
         with self._delivery:
             if self._is_new(source, number):
                 self._deliver(payload)
@@ -109,7 +117,11 @@ class Fetcher:
 
     def _announce(self, source: str, number: int) -> None:
         with self._changed:
+            if self._announced.get(source) != number:
+                self._heard[source] = (number, time.monotonic())
             self._announced[source] = number
+            while len(self._heard) > REMEMBERED:
+                del self._heard[next(iter(self._heard))]
             while len(self._announced) > REMEMBERED:
                 del self._announced[next(iter(self._announced))]
             self._changed.notify_all()
@@ -120,6 +132,12 @@ class Fetcher:
                 return source, number
         return None
 
+    def _left(self) -> float:
+        """[s] until what is wanted counts as lost."""
+        wanted = self._wanted()
+        _, moment = (0, 0.0) if wanted is None else self._heard.get(wanted[0], (0, 0.0))
+        return max(0.0, moment + self._patience.grace - time.monotonic())
+
     def _run(self) -> None:
         try:
             self._ask(pieces_key(self._key), 0, 0, -1, lambda key, head, _: self._announce(_source_of(key), head[0]))
@@ -129,7 +147,7 @@ class Fetcher:
                     if self._is_closed:
                         return
                     if self._is_subscribed and self._newest:
-                        self._changed.wait_for(lambda: self._is_closed or self._wanted() is None, GRACE)
+                        self._changed.wait_for(lambda: self._is_closed or self._wanted() is None, self._left())
                     wanted = self._wanted()
                 if wanted is not None:
                     self._fetch(*wanted)
@@ -174,7 +192,7 @@ class Fetcher:
                 if fetched >= FIRST_PIECE:
                     self._judge(fetched / took)
                 self._fetched += 1
-                self.take(source, number, bytes(buffer))
+                self._hand_over(source, number, bytes(buffer))
                 return
         with self._changed:
             self._announced.pop(source, None)

@@ -73,23 +73,25 @@ def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float
 
 
 def _answers(session: Session, key: str, timeout: float) -> list[RobotState]:
-    states: list[RobotState] = []
+    states: list[tuple[int, RobotState]] = []
     finished = threading.Event()
 
     def take(payload: bytes | None, _: bytes | None) -> None:
         try:
-            state = None if payload is None else _state_of(decode_status(payload))
+            status = None if payload is None else decode_status(payload)
         except MessageError:
             return
-        if state is not None:
-            states.append(state)
+        state = None if status is None else _state_of(status)
+        if status is not None and state is not None:
+            states.append((status.stamp, state))
 
     session.attempt(
         lambda: zenoh_api.get_replies(session.raw, key, b"", timeout, take, finished.set), f"cannot ask {key!r}"
     )
     # Zenoh ends the stream itself; the rest is for a busy machine.
     finished.wait(2.0 * timeout)
-    return list(states)
+    # A router that keeps what was published answers too, with what is older.
+    return [state for _, state in sorted(states, key=lambda entry: entry[0])]
 
 
 def _state_of(status: Status) -> RobotState | None:

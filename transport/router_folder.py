@@ -8,7 +8,7 @@ from pathlib import Path
 
 from transport.access_rules import ROUTER
 from transport.certificates import add_robot, check_free, hosts_of
-from transport.configuration import dialling, node_configuration
+from transport.configuration import check_tls, router_configuration
 from transport.exceptions import SecurityError
 from transport.keys import check_name
 from transport.members import Members, Router, open_authority, open_members
@@ -16,7 +16,6 @@ from transport.security import (
     DEFAULT_LISTEN,
     LONGEST_NAME,
     check_robot,
-    check_tls,
     configured_endpoints,
     init_security,
     own_hosts,
@@ -74,12 +73,11 @@ def make_router(
         if robot not in members.robots:
             add_robot(folder, robot)
     members = open_members(folder)
-    configuration = node_configuration([listen])
+    above = _endpoint_of(members, uplink, uplink_host) if uplink else None
+    configuration = router_configuration([listen], uplink=above)
     configuration["adminspace"] = {"enabled": False}
     lies_in = str(target.resolve()) if place is None else place.rstrip("/")
     configuration["transport"]["link"] |= tls_links(name, listens=True, place=f"{lies_in}/")
-    if uplink:
-        configuration["connect"] = dialling(_endpoint_of(members, uplink, uplink_host))
     larger = dataclasses.replace(
         members, routers={**members.routers, name: Router(tuple(dict.fromkeys(robots)), uplink, scans)}
     )

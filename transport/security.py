@@ -12,8 +12,16 @@ from typing import Any
 from transport import zenoh_api
 from transport.access_rules import ROLES, access_control
 from transport.authority import Credentials, make_authority, make_certificate
-from transport.configuration import check_endpoint, client_configuration, dialling, node_configuration, sending
-from transport.exceptions import ConfigurationError, SecurityError
+from transport.configuration import (
+    PATIENT_WAIT_US,
+    WAIT_BEFORE_DROP_US,
+    check_encrypted,
+    check_tls,
+    client_configuration,
+    dialling,
+    node_configuration,
+)
+from transport.exceptions import SecurityError
 from transport.keys import DEFAULT_ROBOT, check_name
 from transport.whole_folder import make_whole, write_file
 
@@ -33,6 +41,7 @@ LONGEST_NAME = 31
 RESERVED = (*ROLES, "ca")
 
 TLS = "transport/link/tls"
+WAIT = "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments"
 FILES = (
     "root_ca_certificate",
     "listen_private_key",
@@ -43,7 +52,7 @@ FILES = (
 
 
 def tls_links(name: str, *, listens: bool, place: str = "") -> dict[str, Any]:
-    """The `transport/link` section of who is called `name`; `place` is what its files' names begin with."""
+    """What TLS adds to `transport/link` of who is called `name`; `place` is what its files' names begin with."""
     files = {
         "root_ca_certificate": f"{place}ca.pem",
         "connect_private_key": f"{place}{name}.key",
@@ -52,7 +61,7 @@ def tls_links(name: str, *, listens: bool, place: str = "") -> dict[str, Any]:
     if listens:
         files |= {"listen_private_key": f"{place}{name}.key", "listen_certificate": f"{place}{name}.pem"}
     tls = {**files, "enable_mtls": True, "close_link_on_expiration": True}
-    return {"protocols": ["tls"], "tls": tls, "tx": sending()}
+    return {"protocols": ["tls"], "tls": tls}
 
 
 def _role_configuration(role: str, robot: str, listen: str, connect: str) -> dict[str, Any]:
@@ -136,30 +145,6 @@ def check_robot(name: str) -> str:
             f"of {', '.join(RESERVED)}"
         )
     return name
-
-
-def check_tls(endpoint: str) -> str:
-    """`endpoint` if it is one of TLS.
-
-    Raises:
-        ConfigurationError: it is not.
-    """
-    if not check_endpoint(endpoint).startswith("tls/"):
-        raise ConfigurationError(f"endpoint {endpoint!r} is not encrypted; write tls/host:port")
-    return endpoint
-
-
-def check_encrypted(endpoint: str) -> str:
-    """`endpoint` if it is one of TLS or QUIC.
-
-    Raises:
-        ConfigurationError: it is not.
-    """
-    if not check_endpoint(endpoint).startswith(("tls/", "quic/")):
-        raise ConfigurationError(
-            f"endpoint {endpoint!r} is not encrypted although a security folder is given; use tls/host:port"
-        )
-    return endpoint
 
 
 def write_roles(place: Path, authority: Credentials, robot: str, *, hosts: Sequence[str], listen: str) -> None:
@@ -262,6 +247,8 @@ def load_configuration(
     if connect is not None:
         values |= {"connect/endpoints": [connect], "mode": "client", "connect/timeout_ms": 0}
         values |= {"access_control/enabled": False, "listen/endpoints": []}
+        if zenoh_api.configuration_value(text, WAIT) == WAIT_BEFORE_DROP_US:
+            values[WAIT] = PATIENT_WAIT_US
     if uplink is not None:
         values["connect"] = dialling(uplink)
     return zenoh_api.with_values(text, values)
