@@ -12,6 +12,8 @@ Float = npt.NDArray[np.float64]
 Float32 = npt.NDArray[np.float32]
 # Indices, and counts.
 Index = npt.NDArray[np.intp]
+# As OpenCV gives and takes them.
+Index32 = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
 Flags = npt.NDArray[np.uint16]
 # Small whole numbers: statuses, materials, masks as OpenCV takes them.

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -25,6 +27,15 @@ FITTING_SHARE = 0.6
 FEWEST_FRAMES = 4
 # A part of the frames that fits otherwise than the rest is reported from here on.
 MIXED_SHARE = 0.15
+# Light that lies this finely on the lines of other stripes shows those; 0.98 of it does, less than 0.65 by chance.
+FINE_SHARE = 0.8
+# Stripes look nearly the same from left to right: fits that differ by less than this factor do not tell turned from
+# flipped. They differ by 1.08 for a camera that is mounted and centred to a quarter of a pixel, by 2 for most.
+ALIKE = 1.03
+WHERE_NONE_CAN_BE = (
+    "a stripe where none can be, too high or too low: the calibration is of another rangefinder, camera or mirror "
+    "moved, or the stance is wrong"
+)
 TURNED, FLIPPED, UPRIGHT = "turned by 180 degrees", "flipped top to bottom", ""
 
 
@@ -66,26 +77,73 @@ class Glances:
         order = list(geometry.stripes)
         expected = _expected(geometry, calibration, self._columns)
         mirrored = _expected(geometry, calibration, width - 1 - self._columns)
-        fits: dict[str, tuple[Sequence[int], Mask]] = {}
-        for name, rows in ((UPRIGHT, expected), (TURNED, height - 1 - mirrored), (FLIPPED, height - 1 - expected)):
-            fits[name] = _best_stripes(seen, rows, order, FIT_PX_OF_HEIGHT * height)
-        own = {name: fit & (np.array(stripe) == indices) for name, (stripe, fit) in fits.items()}
-        shares = {name: float(is_own.mean()) for name, is_own in own.items()}
-        other = max((TURNED, FLIPPED), key=lambda name: shares[name])
-        if shares[UPRIGHT] + shares[other] >= FITTING_SHARE and shares[other] >= MIXED_SHARE:
+        within = FIT_PX_OF_HEIGHT * height
+        upright = _Fit.of(UPRIGHT, seen, expected, order, within)
+        turned = _Fit.of(TURNED, seen, height - 1 - mirrored, order, within)
+        flipped = _Fit.of(FLIPPED, seen, height - 1 - expected, order, within)
+        likelier = min(turned, flipped, key=lambda fit: fit.distance)
+        doubtful = max(turned.distance, flipped.distance) < ALIKE * likelier.distance
+        turn = f"{TURNED} or {FLIPPED}" if doubtful else likelier.name
+        own, other = (fit.fits & (np.array(fit.stripe) == indices) for fit in (upright, likelier))
+        if own.mean() + other.mean() >= FITTING_SHARE and other.mean() >= MIXED_SHARE:
             which = (
                 "the frames are"
-                if shares[UPRIGHT] < MIXED_SHARE
-                else f"{int(own[other].sum())} of {len(indices)} frames looked at are"
+                if own.mean() < MIXED_SHARE
+                else f"{int(other.sum())} of {len(indices)} frames looked at are"
             )
-            return f"{which} {other}: give them as the camera had them when it was calibrated"
-        if shares[UPRIGHT] >= FITTING_SHARE:
+            return f"{which} {turn}: give them as the camera had them when it was calibrated"
+        if own.mean() >= FITTING_SHARE:
             return ""
-        for name, (stripe, fit) in fits.items():
-            if fit.mean() >= FITTING_SHARE:
-                turned = f" and {name}" if name else ""
-                return f"{_order_words(np.array(indices)[fit], np.array(stripe)[fit])}{turned}"
+        for fit in (upright, likelier):
+            if fit.fits.mean() >= FITTING_SHARE and fit.fine >= FINE_SHARE:
+                words = _order_words(np.array(indices)[fit.fits], np.array(fit.stripe)[fit.fits])
+                return f"{words} and {turn}" if fit is likelier else words
+        return _elsewhere(geometry, indices, seen)
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """How the light of some frames fits the lines of stripes, seen in one way.
+
+    Attributes:
+        name: of that way.
+        stripe: index of the stripe that each frame fits best.
+        fits: (f,) whether it fits.
+        fine: share of the light near those stripes that lies within a third of what counts as near: a third would by
+            chance.
+        distance: mean distance of the light from the best stripes [px], what is far counted as near at the most.
+    """
+
+    name: str
+    stripe: Sequence[int]
+    fits: Mask
+    fine: float
+    distance: float
+
+    @classmethod
+    def of(cls, name: str, seen: Float, rows: Float, order: Sequence[int], within: float) -> Self:
+        """Fit rows of light (f, n) to rows of stripes (s, n), NaN for none."""
+        apart = np.abs(seen[:, None, :] - rows[None])
+        capped = np.where(apart < within, apart, within)
+        best = np.argmin(capped.sum(axis=2), axis=1)
+        distance = capped[np.arange(len(seen)), best]
+        near = distance < within
+        return cls(
+            name,
+            [order[k] for k in best],
+            near.sum(axis=1) >= 0.5 * np.isfinite(seen).sum(axis=1),
+            float((distance < within / 3).sum() / max(int(near.sum()), 1)),
+            float(distance.mean()),
+        )
+
+
+def _elsewhere(geometry: ScanGeometry, indices: Sequence[int], seen: Float) -> str:
+    """Said when most frames show light, but not where their stripes can be; empty otherwise."""
+    bands = np.array([geometry.stripes[index].band for index in indices], np.float64)
+    outside = ((seen < bands[:, :1]) | (seen >= bands[:, 1:])).sum(axis=1) > 0.5 * np.isfinite(seen).sum(axis=1)
+    if outside.mean() < FITTING_SHARE:
         return ""
+    return f"{int(outside.sum())} of {len(indices)} frames looked at show {WHERE_NONE_CAN_BE}"
 
 
 def _expected(geometry: ScanGeometry, calibration: Calibration, columns: Index) -> Float:
@@ -98,16 +156,6 @@ def _expected(geometry: ScanGeometry, calibration: Calibration, columns: Index) 
         ordered = pixels[np.argsort(pixels[:, 0])]
         rows.append(np.interp(columns, ordered[:, 0], ordered[:, 1], left=np.nan, right=np.nan))
     return np.array(rows)
-
-
-def _best_stripes(seen: Float, rows: Float, order: Sequence[int], within: float) -> tuple[Sequence[int], Mask]:
-    """Index of the stripe that each frame (f, n) fits best, and whether it fits."""
-    distance = np.abs(seen[:, None, :] - rows[None])
-    near = (distance < within).sum(axis=2)
-    closest = np.where(distance < within, distance, within).sum(axis=2)
-    best = np.argmin(closest, axis=1)
-    counted = np.isfinite(seen).sum(axis=1)
-    return [order[k] for k in best], near[np.arange(len(seen)), best] >= 0.5 * counted
 
 
 def _order_words(index: Index, stripe: Index) -> str:

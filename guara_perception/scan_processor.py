@@ -164,6 +164,11 @@ class ScanProcessor:
         """Organised points of the stripes added so far, by index; bad frames are not among them."""
         return self._surface.stripes
 
+    def mirrored_points(self) -> dict[int, StripePoints]:
+        """What `points` would be if every frame had been mirrored left to right."""
+        usable = {index: each.mirrored() for index, each in self._profiles.items() if not each.is_frame_bad}
+        return self._ranger.points(usable)
+
     @property
     def profiles(self) -> Mapping[int, StripeProfile]:
         """Stripe profiles of the frames added so far, by index."""

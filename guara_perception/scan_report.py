@@ -10,6 +10,7 @@ import numpy as np
 from guara_perception.arrays import Array, Index, Mask
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.ranging.stripe_points import StripePoints
+from guara_perception.scan_diagnosis import WHERE_NONE_CAN_BE
 from guara_perception.settings import Settings, limits_to_dict
 from guara_perception.stripes.profile import StripeProfile, StripeStatus
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
@@ -26,7 +27,7 @@ FEWEST_OF_PATTERN = 8
 REGIONS_X, REGIONS_Y = ("near", "middle", "far"), ("right", "centre", "left")
 
 
-def advice(coverage: float, counts: Index, wrong: str = "", beyond: int = 0) -> str:
+def advice(coverage: float, counts: Index, wrong: str = "") -> str:
     """One sentence on a scan with few returns: what happened and what helps, the paper's remedies included.
 
     Orientation, order and pattern come first, then whether stripes were found where they cannot be, found but not
@@ -36,24 +37,22 @@ def advice(coverage: float, counts: Index, wrong: str = "", beyond: int = 0) -> 
         coverage: share of the expected ground that was seen.
         counts: image columns of all stripes per StripeStatus.
         wrong: what is wrong with the frames or the pattern as a whole; empty for nothing.
-        beyond: columns in which a stripe was found outside of the heights that count as terrain.
     """
     found = f"only {100 * coverage:.0f} % of the expected ground returned the laser"
     if wrong:
         return f"{found}: {wrong}"
     columns = max(int(counts.sum()), 1)
+    used = int(counts[StripeStatus.OK] + counts[StripeStatus.SATURATED])
     bright = int(counts[StripeStatus.SATURATED] + counts[StripeStatus.AMBIGUOUS])
+    beyond = int(counts[StripeStatus.OUT_OF_BAND])
     if columns - counts[StripeStatus.DROPOUT] < NO_LIGHT * columns:
         return (
             f"{found}, hardly any light came back: check that the laser is on, the mirror turns and the lens is clean"
         )
+    if beyond > max(used, bright):
+        return f"{found}, {beyond} columns show {WHERE_NONE_CAN_BE}"
     if bright > counts[StripeStatus.OK]:
         return f"{found}, most of what came back is too bright or double: expose less, or put a polarised lens on"
-    if beyond > counts[StripeStatus.OK] - beyond:
-        return (
-            f"{found}, {beyond} columns show a stripe where none can be, too high or too low: the calibration is of "
-            "another rangefinder, camera or mirror moved, or the stance is wrong"
-        )
     return f"{found}, the rest is too dark or a hole: put a narrow band-pass filter on the lens or use a stronger laser"
 
 
@@ -116,9 +115,8 @@ def scan_report(
     if not expected.any():
         reasons.append("no part of the area was scanned")
     elif coverage < LOW_COVERAGE:
-        beyond = sum(len(stripe.out_of_range.columns) for stripe in points.values())
         wrong = wrong_pattern(profiles, settings.pattern(mode).step) or wrong_frames()
-        reasons.append(advice(coverage, counts, wrong, beyond))
+        reasons.append(advice(coverage, counts, wrong))
     verdict = calibration.quality.get("verdict")
     if verdict == "refused":
         reasons.append("the calibration was refused and is used all the same")

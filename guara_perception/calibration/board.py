@@ -1,46 +1,36 @@
-"""Finds a checkerboard in one picture, or says why it cannot be used."""
+"""`BoardSpec` and `BoardView`: the board of a calibration, and what one picture shows of it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final, Self
 
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Grey, Image
+from guara_perception.arrays import Float, Grey, Image, Index
 from guara_perception.readonly import readonly
 
-# Grey levels between darkest and brightest thing below which a picture shows nothing.
-BLANK_CONTRAST = 12
-# Width of a black-white edge, 10 to 90 %: a sharp lens gives 2 to 3 px, from 5 px on corners are displaced.
-MAX_EDGE_WIDTH_PX = 5.0
-# The sector-based detector loses boards that touch the picture's edge; a border brings them back.
-BORDER_PX = 40
-# A light blur before the sub-pixel step halves the error of sharp, aliased edges (measured, 0.07 to 0.04 px).
-BLUR_SIGMA_PX = 0.8
-# Half the window of the sub-pixel step as a share of the smallest square: as much edge as can be had of one corner.
-WINDOW_OF_SQUARE = 0.35
-# A line beyond the rim of the board is no line of corners when it crosses black and white by less than this share.
-CROSSING_SHARE = 0.5
-# Lens distortion bends a board by a few per cent of a square.
-MAX_GRID_MISFIT = 0.2
-# Sizes this much away from the given one are tried to say what the board really has.
-SIZE_SEARCH = 2
-SEARCH_WIDTH_PX = 800
+CHECKERBOARD: Final = "checkerboard"
+CHARUCO: Final = "charuco"
+PATTERNS: Final = (CHECKERBOARD, CHARUCO)
 
 
 @dataclass(frozen=True, slots=True)
 class BoardSpec:
-    """The checkerboard.
+    """The board.
 
     Attributes:
         columns, rows: inner corners along its two sides.
         square: edge of a square [m].
+        pattern: "checkerboard", which must be seen whole, or "charuco", with a marker in each white square that tells
+            the corners apart, so that a part of it is enough.
     """
 
     columns: int
     rows: int
     square: float
+    pattern: str = CHECKERBOARD
 
     @property
     def points(self) -> Float:
@@ -55,131 +45,36 @@ class BoardView:
 
     Attributes:
         name: of the picture.
-        corners_px: (n, 2) float64 in the order of `BoardSpec.points`; empty where the view cannot be used.
+        corners_px: (n, 2) float64; empty where the view cannot be used.
+        corners: (n,) which of `BoardSpec.points` they are, ascending.
         edge_width_px: width of the black-white edges, NaN where no board was found.
         reason: why the view cannot be used, empty when it can.
     """
 
     name: str
     corners_px: Float
+    corners: Index
     edge_width_px: float
     reason: str = ""
 
     def __post_init__(self) -> None:
         """Freeze."""
         object.__setattr__(self, "corners_px", readonly(np.asarray(self.corners_px, dtype=np.float64)))
+        object.__setattr__(self, "corners", readonly(np.asarray(self.corners, dtype=np.intp)))
+
+    @classmethod
+    def unusable(cls, name: str, reason: str, edge_width_px: float = np.nan) -> Self:
+        """A view without corners, and why."""
+        return cls(name, np.empty((0, 2)), np.empty(0, np.intp), edge_width_px, reason)
 
     @property
     def is_usable(self) -> bool:
         """Whether its corners may be used."""
         return not self.reason
 
-
-def find_board(picture: Image, board: BoardSpec, name: str = "") -> BoardView:
-    """Find the inner corners of the board to a few hundredths of a pixel.
-
-    The classic detector comes first (fast, strict about the number of corners), the sector-based one second (finds
-    what the first loses in uneven light); neither may guess the size.
-
-    Args:
-        picture: (h, w) or (h, w, 3), uint8 or uint16.
-        board: its inner corners and squares.
-        name: for messages.
-    """
-    grey = to_grey(picture)
-    nothing = np.empty((0, 2))
-    contrast = float(np.percentile(grey[::4, ::4], 99.5)) - float(np.percentile(grey[::4, ::4], 0.5))
-    if contrast < BLANK_CONTRAST:
-        reason = f"the picture is blank ({contrast:.0f} grey levels between dark and bright)"
-        return BoardView(name, nothing, np.nan, reason)
-    size = (board.columns, board.rows)
-    corners = _detect(grey, size)
-    if corners is None:
-        reason = f"no board of {board.columns}x{board.rows} inner corners was found (hidden, blurred, cut or another?)"
-        return BoardView(name, nothing, np.nan, reason)
-    if wrong_grid(grey, corners, size):
-        reason = f"the board has other inner corners than {board.columns}x{board.rows}: wrong corner count"
-        return BoardView(name, nothing, np.nan, reason)
-    width = edge_width(grey, corners, size)
-    if width > MAX_EDGE_WIDTH_PX:
-        reason = f"blurred: black-white edges are {width:.1f} px wide, {MAX_EDGE_WIDTH_PX:.0f} px are allowed"
-        return BoardView(name, nothing, width, reason)
-    refined = refine_corners(grey, corners, size)
-    return BoardView(name, refined, width)
-
-
-def refine_corners(grey: Image, corners: Float, size: tuple[int, int]) -> Float:
-    """Corners (n, 2) to sub-pixel accuracy, with a window that grows with the squares."""
-    grid = corners.reshape(size[1], size[0], 2)
-    smallest = min(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1))
-    half = int(np.clip(WINDOW_OF_SQUARE * smallest, 3, 40))
-    smooth = cv2.GaussianBlur(grey, (0, 0), BLUR_SIGMA_PX)
-    start = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
-    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-4)
-    found = cv2.cornerSubPix(smooth, start, (half, half), (-1, -1), criteria)
-    return np.asarray(found, dtype=np.float64).reshape(-1, 2)
-
-
-def wrong_grid(grey: Image, corners: Float, size: tuple[int, int]) -> bool:
-    """Whether the corners are only a part of the board's, or no even grid: both detectors return such things.
-
-    Asked for too few corners they return a part of the board, or every second line of it. So the grid is laid over the
-    picture by a homography, and where more corners would be, between lines and one line outside, nothing may look like
-    one.
-    """
-    grid = np.mgrid[0 : size[0], 0 : size[1]].T.reshape(-1, 2).astype(np.float64)
-    homography = np.asarray(cv2.findHomography(grid, corners)[0], dtype=np.float64)
-    laid = cv2.perspectiveTransform(grid.reshape(-1, 1, 2), homography).reshape(-1, 2)
-    spacing = float(np.linalg.norm(np.diff(corners.reshape(size[1], size[0], 2), axis=1), axis=2).min())
-    if float(np.abs(laid - corners).max()) > MAX_GRID_MISFIT * spacing:
-        return True
-    columns, rows = np.arange(size[0], dtype=np.float64), np.arange(size[1], dtype=np.float64)
-    outside = [np.column_stack((columns, np.full(size[0], row))) for row in (-1.0, float(size[1]))]
-    outside += [np.column_stack((np.full(size[1], column), rows)) for column in (-1.0, float(size[0]))]
-    between = [grid[grid[:, axis] < size[axis] - 1] + 0.5 * np.eye(2)[axis] for axis in (0, 1)]
-    for points_on_board, radius in [*((line, 0.35) for line in outside), *((line, 0.2) for line in between)]:
-        usual = float(np.median(_crossing(grey, homography, grid, radius)))
-        strength = _crossing(grey, homography, points_on_board, radius)
-        seen = strength[np.isfinite(strength)]
-        if len(seen) >= len(points_on_board) / 2 and float(np.median(seen)) > CROSSING_SHARE * usual:
-            return True
-    return False
-
-
-def _crossing(grey: Image, homography: Float, points_on_board: Float, radius: float) -> Float:
-    """How much a ring about each point (n, 2) of a grid crosses black, white, black, white; NaN off the picture."""
-    angle = np.deg2rad(np.arange(0, 360, 15) + 7.5)
-    ring = radius * np.column_stack((np.cos(angle), np.sin(angle)))
-    points = (points_on_board[:, None] + ring[None]).reshape(-1, 1, 2)
-    pixels = (
-        cv2.perspectiveTransform(points, homography).astype(np.float32).reshape(len(points_on_board), len(angle), 2)
-    )
-    levels = cv2.remap(grey.astype(np.float32), pixels[:, :, 0], pixels[:, :, 1], cv2.INTER_LINEAR, borderValue=np.nan)
-    quarter = len(angle) // 4
-    rotated = np.abs(levels - np.roll(levels, quarter, axis=1)).mean(axis=1)
-    opposite = np.abs(levels - np.roll(levels, 2 * quarter, axis=1)).mean(axis=1)
-    return np.asarray(rotated - opposite, dtype=np.float64)
-
-
-def edge_width(grey: Image, corners: Float, size: tuple[int, int]) -> float:
-    """Mean width of the black-white edges [px]."""
-    points = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
-    return float(np.ravel(cv2.estimateChessboardSharpness(grey, size, points)[0])[0])
-
-
-def other_size(picture: Image, board: BoardSpec) -> tuple[int, int] | None:
-    """Which other number of inner corners the board in this picture has, if one close to the given one fits."""
-    grey = to_grey(picture)
-    scale = min(SEARCH_WIDTH_PX / grey.shape[1], 1.0)
-    resized = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    small = np.asarray(resized, dtype=np.uint8)
-    steps = range(-SIZE_SEARCH, SIZE_SEARCH + 1)
-    sizes = [(board.columns + dc, board.rows + dr) for dc in steps for dr in steps if (dc, dr) != (0, 0)]
-    for size in sorted(sizes, key=lambda s: abs(s[0] - board.columns) + abs(s[1] - board.rows)):
-        corners = _detect(small, size) if min(size) >= 3 else None
-        if corners is not None and not wrong_grid(small, corners, size):
-            return size
-    return None
+    def points(self, board: BoardSpec) -> Float:
+        """The corners (n, 3) in the board's own frame [m], in the order of `corners_px`."""
+        return np.asarray(board.points[self.corners])
 
 
 def to_grey(picture: Image) -> Grey:
@@ -188,16 +83,3 @@ def to_grey(picture: Image) -> Grey:
         picture = (picture >> 8).astype(np.uint8)
     grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 and picture.shape[2] == 3 else picture
     return np.ascontiguousarray(grey.reshape(grey.shape[:2]), dtype=np.uint8)
-
-
-def _detect(grey: Grey, size: tuple[int, int]) -> Float | None:
-    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-    found, corners = cv2.findChessboardCorners(grey, size, flags=flags)
-    if not found:
-        framed = np.pad(grey, BORDER_PX, mode="edge")
-        found, corners = cv2.findChessboardCornersSB(framed, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
-        if found:
-            corners = corners - BORDER_PX
-    if not found or corners is None or len(corners) != size[0] * size[1]:
-        return None
-    return np.asarray(corners, dtype=np.float64).reshape(-1, 2)

@@ -106,7 +106,7 @@ class _Problem:
 
     def __init__(self, intrinsics: Intrinsics, board: BoardSpec, ground: str, floor: FloorPose, points: Float) -> None:
         self.intrinsics = intrinsics
-        self.object = board.points
+        self.objects = [view.points(board) for view in intrinsics.views]
         self.floor = floor
         self.points = np.column_stack((points, np.zeros(len(points))))
         self.pixels = np.array([mark.centre_px for mark in floor.marks])
@@ -145,10 +145,12 @@ class _Problem:
         return lens
 
     def ground_points(self, x: Float) -> tuple[Float, Float]:
-        """Corners of the ground board in the footprint and their derivative by the heading."""
+        """Corners seen of the ground board in the footprint and their derivative by the heading."""
+        assert self.ground is not None
+        on_board = self.objects[self.ground]
         px, py, heading = x[self.ground_columns]
         c, s = np.cos(heading), np.sin(heading)
-        a, b = self.object[:, 0], self.flip * self.object[:, 1]
+        a, b = on_board[:, 0], self.flip * on_board[:, 1]
         zero = np.zeros(len(a))
         return np.column_stack((px + c * a - s * b, py + s * a + c * b, zero)), np.column_stack(
             (-s * a - c * b, c * a - s * b, zero)
@@ -164,12 +166,12 @@ class _Problem:
         result = []
         views = self.intrinsics.views
         for i, view in enumerate(views):
-            rows = np.zeros((2 * len(self.object), self.size))
+            rows = np.zeros((2 * len(self.objects[i]), self.size))
             if i == self.ground:
                 points, by_heading = self.ground_points(x)
                 columns, pose = self.pose_columns, x[self.pose_columns]
             else:
-                points, columns = self.object, self.view_columns(self.free_views.index(i))
+                points, columns = self.objects[i], self.view_columns(self.free_views.index(i))
                 pose = x[columns]
             pixels, jacobian = self.project(x, points, pose)
             rows[:, : self.n_lens] = jacobian[:, self.lens_columns]

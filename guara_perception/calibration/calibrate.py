@@ -93,8 +93,8 @@ def calibrate_session(
     floor = locate_camera(to_grey(floor_picture), intrinsics.camera, session.fiducials, camera_nominal)
     advance()
     ground = next(view for view in intrinsics.views if view.name == session.ground_board_image)
-    check_ground_board(intrinsics.camera, floor.transform_camera_to_footprint, ground.corners_px, session.board)
-    square = measured_square(intrinsics.camera, floor.transform_camera_to_footprint, ground.corners_px, session.board)
+    check_ground_board(intrinsics.camera, floor.transform_camera_to_footprint, ground, session.board)
+    square = measured_square(intrinsics.camera, floor.transform_camera_to_footprint, ground, session.board)
     points = session.fiducials.points_in_footprint
     fit = fit_camera(intrinsics, session.board, session.ground_board_image, floor, points)
     start = _lap(seconds, "mount", start)

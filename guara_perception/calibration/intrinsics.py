@@ -124,7 +124,7 @@ def calibrate_views(
     outliers: Sequence[tuple[str, str]] = (),
 ) -> Intrinsics:
     """The lens that fits all these views, none left out; `outliers` are only carried along."""
-    points = np.asarray(board.points, dtype=np.float32)
+    points = [np.asarray(view.points(board), dtype=np.float32) for view in views]
     corners = [np.asarray(view.corners_px, dtype=np.float32).reshape(-1, 1, 2) for view in views]
     free = free_parameters(distortion)
     flags = 0
@@ -134,7 +134,7 @@ def calibrate_views(
         flags |= cv2.CALIB_FIX_K3
     guess, none = np.eye(3), np.zeros(5)
     _, matrix, lens, rotations, translations, sigma, _, errors = cv2.calibrateCameraExtended(
-        [points] * len(views), corners, size, guess, none, flags=flags
+        points, corners, size, guess, none, flags=flags
     )
     order = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
     sigma_of = dict(zip(order, np.ravel(sigma)[: len(order)], strict=True))

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Grey
-from guara_perception.calibration.board import BoardSpec
+from guara_perception.calibration.board import BoardSpec, BoardView
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.calibration.crosses import Mark, find_crosses
 from guara_perception.calibration.floor import floor_pixels, to_floor
@@ -119,21 +119,21 @@ def check_extent(points: Float) -> None:
 
 
 def measured_square(
-    camera: CameraModel, transform_camera_to_footprint: Float, corners_px: Float, board: BoardSpec
+    camera: CameraModel, transform_camera_to_footprint: Float, ground: BoardView, board: BoardSpec
 ) -> float:
     """Edge of a square of the ground board as the fiducials see it [m]: its corners' rays cut with the floor."""
-    return _similarity(camera, transform_camera_to_footprint, corners_px, board)[0]
+    return _similarity(camera, transform_camera_to_footprint, ground, board)[0]
 
 
 def check_ground_board(
-    camera: CameraModel, transform_camera_to_footprint: Float, corners_px: Float, board: BoardSpec
+    camera: CameraModel, transform_camera_to_footprint: Float, ground: BoardView, board: BoardSpec
 ) -> None:
     """Refuse a ground board that contradicts the fiducials.
 
     Raises:
         CalibrationRefused: squares of another size, or a board that does not lie on the floor.
     """
-    square, misfit = _similarity(camera, transform_camera_to_footprint, corners_px, board)
+    square, misfit = _similarity(camera, transform_camera_to_footprint, ground, board)
     if abs(square / board.square - 1) > MAX_SQUARE_ERROR:
         raise CalibrationRefused(
             f"wrong square size: by the fiducials the squares of the ground board measure {square * 1e3:.2f} mm, the "
@@ -146,10 +146,10 @@ def check_ground_board(
         )
 
 
-def _similarity(camera: CameraModel, transform: Float, corners_px: Float, board: BoardSpec) -> tuple[float, float]:
+def _similarity(camera: CameraModel, transform: Float, ground: BoardView, board: BoardSpec) -> tuple[float, float]:
     """Square size and rms misfit of the board's corners on the floor to a scaled grid."""
-    floor = to_floor(camera, transform, corners_px)
-    a, b = board.points[:, :2], floor
+    floor = to_floor(camera, transform, ground.corners_px)
+    a, b = ground.points(board)[:, :2], floor
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     fits = []
     for hand in (1.0, -1.0):

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from guara_perception.arrays import Float, Image
-from guara_perception.calibration.board import BoardSpec
+from guara_perception.calibration.board import CHARUCO, BoardSpec
+from guara_perception.calibration.charuco import marker_dictionary
 from guara_perception.exceptions import InvalidInput
 from guara_perception.readonly import readonly
 from guara_perception.scan import Scan
@@ -75,7 +76,7 @@ class CalibrationSession:
 
     Attributes:
         robot: name of the robot.
-        board: the checkerboard.
+        board: the board.
         board_images: names of its pictures.
         ground_board_image: name of the picture in which it lies on the floor.
         fiducials: crosses on the floor.
@@ -102,6 +103,8 @@ class CalibrationSession:
                 f"{self.source}: board has {self.board.columns}x{self.board.rows} inner corners of "
                 f"{self.board.square} m; 3 or more each way and squares of 0.001 ... 1 m are allowed"
             )
+        if self.board.pattern == CHARUCO:
+            marker_dictionary(self.board)
         for plate in self.plates:
             if plate.scan.robot != self.robot:
                 raise InvalidInput(

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from guara_perception.arrays import Image
-from guara_perception.calibration.board import BoardView, find_board, other_size
+from guara_perception.calibration.board import CHECKERBOARD, BoardView
 from guara_perception.calibration.bundle import CameraFit
+from guara_perception.calibration.checkerboard import other_size
 from guara_perception.calibration.faults import check_lines, check_order, find_jumps, refuse_jumps
+from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.intrinsics import MIN_VIEWS, Intrinsics, calibrate_intrinsics
 from guara_perception.calibration.mirror_model import MirrorModel
 from guara_perception.calibration.plates import LostLine, PlateLine, plate_lines
@@ -105,6 +107,8 @@ def check_lines_and_plates(
 
 def _hint(session: CalibrationSession, views: Sequence[BoardView]) -> str:
     """Whether the first picture without a board shows one of another size."""
+    if session.board.pattern != CHECKERBOARD:
+        return ""
     for view in views:
         if "inner corners" in view.reason:
             size = other_size(session.read_picture(view.name), session.board)

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Float, Image
+from guara_perception.arrays import Float, Image, Mask
 from guara_perception.calibration.board import BoardSpec
+from guara_perception.calibration.board_ink import board_ink
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.calibration.crosses import ARM_M, BAR_M
 from guara_perception.simulation.light import Light
@@ -46,16 +47,13 @@ class TargetCamera:
         return cls(camera, rays / rays[..., 2:], light or Light(), seed)
 
     def board(self, board: BoardSpec, transform_board_to_camera: Float) -> Image:
-        """A checkerboard (h, w, 3) BGR; the board's origin is its first inner corner, as in `BoardSpec.points`."""
+        """A board (h, w, 3) BGR; its origin is its first inner corner, as in `BoardSpec.points`."""
         x, y, size = self._on_plane(transform_board_to_camera)
         s = board.square
-        chequer = 0.5 * (1 + _square_wave(x / s, size / s) * _square_wave(y / s, size / s))
-        columns, rows = board.columns, board.rows
-        squares = _inside(x / s, -1, columns, size / s) * _inside(y / s, -1, rows, size / s)
         b = 1 + BORDER
-        paper = _inside(x / s, -b, columns + BORDER, size / s) * _inside(y / s, -b, rows + BORDER, size / s)
-        level = GROUND + paper * (PAPER - GROUND) + squares * (INK - PAPER) * chequer
-        return self._picture(level)
+        paper = _inside(x / s, -b, board.columns + BORDER, size / s) * _inside(y / s, -b, board.rows + BORDER, size / s)
+        ink = _ink(board_ink(board), x / s + 1, y / s + 1, size / s, board.columns + 1)
+        return self._picture(GROUND + paper * (PAPER - GROUND) + ink * (INK - PAPER))
 
     def crosses(self, points_in_footprint: Float, transform_camera_to_footprint: Float) -> Image:
         """Crosses on white cards on the floor, (h, w, 3) BGR."""
@@ -94,13 +92,23 @@ class TargetCamera:
         return sensor.dark_picture(1.0)
 
 
-def _square_wave(position: Float, width: Float) -> Float:
-    """A wave of period 2 that is +1 in 0 ... 1 and -1 in 1 ... 2, averaged over `width`."""
+def _ink(cells: Mask, column: Float, row: Float, width: Float, columns: int) -> Float:
+    """Share of ink in a window of `width` about each place, all in squares; by the integral of the cells."""
+    per_square = cells.shape[1] // columns
+    whole = np.pad(cells.astype(np.float64).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
 
-    def integral(u: Float) -> Float:
-        return np.asarray(1 - np.abs(np.mod(u, 2.0) - 1))
+    def integral(u: Float, v: Float) -> Float:
+        u, v = np.clip(u, 0, cells.shape[1]), np.clip(v, 0, cells.shape[0])
+        i, j = np.minimum(u.astype(int), cells.shape[1] - 1), np.minimum(v.astype(int), cells.shape[0] - 1)
+        right, down = u - i, v - j
+        above = whole[j, i] * (1 - right) + whole[j, i + 1] * right
+        below = whole[j + 1, i] * (1 - right) + whole[j + 1, i + 1] * right
+        return np.asarray(above * (1 - down) + below * down)
 
-    return np.asarray((integral(position + width / 2) - integral(position - width / 2)) / width)
+    u, v, half = column * per_square, row * per_square, width * per_square / 2
+    corners = integral(u + half, v + half) - integral(u - half, v + half)
+    corners -= integral(u + half, v - half) - integral(u - half, v - half)
+    return np.asarray(corners / (2 * half) ** 2)
 
 
 def _inside(position: Float, low: float, high: float, width: Float) -> Float:

@@ -53,6 +53,17 @@ class StripeProfile:
         """Whether the whole frame was refused."""
         return bool(self.reason)
 
+    def mirrored(self) -> StripeProfile:
+        """The profile of the same picture seen in a mirror, its columns in reverse order."""
+        return StripeProfile(
+            self.position_px[::-1],
+            self.sigma_px[::-1],
+            self.status[::-1],
+            self.peak[::-1],
+            self.doubtful_px[::-1],
+            self.reason,
+        )
+
 
 def bad_frame(n: int, reason: str) -> StripeProfile:
     """The profile of a frame that cannot be used: nothing known, the reason said."""

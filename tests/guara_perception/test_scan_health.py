@@ -19,6 +19,7 @@ from guara_perception.app.files.scan_folder import read_picture
 from guara_perception.methods import METHODS
 from guara_perception.own_body import OwnBody
 from guara_perception.scan_report import advice, regional_coverage
+from guara_perception.simulation.specimen import rotation
 from kinematics import RobotModel, Stance
 
 
@@ -225,6 +226,10 @@ def test_orientation_order_and_pattern_are_told_before_the_laser_is_blamed(paper
     every_second = dataclasses.replace(paper_scan, stripes=paper_scan.stripes[::2])
     cases = {
         "the frames are turned by 180 degrees": spoiled(paper_scan, lambda k, frame: cv2.rotate(frame, cv2.ROTATE_180)),
+        "the frames are flipped top to bottom": spoiled(paper_scan, lambda k, frame: frame[::-1].copy()),
+        r"\d+ of \d+ frames looked at are flipped top to bottom": spoiled(
+            paper_scan, lambda k, frame: frame[::-1].copy() if k % 2 == 1 else frame
+        ),
         r"\d+ of \d+ frames looked at are turned by 180 degrees": spoiled(
             paper_scan, lambda k, frame: cv2.rotate(frame, cv2.ROTATE_180) if k % 2 == 1 else frame
         ),
@@ -250,12 +255,54 @@ def test_raw_bayer_taken_as_grey_is_refused(paper_scan, calibration, robot) -> N
         assert not grey.metadata["frames_bad"] and grey.metadata["known"] > 0.9
 
 
-def test_stripes_where_none_can_be_are_told_apart(paper_scan, calibration, robot) -> None:
-    """Found too low or too high all over: the calibration is blamed, not the laser; no light at all: the laser."""
-    counts = np.array([8000, 2000, 0, 0, 0, 0, 0])
-    assert "8000 columns show a stripe where none can be" in advice(0.1, counts, beyond=8000)
-    assert "stronger laser" in advice(0.1, counts, beyond=3000)
+def test_the_advice_tells_where_stripes_were_found() -> None:
+    """Found too low or too high all over: the calibration is blamed, not the laser; what is wrong as a whole first."""
+    counts = np.array([2000, 0, 0, 0, 0, 8000, 0])
+    assert "8000 columns show a stripe where none can be, too high or too low" in advice(0.1, counts)
+    assert "stronger laser" in advice(0.1, np.array([7000, 0, 0, 0, 0, 3000, 0]))
+    assert "expose less" in advice(0.1, np.array([100, 0, 400, 200, 0, 300, 0]))
     assert advice(0.1, counts, "the frames are turned").endswith("returned the laser: the frames are turned")
+
+
+def mount_lifted(calibration: gp.Calibration, by: float) -> gp.Calibration:
+    """The calibration with camera and laser this much higher [m]."""
+    transform = calibration.transform_camera_to_base.copy()
+    transform[2, 3] += by
+    return dataclasses.replace(calibration, transform_camera_to_base=transform)
+
+
+def mirror_slipped(calibration: gp.Calibration, robot: RobotModel, degrees: float) -> gp.Calibration:
+    """The calibration with every plane of the laser turned about the mirror's axis."""
+    to_camera = np.linalg.inv(calibration.transform_camera_to_base)
+    point = to_camera[:3, :3] @ robot.transform_laser_to_base[:3, 3] + to_camera[:3, 3]
+    turn = rotation(np.deg2rad(degrees) * to_camera[:3, 1])
+    stripes = []
+    for stripe in calibration.stripes:
+        normal = turn @ stripe.plane[:3]
+        plane = np.append(normal, stripe.plane[3] + (stripe.plane[:3] - normal) @ point)
+        stripes.append(dataclasses.replace(stripe, plane=plane))
+    return dataclasses.replace(calibration, stripes=tuple(stripes))
+
+
+@pytest.mark.slow
+def test_not_found_found_elsewhere_and_not_usable_are_told_apart(paper_scan, calibration, robot) -> None:
+    """A good scan, broken in each of the three ways: no light, light where no stripe can be, light that clips."""
+    elsewhere = "where none can be, too high or too low: the calibration is of another rangefinder, camera or mirror"
+    for moved_calibration in (
+        *(mount_lifted(calibration, by) for by in (-0.1, 0.2)),
+        *(mirror_slipped(calibration, robot, by) for by in (-12.0, -8.0, -5.0, 8.0, 12.0)),
+    ):
+        _, said = reasons(paper_scan, moved_calibration, robot)
+        assert elsewhere in said and "expose less" not in said and "stronger laser" not in said
+    shared = paper_scan.stripes[0].off
+    dark = dataclasses.replace(
+        paper_scan, read_frame=lambda name: paper_scan.read_frame(shared if name != shared else name)
+    )
+    assert "check that the laser is on" in reasons(dark, calibration, robot)[1]
+    clipped = spoiled(
+        paper_scan, lambda k, frame: frame if k < 0 else np.where(frame > 60, 255, frame).astype(np.uint8)
+    )
+    assert "expose less" in reasons(clipped, calibration, robot)[1]
 
 
 def with_orientation(picture: np.ndarray, orientation: int) -> bytes:

@@ -22,7 +22,14 @@ RULER_MM = 150.0
 @click.option("--robot", default="guara", show_default=True, help="name or folder of the robot")
 @click.option("--camera", help="as `guara cameras` lists it, or a GStreamer pipeline; default: that of --devices, or 0")
 @click.option("--trigger", metavar="LINE", help="line that the board will trigger in scans, kept in devices.toml")
-@click.option("--board", default="9x7", show_default=True, help="inner corners of the checkerboard, COLUMNSxROWS")
+@click.option("--board", default="9x7", show_default=True, help="inner corners of the board, COLUMNSxROWS")
+@click.option(
+    "--pattern",
+    type=click.Choice(["checkerboard", "charuco"]),
+    default="checkerboard",
+    show_default=True,
+    help="of the board; a charuco board need not be wholly in the picture",
+)
 @click.option("--square", type=float, default=0.030, show_default=True, help="edge of its squares as drawn [m]")
 @click.option("--plates", default="0,0.04,0.08", show_default=True, help="measured heights of the plates [m]")
 @click.option(
@@ -41,6 +48,7 @@ def command(
     camera: str | None,
     trigger: str | None,
     board: str,
+    pattern: str,
     square: float,
     plates: str,
     crosses: Path | None,
@@ -83,7 +91,7 @@ def command(
     if not 0.9 * RULER_MM <= printed_150 <= 1.1 * RULER_MM:
         raise InvalidInput(f"--printed-150 is {printed_150:g} mm, allowed: 135 ... 165; print at 100 %")
     scale = printed_150 / RULER_MM
-    spec = board_of_words(board, square * scale)
+    spec = board_of_words(board, square * scale, pattern)
     model = load_robot(robot)
     if stance is not None:
         standing = Stance.from_dict(read_json(stance).data)

@@ -11,17 +11,25 @@ import click
 @click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="PDF to write")
 @click.option("--robot", default="guara", show_default=True, help="name or folder of the robot that stands on the mat")
 @click.option("--paper", type=click.Choice(["a4", "letter", "a3"]), default="a4", show_default=True)
-@click.option("--board", default="9x7", show_default=True, help="inner corners of the checkerboard, COLUMNSxROWS")
+@click.option("--board", default="9x7", show_default=True, help="inner corners of the board, COLUMNSxROWS")
+@click.option(
+    "--pattern",
+    type=click.Choice(["checkerboard", "charuco"]),
+    default="checkerboard",
+    show_default=True,
+    help="of the board; a charuco board need not be wholly in the picture",
+)
 @click.option("--square", type=float, default=0.030, show_default=True, help="edge of its squares [m]")
 @click.option("--plates", default="0,0.04,0.08", show_default=True, help="nominal heights of the plates [m]")
-def command(out: Path, robot: str, paper: str, board: str, square: float, plates: str) -> None:
-    """Print to scale what a calibration looks at: ruler, checkerboard, crosses, floor mat, labels of plates.
+def command(out: Path, robot: str, paper: str, board: str, pattern: str, square: float, plates: str) -> None:
+    """Print to scale what a calibration looks at: ruler, board, crosses, floor mat, labels of plates.
 
     Larger drawings go over several pages with joining marks. Print at 100 %, and check the ruler.
 
     \b
     Example:
       guara targets -o targets.pdf --paper a3
+      guara targets -o targets.pdf --paper a3 --pattern charuco
     """
     from guara_perception.app.targets.board_words import board_of_words, heights_of_words
     from guara_perception.app.targets.drawings import cross_points
@@ -29,7 +37,7 @@ def command(out: Path, robot: str, paper: str, board: str, square: float, plates
     from kinematics import load_robot
 
     model = load_robot(robot)
-    spec, heights = board_of_words(board, square), heights_of_words(plates)
+    spec, heights = board_of_words(board, square, pattern), heights_of_words(plates)
     pages = write_targets(out, model, board=spec, paper=paper, plates=heights)
     for title in dict.fromkeys(page.sheet.title for page in pages):
         count = sum(page.sheet.title == title for page in pages)

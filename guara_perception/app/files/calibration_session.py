@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from guara_perception.app.files.scan_folder import open_scan_folder, read_picture
-from guara_perception.calibration.board import BoardSpec
+from guara_perception.calibration.board import CHECKERBOARD, PATTERNS, BoardSpec
 from guara_perception.calibration.session import CalibrationSession, Fiducials, Plate
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.fields import Fields, read_json
@@ -56,7 +57,14 @@ def _board(fields: Fields) -> BoardSpec:
     columns, rows = fields.array("inner_corners", (2,))
     if columns != int(columns) or rows != int(rows):
         raise FileFormatError(f"{fields.path_to('inner_corners')} is [{columns}, {rows}], it must be two whole numbers")
-    return BoardSpec(int(columns), int(rows), fields.number("square"))
+    pattern = fields.text("pattern", PATTERNS) if fields.has("pattern") else CHECKERBOARD
+    return BoardSpec(int(columns), int(rows), fields.number("square"), pattern)
+
+
+def board_to_dict(board: BoardSpec) -> dict[str, Any]:
+    """The `board` object of `session.json`."""
+    pattern = {} if board.pattern == CHECKERBOARD else {"pattern": board.pattern}
+    return {**pattern, "inner_corners": [board.columns, board.rows], "square": board.square}
 
 
 def _fiducials(fields: Fields, folder: Path) -> Fiducials:

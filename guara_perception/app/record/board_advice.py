@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Image
-from guara_perception.calibration.board import BoardSpec, BoardView, find_board, to_grey
+from guara_perception.calibration.board import BoardSpec, BoardView, to_grey
+from guara_perception.calibration.find_board import find_board
 
 ZONES: Final = 3
 WANTED_PICTURES: Final = 12
@@ -29,7 +30,7 @@ class BoardAdvice:
     """What the pictures taken so far show, and what is missing.
 
     Attributes:
-        board: the checkerboard.
+        board: the board.
         views: those accepted.
     """
 
@@ -42,18 +43,20 @@ class BoardAdvice:
         """Whether a picture can be used: its view, and why not (empty when it can)."""
         grey = to_grey(picture)
         if float(np.mean(grey >= 254)) > CLIPPED_SHARE:
-            share = 100 * float(np.mean(grey >= 254))
-            return BoardView(name, np.empty((0, 2)), np.nan), f"too bright: {share:.0f} % of the picture is clipped"
+            reason = f"too bright: {100 * float(np.mean(grey >= 254)):.0f} % of the picture is clipped"
+            return BoardView.unusable(name, reason), reason
         view = find_board(picture, self.board, name)
         if not view.is_usable:
             return view, view.reason
         if before is not None:
             earlier = find_board(before, self.board, name)
-            if not earlier.is_usable or np.abs(view.corners_px - earlier.corners_px).max() > STILL_PX:
+            moved = _moved(view, earlier)
+            if not earlier.is_usable or not moved.size or moved.max() > STILL_PX:
                 return view, "hold the board still"
         width = grey.shape[1]
         for other in self.views:
-            if np.abs(view.corners_px - other.corners_px).mean() < SAME_OF_WIDTH * width:
+            moved = _moved(view, other)
+            if moved.size and moved.mean() < SAME_OF_WIDTH * width:
                 return view, f"shown before; {self.missing(picture.shape[:2])}"
         return view, ""
 
@@ -85,12 +88,18 @@ class BoardAdvice:
         return f"{len(self.views)} of {WANTED_PICTURES} pictures: " + ", and ".join(words)
 
 
+def _moved(view: BoardView, other: BoardView) -> Float:
+    """How far the corners that both views show lie apart (n, 2) [px]."""
+    _, here, there = np.intersect1d(view.corners, other.corners, return_indices=True)
+    return np.abs(view.corners_px[here] - other.corners_px[there])
+
+
 def tilted_sides(view: BoardView, board: BoardSpec, shape: tuple[int, int]) -> set[str]:
     """Which sides of the picture the board leans away at, by TILT or more; judged with a common lens."""
     height, width = shape
     focal = FOCAL_OF_WIDTH * width
     matrix = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
-    found, turn, _ = cv2.solvePnP(board.points, view.corners_px.reshape(-1, 1, 2), matrix, None)
+    found, turn, _ = cv2.solvePnP(view.points(board), view.corners_px.reshape(-1, 1, 2), matrix, None)
     if not found:
         return set()
     normal: Float = np.asarray(cv2.Rodrigues(turn)[0][:, 2], dtype=np.float64)

@@ -16,7 +16,8 @@ from guara_perception.app.record.operator import Operator
 from guara_perception.app.record.plate_scan import nominal_order, scan_uncalibrated
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, FLOOR_PICTURE, SessionWriter
 from guara_perception.arrays import Image
-from guara_perception.calibration.board import find_board, to_grey
+from guara_perception.calibration.board import to_grey
+from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.intrinsics import calibrate_intrinsics
 from guara_perception.calibration.mount import locate_camera
 from guara_perception.calibration.session import Fiducials

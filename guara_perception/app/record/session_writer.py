@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from guara_perception.app.files.calibration_session import FORMAT, SESSION_FILE
+from guara_perception.app.files.calibration_session import FORMAT, SESSION_FILE, board_to_dict
 from guara_perception.app.files.scan_folder import read_picture
 from guara_perception.arrays import Float, Image
 from guara_perception.calibration.board import BoardSpec
@@ -31,7 +31,7 @@ class SessionPlan:
 
     Attributes:
         robot: name of the robot.
-        board: the checkerboard, its square as printed.
+        board: the board, its square as printed.
         crosses: (n, 2) where the crosses lie, in base_footprint [m].
         plates: heights of the plates' tops above z = 0 [m].
         stance: of all pictures.
@@ -47,7 +47,7 @@ class SessionPlan:
         """Plain values, as the session's file holds them."""
         return {
             "robot": self.robot,
-            "board": {"inner_corners": [self.board.columns, self.board.rows], "square": self.board.square},
+            "board": board_to_dict(self.board),
             "crosses": np.asarray(self.crosses).tolist(),
             "plates": list(self.plates),
             "stance": self.stance.to_dict(),

@@ -11,7 +11,7 @@ import numpy as np
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.targets.drawings import cross_points
 from guara_perception.arrays import Float, Image
-from guara_perception.calibration.board import BoardSpec
+from guara_perception.calibration.board import CHARUCO, BoardSpec
 from guara_perception.settings import Settings
 from guara_perception.simulation.camera import NOMINAL_EXPOSURE_S, renderer
 from guara_perception.simulation.features import Box
@@ -49,6 +49,8 @@ BOARD_POSES = (
     (0.30, 0.70, 0.62, -0.35, -0.30, 0.2),
     (0.70, 0.70, 0.62, 0.35, 0.35, 0.1),
 )
+# A board of which a part is enough is held further out, so that the picture's rim cuts it.
+CHARUCO_REACH = 1.5
 # Metering and the measurement of the lag look at the stripe on this.
 FLOOR_MATERIAL = "soil"
 
@@ -97,8 +99,9 @@ class SimulatedWorkshop:
         """Hold the board in the next pose."""
         u, v, distance, about_x, about_y, turn = BOARD_POSES[self._poses % len(BOARD_POSES)]
         self._poses += 1
-        width, height = self.truth.camera.size
-        ray = self.truth.camera.rays(np.array([[u * width, v * height]]))[0]
+        reach = CHARUCO_REACH if self._board.pattern == CHARUCO else 1.0
+        place = (0.5 + reach * (np.array([[u, v]]) - 0.5)) * self.truth.camera.size
+        ray = self.truth.camera.rays(place)[0]
         lean = rotation([about_x, 0, 0]) @ rotation([0, about_y, 0]) @ rotation([0, 0, turn])
         self._still(self._targets.board(self._board, self._board_pose(ray / ray[2] * distance, lean)))
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from guara_perception.calibration.board import BoardSpec
+from guara_perception.calibration.board import CHECKERBOARD, BoardSpec
 from guara_perception.exceptions import InvalidInput
 
 
-def board_of_words(size: str, square: float) -> BoardSpec:
-    """A board from "COLUMNSxROWS" of inner corners and the edge of a square [m].
+def board_of_words(size: str, square: float, pattern: str = CHECKERBOARD) -> BoardSpec:
+    """A board from "COLUMNSxROWS" of inner corners, the edge of a square [m] and its pattern.
 
     Raises:
         InvalidInput: not of this form, or a size that no board has.
@@ -15,7 +15,7 @@ def board_of_words(size: str, square: float) -> BoardSpec:
     columns, between, rows = size.partition("x")
     if not (between and columns.isdigit() and rows.isdigit()):
         raise InvalidInput(f"--board is {size!r}, it must be COLUMNSxROWS of inner corners, such as 9x7")
-    board = BoardSpec(int(columns), int(rows), square)
+    board = BoardSpec(int(columns), int(rows), square, pattern)
     if not (3 <= board.columns <= 40 and 3 <= board.rows <= 40 and 0.005 <= square <= 0.1):
         raise InvalidInput(
             f"board has {board.columns}x{board.rows} inner corners of {square:g} m; allowed: 3 ... 40 each way, "

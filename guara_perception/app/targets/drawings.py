@@ -1,14 +1,16 @@
-"""The drawings of a calibration: checkerboard, crosses to cut out, floor mat, labels and ruler."""
+"""The drawings of a calibration: board, crosses to cut out, floor mat, labels and ruler."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from guara_perception.app.targets.sheet import Sheet
-from guara_perception.arrays import Float
-from guara_perception.calibration.board import BoardSpec
+from guara_perception.arrays import Float, Mask
+from guara_perception.calibration.board import CHARUCO, BoardSpec
+from guara_perception.calibration.board_ink import board_ink
 from guara_perception.calibration.crosses import ARM_M, BAR_M
 from guara_perception.settings import Settings
 
@@ -36,19 +38,38 @@ def cross_points(robot: RobotModel) -> Float:
     )
 
 
-def checkerboard(board: BoardSpec) -> Sheet:
-    """The board, its squares in black and white with a white border."""
+def calibration_board(board: BoardSpec) -> Sheet:
+    """The board in black and white with a white border, its first corner at the top left.
+
+    Raises:
+        InvalidInput: a ChArUco board with more squares than there are markers for.
+    """
     square = 1e3 * board.square
     quiet = QUIET_OF_SQUARE * square
     columns, rows = board.columns + 1, board.rows + 1
+    # Seen on paper the corners are counted from the top left, and the markers stand upright.
+    ink = board_ink(board)[::-1]
+    cell = square * columns / ink.shape[1]
 
     def draw(axes: Axes) -> None:
-        for row in range(rows):
-            for column in range(row % 2, columns, 2):
-                _rectangle(axes, quiet + column * square, quiet + row * square, square, square)
+        for column, row, wide, high in _runs(ink):
+            _rectangle(axes, quiet + column * cell, quiet + row * cell, wide * cell, high * cell)
 
+    name = "ChArUco board" if board.pattern == CHARUCO else "Checkerboard"
     size = f"{board.columns} x {board.rows} inner corners of {square:g} mm"
-    return Sheet(f"Checkerboard, {size}", columns * square + 2 * quiet, rows * square + 2 * quiet, draw)
+    return Sheet(f"{name}, {size}", columns * square + 2 * quiet, rows * square + 2 * quiet, draw)
+
+
+def _runs(ink: Mask) -> Iterator[tuple[int, int, int, int]]:
+    """Column, row, width and height of runs of inked cells, along the rows and along the columns.
+
+    Cells that touch lie in one run, so that no page shows a white hairline between them.
+    """
+    for cells, across in ((ink, True), (ink.T, False)):
+        for line, row in enumerate(cells):
+            ends = np.flatnonzero(np.diff(row, prepend=False, append=False)).reshape(-1, 2)
+            for start, end in ends.tolist():
+                yield (start, line, end - start, 1) if across else (line, start, 1, end - start)
 
 
 def crosses() -> Sheet:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from guara_perception.app.targets.drawings import checkerboard, crosses, labels, mat, ruler
+from guara_perception.app.targets.drawings import calibration_board, crosses, labels, mat, ruler
 from guara_perception.app.targets.sheet import Page, figure_of, pages_of
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.exceptions import InvalidInput
@@ -31,7 +31,7 @@ def write_targets(
     Args:
         path: ends in .pdf.
         robot: whose soles and area the mat shows.
-        board: the checkerboard.
+        board: the board.
         paper: "a4", "letter" or "a3".
         plates: nominal heights for the labels [m].
 
@@ -39,14 +39,14 @@ def write_targets(
         The pages, in order.
 
     Raises:
-        InvalidInput: another ending or paper.
+        InvalidInput: another ending or paper, or a ChArUco board with more squares than there are markers for.
         MissingFile: the folder does not exist.
     """
     from matplotlib.backends.backend_pdf import PdfPages
 
     if Path(path).suffix.lower() != ".pdf":
         raise InvalidInput(f"{path}: it must end in .pdf")
-    sheets = [ruler(), checkerboard(board), crosses(), mat(robot), labels(plates)]
+    sheets = [ruler(), calibration_board(board), crosses(), mat(robot), labels(plates)]
     pages = [page for sheet in sheets for page in pages_of(sheet, paper)]
     with whole_file(path) as temporary:
         # No date inside: the same options give the same bytes.

@@ -8,7 +8,9 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app.files.scan_folder import read_picture
-from guara_perception.calibration.board import BoardSpec, find_board, other_size
+from guara_perception.calibration.board import BoardSpec
+from guara_perception.calibration.checkerboard import other_size
+from guara_perception.calibration.find_board import find_board
 
 BOARD = BoardSpec(9, 7, 0.03)
 

@@ -156,3 +156,17 @@ def test_recorded_scan(paper_scan: gp.Scan, calibration: gp.Calibration, robot: 
     for candidate in (calibration, moved):
         verdicts.append(scan_drift(run_scan(paper_scan, candidate, robot)).verdict)
     assert verdicts == [HOLDS, DRIFTING]
+
+
+@pytest.mark.slow
+def test_mirrored_frames_are_told_from_a_drift(paper_scan: gp.Scan, calibration: gp.Calibration, robot) -> None:
+    """Left and right swapped look like a camera that moved; the check says what it is, and only then."""
+    mirrored = dataclasses.replace(paper_scan, read_frame=lambda name: paper_scan.read_frame(name)[:, ::-1].copy())
+    drift = scan_drift(run_scan(mirrored, calibration, robot))
+    assert drift.verdict == DRIFTING and drift.reasons[0].startswith("mirrored left to right, the frames fit")
+    slipped = tuple(
+        dataclasses.replace(stripe, plane=stripe.plane + [0, 0, 0, 0.002 * (stripe.index > 30)])
+        for stripe in calibration.stripes
+    )
+    drift = scan_drift(run_scan(paper_scan, dataclasses.replace(calibration, stripes=slipped), robot))
+    assert drift.verdict == DRIFTING and not any("mirrored" in reason for reason in drift.reasons)

@@ -119,6 +119,11 @@ BROKEN: list[tuple[Edit, str]] = [
     (lambda c: c.update(robot="nobody"), "plate plate_00 was scanned by robot 'guara', the session is of 'nobody'"),
     (lambda c: c["board"].update(inner_corners=[9]), "session.json: board.inner_corners has shape 1, it must be 2"),
     (lambda c: c["board"].update(inner_corners=[9.5, 7]), "board.inner_corners is [9.5, 7.0], it must be two whole"),
+    (lambda c: c["board"].update(pattern="dots"), "board.pattern is 'dots', "),
+    (
+        lambda c: c["board"].update(pattern="charuco", inner_corners=[44, 44]),
+        "a ChArUco board of 44x44 inner corners needs 1012 markers, there are 1000: take fewer and larger squares",
+    ),
     (lambda c: c["board"].update(inner_corners=[2, 7]), "board has 2x7 inner corners"),
     (lambda c: c["board"].update(square="30 mm"), "session.json: board.square is a text, it must be a number"),
     (lambda c: c["board"].update(square=30), "squares of 0.001 ... 1 m are allowed"),

@@ -8,7 +8,8 @@ import pytest
 
 from guara_perception.app.record.board_advice import TILT, BoardAdvice, tilted_sides
 from guara_perception.app.record.simulated import BOARD_POSES
-from guara_perception.calibration.board import BoardSpec, find_board
+from guara_perception.calibration.board import BoardSpec
+from guara_perception.calibration.find_board import find_board
 from guara_perception.simulation.specimen import rotation, specimen
 from guara_perception.simulation.target_pictures import TargetCamera
 

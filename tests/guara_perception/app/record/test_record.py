@@ -17,12 +17,14 @@ from drivers import CameraSettings
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
 from drivers.emulator.camera import CameraFault
 from guara_perception.app.devices_file import Devices, load_devices, save_devices
+from guara_perception.app.files.calibration_session import open_session
 from guara_perception.app.record.plate_scan import PlateScanFailed, nominal_order, scan_uncalibrated
 from guara_perception.app.record.record import RecordingFailed, record_session
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, SessionPlan, SessionWriter
 from guara_perception.app.record.simulated import SimulatedWorkshop
 from guara_perception.app.targets.drawings import cross_points
 from guara_perception.calibration.board import BoardSpec
+from guara_perception.calibration.find_board import find_board
 from guara_perception.simulation.camera import renderer
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.world import World
@@ -41,6 +43,16 @@ def recorded(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def recorded_with_charuco(tmp_path_factory) -> Path:
+    """A session with a ChArUco board, held out to the picture's rim."""
+    from guara_perception.app.main import run
+
+    folder = tmp_path_factory.mktemp("charuco") / "session"
+    assert run(["record", str(folder), "--simulated", "--pattern", "charuco", "--plates", "0,0.05"]) == 0
+    return folder
+
+
 @pytest.fixture
 def unfinished(recorded: Path, tmp_path: Path) -> Path:
     """A copy in which the crosses, a plate and the end are still to do."""
@@ -51,9 +63,10 @@ def unfinished(recorded: Path, tmp_path: Path) -> Path:
     return folder
 
 
-def test_recorded_session_calibrates_as_good(recorded: Path, guara, tmp_path: Path):
+@pytest.mark.parametrize("session", ["recorded", "recorded_with_charuco"])
+def test_recorded_session_calibrates_as_good(session: str, guara, tmp_path: Path, request: pytest.FixtureRequest):
     """`guara calibrate` says good; the mount is the workshop's to a millimetre and a fifth of a degree."""
-    said = guara("calibrate", recorded, "-o", tmp_path / "calibration.json")
+    said = guara("calibrate", request.getfixturevalue(session), "-o", tmp_path / "calibration.json")
     assert said.code == 0 and "verdict: good" in said.out
     made, truth = gp.load_calibration(tmp_path / "calibration.json"), SimulatedWorkshop().truth
     assert made.quality["verdict"] == "good" and len(made.stripes) == 70
@@ -61,6 +74,15 @@ def test_recorded_session_calibrates_as_good(recorded: Path, guara, tmp_path: Pa
     assert np.linalg.norm(difference[:3, 3]) < 0.001
     assert np.arccos(np.clip((np.trace(difference[:3, :3]) - 1) / 2, -1, 1)) < np.deg2rad(0.2)
     assert np.allclose(made.camera.matrix, truth.camera.matrix, rtol=2e-3, atol=1.0)
+
+
+def test_parts_of_a_charuco_board_were_taken(recorded_with_charuco: Path):
+    """Some of its pictures do not show the whole board; session.json says which pattern it has."""
+    session = open_session(recorded_with_charuco)
+    assert session.board == BoardSpec(9, 7, 0.03, "charuco")
+    views = [find_board(session.read_picture(name), session.board, name) for name in session.board_images]
+    assert all(view.is_usable for view in views)
+    assert sum(len(view.corners) < 63 for view in views) >= 3
 
 
 def test_devices_are_measured_and_kept(recorded: Path):
@@ -71,10 +93,13 @@ def test_devices_are_measured_and_kept(recorded: Path):
     assert exposure <= devices.lag <= exposure + 1.5 / 60
 
 
-def test_the_way_from_the_box_to_the_first_grid(recorded: Path, guara, tmp_path: Path):
+@pytest.mark.parametrize(("session", "pattern"), [("recorded", "checkerboard"), ("recorded_with_charuco", "charuco")])
+def test_the_way_from_the_box_to_the_first_grid(
+    session: str, pattern: str, guara, tmp_path: Path, request: pytest.FixtureRequest
+):
     """The commands of docs/first-grid.md, one after the other, with emulated devices."""
-    assert guara("targets", "-o", tmp_path / "targets.pdf").code == 0
-    calibration = recorded / "calibration.json"
+    assert guara("targets", "-o", tmp_path / "targets.pdf", "--pattern", pattern).code == 0
+    calibration = request.getfixturevalue(session) / "calibration.json"
     doctor = guara("doctor", "-c", calibration, "--only", "calibration", "--json")
     assert doctor.code == 0 and json.loads(doctor.out)["level"] == "ok"
     scan = guara("scan", tmp_path / "first", "--simulated", "-c", calibration, "--mode", "coarse")
@@ -222,6 +247,7 @@ def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: P
         (["--simulated", "--printed-150", "15"], "--printed-150 is 15 mm, allowed: 135 ... 165"),
         (["--simulated", "--plates", "0,0"], "--plates is '0,0', allowed: 1 ... 20 different heights"),
         (["--simulated", "--plates", "40"], "heights of -0.5 ... 0.5 m"),
+        (["--simulated", "--pattern", "dots"], "'dots' is not one of 'checkerboard', 'charuco'"),
         (["--simulated", "--board", "9"], "--board is '9', it must be COLUMNSxROWS"),
         (["--devices", "none.toml"], "none.toml: no such file; `guara record` writes one"),
         (["--robot", "dog"], "dog"),

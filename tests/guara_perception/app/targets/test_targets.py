@@ -10,11 +10,12 @@ import pypdfium2
 import pytest
 
 import guara_perception as gp
-from guara_perception.app.targets.drawings import checkerboard, cross_points, mat, ruler
+from guara_perception.app.targets.drawings import calibration_board, cross_points, mat, ruler
 from guara_perception.app.targets.sheet import OVERLAP_MM, PAPERS_MM, pages_of
 from guara_perception.app.targets.write import write_targets
-from guara_perception.calibration.board import BoardSpec, find_board
+from guara_perception.calibration.board import CHARUCO, BoardSpec
 from guara_perception.calibration.crosses import ARM_M, BAR_M
+from guara_perception.calibration.find_board import find_board
 
 DOTS_PER_MM = 8.0
 
@@ -56,6 +57,32 @@ def test_board_is_found_and_its_squares_measure_30_mm(printed):
     for axis in (0, 1):
         steps = np.linalg.norm(np.diff(corners, axis=axis), axis=2)
         assert np.abs(steps - 30.0).max() < 0.05 and abs(steps.mean() - 30.0) < 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("paper", PAPERS_MM)
+def test_a_charuco_board_is_found_page_by_page(robot, tmp_path: Path, paper):
+    """Each page shows its part of the board: every corner on it is the right one and where the drawing has it."""
+    board = BoardSpec(9, 7, 0.03, CHARUCO)
+    path = tmp_path / "targets.pdf"
+    pages = write_targets(path, robot, board=board, paper=paper)
+    document, found = pypdfium2.PdfDocument(path), set()
+    for number, page in enumerate(pages):
+        if not page.sheet.title.startswith("ChArUco board, 9 x 7 inner corners of 30 mm"):
+            continue
+        rendered = document[number].render(scale=DOTS_PER_MM * 25.4 / 72, grayscale=True).to_numpy()
+        picture = np.asarray(rendered).reshape(rendered.shape[:2])
+        view = find_board(picture, board)
+        assert view.is_usable, view.reason
+        # From the top left of the drawing, a white border before the first square.
+        border = (page.sheet.width_mm - 300.0) / 2
+        expected = view.points(board)[:, :2] * 1e3 + border + 30.0
+        expected[:, 1] = page.sheet.height_mm - expected[:, 1]
+        drawn = [sheet_position(page, picture, corner) for corner in view.corners_px]
+        assert np.abs(drawn - expected).max() < 0.1
+        found |= set(view.corners.tolist())
+    # Where two pages are to be joined neither shows a corner's markers whole.
+    assert len(found) == 63 if paper == "a3" else len(found) >= 40
 
 
 @pytest.mark.slow
@@ -108,7 +135,7 @@ def test_ruler_is_150_mm_both_ways(printed):
 @pytest.mark.parametrize("paper", PAPERS_MM)
 def test_pages_of_a_sheet_cover_it_and_overlap(paper, robot):
     """Each page fits the paper, neighbours share the overlap, and together they cover the whole drawing."""
-    for sheet in (mat(robot), checkerboard(BoardSpec(9, 7, 0.03))):
+    for sheet in (mat(robot), calibration_board(BoardSpec(9, 7, 0.03))):
         pages = pages_of(sheet, paper)
         assert max(page.corner_mm[0] + page.size_mm[0] for page in pages) == pytest.approx(sheet.width_mm)
         assert max(page.corner_mm[1] + page.size_mm[1] for page in pages) == pytest.approx(sheet.height_mm)
@@ -133,6 +160,7 @@ def test_command_says_what_it_printed(guara, tmp_path: Path):
         (["-o", "t.txt"], "t.txt: it must end in .pdf"),
         (["-o", "t.pdf", "--board", "nine"], "--board is 'nine', it must be COLUMNSxROWS"),
         (["-o", "t.pdf", "--board", "2x7"], "board has 2x7 inner corners of 0.03 m; allowed: 3 ... 40 each way"),
+        (["-o", "t.pdf", "--pattern", "circles"], "'circles' is not one of 'checkerboard', 'charuco'"),
         (["-o", "t.pdf", "--square", "30"], "squares of 0.005 ... 0.1 m"),
         (["-o", "t.pdf", "--plates", "0;1"], "--plates is '0;1', it must be heights in metres"),
         (["-o", "none/t.pdf"], "the folder none does not exist"),

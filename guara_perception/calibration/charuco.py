@@ -1,0 +1,204 @@
+"""The ChArUco pattern: its ink, the markers it needs, and its corners in a picture that may show only a part of it.
+
+The layout is that of OpenCV 4.6 and later: black squares at the corner where the markers begin, one marker in each
+white square, numbered row by row (S. Garrido-Jurado et al., "Automatic generation and detection of highly reliable
+fiducial markers under occlusion", Pattern Recognition 47, 2014).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Final
+
+import cv2
+import numpy as np
+
+from guara_perception.arrays import Float, Float32, Grey, Index, Index32, Mask
+from guara_perception.calibration.board import BoardSpec, BoardView
+from guara_perception.exceptions import InvalidInput
+
+# A marker of 4 x 4 bits with its border is 6 cells wide and takes three quarters of a square, so that a square is 8
+# cells: markers as large as can be, since a small picture must tell their bits apart.
+CELLS_PER_SQUARE: Final = 8
+CELLS_PER_MARKER: Final = 6
+# Dictionaries by the number of their markers; each holds the smaller ones, which tell markers apart more safely.
+DICTIONARIES: Final = {
+    50: cv2.aruco.DICT_4X4_50,
+    100: cv2.aruco.DICT_4X4_100,
+    250: cv2.aruco.DICT_4X4_250,
+    1000: cv2.aruco.DICT_4X4_1000,
+}
+# A part of the board that fixes its pose: so many corners, in so many of its rows and of its columns.
+MIN_CORNERS: Final = 12
+MIN_LINES: Final = 3
+# Half the window of the sub-pixel step as a share of the smallest square. Markers begin an eighth of a square from the
+# corners and pull them: 0.04 px rms with 0.1, 0.07 px with 0.2 (rendered boards at 20 to 80 px a square).
+WINDOW_OF_SQUARE: Final = 0.1
+SMALLEST_WINDOW_PX: Final = 3
+# A window that the picture's rim cuts sees half a corner.
+RIM_PX: Final = 3
+# Lens distortion bends a board by a few per cent of a square; markers of another board lie elsewhere by a whole one.
+MAX_GRID_MISFIT: Final = 0.2
+# Other markers may lie about; a view in which most lie elsewhere shows another board.
+BELONGING_SHARE: Final = 0.5
+# Profiles across the edge from one corner to the next: along its middle, out to where markers begin.
+ALONG: Final = np.linspace(0.3, 0.7, 9)
+ACROSS: Final = np.linspace(-0.12, 0.12, 25)
+# Width from 10 to 90 % of an edge that a Gaussian blurs, as a multiple of its contrast over its steepest slope.
+WIDTH_OF_SLOPE: Final = 2 * 1.2816 / np.sqrt(2 * np.pi)
+
+
+def ink_of_charuco(board: BoardSpec) -> Mask:
+    """Cells (rows, columns) of the printed pattern, True where there is ink, CELLS_PER_SQUARE to a square.
+
+    Raises:
+        InvalidInput: more squares than there are markers for.
+    """
+    size = ((board.columns + 1) * CELLS_PER_SQUARE, (board.rows + 1) * CELLS_PER_SQUARE)
+    return np.asarray(_layout(board).generateImage(size, marginSize=0) == 0)
+
+
+def find_charuco(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
+    """Find those inner corners of a ChArUco board that a picture shows.
+
+    Args:
+        grey: (h, w) picture.
+        board: its inner corners and squares.
+        name: of the picture, for messages.
+
+    Returns:
+        The view, of a part of the board too; how sharp it is stands in it and is not judged here.
+    """
+    layout = _layout(board)
+    marks, ids = _markers(grey, layout)
+    size = f"{board.columns}x{board.rows} inner corners"
+    belong = _on_board(layout, marks, ids)
+    seen = f"{len(ids)} marker{'s' if len(ids) > 1 else ''} found"
+    if belong.sum() < max(BELONGING_SHARE * len(ids), 1):
+        mirrored = _on_board(layout, *_markers(np.ascontiguousarray(grey[:, ::-1]), layout))
+        if mirrored.sum() > max(2, belong.sum()):
+            return BoardView.unusable(name, "the board's markers are mirrored: the camera flips its pictures")
+        if not len(ids):
+            return BoardView.unusable(
+                name, f"no marker of a ChArUco board of {size} was found (hidden, blurred, another?)"
+            )
+        return BoardView.unusable(name, f"{seen}, but they lie otherwise than on a board of {size}: another board?")
+    found, numbers, _, _ = cv2.aruco.CharucoDetector(layout).detectBoard(
+        grey, markerCorners=list(marks[belong]), markerIds=ids[belong]
+    )
+    if numbers is None:
+        return BoardView.unusable(name, f"{seen}, no corner between them: show more of the board")
+    order = np.argsort(np.ravel(numbers))
+    corners, which = np.asarray(found, np.float64).reshape(-1, 2)[order], np.ravel(numbers)[order].astype(np.intp)
+    corners, which = _refined(grey, corners, which, board)
+    width = _edge_width(grey, corners, which, board)
+    rows, columns = which // board.columns, which % board.columns
+    if len(which) < MIN_CORNERS or min(len(set(rows.tolist())), len(set(columns.tolist()))) < MIN_LINES:
+        return BoardView.unusable(
+            name,
+            f"{len(which)} of {board.columns * board.rows} corners are seen; {MIN_CORNERS} or more in {MIN_LINES} rows "
+            f"and {MIN_LINES} columns are needed: show more of the board",
+            width,
+        )
+    return BoardView(name, corners, which, width)
+
+
+def marker_dictionary(board: BoardSpec) -> int:
+    """OpenCV's number of the smallest dictionary that has a marker for each white square.
+
+    Raises:
+        InvalidInput: more squares than there are markers for.
+    """
+    needed = (board.columns + 1) * (board.rows + 1) // 2
+    if needed > max(DICTIONARIES):
+        raise InvalidInput(
+            f"a ChArUco board of {board.columns}x{board.rows} inner corners needs {needed} markers, there are "
+            f"{max(DICTIONARIES)}: take fewer and larger squares"
+        )
+    return min((count, code) for count, code in DICTIONARIES.items() if count >= needed)[1]
+
+
+@lru_cache(maxsize=4)
+def _layout(board: BoardSpec) -> cv2.aruco.CharucoBoard:
+    """OpenCV's board; lengths are in cells."""
+    markers = cv2.aruco.getPredefinedDictionary(marker_dictionary(board))
+    size = (board.columns + 1, board.rows + 1)
+    return cv2.aruco.CharucoBoard(size, float(CELLS_PER_SQUARE), float(CELLS_PER_MARKER), markers)
+
+
+def _markers(grey: Grey, layout: cv2.aruco.CharucoBoard) -> tuple[Float32, Index32]:
+    """Corners (n, 1, 4, 2) [px] of the board's markers in a picture, and their numbers (n,)."""
+    marks, ids, _ = cv2.aruco.ArucoDetector(layout.getDictionary()).detectMarkers(grey)
+    if ids is None:
+        return np.empty((0, 1, 4, 2), np.float32), np.empty(0, np.int32)
+    numbers = np.ravel(ids).astype(np.int32)
+    ours = np.isin(numbers, layout.getIds())
+    return np.asarray(marks, np.float32)[ours], numbers[ours]
+
+
+def _on_board(layout: cv2.aruco.CharucoBoard, marks: Float32, ids: Index32) -> Mask:
+    """Which markers (n,) lie as on the board: what is found between others is no corner of it."""
+    if not len(ids):
+        return np.zeros(0, np.bool_)
+    by_id = dict(zip(np.ravel(layout.getIds()).tolist(), layout.getObjPoints(), strict=True))
+    on_board = np.array([np.asarray(by_id[number])[:, :2] for number in ids.tolist()], np.float64)
+    _, fits = cv2.findHomography(
+        marks.reshape(-1, 2).astype(np.float64), on_board.reshape(-1, 2), cv2.RANSAC, MAX_GRID_MISFIT * CELLS_PER_SQUARE
+    )
+    if fits is None:
+        return np.zeros(len(ids), np.bool_)
+    return np.asarray(np.reshape(fits, (-1, 4)).astype(bool).all(axis=1))
+
+
+def _refined(grey: Grey, corners: Float, which: Index, board: BoardSpec) -> tuple[Float, Index]:
+    """Corners to sub-pixel accuracy, without those that the picture's rim cuts."""
+    first, second = _neighbours(which, board)
+    if not len(first):
+        return corners, which
+    smallest = float(np.linalg.norm(corners[first] - corners[second], axis=1).min())
+    half = int(np.clip(WINDOW_OF_SQUARE * smallest, SMALLEST_WINDOW_PX, 40))
+    height, width = grey.shape
+    rim = half + RIM_PX
+    inside = ((corners > rim) & (corners < np.array([width, height]) - 1 - rim)).all(axis=1)
+    if not inside.any():
+        return corners[inside], which[inside]
+    start = np.ascontiguousarray(corners[inside], dtype=np.float32).reshape(-1, 1, 2)
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-4)
+    found = cv2.cornerSubPix(grey, start, (half, half), (-1, -1), criteria)
+    return np.asarray(found, dtype=np.float64).reshape(-1, 2), which[inside]
+
+
+def _neighbours(which: Index, board: BoardSpec) -> tuple[Index, Index]:
+    """Places in `which` of all pairs of corners with one edge between them."""
+    place = np.full(board.columns * board.rows + board.columns, -1)
+    place[which] = np.arange(len(which))
+    across = which[which % board.columns < board.columns - 1]
+    first = np.concatenate((place[across], place[which]))
+    second = np.concatenate((place[across + 1], place[which + board.columns]))
+    both = second >= 0
+    return first[both], second[both]
+
+
+def _edge_width(grey: Grey, corners: Float, which: Index, board: BoardSpec) -> float:
+    """Mean width of the black-white edges [px], from their steepest slope; NaN with no two neighbouring corners.
+
+    The detectors' own measure looks from centre to centre of the squares, where the markers are.
+    """
+    first, second = _neighbours(which, board)
+    if not len(first):
+        return float("nan")
+    edge = corners[second] - corners[first]
+    length = np.linalg.norm(edge, axis=1)
+    normal = np.column_stack((-edge[:, 1], edge[:, 0]))
+    points = (
+        corners[first][:, None, None]
+        + ALONG[:, None, None] * edge[:, None, None]
+        + ACROSS[:, None] * normal[:, None, None]
+    )
+    pixels = points.reshape(-1, len(ACROSS), 2).astype(np.float32)
+    levels = cv2.remap(grey.astype(np.float32), pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR)
+    profiles = np.asarray(levels, np.float64).reshape(len(edge), len(ALONG), len(ACROSS)).mean(axis=1)
+    slope = np.abs(np.diff(profiles, axis=1)).max(axis=1) / (np.diff(ACROSS)[0] * length)
+    low, high = corners.min(axis=0).astype(int), corners.max(axis=0).astype(int) + 1
+    dark, bright = np.percentile(grey[low[1] : high[1], low[0] : high[0]], (5, 95))
+    return float(np.mean(WIDTH_OF_SLOPE * (bright - dark) / np.maximum(slope, 1e-6)))
