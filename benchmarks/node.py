@@ -1,4 +1,7 @@
-"""The live node: how long a scan takes, how late its grid is, what it costs, and whether memory stays flat."""
+"""The live node: how long a scan takes, how late its grid is, what it costs, and whether memory stays flat.
+
+Ends with a table of sweeps, free-running and triggered, at the rates of cameras.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +24,7 @@ os.environ.update(ENVIRONMENT)
 import numpy as np
 
 import guara_perception as gp
+from benchmarks import sweeps
 from benchmarks.processor_parts import EMULATED, REST, parts_of_the_node
 from benchmarks.yardstick import Yardstick, beside
 from drivers import LaserBoard
@@ -134,6 +138,8 @@ def main() -> None:
         )
         print(*beside(rows[:, 2].tolist(), references, yardstick.stripes), sep="\n")
         print_parts(bench, arguments.scans + 1, arguments.scans)
+    sweeps.by_light()
+    sweeps.by_rate()
     if arguments.memory_scans:
         with running(arguments.data, folder, 240.0) as bench:
             for step in range(20):

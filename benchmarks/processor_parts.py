@@ -48,8 +48,10 @@ def parts_of_the_node() -> Iterator[ProcessorParts]:
     from drivers.acquisition import StripeStream
     from drivers.emulator.bus import LocalBus
     from drivers.emulator.camera import EmulatedCamera
+    from drivers.light_check import LightCheck
     from drivers.scan_worker import ScanWorker
     from guara_perception.app.node import pause_scanner
+    from guara_perception.app.node.rangefinder import Rangefinder
     from guara_perception.scan_processor import ScanProcessor
     from transport.outbox import Outbox
     from transport.status_reporter import StatusReporter
@@ -64,7 +66,9 @@ def parts_of_the_node() -> Iterator[ProcessorParts]:
         ("scan: set up", ScanProcessor, "__init__"),
         ("scan: stripes", ScanProcessor, "add_all"),
         ("scan: finish", ScanProcessor, "finish"),
-        ("check of drift", pause_scanner, "check_drift"),
+        ("check of drift", pause_scanner, "scan_drift"),
+        ("check of the camera's settings", Rangefinder, "setting_changes"),
+        ("check of the light", LightCheck, "look"),
         ("messages made", pause_scanner, "publish_terrain"),
         ("messages sent", Outbox, "post"),
         ("map", pause_scanner.WalkMap, "update"),

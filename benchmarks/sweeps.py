@@ -119,12 +119,12 @@ class Triggered:
     proved: int
 
 
-def triggered(stripes: int, flash: float = FLASH) -> Triggered:
-    """Sweep with the emulated board in Python."""
+def triggered(stripes: int, flash: float = FLASH, fps: float = 0.0) -> Triggered:
+    """Sweep with the emulated board in Python and a camera of at most `fps` frames per second; 0 for any."""
     pattern = pattern_of(stripes)
     with emulated() as (board, driver):
         board.shutter.wired, board.shutter.exposure = True, flash
-        camera = EmulatedTriggeredCamera(board, board.shutter, Picture())
+        camera = EmulatedTriggeredCamera(board, board.shutter, Picture(), fps=fps)
         taken = take(driver, camera, pattern, AcquireOptions(sweep=SweepOptions(flash=flash)))
         bound = bound_of(driver, pattern, flash)
         return _result(stripes, flash, np.array(board.triggers()), bound, taken)
@@ -286,20 +286,36 @@ def end_to_end(recording: scenes.Recording) -> EndToEnd:
     return best
 
 
-def measure(say: Callable[[str], object] = print, faulty_sweeps: int = FAULTY_SWEEPS) -> dict[str, object]:
-    """Everything; returns what `--json` prints."""
+def by_rate(say: Callable[[str], object] = print) -> list[dict[str, float]]:
+    """Free-running and triggered sweeps with cameras of each rate, beside the bound; returns the free-running ones."""
+    say(f"sweeps by emulated time [s], {1e3 * FLASH:g} ms of light; triggered by the emulated board (7 rad/s at once)")
+    say("stripes  frames/s  free-running  triggered  bound of move, settle and flash  proved")
+    free: list[dict[str, float]] = []
+    for stripes in STRIPES:
+        for fps in RATES:
+            seconds, row = free_running(fps, stripes), triggered(stripes, FLASH, fps)
+            free.append({"fps": fps, "stripes": stripes, "seconds": round(seconds, 4)})
+            say(
+                f"{stripes:7d}  {fps:8d}  {seconds:12.3f}  {row.seconds:9.3f}  {row.bound:31.3f}  "
+                f"{row.proved} of {stripes}"
+            )
+    return free
+
+
+def by_light(say: Callable[[str], object] = print) -> list[Triggered]:
+    """Triggered sweeps beside their bound, by the emulated board, which are returned, and by the firmware's ramp."""
     rows = [triggered(stripes, flash) for stripes in STRIPES for flash in (0.002, FLASH)]
     for row in rows:
         say(_line("emulated board, 7 rad/s at once", row))
     for row in on_chip(say):
         say(_line("firmware on its chip, with its ramp", row))
-    free = [
-        {"fps": fps, "stripes": stripes, "seconds": round(free_running(fps, stripes), 4)}
-        for stripes in STRIPES
-        for fps in RATES
-    ]
-    for entry in free:
-        say(f"free-running at {entry['fps']:3d} frames/s: {entry['stripes']} stripes in {entry['seconds']:.3f} s")
+    return rows
+
+
+def measure(say: Callable[[str], object] = print, faulty_sweeps: int = FAULTY_SWEEPS) -> dict[str, object]:
+    """Everything; returns what `--json` prints."""
+    rows = by_light(say)
+    free = by_rate(say)
     whole = end_to_end(scenes.simulated(SIZE, 70))
     say(
         f"first trigger to encoded grid {whole.seconds:.3f} s: {1e3 * whole.tail:.1f} ms after the last frame; "

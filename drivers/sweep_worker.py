@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import queue
 import threading
 from collections.abc import Callable, Sequence
@@ -20,7 +21,7 @@ from drivers.frame import Frame
 from drivers.laser_switch import LaserSwitch, ScanStopped
 from drivers.options import AcquireOptions, OffFrames
 from drivers.pattern import PatternStripe
-from drivers.protocol import SWEEP_STRIPES, BoardFault, BoardFlag, Shot, describe_faults
+from drivers.protocol import SWEEP_STRIPES, WAIT_UNIT_US, WAIT_UNITS, BoardFault, BoardFlag, Shot, describe_faults
 from drivers.raw_stripe import RawStripe
 from drivers.sweep_options import SweepOptions
 from drivers.sweep_proof import WAITS, ClockMatch
@@ -31,6 +32,7 @@ logger = logging.getLogger(__name__)
 FRAME_SLICE, REPORT_SLICE, FEED_PERIOD = 0.005, 0.001, 0.1
 # Seconds after the last trigger in which frames may still arrive.
 LAST_FRAMES = 0.1
+WAIT_UNIT = WAIT_UNIT_US * 1e-6
 NO_LASER = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERATURE | BoardFault.LASER_STUCK_ON
 
 
@@ -83,6 +85,7 @@ class SweepWorker(threading.Thread):
         self._cancelled = threading.Event()
         self._match = ClockMatch(self._sweep_options.tolerance)
         self._counted = False
+        self._period = 0.0
         self._off: Frame | None = None
         self._off_settled = options.off is not OffFrames.ONE
         self._fed = 0.0
@@ -127,8 +130,8 @@ class SweepWorker(threading.Thread):
         if not self._counted:
             self.notes.append("exposures not counted: frames are proved by their times alone")
         self._camera.flush()
-        period = max(self._sweep_options.period, self._camera.trigger_period)
-        sweeps.prepare(self._sweep_options.flash, period, self._options.off)
+        self._period = max(self._sweep_options.period, self._camera.trigger_period)
+        sweeps.prepare(self._sweep_options.flash, self._period, self._options.off)
         missing: Sequence[PatternStripe] = self._pattern
         for attempt in range(1 + self._sweep_options.repeats):
             if attempt:
@@ -148,8 +151,7 @@ class SweepWorker(threading.Thread):
     def _take_sweep(self, sweeps: BoardSweep, stripes: Sequence[PatternStripe], first: int) -> list[PatternStripe]:
         """Take one sweep, hand over what is proved, return the stripes that are not."""
         steps = [self._board.step_at(stripe.mirror_angle) for stripe in stripes]
-        waits = [WAITS[place] if place < len(WAITS) else 0 for place in range(len(steps))]
-        begun = sweeps.begin(steps, waits, first)
+        begun = sweeps.begin(steps, self._waits(steps), first)
         sweep = Sweep(stripes, begun.motion, first)
         self._off_settled = self._off_settled or self._off is not None
         while not self._is_over(sweep):
@@ -159,6 +161,21 @@ class SweepWorker(threading.Thread):
             self._look(sweep)
             self._hand_over(sweep)
         return [stripe for place, stripe in enumerate(stripes, first) if place not in sweep.done]
+
+    def _waits(self, steps: Sequence[int]) -> list[int]:
+        """Waits before the triggers [0.5 ms]: WAITS, where need be beyond the time that the camera needs anyway.
+
+        A slow camera's period would swallow them, and all gaps would be even.
+        """
+        profile = self._board.motion_profile()
+        needed = self._period * (2 if self._options.off is OffFrames.PER_STRIPE else 1)
+        waits = [0] * len(steps)
+        for place, wait in enumerate(WAITS[: len(steps)]):
+            if wait:
+                move = profile.time(steps[place] - steps[max(place - 1, 0)])
+                spare = needed - (move + profile.settle + self._sweep_options.flash)
+                waits[place] = min(wait + max(0, math.ceil(spare / WAIT_UNIT)), WAIT_UNITS)
+        return waits
 
     def _is_over(self, sweep: Sweep) -> bool:
         if sweep.ended_at is None:

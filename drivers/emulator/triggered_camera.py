@@ -42,6 +42,7 @@ class EmulatedTriggeredCamera(Camera):
         render: Callable[[ExposureView, CameraSettings], Image],
         *,
         latency: float = 0.004,
+        fps: float = 0.0,
         clock_offset: float = 1234.5,
         clock_drift: float = 2e-5,
         name: str = "emulated triggered camera",
@@ -53,11 +54,13 @@ class EmulatedTriggeredCamera(Camera):
             shutter: the board's, see `EmulatedBoard.shutter` and `Wiring.shutter`.
             render: makes the image of an exposure, from what the board did meanwhile and the camera's settings.
             latency: from the end of the exposure to the arrival [s].
+            fps: frames per second that it bears at the most; 0 = as fast as exposure and read-out allow.
             clock_offset: of the camera's clock [s].
             clock_drift: by how much it is fast, as a share.
             name: for messages.
         """
         self.name = name
+        self._shortest = 1.0 / fps if fps > 0 else 0.0
         self._bear(shutter.exposure, latency)
         self.dropped: frozenset[int] = frozenset()
         """Numbers of the frames, from 0, that are lost on their way."""
@@ -117,7 +120,7 @@ class EmulatedTriggeredCamera(Camera):
 
     def _bear(self, exposure: float, latency: float) -> None:
         self.lag = exposure + latency
-        self.trigger_period = exposure + READ_OUT
+        self.trigger_period = max(exposure + READ_OUT, self._shortest)
 
     def _started(self) -> int:
         if self._next is None:

@@ -229,3 +229,28 @@ def test_even_gaps_prove_nothing() -> None:
 def test_options_check_themselves(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="allowed is"):
         SweepOptions(**wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("fps", "off"),
+    [
+        *((fps, OffFrames.ONE) for fps in (18, 30, 60, 120, 240)),
+        *((fps, OffFrames.PER_STRIPE) for fps in (33, 60, 240)),
+    ],
+)
+def test_a_slow_camera_is_proved_too(fps: int, off: OffFrames) -> None:
+    """Uneven gaps show through the time that a camera needs between triggers; the sweep takes little more than that."""
+    with timing.on_clock(EmulatedClock()):
+        rig = Rig()
+        rig.camera = EmulatedTriggeredCamera(rig.emulated, rig.emulated.shutter, rig.render, fps=fps)
+        with LaserBoard(BoardConfig(handle_signals=False), backend=emulated_backend(rig.emulated)) as board:
+            prepare(board, PATTERN)
+            taken, report = rig.scan(board, AcquireOptions(off=off, sweep=SweepOptions(flash=0.004)))
+        assert [stripe.verdict for stripe in taken] == [StripeVerdict.OK] * STRIPES
+        assert not any("taken again" in problem for problem in report.problems)
+        frames = len(rig.emulated.triggers())
+        assert frames == (STRIPES + 1 if off is OffFrames.ONE else 2 * STRIPES)
+        gaps = np.diff(rig.emulated.triggers())
+        assert gaps.min() >= 1 / fps - 1e-6
+        if fps <= 60:
+            assert gaps.sum() < (frames - 1) / fps + 0.05

@@ -49,7 +49,7 @@ def recorded_with_charuco(tmp_path_factory) -> Path:
     from guara_perception.app.main import run
 
     folder = tmp_path_factory.mktemp("charuco") / "session"
-    assert run(["record", str(folder), "--simulated", "--pattern", "charuco", "--plates", "0,0.05"]) == 0
+    assert run(["record", str(folder), "--simulated", "--pattern", "charuco"]) == 0
     return folder
 
 
