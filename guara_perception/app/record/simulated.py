@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,6 +54,14 @@ BOARD_POSES = (
 CHARUCO_REACH = 1.5
 # Metering and the measurement of the lag look at the stripe on this.
 FLOOR_MATERIAL = "soil"
+
+
+def emulated_time() -> AbstractContextManager[None]:
+    """Let the devices of a workshop live by a clock of their own: nothing waits, however busy the machine is."""
+    from drivers import timing
+    from drivers.emulator import EmulatedClock
+
+    return timing.on_clock(EmulatedClock())
 
 
 class SimulatedWorkshop:

@@ -6,6 +6,7 @@ import json
 import shutil
 import sys
 import types
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from guara_perception.app.files.calibration_session import open_session
 from guara_perception.app.record.plate_scan import PlateScanFailed, nominal_order, scan_uncalibrated
 from guara_perception.app.record.record import RecordingFailed, record_session
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, SessionPlan, SessionWriter
-from guara_perception.app.record.simulated import SimulatedWorkshop
+from guara_perception.app.record.simulated import SimulatedWorkshop, emulated_time
 from guara_perception.app.targets.drawings import cross_points
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.calibration.find_board import find_board
@@ -51,6 +52,13 @@ def recorded_with_charuco(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("charuco") / "session"
     assert run(["record", str(folder), "--simulated", "--pattern", "charuco"]) == 0
     return folder
+
+
+@pytest.fixture
+def own_time() -> Iterator[None]:
+    """Workshops keep their own time."""
+    with emulated_time():
+        yield
 
 
 @pytest.fixture
@@ -165,6 +173,7 @@ def test_an_interrupted_recording_goes_on(unfinished: Path, guara):
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
 
 
+@pytest.mark.usefixtures("own_time")
 def test_a_session_that_goes_on_is_locked_as_it_was_begun(unfinished: Path):
     """The metered exposure and the lag come from its file; a plate is refused when the camera does not hold them."""
     devices = load_devices(unfinished / "devices.toml")
@@ -186,6 +195,7 @@ def test_a_session_that_goes_on_is_locked_as_it_was_begun(unfinished: Path):
     assert not (unfinished / "plate_40").exists()
 
 
+@pytest.mark.usefixtures("own_time")
 def test_a_plate_in_light_that_clips_is_told(tmp_path: Path):
     """The scan is whole; the words say what to do."""
     workshop = SimulatedWorkshop()
@@ -196,6 +206,7 @@ def test_a_plate_in_light_that_clips_is_told(tmp_path: Path):
     assert any("of the picture is clipped without the laser" in problem for problem in told)
 
 
+@pytest.mark.usefixtures("own_time")
 def test_crosses_that_are_not_there_are_asked_for_again(unfinished: Path):
     """With the reason; and after many tries the recording ends, with everything kept."""
     asked: list[str] = []
@@ -222,6 +233,7 @@ def test_crosses_that_are_not_there_are_asked_for_again(unfinished: Path):
     assert len(writer.boards) >= 12
 
 
+@pytest.mark.usefixtures("own_time")
 def test_a_plate_is_scanned_whole_or_not_at_all(tmp_path: Path):
     """A lost frame leaves no folder; the message names the stripe."""
     workshop = SimulatedWorkshop()
