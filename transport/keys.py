@@ -134,6 +134,16 @@ def summary_key(robot: str = DEFAULT_ROBOT) -> str:
     return f"{perception_prefix(robot)}/summary"
 
 
+def points_key(robot: str = DEFAULT_ROBOT) -> str:
+    """Key of the sensor_msgs/PointCloud2 of the last scan's stripes, for views."""
+    return f"{perception_prefix(robot)}/points"
+
+
+def picture_key(robot: str = DEFAULT_ROBOT) -> str:
+    """Key of the sensor_msgs/CompressedImage of one stripe of the last scan, for views."""
+    return f"{perception_prefix(robot)}/picture"
+
+
 # Status and sign of life of every robot.
 FLEET_STATUS = f"*/perception/{PERCEPTION_VERSION}/status"
 FLEET_ALIVE = f"*/perception/{PERCEPTION_VERSION}/@alive/{NODE_ROLE}"

@@ -46,6 +46,7 @@ from transport.summary_message import SummaryMessage, encode_summary
 from transport.terrain_codec import encode_terrain
 from transport.terrain_message import EXTENTS, LAYERS, Health, TerrainMessage
 from transport.typestore import GRID_MAP, OCCUPANCY, REGIONS, STATUS, SUMMARY, TERRAIN
+from transport.views import ViewSender
 
 logger = logging.getLogger(__name__)
 # Layers of the GridMap: those of float32, the only type that it can hold, and the flags, which are whole numbers
@@ -62,6 +63,7 @@ class PerceptionServer(Resource):
     Attributes:
         robot: instance name.
         run: identity of this run of the node, new at each start; in every grid and status.
+        views: sends what only people look at.
     """
 
     def __init__(
@@ -114,6 +116,7 @@ class PerceptionServer(Resource):
         # Without history: a router on the way may thin it out, and nobody fetches what was left out on purpose.
         self._summary = Publisher(session, summary_key(robot), latched=False, encoding=cdr(SUMMARY))
         self._regions = self._publisher(regions_key(robot), cdr(REGIONS), SMALL)
+        self.views = ViewSender(session, robot=robot)
         self._mirror = None if ros2_domain is None else Ros2Mirror(session, robot=robot, domain=ros2_domain)
         self._draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]] | None = None
         self._queries = QueryServer(session, self._newest.get, robot=robot)
@@ -334,7 +337,7 @@ class PerceptionServer(Resource):
             self._mirror,
         ]
         resources += [*self._terrain.values(), *self._compact.values(), self._occupancy, self._grid_map]
-        resources += [self._summary, self._regions]
+        resources += [self._summary, self._regions, self.views]
         for resource in resources:
             if resource is not None:
                 resource.close()

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import logging
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from guara_perception.app.messages import message_to_terrain
+from guara_perception.app.scene.clouds import cloud_points
 from guara_perception.app.scene.planned_footholds import planned_footholds
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, Float32, Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import parse_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.view.moment import Moment
+from transport.codec import read_time
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,6 +25,8 @@ if TYPE_CHECKING:
     from guara_perception.scan import Scan
     from guara_perception.terrain.grid import TerrainGrid
     from kinematics import RobotModel
+
+logger = logging.getLogger(__name__)
 
 
 def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration | None = None) -> list[Moment]:
@@ -55,19 +62,13 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
     raise InvalidInput(f"{path}: a grid (.npz), a recording (.mcap) or a scan folder can be shown")
 
 
-def live_moment(robot: RobotModel, grids: dict[str, TerrainGrid]) -> Moment:
-    """The newest grids, by extent."""
-    terrain = grids.get("map") or grids["footprint"]
-    return Moment(dict(grids), footholds=planned_footholds(robot, terrain))
-
-
 def _processed(scan: Scan, robot: RobotModel, calibration: Calibration) -> Moment:
     from guara_perception.process import run_scan
 
     processor = run_scan(scan, calibration, robot)
     terrain = processor.finish()
     points = [stripe.points for stripe in processor.points.values()]
-    return Moment({"footprint": terrain}, lambda: points, planned_footholds(robot, terrain))
+    return Moment({"footprint": terrain}, lambda: points, planned_footholds(robot, terrain), _picture(scan))
 
 
 def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) -> list[Moment]:
@@ -82,6 +83,7 @@ def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) ->
             for extent in ("footprint", "map"):
                 for message in recording.terrains(extent):
                     grids.setdefault(message.step, {})[extent] = message_to_terrain(message)
+            clouds = {read_time(cloud.header.stamp): cloud_points(cloud) for cloud in recording.messages("scan/points")}
             if calibration is None and recording.calibration is not None:
                 calibration = parse_calibration(recording.calibration, f"{path}: calibration.json")
     except TransportError as error:
@@ -96,10 +98,36 @@ def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) ->
         if step not in grids and calibration is not None:
             moments.append(_processed(scans[step], robot, calibration))
             continue
-        stripes = _measured(scans[step], robot, calibration) if step in scans and calibration is not None else None
-        planned = planned_footholds(robot, grids[step].get("map") or grids[step]["footprint"])
-        moments.append(Moment(grids[step], footholds=planned, **({} if stripes is None else {"stripes": stripes})))
+        scan, terrain = scans.get(step), grids[step].get("footprint") or grids[step]["map"]
+        parts: dict[str, Any] = {}
+        if terrain.stamp in clouds:
+            parts["stripes"] = _given(clouds[terrain.stamp])
+        elif scan is not None and calibration is not None:
+            parts["stripes"] = _measured(scan, robot, calibration)
+        if scan is not None:
+            parts["picture"] = _picture(scan)
+        planned = planned_footholds(robot, grids[step].get("map") or terrain)
+        moments.append(Moment(grids[step], footholds=planned, **parts))
     return moments
+
+
+def _given(points: Float32) -> Callable[[], list[Float]]:
+    return lambda: [points.astype(np.float64)]
+
+
+def _picture(scan: Scan) -> Callable[[], Image | None]:
+    """The picture of the stripe in the middle, read when it is first asked for."""
+
+    @lru_cache(maxsize=1)
+    def picture() -> Image | None:
+        in_order = sorted(scan.stripes, key=lambda stripe: stripe.mirror_angle)
+        try:
+            return scan.read_frame(in_order[len(in_order) // 2].on)
+        except (MissingFile, FileFormatError) as error:
+            logger.warning("the camera's picture is left out: %s", error)
+            return None
+
+    return picture
 
 
 def _measured(scan: Scan, robot: RobotModel, calibration: Calibration) -> Callable[[], list[Float]]:

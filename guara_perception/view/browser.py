@@ -1,4 +1,4 @@
-"""The view in the browser: robot, terrain, stripes and footholds in 3-D, served to any number of browsers."""
+"""The view in the browser: a walk in 3-D with timeline and camera, served to any number of browsers."""
 
 from __future__ import annotations
 
@@ -9,22 +9,25 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.extras import optional_library
-from guara_perception.terrain.drawing.style import rgb
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.hazard import MEANING, Hazard
-from guara_perception.view.moment import Moment
-from guara_perception.view.robot_looks import robot_looks
-from guara_perception.view.terrain_mesh import COLOURINGS, TerrainMesh, terrain_mesh
+from guara_perception.view.controls import SHOWN, Controls
+from guara_perception.view.legend import cell_text, legend_html, status_text
+from guara_perception.view.moment import Moment, no_stripes, place_of
+from guara_perception.view.picked_cell import met_by_ray
+from guara_perception.view.scene_drawing import SceneDrawing
+from guara_perception.view.terrain_mesh import terrain_mesh
+from guara_perception.view.timeline import Timeline
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-STRIPE_COLOUR, FOOTHOLD_COLOUR = (213, 94, 0), (0, 114, 178)
-SOLE_THICKNESS_M = 0.004
-EVEN_LIGHT = 2.6
-FIRST_LOOK = {"position": (1.45, -0.8, 0.65), "look_at": (0.40, 0.08, 0.0)}
+# Where the eye is and looks before the first moment, from base_footprint [m].
+EYE, LOOKED_AT = np.array([1.20, -0.95, 0.80]), np.array([0.36, 0.02, 0.06])
+# [s] How long a moment stands while the walk is played.
+PLAY_PERIOD_S = 0.7
 
 
 class BrowserView:
@@ -48,13 +51,18 @@ class BrowserView:
             MissingExtra: viser is not installed.
         """
         viser = optional_library("viser", "view", "the view in the browser")
-        self._robot = robot
         self._server: Any = viser.ViserServer(host=host, port=port, label="Guará terrain", verbose=False)
         self._lock = threading.RLock()
-        self._moments: list[Moment] = []
-        self._shown: Moment | None = None
-        self._prepare_scene()
-        self._prepare_controls()
+        self._timeline = Timeline()
+        self._eye_from = np.zeros(3)
+        self._drawn: dict[str, tuple[Any, ...]] = {}
+        # What was clicked, (3,) in odom.
+        self._clicked: Float | None = None
+        self._halt = threading.Event()
+        self._player: threading.Thread | None = None
+        self._drawing = SceneDrawing(self._server.scene, robot, self._click)
+        self._controls = Controls(self._server.gui, go_to=self._go_to, play=self._play_or_stop, redraw=self._redraw)
+        self._look_from(np.zeros(3))
 
     def __enter__(self) -> Self:
         """The view itself."""
@@ -72,7 +80,7 @@ class BrowserView:
         return f"http://{self._server.get_host()}:{self._server.get_port()}"
 
     def show_recording(self, moments: Sequence[Moment]) -> None:
-        """Show moments with a slider to go through them.
+        """Show the first of some moments, the others by timeline.
 
         Raises:
             InvalidInput: there are none.
@@ -80,142 +88,126 @@ class BrowserView:
         if not moments:
             raise InvalidInput("there is nothing to show: the recording holds no grid")
         with self._lock:
-            self._moments = list(moments)
-            self._slider.max = max(len(moments) - 1, 1)
-            self._slider.visible = len(moments) > 1
-            self._slider.value = 0
-            self.show(moments[0])
+            self._timeline.replace(moments)
+            self._redraw()
 
-    def show(self, moment: Moment) -> None:
-        """Show one moment; in live mode, call it with every new one."""
-        with self._lock, self._server.atomic():
-            self._shown = moment
-            self._draw_robot(moment)
-            self._draw_terrain(moment)
-            self._draw_stripes(moment)
-            self._draw_footholds(moment)
-            self._status.content = status_text(self._grid_of(moment))
-        self._server.flush()
+    def add(self, moment: Moment) -> None:
+        """Show a new moment of a live walk to all but those who look at an earlier one."""
+        with self._lock:
+            follow = self._timeline.is_newest
+            self._timeline.add(moment)
+            if follow:
+                self._redraw()
+            else:
+                self._tell_timeline()
 
     def close(self) -> None:
         """Stop serving."""
+        self._halt.set()
+        player = self._player
+        if player is not None:
+            player.join()
         self._server.stop()
 
-    def _prepare_scene(self) -> None:
-        scene = self._server.scene
-        scene.set_up_direction("+z")
-        # No pictures of surroundings: they would be fetched from elsewhere.
-        scene.configure_environment_map(None)
-        # Even light without shadows: a colour on the ground is that of the legend.
-        scene.configure_default_lights(enabled=False, cast_shadow=False)
-        scene.add_light_ambient("/light/all", intensity=EVEN_LIGHT)
-        scene.add_light_directional("/light/above", intensity=0.6, position=(-1.0, -2.0, 4.0), cast_shadow=False)
-        scene.add_grid("/ground", width=4.0, height=4.0, cell_size=0.1, section_size=0.5, position=(0.4, 0.0, -0.09))
-        self._server.initial_camera.position = FIRST_LOOK["position"]
-        self._server.initial_camera.look_at = FIRST_LOOK["look_at"]
-        self._server.initial_camera.up = (0.0, 0.0, 1.0)
+    def _redraw(self) -> None:
+        with self._lock, self._server.atomic():
+            moment = self._timeline.shown
+            if moment is None:
+                return
+            controls, drawing = self._controls, self._drawing
+            grid = self._grid_of(moment)
+            shows = {name: controls.shows(name) for name in SHOWN}
+            drawing.robot(moment)
+            if self._is_other("terrain", grid, controls.colouring.value):
+                mesh = terrain_mesh(grid, controls.colouring.value)
+                drawing.terrain(grid, mesh)
+                controls.tell(status_text(grid), legend_html(mesh))
+            if self._is_other("obstacles", grid, shows["obstacles"]):
+                drawing.obstacles(grid, shown=shows["obstacles"])
+            if self._is_other("stripes", moment.stripes, shows["stripes"]):
+                drawing.stripes(moment.stripes() if shows["stripes"] else [])
+            if self._is_other("footholds", moment.footholds, shows["footholds"]):
+                drawing.footholds(moment, shown=shows["footholds"])
+            drawing.trail(self._timeline.places(), shown=shows["trail"])
+            controls.has_stripes(moment.stripes is not no_stripes)
+            controls.picture(moment.picture())
+            self._explain(grid)
+            self._tell_timeline()
+            self._look_from(moment.transform_footprint_to_odom[:3, 3])
+        self._server.flush()
 
-    def _prepare_controls(self) -> None:
-        gui = self._server.gui
-        self._slider = gui.add_slider("pause", min=0, max=1, step=1, initial_value=0, visible=False)
-        self._colouring = gui.add_dropdown("colour", COLOURINGS, initial_value="hazard")
-        self._extent = gui.add_dropdown("terrain", ("map", "footprint"), initial_value="map")
-        self._with_stripes = gui.add_checkbox("stripes", initial_value=True)
-        self._with_footholds = gui.add_checkbox("footholds", initial_value=True)
-        self._status = gui.add_markdown("waiting for a scan")
-        self._legend = gui.add_html("")
-
-        def choose(_: Any) -> None:
-            with self._lock:
-                if self._moments:
-                    self.show(self._moments[min(int(self._slider.value), len(self._moments) - 1)])
-
-        def redraw(_: Any) -> None:
-            with self._lock:
-                if self._shown is not None:
-                    self.show(self._shown)
-
-        self._slider.on_update(choose)
-        for control in (self._colouring, self._extent, self._with_stripes, self._with_footholds):
-            control.on_update(redraw)
+    def _is_other(self, part: str, *of: Any) -> bool:
+        """Whether a part is made of something else than when it was drawn last: what is sent anew flickers."""
+        before, self._drawn[part] = self._drawn.get(part), of
+        return before != of
 
     def _grid_of(self, moment: Moment) -> TerrainGrid:
         """The grid that is chosen, or the other one where there is no such."""
-        return moment.grids.get(self._extent.value, moment.any_grid)
+        return moment.grids.get(self._controls.extent.value, moment.any_grid)
 
-    def _draw_robot(self, moment: Moment) -> None:
-        joints = moment.joint_positions
-        if joints is None:
+    def _tell_timeline(self) -> None:
+        playing = self._player is not None
+        self._controls.timeline(len(self._timeline), self._timeline.number, playing=playing)
+
+    def _go_to(self, number: int) -> None:
+        with self._lock:
+            if self._timeline.go_to(number):
+                self._redraw()
+
+    def _play_or_stop(self) -> None:
+        with self._lock:
+            if self._player is not None:
+                self._halt.set()
+                return
+            if self._timeline.is_newest:
+                self._timeline.go_to(0)
+                self._redraw()
+            self._halt.clear()
+            self._player = threading.Thread(target=self._play, name="guara-view-play", daemon=True)
+            self._player.start()
+            self._tell_timeline()
+
+    def _play(self) -> None:
+        while not self._halt.wait(PLAY_PERIOD_S):
+            with self._lock:
+                self._go_to(self._timeline.number + 1)
+                if self._timeline.is_newest:
+                    break
+        with self._lock:
+            self._player = None
+            self._tell_timeline()
+
+    def _click(self, origin: Float, direction: Float) -> None:
+        """Somebody clicked on the terrain: what its ray meets, all in odom."""
+        with self._lock, self._server.atomic():
+            moment = self._timeline.shown
+            if moment is None:
+                return
+            grid = self._grid_of(moment)
+            place = place_of(grid)
+            to_grid = np.linalg.inv(place)
+            met = met_by_ray(grid, to_grid[:3, :3] @ origin + to_grid[:3, 3], to_grid[:3, :3] @ direction)
+            self._clicked = None if met is None else place[:3, :3] @ met + place[:3, 3]
+            self._explain(grid)
+
+    def _explain(self, grid: TerrainGrid) -> None:
+        """Say of the place that was clicked what this grid knows of it."""
+        if self._clicked is None:
+            self._drawing.cell(grid, None)
+            self._controls.cell(None)
             return
-        state = self._robot.state(joints)
-        for link, looks in robot_looks(self._robot).items():
-            transform = moment.transform_base_to_footprint @ state.transform_to_base(link)
-            for number, look in enumerate(looks):
-                placed = look.vertices @ transform[:3, :3].T + transform[:3, 3]
-                colour = tuple(round(255 * part) for part in look.colour)
-                self._server.scene.add_mesh_simple(
-                    f"/robot/{link}/{number}", placed, look.faces, color=colour, flat_shading=True, side="double"
-                )
+        to_grid = np.linalg.inv(place_of(grid))
+        place = to_grid[:3, :3] @ self._clicked + to_grid[:3, 3]
+        self._drawing.cell(grid, place)
+        self._controls.cell(cell_text(grid.explain(float(place[0]), float(place[1]))))
 
-    def _draw_terrain(self, moment: Moment) -> None:
-        mesh = terrain_mesh(self._grid_of(moment), self._colouring.value)
-        self._server.scene.remove_by_name("/terrain")
-        if len(mesh.faces):
-            self._server.scene.add_mesh_trimesh("/terrain", textured(mesh), cast_shadow=False, receive_shadow=False)
-        self._legend.content = legend_html(mesh.legend)
-
-    def _draw_stripes(self, moment: Moment) -> None:
-        self._server.scene.remove_by_name("/stripes")
-        stripes = moment.stripes() if self._with_stripes.value else []
-        points = [stripe[np.isfinite(stripe).all(axis=1)] for stripe in stripes]
-        if sum(map(len, points)):
-            self._server.scene.add_point_cloud(
-                "/stripes", np.vstack(points) + [0, 0, 0.001], STRIPE_COLOUR, point_size=0.0012, point_shape="circle"
-            )
-
-    def _draw_footholds(self, moment: Moment) -> None:
-        self._server.scene.remove_by_name("/footholds")
-        if not self._with_footholds.value:
-            return
-        length, width = self._robot.sole
-        for leg, (x, y, z) in moment.footholds.items():
-            position = (x, y, z + SOLE_THICKNESS_M)
-            size = (length, width, SOLE_THICKNESS_M)
-            self._server.scene.add_box(f"/footholds/{leg}", FOOTHOLD_COLOUR, size, position=position, opacity=0.8)
-            self._server.scene.add_label(f"/footholds/{leg}/name", leg, position=(0.0, 0.0, 0.02))
-
-
-def textured(mesh: TerrainMesh) -> Any:
-    """A mesh for viser, its colours as a texture: those come out as they are, vertex colours would be darker."""
-    import trimesh
-    from PIL import Image
-
-    material = trimesh.visual.material.PBRMaterial(
-        baseColorTexture=Image.fromarray(mesh.picture), metallicFactor=0.0, roughnessFactor=1.0, doubleSided=True
-    )
-    visual = trimesh.visual.TextureVisuals(uv=mesh.texture_positions, material=material)
-    return trimesh.Trimesh(mesh.vertices, mesh.faces, visual=visual, process=False)
-
-
-def status_text(terrain: TerrainGrid) -> str:
-    """What is to be said of a grid, in a few lines of Markdown."""
-    data = terrain.metadata
-    lines = [f"**step {terrain.step}**, {data.get('mode', 'unknown')} scan, {terrain.extent}"]
-    known, free = float(np.isfinite(terrain.elevation).mean()), float((terrain.traversability > 0).mean())
-    lines.append(f"known {known:.0%}, traversable {free:.0%}")
-    if "attitude_source" in data:
-        lines.append(f"attitude from {data['attitude_source']}")
-    health = data.get("health") or {}
-    lines += [str(reason) for reason in health.get("reasons", ())]
-    return "  \n".join(lines)
-
-
-def legend_html(legend: Sequence[tuple[str, str]]) -> str:
-    """Names and colours of hazards as a small table."""
-    rows = []
-    for name, colour in legend:
-        meaning = "a foot may be set here" if name == "free" else MEANING[Hazard[name.upper()]]
-        red, green, blue = (round(255 * part) for part in rgb(colour))
-        box = f'<span style="display:inline-block;width:1em;height:1em;background:rgb({red},{green},{blue})"></span>'
-        rows.append(f"<div>{box} <b>{name}</b>: {meaning}</div>")
-    return f'<div style="font-size:0.75em;padding:0 1em">{"".join(rows)}</div>'
+    def _look_from(self, place: Float) -> None:
+        """Let every eye go along as far as the robot moved; who comes later looks at it from the usual side."""
+        moved = place - self._eye_from
+        self._eye_from = place
+        if self._controls.follow.value:
+            for client in self._server.get_clients().values():
+                if np.any(moved):
+                    client.camera.position = client.camera.position + moved
+        camera = self._server.initial_camera
+        camera.position, camera.look_at, camera.up = EYE + place, LOOKED_AT + place, (0.0, 0.0, 1.0)

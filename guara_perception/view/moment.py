@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, Image
 from guara_perception.terrain.grid import TerrainGrid
 
 
@@ -17,19 +17,31 @@ def no_stripes() -> list[Float]:
     return []
 
 
+def no_picture() -> Image | None:
+    """The camera's picture is not at hand."""
+    return None
+
+
+def place_of(terrain: TerrainGrid) -> Float:
+    """transform_footprint_to_odom (4, 4) of a grid, the identity where it does not say."""
+    return np.array(terrain.metadata.get("transform_footprint_to_odom", np.eye(4)), dtype=np.float64)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Moment:
     """One stance pause.
 
     Attributes:
-        grids: by extent, "footprint" and "map"; at least one.
+        grids: by extent, "footprint" and "map"; at least one, all of one pause.
         stripes: gives the measured points (n, 3) of each stripe in base_footprint [m]; called when first shown.
         footholds: planned ones by leg, (3,) in base_footprint [m].
+        picture: gives what the camera saw of one stripe, (h, w) or (h, w, 3) BGR; called when first shown.
     """
 
     grids: Mapping[str, TerrainGrid]
     stripes: Callable[[], list[Float]] = no_stripes
     footholds: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    picture: Callable[[], Image | None] = no_picture
 
     @property
     def any_grid(self) -> TerrainGrid:
@@ -40,6 +52,11 @@ class Moment:
     def step(self) -> int:
         """Number of the pause."""
         return self.any_grid.step
+
+    @property
+    def walk(self) -> str:
+        """Identity of the walk: within one, places in odom fit together."""
+        return str(self.metadata.get("epoch", ""))
 
     @property
     def metadata(self) -> Mapping[str, Any]:
@@ -56,3 +73,8 @@ class Moment:
     def transform_base_to_footprint(self) -> Float:
         """(4, 4), the identity where the grid does not say."""
         return np.array(self.metadata.get("transform_base_to_footprint", np.eye(4)), dtype=np.float64)
+
+    @property
+    def transform_footprint_to_odom(self) -> Float:
+        """(4, 4) as the map says; the identity where it does not."""
+        return place_of(self.grids.get("map", self.any_grid))

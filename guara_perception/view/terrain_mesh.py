@@ -10,15 +10,38 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float32, Image
 from guara_perception.exceptions import InvalidInput
-from guara_perception.terrain.drawing.style import HEIGHT_COLOURS, TRAVERSABILITY_COLOURS, hazard_picture
+from guara_perception.terrain.drawing.style import (
+    HEIGHT_COLOURS,
+    TRAVERSABILITY_COLOURS,
+    UNKNOWN_COLOUR,
+    hazard_picture,
+    rgb,
+)
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
 COLOURINGS = ("hazard", "elevation", "traversability")
-# Heights beyond these have the colour of the end [m].
-HEIGHT_RANGE_M = (-0.06, 0.09)
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """What the colours of a layer stand for: from `low` to `high`, in words for a person."""
+
+    name: str
+    low: float
+    high: float
+    colours: str
+    low_text: str
+    high_text: str
+
+
+# Ends of the colours of heights: whole steps about what is there, at least this much apart [m].
+HEIGHT_STEP_M, LEAST_HEIGHT_RANGE_M = 0.01, 0.06
+# Of the known cells as many may lie beyond either end.
+BEYOND = 0.005
 # Neighbouring cells further apart in height than this are not joined: a wall that nobody measured is not drawn.
 JOIN_HEIGHT_M = 0.030
+TRAVERSABILITY = Scale("traversability", 0.0, 1.0, TRAVERSABILITY_COLOURS, "0 no foot here", "1 best")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,39 +55,41 @@ class TerrainMesh:
         texture_positions: (n, 2) float32, where in the picture each vertex lies: to the right and upwards, 0 ... 1,
             the picture's first row on top.
         legend: (name, colour) of what is shown, for the hazard colouring; empty otherwise.
+        scale: of the other colourings.
     """
 
     vertices: Float32
     faces: npt.NDArray[np.uint32]
     picture: Image
     texture_positions: Float32
-    legend: tuple[tuple[str, str], ...]
+    legend: tuple[tuple[str, str], ...] = ()
+    scale: Scale | None = None
 
 
 def terrain_mesh(terrain: TerrainGrid, colouring: str = "hazard") -> TerrainMesh:
-    """Triangles over all known cells; with the colouring "hazard" also of unknown ones that were looked at, by cause.
+    """Triangles over all cells that are known or were looked at.
 
-    Unknown cells have no height: they are drawn at that of the nearest known cell, in the colour of their cause.
+    Unknown cells have no height: they are drawn at that of the nearest known cell, with the colouring "hazard" in the
+    colour of their cause, else in one grey. Cells that were never looked at are not drawn.
 
     Raises:
         InvalidInput: no such colouring.
     """
     if colouring not in COLOURINGS:
         raise InvalidInput(f"colouring is {colouring!r}, allowed: {', '.join(COLOURINGS)}")
-    elevation = terrain.elevation
-    known = np.isfinite(elevation)
-    drawn = known
+    known = np.isfinite(terrain.elevation)
+    drawn = known | ((terrain.hazard & (UNKNOWN_MASK & ~np.uint16(Hazard.UNSCANNED))) != 0)
     legend: tuple[tuple[str, str], ...] = ()
+    scale = None
     if colouring == "hazard":
         picture, shown = hazard_picture(terrain.hazard)
-        drawn = known | ((terrain.hazard & (UNKNOWN_MASK & ~np.uint16(Hazard.UNSCANNED))) != 0)
         legend = tuple(item for item in shown if item[0] != "unscanned")
-    elif colouring == "elevation":
-        low, high = HEIGHT_RANGE_M
-        picture = _coloured(np.nan_to_num((elevation - low) / (high - low)), HEIGHT_COLOURS)
     else:
-        picture = _coloured(terrain.traversability, TRAVERSABILITY_COLOURS)
-    heights = _filled(elevation)
+        scale = _height_scale(terrain.elevation) if colouring == "elevation" else TRAVERSABILITY
+        values = terrain.layers[colouring]
+        picture = _coloured(np.nan_to_num((values - scale.low) / (scale.high - scale.low)), scale.colours)
+        picture[~known] = rgb(UNKNOWN_COLOUR)
+    heights = drawn_heights(terrain)
     x, y = terrain.geometry.centres()
     ny, nx = terrain.shape
     iy, ix = np.nonzero(drawn)
@@ -76,7 +101,7 @@ def terrain_mesh(terrain: TerrainGrid, colouring: str = "hazard") -> TerrainMesh
     corners = corners[(corners >= 0).all(axis=1)]
     corners = corners[np.ptp(vertices[corners, 2], axis=1) < JOIN_HEIGHT_M]
     faces = np.vstack((corners[:, [0, 1, 2]], corners[:, [0, 2, 3]])).astype(np.uint32)
-    return TerrainMesh(vertices, faces, np.round(picture * 255).astype(np.uint8), texture_positions, legend)
+    return TerrainMesh(vertices, faces, np.round(picture * 255).astype(np.uint8), texture_positions, legend, scale)
 
 
 def _coloured(values: npt.NDArray[np.floating], name: str) -> Float32:
@@ -86,8 +111,18 @@ def _coloured(values: npt.NDArray[np.floating], name: str) -> Float32:
     return np.asarray(matplotlib.colormaps[name](np.clip(values, 0, 1))[..., :3], dtype=np.float32)
 
 
-def _filled(elevation: Float32) -> Float32:
-    """Unknown cells at the height of the nearest known one; 0 when nothing is known."""
+def _height_scale(elevation: Float32) -> Scale:
+    known = elevation[np.isfinite(elevation)]
+    low, high = np.quantile(known, (BEYOND, 1 - BEYOND)) if len(known) else (0.0, 0.0)
+    low, high = HEIGHT_STEP_M * np.floor(low / HEIGHT_STEP_M), HEIGHT_STEP_M * np.ceil(high / HEIGHT_STEP_M)
+    high = max(high, low + LEAST_HEIGHT_RANGE_M)
+    texts = (f"{1e3 * low:+.0f} mm", f"{1e3 * high:+.0f} mm")
+    return Scale("height", float(low), float(high), HEIGHT_COLOURS, *texts)
+
+
+def drawn_heights(terrain: TerrainGrid) -> Float32:
+    """Heights (ny, nx) at which cells are drawn [m]: unknown ones as high as the nearest known, 0 if none is."""
+    elevation = terrain.elevation
     known = np.isfinite(elevation)
     if not known.any():
         return np.zeros_like(elevation)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from guara_perception.terrain.grid import TerrainGrid
     from guara_perception.view.moment import Moment
     from kinematics import RobotModel
 
@@ -41,10 +40,11 @@ def command(
     rerun: bool = False,
     save: Path | None = None,
 ) -> None:
-    """Show terrain, robot, stripes and planned footholds in a browser until Ctrl-C.
+    """Show a walk in a browser: robot, terrain, stripes, obstacles, planned footholds, camera; Ctrl-C ends it.
 
     FILE is a grid (.npz), a recording (.mcap) or a scan folder; without it, what a running node publishes is shown.
-    The page is served to this machine only. With --rerun a recording opens as one scene in Rerun's own viewer.
+    A click on the ground says what is known of that place. The page is served to this machine only. With --rerun a
+    recording opens as one scene in Rerun's own viewer.
 
     \b
     Example:
@@ -69,7 +69,7 @@ def command(
             click.echo(f"{len(moments)} scans of {file}: open {view.address} (Ctrl-C ends)")
             stop.wait()
         else:
-            show_live(view.show, model, endpoint, instance, security, stop, view.address)
+            show_live(view.add, model, endpoint, instance, security, stop, view.address)
 
 
 def show_in_rerun(file: Path | None, rerun: bool, save: Path | None) -> None:
@@ -96,21 +96,9 @@ def show_live(
     stop: threading.Event,
     address: str,
 ) -> None:
-    """Show every new grid until stopped."""
-    from guara_perception.app.client import TerrainClient
-    from guara_perception.app.view_moments import live_moment
+    """Show every new pause until stopped."""
+    from guara_perception.app.live_moments import LiveMoments
 
-    grids: dict[str, TerrainGrid] = {}
-    lock = threading.Lock()
-
-    def take(terrain: TerrainGrid) -> None:
-        with lock:
-            grids[terrain.extent] = terrain
-            moment = live_moment(model, grids)
-        show(moment)
-
-    with TerrainClient(endpoint, robot=instance, security=security) as client:
-        for extent in ("footprint", "map"):
-            client.on_terrain(take, extent)
+    with LiveMoments(show, model, endpoint, robot=instance, security=security):
         click.echo(f"live view of {instance}: open {address} (Ctrl-C ends)")
         stop.wait()

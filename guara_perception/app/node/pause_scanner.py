@@ -17,6 +17,7 @@ from guara_perception.app.node.recorder import ScanRecorder, ScanRecording
 from guara_perception.app.node.sweep import ADAPTIVE, Sweeper, SweepJob
 from guara_perception.app.node.walk_map import WalkMap
 from guara_perception.app.publisher import publish_terrain
+from guara_perception.app.scene.live_view import LiveView
 from guara_perception.app.scene.mirror import SceneMirror
 from guara_perception.app.summary import summary
 from guara_perception.calibration.calibration import Calibration
@@ -77,6 +78,7 @@ class PauseScanner:
         if recorder is not None:
             status.follow(recorder.status_item)
         self._settings = Settings.of(robot)
+        self._view = LiveView(server.views, middle=self._settings.stripes // 2)
         self._map = WalkMap(robot, calibration)
         self._sweeper = Sweeper(calibration, rangefinder, self._settings, ScanPolicy(robot))
         self._published: Published | None = None
@@ -117,7 +119,9 @@ class PauseScanner:
             time_available=pause.time_left(time.monotonic()) if pause.time_available else 0.0,
             progress=progress,
             recording=recording,
+            look=self._view.look,
         )
+        self._view.begin()
         try:
             terrain, scan, processor = self._sweeper.sweep(mode, job)
             self.settle()
@@ -135,6 +139,7 @@ class PauseScanner:
             recording.add_points(processor.points, scan.end)
         if self._mirror is not None:
             self._mirror.points(processor.points, scan.end)
+        self._view.send(processor.points, scan.end)
         self._status.scanned(terrain, scan, time.monotonic() - scan.last_frame)
         if logger.isEnabledFor(logging.INFO):
             logger.info("%s", summary(terrain))

@@ -38,6 +38,7 @@ class SweepJob:
         time_available: of the pause, from now on [s]; 0 when it is not known.
         progress: called with (stripes done, stripes in all), or None.
         recording: takes every stripe, or None.
+        look: called with every stripe, or None.
     """
 
     processor: Callable[[str], ScanProcessor]
@@ -45,6 +46,7 @@ class SweepJob:
     time_available: float = 0.0
     progress: Progress | None = None
     recording: ScanRecording | None = None
+    look: Callable[[StripeCapture], None] | None = None
 
 
 class Sweeper:
@@ -99,5 +101,7 @@ class Sweeper:
                 job.progress(len(processor.profiles), done + len(firing_order))
             if job.recording is not None:
                 job.recording.add(capture)
+            if job.look is not None:
+                job.look(capture)
 
         return live_scan(self._rangefinder, processor, firing_order, should_stop=job.should_stop, on_stripe=on_stripe)

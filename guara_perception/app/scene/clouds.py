@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from guara_perception.arrays import Array
+from guara_perception.arrays import Array, Float32
 from guara_perception.terrain.drawing.style import hazard_picture
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.questions.points import known_cells
@@ -49,6 +49,19 @@ def stripe_cloud(stripes: Mapping[int, StripePoints]) -> Fields:
         "sigma": np.sqrt(variance).astype(np.float32),
         "stripe": index,
     }
+
+
+def cloud_points(cloud: Any) -> Float32:
+    """Points (n, 3) float32 of a PointCloud2 message."""
+    return np.column_stack([cloud_field(cloud, name) for name in ("x", "y", "z")])
+
+
+def cloud_field(cloud: Any, name: str) -> Array:
+    """Values (n,) of one field of a PointCloud2 message that `point_cloud_message` made."""
+    field = next(field for field in cloud.fields if field.name == name)
+    kind = np.dtype({4: "<u2", 6: "<u4", 7: "<f4"}[field.datatype])
+    rows = cloud.data.reshape(cloud.width, cloud.point_step)[:, field.offset : field.offset + kind.itemsize]
+    return np.ascontiguousarray(rows).view(kind).reshape(-1)
 
 
 def packed(colours: Array) -> Array:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from guara_perception.app.scene.clouds import cloud_field, cloud_points
 from guara_perception.arrays import Float
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, PerceptionError
 from guara_perception.extras import optional_library
@@ -150,12 +151,12 @@ def _drawn(recording: Recording, robot: str) -> Iterator[tuple[int, str, tuple[A
         return rerun.CoordinateFrame(message.header.frame_id)
 
     for time, cloud in recording.written("map/points"):
-        points, rgb = _points(cloud), _field(cloud, "rgb")
+        points, rgb = cloud_points(cloud), cloud_field(cloud, "rgb")
         colours = np.column_stack([rgb >> shift & 0xFF for shift in (16, 8, 0)]).astype(np.uint8)
         terrain = rerun.Points3D(points, colors=colours, radii=CELL_RADIUS)
         yield time, f"/{robot}/scene/terrain", (terrain, frame(cloud))
     for time, cloud in recording.written("scan/points"):
-        stripes = rerun.Points3D(_points(cloud), colors=STRIPE_COLOUR, radii=STRIPE_RADIUS)
+        stripes = rerun.Points3D(cloud_points(cloud), colors=STRIPE_COLOUR, radii=STRIPE_RADIUS)
         yield time, f"/{robot}/scene/stripes", (stripes, frame(cloud))
     for time, array in recording.written("markers"):
         header = array.markers[0]
@@ -173,15 +174,3 @@ def _drawn(recording: Recording, robot: str) -> Iterator[tuple[int, str, tuple[A
             fill_mode="solid",
         )
         yield time, f"/{robot}/scene/footholds", (boxes, frame(header))
-
-
-def _points(cloud: Any) -> Any:
-    return np.column_stack([_field(cloud, name) for name in ("x", "y", "z")])
-
-
-def _field(cloud: Any, name: str) -> Any:
-    """Values (n,) of one field of a PointCloud2."""
-    field = next(field for field in cloud.fields if field.name == name)
-    kind = np.dtype({4: "<u2", 6: "<u4", 7: "<f4"}[field.datatype])
-    rows = cloud.data.reshape(cloud.width, cloud.point_step)[:, field.offset : field.offset + kind.itemsize]
-    return np.ascontiguousarray(rows).view(kind).reshape(-1)

@@ -1,21 +1,24 @@
 """A node in its own process that publishes one stored grid when told to; arguments: endpoint, robot, grid file.
 
 Commands on standard input, each answered by "done": `publish STEP [AGE_S]`, `map STEP`, `break STEP` (a grid with one
-flipped bit), `pause STEP`, `serve`, `quit`.
+flipped bit), `look` (points and picture of the scan that was published last), `pause STEP`, `serve`, `quit`.
 """
 
 import dataclasses
 import sys
 import time
 
+import cv2
 import numpy as np
 
 import guara_perception as gp
 from guara_perception.app.messages import restamped, terrain_to_message
 from guara_perception.app.publisher import publish_terrain
-from transport import ScanFailed, encode_terrain, open_node
+from transport import ScanFailed, encode_terrain, open_node, point_cloud_message
 from transport.keys import terrain_key
 from transport.publisher import Publisher
+from transport.recording import FrameRecord
+from transport.recording.records import make_frame
 from transport.server import PerceptionServer
 
 
@@ -25,6 +28,7 @@ class Node:
         self.session = open_node(listen=endpoint)
         self.server = PerceptionServer(self.session, robot=robot)
         self.broken: Publisher | None = None
+        self.step, self.stamp = "", 0
 
     def publish(self, step: str, age: str = "0") -> None:
         if self.broken is not None:
@@ -32,11 +36,21 @@ class Node:
             self.broken.close()
             self.broken = None
         stamp = time.time_ns() - round(float(age) * 1e9)
+        self.step, self.stamp = step, stamp
         publish_terrain(self.server, restamped(self.terrain, stamp, int(step)))
         self.server.flush(30)
 
+    def look(self) -> None:
+        xyz = {name: np.linspace(0.5, 0.9, 9, dtype=np.float32) for name in "xyz"}
+        jpeg = cv2.imencode(".jpg", np.full((40, 60, 3), 90, np.uint8))[1].tobytes()
+        picture = make_frame(FrameRecord(data=jpeg, format="jpeg", stamp=self.stamp), self.stamp)
+        self.server.views.send(lambda: (point_cloud_message(xyz, "base_footprint", self.stamp), picture))
+        self.server.views.flush(30)
+
     def map(self, step: str) -> None:
-        terrain = dataclasses.replace(restamped(self.terrain, time.time_ns(), int(step)), extent="map", pictures={})
+        # The map of a scan has its stamp.
+        stamp = self.stamp if step == self.step else time.time_ns()
+        terrain = dataclasses.replace(restamped(self.terrain, stamp, int(step)), extent="map", pictures={})
         publish_terrain(self.server, terrain)
         self.server.flush(30)
 

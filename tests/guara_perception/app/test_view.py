@@ -18,8 +18,9 @@ from guara_perception.app.messages import terrain_to_message
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.view_moments import load_moments
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
-from guara_perception.view.moment import Moment
+from guara_perception.view.moment import Moment, no_stripes
 from kinematics import RobotModel
+from transport import point_cloud_message
 from transport.recording import RecordingWriter
 
 pytestmark = pytest.mark.slow
@@ -45,6 +46,9 @@ def test_a_scan_folder_shows_its_stripes(data: Path, robot: RobotModel, calibrat
     points = points[np.isfinite(points).all(axis=1)]
     assert len(points) > 10_000
     assert np.abs(np.median(points[:, 2])) < 0.005
+    picture = moment.picture()
+    assert picture is not None and picture.shape == (512, 640, 3)
+    assert moment.picture() is picture
     with pytest.raises(InvalidInput, match="is a scan folder: give the calibration that belongs to it with -c"):
         load_moments(data / "scans" / "paper", robot)
 
@@ -69,6 +73,22 @@ def test_a_recording_shows_its_grids_in_order(
         pass
     with pytest.raises(FileFormatError, match="holds neither grids nor scans: there is nothing to show"):
         load_moments(empty, robot)
+
+
+def test_recorded_points_are_shown_as_they_were_measured(
+    tmp_path: Path, robot: RobotModel, paper_terrain: gp.TerrainGrid
+) -> None:
+    """Points that stand in the recording belong to the scan of their stamp; nothing is processed for them."""
+    path = tmp_path / "walk.mcap"
+    xyz = {name: np.linspace(0.5, 0.9, 7, dtype=np.float32) for name in "xyz"}
+    with RecordingWriter(path, robot="guara") as writer:
+        for step in (1, 2):
+            scan = dataclasses.replace(paper_terrain, step=step, stamp=step, pictures={})
+            writer.add_terrain(terrain_to_message(scan, robot="guara", sequence=step))
+        writer.add_messages([("scan/points", point_cloud_message(xyz, "base_footprint", 2))])
+    first, second = load_moments(path, robot)
+    assert first.stripes is no_stripes and first.picture() is None
+    np.testing.assert_allclose(second.stripes()[0][:, 0], xyz["x"])
 
 
 def test_a_recording_of_scans_needs_a_calibration(
@@ -133,8 +153,19 @@ def test_live_grids_are_shown_as_they_come(
     try:
         node.tell("publish 1")
         assert eventually(lambda: any(moment.step == 1 for moment in shown))
-        node.tell("map 2")
+        assert shown[-1].stripes is no_stripes and shown[-1].picture() is None
+        node.tell("look")
+        assert eventually(lambda: shown[-1].picture() is not None and shown[-1].stripes is not no_stripes)
+        (points,) = shown[-1].stripes()
+        np.testing.assert_allclose(points, np.repeat(np.linspace(0.5, 0.9, 9)[:, None], 3, axis=1), atol=1e-6)
+        assert shown[-1].picture().shape == (40, 60, 3) and shown[-1].step == 1
+        node.tell("map 1")
         assert eventually(lambda: set(shown[-1].grids) == {"footprint", "map"})
+        assert shown[-1].stripes is not no_stripes and shown[-1].picture() is not None
+        # Nothing of an earlier scan stands beside a later one.
+        node.tell("map 2")
+        assert eventually(lambda: shown[-1].step == 2)
+        assert set(shown[-1].grids) == {"map"} and shown[-1].stripes is no_stripes and shown[-1].picture() is None
     finally:
         stop.set()
         viewer.join(60)

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 import guara_perception as gp
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.drawing.style import HAZARD_COLOURS, rgb
-from guara_perception.view.browser import BrowserView, legend_html, status_text
+from guara_perception.view import browser
+from guara_perception.view.browser import BrowserView
 from guara_perception.view.moment import Moment
+from guara_perception.view.scene_drawing import TRAIL_COLOUR
 from kinematics import RobotModel
 from tests.guara_perception.view.chromium import Chromium, find_chromium
 
@@ -26,6 +32,7 @@ from tests.guara_perception.view.chromium import Chromium, find_chromium
 needs_viser = pytest.mark.skipif(find_spec("viser") is None, reason="viser is not installed (extra `view`)")
 pytestmark = [pytest.mark.view, pytest.mark.heavy, needs_viser]
 
+PATIENCE_S = 90.0
 CHROMIUM = find_chromium()
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine (Debian: chromium)")
 
@@ -37,43 +44,205 @@ def page(tmp_path: Path) -> Iterator[Chromium]:
         yield chromium
 
 
-def moment(grid: gp.TerrainGrid) -> Moment:
-    stripe = np.column_stack((np.full(50, 0.9), np.linspace(-0.25, 0.25, 50), np.zeros(50)))
-    return Moment({"footprint": grid}, stripes=lambda: [stripe], footholds={"rf": (0.5, -0.18, 0.0)})
+# Between the panels.
+SCENE = np.s_[:, 320:660]
+TERRAIN = rgb(HAZARD_COLOURS[gp.Hazard.EDGE])
+TRAIL = np.array(TRAIL_COLOUR) / 255
+# The camera's picture, red, green, blue: a colour that nothing else on the page has.
+PICTURE = (20, 200, 220)
 
 
-def share(picture: np.ndarray, colour: tuple[float, float, float], tolerance: int) -> float:
+def moment(grid: gp.TerrainGrid, step: int = 7, x: float = 0.0) -> Moment:
+    """A pause at a place in odom, with a stripe, a foothold and a picture."""
+    stripe = np.column_stack((np.full(900, 0.9), np.linspace(-0.25, 0.25, 900), np.zeros(900)))
+    transform = np.eye(4)
+    transform[0, 3] = x
+    metadata = {**grid.metadata, "epoch": "walk", "transform_footprint_to_odom": transform.tolist()}
+    picture = np.full((120, 160, 3), PICTURE[::-1], np.uint8)
+    return Moment(
+        {"footprint": dataclasses.replace(grid, step=step, metadata=metadata)},
+        stripes=lambda: [stripe],
+        footholds={"rf": (0.5, -0.18, 0.0)},
+        picture=lambda: picture,
+    )
+
+
+def share(picture: np.ndarray, colour: Any, tolerance: int) -> float:
     """Share of the pixels of (nearly) a colour, hue rather than brightness."""
     wanted = np.array(colour) * 255
     return float((np.abs(picture.astype(float) - wanted).max(axis=-1) < tolerance).mean())
 
 
+def is_rust(picture: np.ndarray) -> np.ndarray:
+    """Pixels of the Guará's body."""
+    red, green, blue = (picture[..., i].astype(int) for i in range(3))
+    return (red > 100) & (red > 1.7 * green) & (green > blue) & (red < 200) & (green < 95)
+
+
+def is_laser(picture: np.ndarray) -> np.ndarray:
+    """Pixels of stripes: red, and rather blue than green, as nothing else of the scene is."""
+    red, green, blue = (picture[..., i].astype(int) for i in range(3))
+    return (red > 150) & (red > green + 60) & (blue > green + 10)
+
+
+def until(page: Chromium, condition: Callable[[np.ndarray], bool], what: str) -> np.ndarray:
+    """The first picture of the page that meets a condition; drawing takes its time in software."""
+    deadline = time.monotonic() + PATIENCE_S
+    while True:
+        picture = page.screenshot()
+        if condition(picture):
+            return picture
+        assert time.monotonic() < deadline, f"never seen: {what}; page errors: {page.errors}"
+        time.sleep(0.3)
+
+
+def open_page(page: Chromium, address: str, text: str) -> None:
+    """Open the view, wait for a text of the panel, and close the notice that there is no graphics card."""
+    page.call("Page.navigate", url=address)
+    page.wait_for("document.querySelector('canvas') !== null")
+    page.wait_for(f"document.body.innerText.includes('{text}')")
+    page.evaluate("document.querySelectorAll('.mantine-Notification-closeButton').forEach(b => b.click())")
+
+
+def press(page: Chromium, label: str) -> None:
+    """Click the button with a label."""
+    find = f"[...document.querySelectorAll('button')].find(b => b.innerText.trim() === '{label}')"
+    page.wait_for(f"{find} !== undefined && !{find}.disabled")
+    page.evaluate(f"{find}.click()")
+
+
+def tick(page: Chromium, label: str) -> None:
+    """Click the check box beside a label."""
+    page.evaluate(
+        f"[...document.querySelectorAll('label')].find(l => l.innerText.trim() === '{label}')"
+        ".closest('div').parentElement.parentElement.querySelector('input[type=checkbox]').click()"
+    )
+
+
+def click(page: Chromium, x: int, y: int) -> None:
+    """Press and release the left button at a pixel."""
+    for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+
 @needs_chromium
 def test_the_page_shows_robot_and_terrain(page: Chromium, robot: RobotModel, grid: gp.TerrainGrid) -> None:
-    """Robot, ground and controls are there, nothing fails, and nothing is fetched from elsewhere."""
+    """Robot, ground, stripe, camera and legend are there, nothing fails, and nothing is fetched from elsewhere."""
     with BrowserView(robot, port=18080) as view:
-        view.show_recording([moment(grid), moment(grid)])
-        page.call("Page.navigate", url=view.address)
-        page.wait_for("document.querySelector('canvas') !== null")
-        page.wait_for("document.body.innerText.includes('step 7')")
-        assert page.evaluate("document.body.innerText.includes('a foot may be set here')")
-        deadline = time.monotonic() + 60
-        while True:
-            picture = page.screenshot()[:, :650]
-            ground = share(picture, rgb(HAZARD_COLOURS[gp.Hazard.EDGE]), 70)
-            is_robot = (np.ptp(picture.astype(int), axis=-1) < 60) & (picture.max(axis=-1) < 190)
-            if (ground > 0.01 and is_robot.mean() > 0.01) or time.monotonic() > deadline:
-                break
-            time.sleep(0.5)
-        assert ground > 0.01
-        assert is_robot.mean() > 0.01
-        view.show(Moment({"footprint": gp.assess_terrain(np.full((4, 4), np.nan), 0.1)}))
+        view.show_recording([moment(grid), moment(grid, 8)])
+        open_page(page, view.address, "step 7")
+        for words in ("a foot may be set here", "Known, no foot here", "not drawn: unknown, never looked at"):
+            assert page.evaluate(f"document.body.innerText.includes('{words}')"), words
+
+        def is_whole(picture: np.ndarray) -> bool:
+            scene = picture[SCENE]
+            return (
+                share(scene, TERRAIN, 70) > 0.005
+                and is_rust(scene).mean() > 0.003
+                and is_laser(scene).mean() > 0.0001
+                and share(picture, np.array(PICTURE) / 255, 12) > 0.01
+            )
+
+        whole = until(page, is_whole, "robot, ground, stripe and picture")
+        tick(page, "stripes")
+        until(page, lambda picture: not is_laser(picture[SCENE]).any(), "the stripe gone")
+        view.show_recording([Moment({"footprint": gp.assess_terrain(np.full((4, 4), np.nan), 0.1)})])
         page.wait_for("document.body.innerText.includes('known 0%')")
-        time.sleep(1.0)
-        assert share(page.screenshot()[:, :650], rgb(HAZARD_COLOURS[gp.Hazard.EDGE]), 70) < ground / 4
+        ground = share(whole[SCENE], TERRAIN, 70)
+        until(page, lambda picture: share(picture[SCENE], TERRAIN, 70) < ground / 4, "no ground")
+        until(page, lambda picture: is_rust(picture[SCENE]).mean() < 1e-4, "no robot where joints are unknown")
+        assert page.evaluate("document.body.innerText.includes('picture is not at hand')")
         assert page.errors == []
         outside = [url for url in page.requests if not url.startswith((view.address, "data:", "blob:"))]
         assert outside == []
+
+
+@needs_chromium
+def test_a_walk_is_played_and_leaves_a_trail(
+    page: Chromium, robot: RobotModel, grid: gp.TerrainGrid, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The button plays to the end; the robot moves over the ground, its way behind it; the eye stays when told to."""
+    with BrowserView(robot, port=18120) as view:
+        view.show_recording([moment(grid, step, 0.2 * step) for step in range(4)])
+        open_page(page, view.address, "step 0")
+        tick(page, "follow robot")
+        first = until(page, lambda picture: is_rust(picture[SCENE]).mean() > 0.003, "the robot")
+        assert share(first[SCENE], TRAIL, 40) == 0.0
+        press(page, "play")
+        page.wait_for("document.body.innerText.includes('step 3')")
+        last = until(page, lambda picture: share(picture[SCENE], TRAIL, 40) > 0.0001, "the trail")
+
+        def centre(picture: np.ndarray) -> float:
+            return float(np.nonzero(is_rust(picture[SCENE]))[1].mean())
+
+        # Forwards is to the right in the picture.
+        assert centre(last) > centre(first) + 20
+        # From the end it begins anew, and stops when told to.
+        monkeypatch.setattr(browser, "PLAY_PERIOD_S", 3600.0)
+        press(page, "play")
+        page.wait_for("document.body.innerText.includes('step 0')")
+        press(page, "stop")
+        page.wait_for("[...document.querySelectorAll('button')].some(b => b.innerText.trim() === 'play')")
+        assert page.errors == []
+
+
+@needs_chromium
+def test_a_click_explains_the_place_and_a_scale_has_its_bar(
+    page: Chromium, robot: RobotModel, grid: gp.TerrainGrid
+) -> None:
+    """Where the ground is seen a click says what is known of it; other colours come with a bar of them."""
+    with BrowserView(robot, port=18140) as view:
+        view.show_recording([moment(grid)])
+        open_page(page, view.address, "Click on the ground")
+
+        def edge(picture: np.ndarray) -> np.ndarray:
+            """Pixels (n, 2), row and column of the scene, that lie within a yellow piece of ground."""
+            scene = picture[SCENE].astype(int)
+            is_yellow = (scene[..., 0] > scene[..., 2] + 30) & (scene[..., 1] > scene[..., 2] + 30)
+            return np.argwhere(cv2.erode(is_yellow.astype(np.uint8), np.ones((5, 5), np.uint8)))
+
+        found = edge(until(page, lambda picture: len(edge(picture)) > 50, "the edge of the ground"))
+        y, x = found[len(found) // 2]
+        click(page, int(x) + 320, int(y))
+        page.wait_for("document.body.innerText.includes('traversable') && document.body.innerText.includes('mm high')")
+        assert page.evaluate("/x=-?[0-9.]+ y=-?[0-9.]+/.test(document.body.innerText)")
+        view._controls.colouring.value = "elevation"
+        page.wait_for("document.body.innerText.includes('+60 mm')")
+        assert page.evaluate("document.body.innerHTML.includes('linear-gradient(to right')")
+        bar = "[...document.querySelectorAll('div')].find(d => d.style.background.startsWith('linear-gradient'))"
+        box = page.evaluate(f"JSON.stringify({bar}.getBoundingClientRect())")
+        where = json.loads(box)
+        row = page.screenshot()[int(where["y"] + where["height"] / 2), int(where["x"]) + 2 : int(where["right"]) - 2]
+        # From the dark blue of low ground to the yellow of high.
+        assert row[0, 2] > row[0, 0] + 30 and row[-1, 0] > row[-1, 2] + 100
+        assert page.errors == []
+
+
+@needs_chromium
+def test_a_live_walk_shows_stripes_camera_and_what_was_before(
+    page: Chromium, robot: RobotModel, grid: gp.TerrainGrid
+) -> None:
+    """A new pause is shown to who looks at the newest; who went back stays, and finds the new ones on the slider."""
+    with BrowserView(robot, port=18160) as view:
+        open_page(page, view.address, "waiting for a scan")
+        view.add(Moment({"footprint": moment(grid, 1).any_grid}))
+        page.wait_for("document.body.innerText.includes('step 1')")
+        boxes = "[...document.querySelectorAll('input[type=checkbox]')]"
+        page.wait_for(f"{boxes}.filter(box => box.disabled).length === 1")
+        view.add(moment(grid, 1))
+        page.wait_for(f"{boxes}.every(box => !box.disabled)")
+        until(page, lambda picture: is_laser(picture[SCENE]).mean() > 0.0001, "the stripe")
+        view.add(moment(grid, 2, 0.2))
+        page.wait_for("document.body.innerText.includes('step 2')")
+        view._go_to(0)
+        page.wait_for("document.body.innerText.includes('step 1')")
+        view.add(moment(grid, 3, 0.4))
+        slider = "document.querySelector('[role=slider]')"
+        page.wait_for(f"{slider}.getAttribute('aria-valuemax') === '2'")
+        assert page.evaluate("document.body.innerText.includes('step 1')")
+        view._go_to(2)
+        page.wait_for("document.body.innerText.includes('step 3')")
+        assert page.errors == []
 
 
 @needs_chromium
@@ -145,14 +314,3 @@ def test_nothing_to_show_is_refused(robot: RobotModel) -> None:
     """A recording without grids is no recording to look at."""
     with BrowserView(robot, port=18100) as view, pytest.raises(InvalidInput, match="nothing to show"):
         view.show_recording([])
-
-
-def test_texts_say_what_is_seen(grid: gp.TerrainGrid) -> None:
-    """The status names step, mode and attitude; the legend says what each colour means."""
-    text = status_text(grid)
-    assert "**step 7**, standard scan, footprint" in text
-    assert "attitude from imu" in text
-    html = legend_html((("free", "#000000"), ("dropout", "#FF0000")))
-    assert "a foot may be set here" in html
-    assert "rgb(255,0,0)" in html
-    assert "dark, absorbing or a hole" in html

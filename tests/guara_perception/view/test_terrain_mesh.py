@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -37,11 +39,30 @@ def test_a_vertex_has_the_colour_of_its_cell(grid: gp.TerrainGrid) -> None:
     assert "unscanned" not in dict(mesh.legend)
 
 
-def test_other_colourings_have_no_legend_and_unknown_ones_are_refused(grid: gp.TerrainGrid) -> None:
-    """Traversability and elevation are colour scales; anything else is refused with what there is."""
-    assert terrain_mesh(grid, "traversability").legend == ()
+def test_other_colourings_have_a_scale_and_unknown_ones_are_refused(grid: gp.TerrainGrid) -> None:
+    """Heights from lowest to highest in whole centimetres, traversability from 0 to 1; else what there is."""
+    heights = terrain_mesh(grid, "elevation")
+    assert heights.legend == () and heights.scale is not None
+    assert (heights.scale.low, heights.scale.high) == pytest.approx((0.0, 0.06))
+    assert (heights.scale.low_text, heights.scale.high_text) == ("+0 mm", "+60 mm")
+    traversability = terrain_mesh(grid, "traversability").scale
+    assert traversability is not None and (traversability.low, traversability.high) == (0.0, 1.0)
     with pytest.raises(InvalidInput, match="colouring is 'slope', allowed: hazard, elevation, traversability"):
         terrain_mesh(grid, "slope")
+
+
+@pytest.mark.parametrize("colouring", ["elevation", "traversability"])
+def test_unknown_cells_are_grey_on_every_scale(grid: gp.TerrainGrid, colouring: str) -> None:
+    """What was looked at without a height is drawn in the grey that the legend names, what is known never is."""
+    hazard = grid.hazard.copy()
+    unknown = ~np.isfinite(grid.elevation)
+    hazard[unknown] = np.uint16(gp.Hazard.DROPOUT)
+    looked_at = dataclasses.replace(grid, layers={**grid.layers, "hazard": hazard})
+    mesh = terrain_mesh(looked_at, colouring)
+    grey = np.round(255 * np.array(style.rgb(style.UNKNOWN_COLOUR)))
+    is_grey = (mesh.picture == grey).all(axis=-1)
+    np.testing.assert_array_equal(is_grey, unknown)
+    assert len(mesh.vertices) == grid.elevation.size
 
 
 def test_an_unknown_grid_has_an_empty_mesh() -> None:

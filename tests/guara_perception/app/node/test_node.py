@@ -5,6 +5,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -16,14 +17,18 @@ from guara_perception.app.files.open_scan import open_scans
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.walk_map import WalkMap
+from guara_perception.app.scene.clouds import cloud_points
 from guara_perception.app.scene.scene import Scene
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import RobotModel, Stance
 from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, wait_until
 from transport import Health, PausePhase
-from transport.codec import read_time
+from transport.codec import decode, read_time
+from transport.keys import picture_key, points_key
+from transport.receiver import NewestReceiver
 from transport.recording import open_recording
+from transport.typestore import COMPRESSED_IMAGE, POINT_CLOUD
 
 pytestmark = pytest.mark.slow
 
@@ -43,6 +48,26 @@ def test_each_pause_gives_a_grid_and_a_map(bench: Bench) -> None:
     status = bench.status.items()
     assert {item.name for item in status} == {"calibration", "drift", "scanner"}
     assert all(item.level is Health.OK for item in status)
+
+
+def test_views_get_points_and_picture_of_each_scan(bench: Bench, paper_scan: gp.Scan) -> None:
+    """With the stamp of its grid: what the stripes gave, and the frame of the one in the middle."""
+    session = bench.gait.session
+    points = NewestReceiver(session, points_key(), lambda payload: decode(payload, POINT_CLOUD))
+    pictures = NewestReceiver(session, picture_key(), lambda payload: decode(payload, COMPRESSED_IMAGE))
+    bench.gait.say(0, PausePhase.BEGIN)
+    terrain = bench.client.wait_for_step(0, timeout=TIMEOUT)
+    cloud = points.wait_for(lambda _: True, TIMEOUT).message
+    assert read_time(cloud.header.stamp) == terrain.stamp
+    x, y, z = cloud_points(cloud).T
+    assert len(x) > 4000
+    np.testing.assert_allclose(np.nanmedian(terrain.height_at(x, y) - z), 0.0, atol=1e-3)
+    message = pictures.wait_for(lambda _: True, TIMEOUT).message
+    assert read_time(message.header.stamp) == terrain.stamp
+    seen = cv2.imdecode(message.data, cv2.IMREAD_COLOR)
+    middle = {stripe.index: stripe.on for stripe in paper_scan.stripes}[34]
+    wanted = cv2.resize(paper_scan.read_frame(middle), (480, 384), interpolation=cv2.INTER_AREA)
+    assert np.abs(seen.astype(int) - wanted).mean() < 4.0
 
 
 def test_a_scan_is_refused_while_the_robot_walks_and_done_while_it_stands(bench: Bench) -> None:

@@ -1,0 +1,134 @@
+"""Moments for the view from a running node: what it publishes of a pause, put together as it comes."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import cv2
+import numpy as np
+
+from guara_perception.app.messages import message_to_terrain
+from guara_perception.app.scene.clouds import cloud_points
+from guara_perception.app.scene.planned_footholds import planned_footholds
+from guara_perception.arrays import Float32, Image
+from guara_perception.exceptions import PerceptionError
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.view.moment import Moment
+from transport import TerrainMessage, open_client
+from transport.client import PerceptionClient
+from transport.codec import decode, read_time
+from transport.keys import check_name, picture_key, points_key
+from transport.receiver import NewestReceiver
+from transport.typestore import COMPRESSED_IMAGE, POINT_CLOUD
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+    from transport.received import Received
+
+logger = logging.getLogger(__name__)
+EXTENTS = ("footprint", "map")
+
+
+class LiveMoments:
+    """Receives grids, points and pictures of one robot and shows every pause as far as it is known.
+
+    What belongs together tells the stamp, the end of the scan. A scan whose map follows is shown with it, in odom.
+    """
+
+    def __init__(
+        self,
+        show: Callable[[Moment], None],
+        model: RobotModel,
+        endpoint: str | None,
+        *,
+        robot: str,
+        security: str | Path | None = None,
+    ) -> None:
+        """Connect.
+
+        Args:
+            show: called with every moment, a later one of the same pause among them, on threads of the client.
+            model: of the robot.
+            endpoint, robot, security: as of `TerrainClient`.
+
+        Raises:
+            transport.ConnectionFailed: nobody answers; the message lists what to check.
+        """
+        check_name(robot)
+        self._show, self._model = show, model
+        self._lock = threading.Lock()
+        self._grids: dict[str, TerrainGrid] = {}
+        self._points: tuple[int, Float32] | None = None
+        self._picture: tuple[int, Image] | None = None
+        session = open_client(endpoint, security=security)
+        self._client = PerceptionClient(session, robot=robot)
+        for extent in EXTENTS:
+            self._client.on_terrain(self._take_grid, extent=extent)
+        points = NewestReceiver(session, points_key(robot), lambda payload: decode(payload, POINT_CLOUD))
+        points.on_newest(self._take_points)
+        pictures = NewestReceiver(session, picture_key(robot), lambda payload: decode(payload, COMPRESSED_IMAGE))
+        pictures.on_newest(self._take_picture)
+
+    def __enter__(self) -> Self:
+        """The receiver itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Disconnect."""
+        self._client.close()
+
+    def _take_grid(self, message: TerrainMessage) -> None:
+        try:
+            terrain = message_to_terrain(message)
+        except PerceptionError as error:
+            logger.error("%s", error)
+            return
+        with self._lock:
+            is_first_map = "map" not in self._grids
+            self._grids[terrain.extent] = terrain
+            # The map of this scan is on its way and says where in odom it was; a scan that is taken back has none.
+            if terrain.extent == "map" or is_first_map or terrain.metadata.get("withdrawn"):
+                self._tell(terrain)
+
+    def _take_points(self, received: Received[Any]) -> None:
+        cloud = received.message
+        with self._lock:
+            self._points = read_time(cloud.header.stamp), cloud_points(cloud)
+            self._tell_again(self._points[0])
+
+    def _take_picture(self, received: Received[Any]) -> None:
+        message = received.message
+        image = cv2.imdecode(np.asarray(message.data, dtype=np.uint8), cv2.IMREAD_COLOR)
+        if image is None:
+            logger.warning("the camera's picture is left out: it is no %s", message.format)
+            return
+        with self._lock:
+            self._picture = read_time(message.header.stamp), image
+            self._tell_again(self._picture[0])
+
+    def _tell_again(self, stamp: int) -> None:
+        """Show a moment once more if it is on show: something of its scan came."""
+        terrain = self._grids.get("map") or self._grids.get("footprint")
+        if terrain is not None and terrain.stamp == stamp:
+            self._tell(terrain)
+
+    def _tell(self, terrain: TerrainGrid) -> None:
+        """Show all that is known of the scan that a grid was made from."""
+        grids = {extent: grid for extent in EXTENTS if (grid := self._grids.get(extent)) is not None}
+        grids = {extent: grid for extent, grid in grids.items() if grid.stamp == terrain.stamp}
+        parts: dict[str, Any] = {}
+        if self._points is not None and self._points[0] == terrain.stamp:
+            cloud = [self._points[1]]
+            parts["stripes"] = lambda: cloud
+        if self._picture is not None and self._picture[0] == terrain.stamp:
+            image = self._picture[1]
+            parts["picture"] = lambda: image
+        planned = {} if terrain.metadata.get("withdrawn") else planned_footholds(self._model, terrain)
+        self._show(Moment(grids, footholds=planned, **parts))

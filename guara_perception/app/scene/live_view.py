@@ -1,0 +1,72 @@
+"""What a live view shows beside the grids: the points of a scan's stripes, and the camera's picture of one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from guara_perception.app.scene.clouds import stripe_cloud
+from guara_perception.arrays import Image
+from kinematics import BASE_FOOTPRINT
+from transport import point_cloud_message
+from transport.recording import FrameRecord
+from transport.recording.records import make_frame
+from transport.views import ViewSender
+
+if TYPE_CHECKING:
+    from drivers import StripeCapture
+    from guara_perception.ranging.stripe_points import StripePoints
+
+# Of the points one in so many goes out, and the picture no wider than this: a view is for looking.
+THINNED = 2
+PICTURE_WIDTH_PX = 480
+JPEG_QUALITY = 80
+# Stripes so far from the middle are not worth a copy of their picture.
+NEAR = 2
+
+
+class LiveView:
+    """Gathers what is to be seen of a scan and hands it to the sender; nothing here makes the scan wait."""
+
+    def __init__(self, views: ViewSender, middle: int) -> None:
+        """For a node.
+
+        Args:
+            views: sends.
+            middle: index of the stripe in the middle of the pattern: the one nearest to it is shown.
+        """
+        self._views, self._middle = views, middle
+        self._seen: tuple[int, Image] | None = None
+
+    def begin(self) -> None:
+        """Forget the picture of the scan before."""
+        self._seen = None
+
+    def look(self, capture: StripeCapture) -> None:
+        """Keep the picture of a stripe if it is near the middle and the nearest so far; else the first."""
+        off = abs(capture.index - self._middle)
+        is_nearer = self._seen is None or (off <= NEAR and off < self._seen[0])
+        if capture.on is not None and is_nearer:
+            self._seen = off, capture.on.copy()
+
+    def send(self, points: Mapping[int, StripePoints], stamp: int) -> None:
+        """Send the points of the stripes, by index, and the picture, both of the scan that ended at `stamp` [ns]."""
+        kept, seen = dict(points), self._seen
+        self._views.send(lambda: _messages(kept, seen, stamp))
+
+
+def _messages(points: Mapping[int, StripePoints], seen: tuple[int, Image] | None, stamp: int) -> Iterator[Any]:
+    cloud = stripe_cloud(points)
+    thinned = {name: np.ascontiguousarray(cloud[name][::THINNED]) for name in ("x", "y", "z")}
+    yield point_cloud_message(thinned, BASE_FOOTPRINT, stamp)
+    if seen is not None:
+        image = seen[1]
+        scale = min(1.0, PICTURE_WIDTH_PX / image.shape[1])
+        small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        if small.dtype != np.uint8:
+            small = cv2.convertScaleAbs(small, alpha=255 / 65535)
+        data = cv2.imencode(".jpg", small, (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY))[1].tobytes()
+        yield make_frame(FrameRecord(data=data, format="jpeg", stamp=stamp), stamp)

@@ -1,0 +1,104 @@
+"""The panel beside the scene: timeline, what is shown, legend, the camera's picture, what was clicked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from guara_perception.arrays import Image
+from guara_perception.view.terrain_mesh import COLOURINGS
+
+NO_CELL = "Click on the ground: what is known of that place, and why a foot may or may not go there."
+PICTURE_WIDTH_PX = 480
+SHOWN = ("stripes", "footholds", "obstacles", "trail")
+
+
+class Controls:
+    """The controls of one page, the same for everybody who looks.
+
+    Attributes:
+        colouring, extent: what of the terrain is shown, as viser's controls.
+        follow: whether the eye goes along with the robot, as viser's control.
+    """
+
+    def __init__(self, gui: Any, *, go_to: Callable[[int], None], play: Callable[[], None], redraw: Callable[[], None]):
+        """Make them.
+
+        Args:
+            gui: viser's.
+            go_to: called with the number of a moment when the slider is moved.
+            play: called when the play button is pressed.
+            redraw: called when something else is to be shown.
+        """
+        gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
+        gui.set_panel_label("Guará")
+        self._status = gui.add_markdown("waiting for a scan")
+        with gui.add_folder("walk"):
+            self._slider = gui.add_slider("pause", min=0, max=1, step=1, initial_value=0, disabled=True)
+            self._play = gui.add_button("play", disabled=True)
+            self.follow = gui.add_checkbox("follow robot", initial_value=True)
+        with gui.add_folder("ground"):
+            self.colouring = gui.add_dropdown("colour", COLOURINGS, initial_value="hazard")
+            self.extent = gui.add_dropdown("terrain", ("map", "footprint"), initial_value="map")
+            self._legend = gui.add_html("")
+        with gui.add_folder("on it"):
+            self._shown = {name: gui.add_checkbox(name, initial_value=True) for name in SHOWN}
+        beside = gui.add_panel()
+        with beside.add_tab("camera and place"):
+            self._picture = gui.add_image(np.full((2, 2, 3), 230, np.uint8), label="camera", visible=False)
+            self._caption = gui.add_markdown("the camera's picture is not at hand")
+            gui.add_divider()
+            self._cell = gui.add_markdown(NO_CELL)
+        beside.float(x=16, y=16, width=300)
+        # Of the camera of the moment before, so that the same is not sent again.
+        self._sent: Image | None = None
+
+        self._slider.on_update(lambda _: go_to(int(self._slider.value)))
+        self._play.on_click(lambda _: play())
+        for control in (self.colouring, self.extent, *self._shown.values()):
+            control.on_update(lambda _: redraw())
+
+    def shows(self, name: str) -> bool:
+        """Whether one of `SHOWN` is to be seen."""
+        return bool(self._shown[name].value)
+
+    def has_stripes(self, at_hand: bool) -> None:
+        """Whether there are stripes to show: a box that shows nothing cannot be ticked."""
+        self._shown["stripes"].disabled = not at_hand
+
+    def timeline(self, count: int, number: int, *, playing: bool) -> None:
+        """How many moments there are, which is shown, whether they are being played."""
+        self._slider.max = max(count - 1, 1)
+        self._slider.disabled = self._play.disabled = count < 2
+        if int(self._slider.value) != number:
+            self._slider.value = number
+        self._play.label = "stop" if playing else "play"
+
+    def tell(self, status: str, legend: str) -> None:
+        """What is to be said of the grid, and what its colours mean."""
+        self._status.content, self._legend.content = status, legend
+
+    def picture(self, image: Image | None) -> None:
+        """What the camera saw, (h, w) or (h, w, 3) BGR; None = not at hand."""
+        self._picture.visible, self._caption.visible = image is not None, image is None
+        if image is not None and image is not self._sent:
+            self._picture.image = for_page(image)
+        self._sent = image
+
+    def cell(self, text: str | None) -> None:
+        """What is said of the place that was clicked; None = nowhere."""
+        self._cell.content = NO_CELL if text is None else text
+
+
+def for_page(image: Image) -> Image:
+    """A camera's picture as pages show it: red, green, blue, 8 bits, no wider than it is drawn."""
+    import cv2
+
+    if image.dtype != np.uint8:
+        image = cv2.convertScaleAbs(image, alpha=255 / 65535)
+    image = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB)
+    height, width = image.shape[:2]
+    scale = min(1.0, PICTURE_WIDTH_PX / width)
+    return np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)

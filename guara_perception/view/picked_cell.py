@@ -1,0 +1,42 @@
+"""Which place of a terrain a ray meets: what somebody means who clicks on it."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.arrays import Float
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.view.terrain_mesh import drawn_heights
+
+# A ray is followed in parts of a cell, no further than this [m].
+PART_OF_CELL = 0.5
+FAR_M = 20.0
+# How far above the highest and below the lowest cell it is looked for [m].
+MARGIN_M = 0.005
+
+
+def met_by_ray(terrain: TerrainGrid, origin: npt.ArrayLike, direction: npt.ArrayLike) -> Float | None:
+    """The first place (3,) where a ray comes to the drawn terrain or below it, None where it passes by.
+
+    Args:
+        terrain: grid; unknown cells are taken as high as they are drawn.
+        origin, direction: (3,) in the frame of the grid [m]; the direction of any length.
+    """
+    start, along = np.asarray(origin, dtype=np.float64), np.asarray(direction, dtype=np.float64)
+    along = along / np.linalg.norm(along)
+    heights = drawn_heights(terrain)
+    near, far = 0.0, FAR_M
+    if along[2] != 0.0:
+        # Only between the levels of the highest and the lowest cell.
+        levels = np.array([heights.max() + MARGIN_M, heights.min() - MARGIN_M])
+        one, other = np.sort((levels - start[2]) / along[2])
+        near, far = max(near, float(one)), min(far, float(other))
+    if far <= near:
+        return None
+    steps = np.arange(near, far, PART_OF_CELL * terrain.resolution)[:, None]
+    points = start + steps * along
+    iy, ix = terrain.geometry.indices(points[:, 0], points[:, 1])
+    inside = terrain.geometry.contains(iy, ix)
+    met = np.flatnonzero(inside)[points[inside, 2] <= heights[iy[inside], ix[inside]] + 1e-9]
+    return points[met[0]] if len(met) else None

@@ -1,0 +1,217 @@
+"""Draws a moment into viser's scene: robot, terrain and what belongs to it, in odom, where the robot moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from guara_perception.arrays import Float
+from guara_perception.terrain.drawing.style import HAZARD_COLOURS, rgb
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.hazard import Hazard
+from guara_perception.view.moment import Moment, place_of
+from guara_perception.view.robot_looks import robot_looks
+from guara_perception.view.terrain_mesh import TerrainMesh
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+STRIPE_COLOUR, FOOTHOLD_COLOUR, TRAIL_COLOUR, CELL_COLOUR = (230, 20, 60), (0, 114, 178), (120, 40, 120), (0, 0, 0)
+HOLE_COLOUR, OBSTACLE_COLOUR = (122, 31, 31), tuple(round(255 * part) for part in rgb(HAZARD_COLOURS[Hazard.STEP]))
+SOLE_THICKNESS_M = 0.004
+# Lines on the ground lie so much above it [m].
+LIFT_M = 0.002
+LINE_PX = 2.0
+# Outlines follow the edges of cells to this, one cell and a bit [m].
+OUTLINE_M = 0.006
+# So large a point is drawn, one in so many: the ground is to be seen between the stripes.
+STRIPE_SIZE_M, STRIPE_THINNED, STRIPE_LIFT_M = 0.0007, 3, 0.001
+EVEN_LIGHT = 2.2
+# Ground under the terrain: lower than a leg reaches.
+GROUND_M = -0.09
+
+Picked = Callable[[Float, Float], None]
+
+
+class SceneDrawing:
+    """The things of one scene, each below a node of its own.
+
+    Poses change with every moment; shapes of the robot are sent once.
+    """
+
+    def __init__(self, scene: Any, robot: RobotModel, picked: Picked) -> None:
+        """Set up light, ground and the robot.
+
+        Args:
+            scene: viser's.
+            robot: whose shapes are drawn.
+            picked: called with origin and direction (3,) in odom of a click on the terrain.
+        """
+        self._scene, self._robot, self._picked = scene, robot, picked
+        scene.set_up_direction("+z")
+        # No pictures of surroundings: they would be fetched from elsewhere.
+        scene.configure_environment_map(None)
+        # Even light without shadows: a colour on the ground is that of the legend.
+        scene.configure_default_lights(enabled=False, cast_shadow=False)
+        scene.add_light_ambient("/light/all", intensity=EVEN_LIGHT)
+        scene.add_light_directional("/light/above", intensity=1.2, position=(-1.0, -2.0, 4.0), cast_shadow=False)
+        scene.add_grid(
+            "/ground",
+            40.0,
+            40.0,
+            cell_size=0.1,
+            cell_color=(226, 228, 232),
+            section_size=0.5,
+            section_color=(196, 200, 208),
+            position=(0.0, 0.0, GROUND_M),
+            fade_distance=7.0,
+        )
+        self._footprint = scene.add_frame("/odom/footprint", show_axes=False)
+        self._body = scene.add_frame("/odom/footprint/robot", show_axes=False, visible=False)
+        self._links: dict[str, Any] = {}
+        for link, looks in robot_looks(robot).items():
+            self._links[link] = scene.add_frame(f"/odom/footprint/robot/{link}", show_axes=False)
+            for number, look in enumerate(looks):
+                scene.add_mesh_simple(
+                    f"/odom/footprint/robot/{link}/{number}",
+                    look.vertices,
+                    look.faces,
+                    color=tuple(round(255 * part) for part in look.colour),
+                    flat_shading=True,
+                    cast_shadow=False,
+                    receive_shadow=False,
+                )
+
+    def robot(self, moment: Moment) -> None:
+        """The robot as it stands, at its place in odom."""
+        _place(self._footprint, moment.transform_footprint_to_odom)
+        joints = moment.joint_positions
+        self._body.visible = joints is not None
+        if joints is None:
+            return
+        _place(self._body, moment.transform_base_to_footprint)
+        state = self._robot.state(joints)
+        for link, frame in self._links.items():
+            _place(frame, state.transform_to_base(link))
+
+    def terrain(self, terrain: TerrainGrid, mesh: TerrainMesh) -> None:
+        """A grid at its place in odom; a click on it is told."""
+        self._scene.remove_by_name("/odom/terrain")
+        if not len(mesh.faces):
+            return
+        handle = self._scene.add_mesh_trimesh("/odom/terrain", textured(mesh), cast_shadow=False, receive_shadow=False)
+        _place(handle, place_of(terrain))
+
+        @handle.on_click
+        def click(event: Any) -> None:
+            self._picked(np.array(event.ray_origin), np.array(event.ray_direction))
+
+    def stripes(self, stripes: Sequence[Float]) -> None:
+        """Measured points, (n, 3) in base_footprint for each stripe."""
+        name = "/odom/footprint/stripes"
+        self._scene.remove_by_name(name)
+        points = [stripe[np.isfinite(stripe).all(axis=1)] for stripe in stripes]
+        if sum(map(len, points)):
+            cloud = np.vstack(points)[::STRIPE_THINNED] + [0.0, 0.0, STRIPE_LIFT_M]
+            self._scene.add_point_cloud(name, cloud, STRIPE_COLOUR, point_size=STRIPE_SIZE_M, point_shape="circle")
+
+    def footholds(self, moment: Moment, *, shown: bool) -> None:
+        """A sole where each foot is planned to go."""
+        name = "/odom/footprint/footholds"
+        self._scene.remove_by_name(name)
+        length, width = self._robot.sole
+        for leg, (x, y, z) in moment.footholds.items() if shown else ():
+            position, size = (x, y, z + SOLE_THICKNESS_M), (length, width, SOLE_THICKNESS_M)
+            self._scene.add_box(f"{name}/{leg}", FOOTHOLD_COLOUR, size, position=position, opacity=0.8)
+            self._scene.add_label(f"{name}/{leg}/name", leg, position=(0.0, 0.0, 0.02), anchor="bottom-center")
+
+    def obstacles(self, terrain: TerrainGrid, *, shown: bool) -> None:
+        """Outline and height of each obstacle of a grid, as a prism with its height written on it."""
+        name = "/odom/obstacles"
+        self._scene.remove_by_name(name)
+        found = terrain.obstacles() if shown else []
+        if not found:
+            return
+        _place(self._scene.add_frame(name, show_axes=False), place_of(terrain))
+        for number, obstacle in enumerate(found):
+            top, height = float(obstacle.position[2]), obstacle.height
+            self._scene.add_line_segments(
+                f"{name}/{number}",
+                prism(plain(obstacle.outline), top - height, top + LIFT_M),
+                OBSTACLE_COLOUR if height > 0 else HOLE_COLOUR,
+                thickness=LINE_PX,
+                thickness_units="screen",
+            )
+            text, over = f"{1e3 * height:+.0f} mm", (0.0, 0.0, 0.015)
+            position = obstacle.position + over
+            self._scene.add_label(f"{name}/{number}/height", text, position=position, anchor="bottom-center")
+
+    def trail(self, places: Sequence[Float], *, shown: bool) -> None:
+        """The way of the body over the ground: places (4, 4) of base_footprint in odom, a tick at each pause."""
+        self._scene.remove_by_name("/odom/trail")
+        if shown and len(places) > 1:
+            self._scene.add_line_segments(
+                "/odom/trail", way(places), TRAIL_COLOUR, thickness=2 * LINE_PX, thickness_units="screen"
+            )
+
+    def cell(self, terrain: TerrainGrid, place: Float | None) -> None:
+        """The cell at a place (3,) of a grid, framed, with a pin over it; None takes it away."""
+        name = "/odom/cell"
+        self._scene.remove_by_name(name)
+        if place is None:
+            return
+        _place(self._scene.add_frame(name, show_axes=False), place_of(terrain))
+        half, (x, y, z) = terrain.resolution, place
+        corners = np.array([(x + i * half, y + j * half) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+        pin = np.array([[(x, y, z), (x, y, z + 0.06)]])
+        lines = np.concatenate((prism(corners, z + LIFT_M, z + 2 * LIFT_M), pin))
+        self._scene.add_line_segments(f"{name}/pin", lines, CELL_COLOUR, thickness=LINE_PX, thickness_units="screen")
+
+
+def plain(outline: Float) -> Float:
+    """An outline (n, 2) along the edges of cells without its steps: corners (m, 2) nowhere further off than a cell."""
+    import cv2
+
+    corners = cv2.approxPolyDP(outline.astype(np.float32)[:, None], OUTLINE_M, closed=True)[:, 0]
+    return np.asarray(corners if len(corners) > 2 else outline, dtype=np.float64)
+
+
+def prism(outline: Float, bottom: float, top: float) -> Float:
+    """Edges (3 n, 2, 3) of an upright prism over an outline (n, 2) that is not closed."""
+    following = np.roll(outline, -1, axis=0)
+    levels = [
+        np.stack([np.column_stack((ends, np.full(len(ends), z))) for ends in (outline, following)], axis=1)
+        for z in (bottom, top)
+    ]
+    upright = np.stack([level[:, 0] for level in levels], axis=1)
+    return np.concatenate((*levels, upright)).astype(np.float32)
+
+
+def way(places: Sequence[Float]) -> Float:
+    """Lines (n, 2, 3) in odom from place to place (4, 4), with a short one across at each."""
+    centres = np.array([place[:3, 3] for place in places]) + [0, 0, LIFT_M]
+    across = np.array([place[:3, 1] for place in places]) * 0.015
+    ticks = np.stack((centres - across, centres + across), axis=1)
+    return np.concatenate((np.stack((centres[:-1], centres[1:]), axis=1), ticks)).astype(np.float32)
+
+
+def textured(mesh: TerrainMesh) -> Any:
+    """A mesh for viser, its colours as a texture: those come out as they are, vertex colours would be darker."""
+    import trimesh
+    from PIL import Image
+
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=Image.fromarray(mesh.picture), metallicFactor=0.0, roughnessFactor=1.0, doubleSided=True
+    )
+    visual = trimesh.visual.TextureVisuals(uv=mesh.texture_positions, material=material)
+    return trimesh.Trimesh(mesh.vertices, mesh.faces, visual=visual, process=False)
+
+
+def _place(handle: Any, transform: Float) -> None:
+    """Put a node where a transform (4, 4) to its parent says."""
+    from scipy.spatial.transform import Rotation
+
+    handle.position = transform[:3, 3]
+    handle.wxyz = Rotation.from_matrix(transform[:3, :3]).as_quat(scalar_first=True)

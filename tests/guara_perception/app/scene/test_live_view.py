@@ -1,0 +1,75 @@
+"""Tests of what a node sends for views beside its grids."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+
+import guara_perception as gp
+from guara_perception.app.scene.clouds import cloud_points
+from guara_perception.app.scene.live_view import PICTURE_WIDTH_PX, THINNED, LiveView
+from guara_perception.process import run_scan
+from kinematics import RobotModel
+from transport.codec import read_time
+
+
+class Sender:
+    """Keeps what is sent."""
+
+    def __init__(self) -> None:
+        self.sent: list[Any] = []
+
+    def send(self, make: Any) -> None:
+        self.sent = list(make())
+
+
+def capture(index: int, level: int | None) -> Any:
+    return SimpleNamespace(index=index, on=None if level is None else np.full((512, 640, 3), level, np.uint8))
+
+
+def shown(view: LiveView, sender: Sender) -> int | None:
+    """Level of the picture that is sent, None where none is."""
+    view.send({}, 7)
+    if len(sender.sent) < 2:
+        return None
+    assert read_time(sender.sent[1].header.stamp) == 7
+    picture = cv2.imdecode(sender.sent[1].data, cv2.IMREAD_COLOR)
+    assert picture.shape == (384, PICTURE_WIDTH_PX, 3)
+    return round(float(picture.mean()))
+
+
+def test_the_stripe_in_the_middle_is_shown() -> None:
+    """Whatever the order; the first while no other is near; none of the scan before; lost frames are passed over."""
+    sender = Sender()
+    view = LiveView(sender, middle=35)  # type: ignore[arg-type]
+    assert shown(view, sender) is None
+    for index in (0, 10, 34, 36, 69):
+        view.look(capture(index, index))
+    assert shown(view, sender) == 34
+    view.look(capture(35, None))
+    assert shown(view, sender) == 34
+    buffer = capture(35, 35)
+    view.look(buffer)
+    # Cameras use their buffers again.
+    buffer.on[:] = 200
+    assert shown(view, sender) == 35
+    view.begin()
+    assert shown(view, sender) is None
+    view.look(capture(2, 2))
+    view.look(capture(4, 4))
+    assert shown(view, sender) == 2
+
+
+def test_the_points_are_those_of_the_scan(paper_scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel) -> None:
+    """One in two, all finite, with the stamp of the scan."""
+    sender = Sender()
+    processor = run_scan(paper_scan, calibration, robot)
+    LiveView(sender, middle=35).send(processor.points, 99)  # type: ignore[arg-type]
+    (cloud,) = sender.sent
+    points = np.vstack([stripe.points for stripe in processor.points.values()])
+    points = points[np.isfinite(points).all(axis=1)]
+    np.testing.assert_allclose(cloud_points(cloud), points[::THINNED], atol=1e-6)
+    assert read_time(cloud.header.stamp) == 99 and cloud.header.frame_id == "base_footprint"

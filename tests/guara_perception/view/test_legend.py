@@ -1,0 +1,68 @@
+"""Tests of what the page says of colours, grids and places."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+import guara_perception as gp
+from guara_perception.terrain.drawing.style import HAZARD_COLOURS, UNKNOWN_COLOUR
+from guara_perception.view.legend import cell_text, legend_html, status_text
+from guara_perception.view.terrain_mesh import terrain_mesh
+
+
+def css(colour: str) -> str:
+    return f"rgb({','.join(str(int(colour[i : i + 2], 16)) for i in (1, 3, 5))})"
+
+
+def test_the_status_says_what_is_seen(grid: gp.TerrainGrid) -> None:
+    """Step, mode and attitude; whether it is provisional or withdrawn; what the devices had to say."""
+    text = status_text(grid)
+    assert "**step 7**, standard scan, footprint" in text and "attitude from imu" in text
+    assert "provisional" not in text
+    data = {**grid.metadata, "provisional": True, "health": {"level": "degraded", "reasons": ["a lamp"]}}
+    text = status_text(dataclasses.replace(grid, metadata=data))
+    assert "provisional: sent before its pause had confirmed it" in text and "a lamp" in text
+    text = status_text(dataclasses.replace(grid, metadata={**data, "withdrawn": True}))
+    assert "**withdrawn**" in text and "provisional" not in text
+
+
+def test_hazards_stand_in_three_groups(grid: gp.TerrainGrid) -> None:
+    """Free first, then what is known and bad, then what is unknown and why, and what is not drawn at all."""
+    hazard = grid.hazard.copy()
+    hazard[0, 0] = np.uint16(gp.Hazard.OUT_OF_RANGE)
+    hazard[0, 1] = np.uint16(gp.Hazard.DROPOUT)
+    elevation = grid.elevation.copy()
+    elevation[0, :2] = np.nan
+    traversability = grid.traversability.copy()
+    traversability[0, :2] = 0
+    layers = {**grid.layers, "hazard": hazard, "elevation": elevation, "traversability": traversability}
+    html = legend_html(terrain_mesh(dataclasses.replace(grid, layers=layers)))
+    words = ("a foot may be set here", "Known, no foot here", "<b>edge</b>", "Unknown, never safe", "<b>dropout</b>")
+    places = [
+        html.index(word) for word in (*words, "<b>out of range</b>", "<b>not drawn</b>: unknown, never looked at")
+    ]
+    # Which of the two unknown ones comes first does not matter.
+    assert sorted(places[:4]) == places[:4] and max(places[:4]) < min(places[4:6]) < max(places[4:6]) < places[6]
+    assert css(HAZARD_COLOURS[gp.Hazard.DROPOUT]) in html and css(HAZARD_COLOURS[gp.Hazard.EDGE]) in html
+
+
+def test_scales_have_a_bar_and_say_what_is_unknown(grid: gp.TerrainGrid) -> None:
+    """Colours from end to end with their values, the grey of unknown cells, and what is not drawn."""
+    html = legend_html(terrain_mesh(grid, "elevation"))
+    assert "linear-gradient(to right,rgb(" in html and "+0 mm" in html and "+60 mm" in html
+    assert css(UNKNOWN_COLOUR) in html and "<b>unknown</b>: looked at, but no height" in html
+    assert "<b>not drawn</b>: unknown, never looked at: never safe" in html
+    assert "0 no foot here" in legend_html(terrain_mesh(grid, "traversability"))
+
+
+def test_a_place_is_told_line_by_line(grid: gp.TerrainGrid) -> None:
+    """What `explain` says, the verdict in bold, for known, unknown and outside."""
+    known = cell_text(grid.explain(0.70, 0.10))
+    assert known.startswith("**x=0.700 y=0.100**  \n60.0 mm high") and known.splitlines()[-1].startswith(
+        "**not traversable"
+    )
+    unknown = cell_text(grid.explain(0.35, -0.12))
+    assert "unknown" in unknown and unknown.endswith("not traversable**")
+    assert "**not traversable**" in cell_text(grid.explain(9.0, 0.0))

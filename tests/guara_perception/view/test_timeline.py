@@ -1,0 +1,68 @@
+"""Tests of the order of moments and of what is shown of them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.view.moment import Moment
+from guara_perception.view.timeline import KEPT, Timeline
+
+
+def moment(grid: gp.TerrainGrid, step: int, walk: str = "a", x: float = 0.0) -> Moment:
+    transform = np.eye(4)
+    transform[0, 3] = x
+    metadata = {**grid.metadata, "epoch": walk, "transform_footprint_to_odom": transform.tolist()}
+    return Moment({"map": dataclasses.replace(grid, step=step, metadata=metadata)})
+
+
+def test_the_newest_is_followed_by_who_looks_at_it(grid: gp.TerrainGrid) -> None:
+    """Who went back stays where he is; who goes to the end follows again."""
+    timeline = Timeline()
+    assert timeline.shown is None and timeline.is_newest and timeline.places() == []
+    for step in range(3):
+        timeline.add(moment(grid, step))
+        assert timeline.number == step and timeline.is_newest
+    assert timeline.go_to(1) and not timeline.go_to(1)
+    timeline.add(moment(grid, 3))
+    assert timeline.number == 1 and timeline.shown is not None and timeline.shown.step == 1
+    assert timeline.go_to(99) and timeline.number == 3
+    timeline.add(moment(grid, 4))
+    assert timeline.number == 4
+    assert timeline.go_to(-5) and timeline.number == 0
+
+
+def test_a_later_word_on_a_pause_takes_its_place(grid: gp.TerrainGrid) -> None:
+    """Confirmed or withdrawn, it is the same pause; the same number of another walk is not."""
+    timeline = Timeline()
+    first, second, other = moment(grid, 1), moment(grid, 1), moment(grid, 1, walk="b")
+    timeline.add(first)
+    timeline.add(second)
+    assert len(timeline) == 1 and timeline.shown is second
+    timeline.add(other)
+    assert len(timeline) == 2
+
+
+def test_a_long_walk_is_kept_in_part(grid: gp.TerrainGrid) -> None:
+    """The oldest go; who looks at one goes along with it, or to the next when it went."""
+    timeline = Timeline()
+    for step in range(KEPT):
+        timeline.add(moment(grid, step))
+    timeline.go_to(2)
+    for step in range(KEPT, KEPT + 2):
+        timeline.add(moment(grid, step))
+        assert timeline.shown is not None and timeline.shown.step == 2
+    timeline.add(moment(grid, KEPT + 2))
+    assert len(timeline) == KEPT and timeline.shown.step == 3
+
+
+def test_the_way_is_that_of_one_walk_up_to_what_is_shown(grid: gp.TerrainGrid) -> None:
+    """Places of another walk are in another odom."""
+    timeline = Timeline()
+    timeline.replace([moment(grid, 1, "a", 5.0), *(moment(grid, step, "b", 0.1 * step) for step in range(4))])
+    assert [place[0, 3] for place in timeline.places()] == [5.0]
+    timeline.go_to(3)
+    assert [place[0, 3] for place in timeline.places()] == pytest.approx([0.0, 0.1, 0.2])
