@@ -130,8 +130,9 @@ class TerrainMap:
             for has `looks` 0.
 
         Raises:
-            InvalidInput: a grid of another extent or cell size, or of an earlier pause; a transform that is not
-                rigid or tilts by more than 0.2 rad; a covariance that is not (6, 6) with a positive diagonal.
+            InvalidInput: a grid of another extent or cell size, in the compact encoding, or of an earlier pause; a
+                transform that is not rigid or tilts by more than 0.2 rad; a covariance that is not (6, 6) with a
+                positive diagonal.
         """
         transform, pose_covariance = self._checked(terrain, transform_footprint_to_odom, covariance)
         since_last = None if covariance_since_last is None else checked_covariance(covariance_since_last)
@@ -322,6 +323,11 @@ class TerrainMap:
     ) -> tuple[Float, Float]:
         if terrain.extent != "footprint":
             raise InvalidInput(f"a grid of extent {terrain.extent!r} cannot be fused, it must be a scan's: 'footprint'")
+        if terrain.metadata.get("rounding") is not None:
+            raise InvalidInput(
+                "a grid in the compact encoding cannot be fused: the map would not say how its heights were rounded. "
+                "Ask for it lossless, or for the node's map (extent 'map')"
+            )
         if abs(terrain.resolution - self._grid.resolution) > 1e-9:
             raise InvalidInput(
                 f"the scan's cells are {terrain.resolution} m, the map's {self._grid.resolution} m: they must be alike"

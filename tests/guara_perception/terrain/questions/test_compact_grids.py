@@ -224,6 +224,12 @@ def test_what_it_costs_is_little(paper_terrain: gp.TerrainGrid) -> None:
     assert len(received.steppable_regions()) >= 0.8 * len(paper_terrain.steppable_regions()) > 0
 
 
+def test_a_compact_grid_is_not_fused(paper_terrain: gp.TerrainGrid, robot: RobotModel) -> None:
+    """The bounds would be lost in the map."""
+    with pytest.raises(gp.InvalidInput, match="compact encoding cannot be fused: .* Ask for it lossless"):
+        gp.TerrainMap(robot).update(through_the_air(paper_terrain), np.eye(4), 1e-8 * np.eye(6))
+
+
 @pytest.mark.parametrize("said", [{}, {"elevation": 1e-4}, {"elevation": -1, "variance": 0}, 3, {"elevation": "x"}])
 def test_a_grid_that_lies_about_its_rounding_is_refused_in_words(paper_terrain: gp.TerrainGrid, said: object) -> None:
     """Where it matters: without the numbers nothing is bounded."""
