@@ -21,6 +21,7 @@ PROGRAMS = {
     "drivers": "costs of the laser board's driver and of proving stripes",
     "fleet": "many robots and planners on one router: delays, cost, growth, TLS, a restart",
     "hostile": "what files that were made to harm cost before they are refused",
+    "lines_of_sight": "whether bounds of unknown ground hold, and what swings gain by them",
     "kinematics": "speed and agreement of the kinematics",
     "misplaced_crosses": "what misplaced crosses of a calibration do to the grid",
     "mosaics": "Bayer mosaics and grey frames through the whole chain, beside the truth",

@@ -148,7 +148,7 @@ def swings(
     step = plan_step(fused, leg, wish, robot=robot)
     counts["place: map with reach and a swing"] += step is not None
     if step is not None:
-        truly = oracle.check_path(_on_true_ground(step.swing.points, oracle), step.clearance)
+        truly = oracle.check_path(on_true_ground(step.swing.points, oracle), step.clearance)
         counts["planned swings"] += 1
         counts["planned swings, truth lacks over 1 mm"] += lack(truly) > REFUSED_BY_M
     if found is None:
@@ -169,7 +169,7 @@ def swings(
                 counts[f"{shape}: refused for {reason.test} {reason.detail if reason.test == 'unknown' else ''}"] += 1
 
 
-def _on_true_ground(way: Float, oracle: gp.TerrainGrid) -> Float:
+def on_true_ground(way: Float, oracle: gp.TerrainGrid) -> Float:
     """The same way, ending on the ground as it truly is."""
     moved = way.copy()
     moved[-1, 2] = oracle.height_at(moved[-1, 0], moved[-1, 1])

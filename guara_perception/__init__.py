@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from guara_perception.terrain.layers.hazard import Hazard
     from guara_perception.terrain.layers.reason import Reason
     from guara_perception.terrain.map.known_ground import KnownGround
+    from guara_perception.terrain.map.lines_of_sight import LinesOfSight
     from guara_perception.terrain.map.terrain_map import TerrainMap
     from guara_perception.terrain.questions.best_foothold import Foothold
     from guara_perception.terrain.questions.distance_field import DistanceField
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from guara_perception.terrain.questions.path import PathVerdict
     from guara_perception.terrain.questions.steppable import SteppableRegion
     from guara_perception.terrain.questions.swing import Swing
+    from guara_perception.terrain.questions.swing_ground import Ceiling
     from guara_perception.terrain.scan.assess_terrain import assess_terrain
     from guara_perception.terrain.scan.from_points import terrain_from_points
     from guara_perception.terrain.scan.policy import ScanDecision, ScanPolicy
@@ -78,6 +80,7 @@ __all__ = [
     "CalibrationMismatch",
     "CalibrationRefused",
     "CameraModel",
+    "Ceiling",
     "ConnectionFailed",
     "DistanceField",
     "Drift",
@@ -92,6 +95,7 @@ __all__ = [
     "InvalidInput",
     "KinematicsError",
     "KnownGround",
+    "LinesOfSight",
     "MapRegions",
     "MissingFile",
     "Obstacle",
@@ -147,6 +151,7 @@ _MODULES = {
     "CalibrationMismatch": "guara_perception.exceptions",
     "CalibrationRefused": "guara_perception.exceptions",
     "CameraModel": "guara_perception.calibration.camera",
+    "Ceiling": "guara_perception.terrain.questions.swing_ground",
     "ConnectionFailed": "transport.exceptions",
     "Drift": "guara_perception.calibration.drift",
     "FileFormatError": "guara_perception.exceptions",
@@ -161,6 +166,7 @@ _MODULES = {
     "InvalidInput": "guara_perception.exceptions",
     "KinematicsError": "kinematics",
     "KnownGround": "guara_perception.terrain.map.known_ground",
+    "LinesOfSight": "guara_perception.terrain.map.lines_of_sight",
     "MapRegions": "guara_perception.app.map_regions",
     "MissingFile": "guara_perception.exceptions",
     "Obstacle": "guara_perception.terrain.questions.obstacles",

@@ -25,6 +25,7 @@ from guara_perception.terrain.questions.points import points, to_xarray
 from guara_perception.terrain.questions.save import save_terrain
 from guara_perception.terrain.questions.steppable import SteppableRegion, steppable_region, steppable_regions
 from guara_perception.terrain.questions.swing import Swing, swing
+from guara_perception.terrain.questions.swing_ground import Ceiling
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -137,7 +138,7 @@ class TerrainGrid(LayeredGrid):
         """
         return best_foothold(self, x, y, radius, leg, previous, robot)
 
-    def check_path(self, points: npt.ArrayLike, clearance: float) -> PathVerdict:
+    def check_path(self, points: npt.ArrayLike, clearance: float, *, ceiling: Ceiling | None = None) -> PathVerdict:
         """Whether a foot may swing, or a part of the body pass, along a path over this terrain.
 
         Every cell within `clearance` of the path, seen from above, must be known and not STALE. Points with z: the
@@ -150,11 +151,14 @@ class TerrainGrid(LayeredGrid):
         Args:
             points: (n, 3) or (n, 2) corners of the path in base_footprint [m].
             clearance: [m].
+            ceiling: how high unknown ground can be at most (`LinesOfSight`); None refuses a path over any. Of tracks
+                on the ground it says nothing.
 
         Raises:
-            InvalidInput: points of another shape, not finite or over more than 20 m; a clearance outside 0 ... 1 m.
+            InvalidInput: points of another shape, not finite or over more than 20 m; a clearance outside 0 ... 1 m; a
+                ceiling of another grid.
         """
-        return check_path(self, points, clearance)
+        return check_path(self, points, clearance, ceiling)
 
     def swing(
         self,
@@ -163,6 +167,8 @@ class TerrainGrid(LayeredGrid):
         clearance: float,
         leg: str | None = None,
         robot: RobotLike | None = None,
+        *,
+        ceiling: Ceiling | None = None,
     ) -> Swing:
         """A way for a foot from one place to another that `check_path` accepts, or why there is none.
 
@@ -176,12 +182,13 @@ class TerrainGrid(LayeredGrid):
             clearance: distance to keep from the ground between the ends [m].
             leg: also ask whether this leg reaches all of the way with the body where it stood at the scan.
             robot: model for `leg`; None = the one of the grid's robot name.
+            ceiling: as of `check_path`.
 
         Raises:
             InvalidInput: as `check_path` and, where a leg is given, as `check_foothold`.
             kinematics.KinematicsError: no such leg or robot.
         """
-        return swing(self, start, end, clearance, leg, robot)
+        return swing(self, start, end, clearance, leg, robot, ceiling)
 
     def steppable_region(
         self,

@@ -29,6 +29,7 @@ from guara_perception.terrain.map.sideways import SidewaysDrift
 from guara_perception.terrain.map.snapshot import MapPause, snapshot_layers
 from guara_perception.terrain.map.support_feet import fill_under_foot, sole_error, support_feet
 from guara_perception.terrain.map.walk_correction import WalkCorrection
+from kinematics import RobotModel
 
 # The window is moved when the robot has gone this far: seldom, and still little memory.
 MARGIN_M = 0.2
@@ -98,6 +99,21 @@ class TerrainMap:
     def grid(self) -> GridGeometry:
         """Geometry of the grids that `update` returns."""
         return self._grid
+
+    @property
+    def robot(self) -> RobotModel:
+        """Its model."""
+        return self._robot
+
+    @property
+    def pause(self) -> int:
+        """Number of the newest pause, counted from the first scan."""
+        return self._pause
+
+    @property
+    def sideways_drift(self) -> SidewaysDrift:
+        """How far the ground may lie aside of where the map has it."""
+        return self._sideways
 
     def update(
         self,

@@ -16,7 +16,7 @@ from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.layers.polygon import touched_cells
 from guara_perception.terrain.layers.reason import Reason
 from guara_perception.terrain.questions.corridor import confidences, corridor_of, distances, sampled
-from guara_perception.terrain.questions.swing_ground import SwingGround, swing_ground
+from guara_perception.terrain.questions.swing_ground import Ceiling, SwingGround, swing_ground
 
 # At its ends a swing touches the ground: there it may lie this much lower than the map.
 TOUCH_M = 0.005
@@ -53,12 +53,14 @@ class PathVerdict:
         return "ok" if math.isnan(self.clearance) else f"ok, clearance {1e3 * self.clearance:.0f} mm"
 
 
-def check_path(terrain: LayeredGrid, points: npt.ArrayLike, clearance: float) -> PathVerdict:
+def check_path(
+    terrain: LayeredGrid, points: npt.ArrayLike, clearance: float, ceiling: Ceiling | None = None
+) -> PathVerdict:
     """See `TerrainGrid.check_path`."""
     path = checked_points(points, (2, 3), 1, "points of a path")
     check_clearance(clearance)
     if path.shape[1] == 3:
-        return check_over(swing_ground(terrain, path[0]), path, float(clearance))
+        return check_over(swing_ground(terrain, path[0], ceiling), path, float(clearance))
     at = corridor_of(terrain.geometry, sampled(path, terrain.resolution / 2), float(clearance)).unique()
     return _verdict(_unknown(terrain, *at) + _hazardous(terrain, *at), np.nan)
 

@@ -17,7 +17,7 @@ from guara_perception.terrain.layers.reason import Reason
 from guara_perception.terrain.questions.corridor import confidences, corridor_of, sampled
 from guara_perception.terrain.questions.leg_reach import beyond_reach
 from guara_perception.terrain.questions.path import LONGEST_PATH_M, check_clearance, check_over, checked_points
-from guara_perception.terrain.questions.swing_ground import SwingGround, swing_ground
+from guara_perception.terrain.questions.swing_ground import Ceiling, SwingGround, swing_ground
 
 if TYPE_CHECKING:
     from guara_perception.robot_model import RobotLike
@@ -65,6 +65,7 @@ def swing(
     clearance: float,
     leg: str | None = None,
     robot: RobotLike | None = None,
+    ceiling: Ceiling | None = None,
 ) -> Swing:
     """See `TerrainGrid.swing`."""
     try:
@@ -74,7 +75,7 @@ def swing(
     ends = checked_points(given, (3,), 2, "start and end of a swing")
     refused: tuple[Reason, ...] = ()
     check_clearance(clearance)
-    ground = swing_ground(terrain, ends[0])
+    ground = swing_ground(terrain, ends[0], ceiling)
     for track in _tracks(ends):
         found = _over(terrain, ground, ends, track, float(clearance), leg, robot)
         if found.ok:

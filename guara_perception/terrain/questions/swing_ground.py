@@ -9,6 +9,7 @@ import numpy as np
 
 from guara_perception.arrays import Flags, Float, Float32, Mask
 from guara_perception.exceptions import InvalidInput
+from guara_perception.readonly import readonly
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
@@ -42,8 +43,32 @@ class SwingGround:
     rounding: float
 
 
-def swing_ground(terrain: LayeredGrid, start: Float) -> SwingGround:
+@dataclass(frozen=True, slots=True, eq=False)
+class Ceiling:
+    """Upper bounds of the ground for one grid, as `LinesOfSight.ceiling` gives them.
+
+    Attributes:
+        height: (ny, nx) no ground of the cell is higher [m, base_footprint]; NaN where there is no bound.
+        sigma: standard deviation of each bound [m].
+    """
+
+    height: Float32
+    sigma: float
+
+    def __post_init__(self) -> None:
+        """Check and freeze."""
+        if not (np.isfinite(self.sigma) and self.sigma >= 0) or np.ndim(self.height) != 2:
+            raise InvalidInput(
+                f"a ceiling of shape {np.shape(self.height)} with sigma {self.sigma}, it must be (ny, nx) with a "
+                "finite sigma of 0 or more [m]"
+            )
+        object.__setattr__(self, "height", readonly(np.asarray(self.height, np.float32)))
+
+
+def swing_ground(terrain: LayeredGrid, start: Float, ceiling: Ceiling | None = None) -> SwingGround:
     """The ground under a way that begins at `start` (3,).
+
+    Unknown cells for which a ceiling has a bound are taken to be as high as that.
 
     A sole that stands there bears on what lies below it: nothing there is higher than the sole, whether a scan saw it
     or not. So unknown cells that lie wholly under that sole, its own error taken off, are taken at its height. It says
@@ -53,8 +78,16 @@ def swing_ground(terrain: LayeredGrid, start: Float) -> SwingGround:
     top, variance = np.asarray(terrain.elevation_max), np.asarray(terrain.variance)
     limits = limits_of(terrain)
     rounding = rounding_of(terrain).variance
-    ground = SwingGround(terrain.geometry, hazard, top, variance, limits.confidence, rounding)
     unknown = (hazard & UNKNOWN_MASK) != 0
+    if ceiling is not None:
+        if ceiling.height.shape != terrain.shape:
+            raise InvalidInput(f"a ceiling of shape {ceiling.height.shape} for a grid of {terrain.shape}")
+        bounded = unknown & np.isfinite(ceiling.height)
+        hazard, top, variance = hazard.copy(), top.copy(), variance.copy()
+        # The rounding of a variance gives it no room.
+        hazard[bounded], top[bounded], variance[bounded] = 0, ceiling.height[bounded], ceiling.sigma**2 * (1 + rounding)
+        unknown &= ~bounded
+    ground = SwingGround(terrain.geometry, hazard, top, variance, limits.confidence, rounding)
     half = np.array([limits.sole_length, limits.sole_width]) / 2 - terrain.resolution / 2 + 1e-9
     # The robot's model is asked only where it matters.
     sole = _sole_at(terrain, start) if (unknown & _within(terrain, start, half + SAME_PLACE_M)).any() else None

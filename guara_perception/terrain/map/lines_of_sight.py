@@ -1,0 +1,167 @@
+"""`LinesOfSight`: how high unknown ground can be at most, by the light that passed over it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from guara_perception.arrays import Float, Float32
+from guara_perception.exceptions import InvalidInput
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.map.terrain_map import TerrainMap
+from guara_perception.terrain.questions.swing_ground import Ceiling
+
+# Light that passes higher than this over the soles bounds nothing that a swing needs.
+HIGHEST_M = 0.14
+# Ground beside the scanned area over which light passed is bounded too, so far.
+BESIDE_CELLS = 20
+# In the scan a bound counts where it holds over all neighbours too; in the map, one cell further than it may drift.
+AROUND_CELLS = 1
+LARGEST_DRIFT_CELLS = 10
+# Of heights of a scan and the pose of the body, at most, as assumed; `benchmarks.lines_of_sight` holds it to the truth.
+BOUND_SIGMA_M = 0.003
+NONE = np.float32(9.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Look:
+    """Bounds (ny, nx) of one scan in its footprint [m], NONE where there is none; and where it was taken, and when."""
+
+    bounds: Float32
+    geometry: GridGeometry
+    transform_footprint_to_odom: Float
+    step: int
+    pause: int
+    stamp: int
+
+
+class LinesOfSight:
+    """Bounds of unknown ground over a walk, kept beside a `TerrainMap`.
+
+    Every point that a scan saw proves that the laser's light reached it and that the camera saw it: along both ways
+    there was nothing, so ground below such a way is lower than it. A bound says nothing about whether a foot may be set
+    there; it lets a swing pass over ground that nobody saw: `check_path(..., ceiling=...)`.
+
+    Taken to the safe side: from the highest sample of each cell seen, at the far edge of each cell passed; the least
+    that holds over a cell and all its neighbours; moved by what the map may have drifted since (its confidence in
+    sigmas), and one cell more. A bound is forgotten when ground of its age would be STALE. What no scan can see limits
+    it too: a thing thinner than the gap between two stripes, or one that was put there later.
+
+    Example:
+        fused = terrain_map.update(terrain, transform, covariance, covariance_since_last=since)
+        sight.add(terrain, fused)
+        verdict = fused.check_path(points, 0.02, ceiling=sight.ceiling(fused))
+    """
+
+    def __init__(self, terrain_map: TerrainMap) -> None:
+        """Start with no bound.
+
+        Args:
+            terrain_map: takes each scan before it is given here.
+        """
+        self._map = terrain_map
+        self._looks: list[_Look] = []
+
+    def add(self, terrain: TerrainGrid, fused: TerrainGrid) -> None:
+        """Take the lines of sight of one scan.
+
+        Args:
+            terrain: the scan, as the map took it.
+            fused: what `TerrainMap.update` gave for it.
+
+        Raises:
+            InvalidInput: the scan does not say where camera and body were, or `fused` is of another pause.
+        """
+        if fused.extent != "map" or fused.step != terrain.step:
+            raise InvalidInput(
+                f"a {fused.extent} of step {fused.step} was given with a scan of step {terrain.step}: "
+                "give what TerrainMap.update gave for this scan"
+            )
+        geometry = terrain.geometry.widened(BESIDE_CELLS)
+        transform = np.array(fused.metadata["transform_footprint_to_odom"])
+        bounds = _bounds(terrain, geometry, _eyes(terrain, self._map))
+        self._looks.append(_Look(bounds, geometry, transform, terrain.step, self._map.pause, terrain.stamp))
+        first = terrain.step - int(fused.metadata["validity_pauses"])
+        self._looks = [look for look in self._looks if first <= look.step]
+
+    def ceiling(self, fused: TerrainGrid) -> Ceiling:
+        """The least bound of each cell of a map of the same walk, as it lies now.
+
+        Args:
+            fused: what `TerrainMap.update` or `view` gave.
+        """
+        geometry, limits = fused.geometry, fused.metadata["limits"]
+        transform = np.array(fused.metadata["transform_footprint_to_odom"])
+        x, y = (axis.ravel() for axis in np.meshgrid(*geometry.centres()))
+        in_odom = np.column_stack((x, y, np.zeros(x.size))) @ transform[:3, :3].T + transform[:3, 3]
+        least = np.full(x.size, NONE, np.float32)
+        oldest = fused.stamp - round(float(fused.metadata["validity_seconds"]) * 1e9)
+        for look in self._looks:
+            if look.step > fused.step or not oldest <= look.stamp <= fused.stamp:
+                continue
+            there = (in_odom - look.transform_footprint_to_odom[:3, 3]) @ look.transform_footprint_to_odom[:3, :3]
+            iy, ix = look.geometry.indices(there[:, 0], there[:, 1])
+            inside = np.flatnonzero(look.geometry.contains(iy, ix))
+            if not inside.size:
+                continue
+            aside = self._map.sideways_drift.variances(
+                np.full(inside.size, look.pause), in_odom[inside, 0], in_odom[inside, 1], transform
+            )
+            drift = np.ceil(float(limits["confidence"]) * np.sqrt(aside.max()) / geometry.resolution)
+            if drift > LARGEST_DRIFT_CELLS:
+                continue
+            bounds = _worst_around(look.bounds, AROUND_CELLS + int(drift))[iy[inside], ix[inside]]
+            # The bound stands over the place in that footprint, and counts from the one of now.
+            higher = np.where(bounds < NONE, bounds - there[inside, 2], NONE).astype(np.float32)
+            least[inside] = np.minimum(least[inside], higher)
+        height = np.where(least < NONE, least, np.nan).astype(np.float32)
+        return Ceiling(height.reshape(geometry.shape), BOUND_SIGMA_M)
+
+
+def _eyes(terrain: TerrainGrid, terrain_map: TerrainMap) -> list[Float]:
+    """Where camera and laser were in base_footprint."""
+    try:
+        camera = np.array(terrain.metadata["transform_camera_to_base"], dtype=np.float64)[:3, 3]
+        to_footprint = np.array(terrain.metadata["transform_base_to_footprint"], dtype=np.float64)
+    except KeyError as error:
+        raise InvalidInput(f"the scan's metadata lacks {error}: lines of sight begin at camera and laser") from None
+    laser = terrain_map.robot.transform_laser_to_base[:3, 3]
+    return [to_footprint[:3, :3] @ place + to_footprint[:3, 3] for place in (camera, laser)]
+
+
+def _bounds(terrain: TerrainGrid, geometry: GridGeometry, eyes: list[Float]) -> Float32:
+    """The least bound (ny, nx) by one of the two, where it holds over all neighbours too; NONE elsewhere."""
+    high = np.asarray(terrain.elevation_max, np.float64)
+    iy, ix = np.nonzero(np.isfinite(high))
+    x, y = terrain.geometry.centres()
+    points = np.column_stack((x[ix], y[iy], high[iy, ix]))
+    each = [_worst_around(_passed(points, eye, geometry), AROUND_CELLS) for eye in eyes]
+    return np.minimum(*each)
+
+
+def _passed(points: Float, eye: Float, geometry: GridGeometry) -> Float32:
+    """The lowest way (ny, nx) from the points (n, 3) to an eye over each cell, at the far edge of the cell [m]."""
+    least = np.full(geometry.size, NONE, np.float32)
+    way = eye - points
+    length = np.maximum(np.hypot(way[:, 0], way[:, 1]), 1e-6)
+    rise, along = way[:, 2] / length, way[:, :2] / length[:, None]
+    end = np.where(rise > 0, np.minimum(length, (HIGHEST_M - points[:, 2]) / np.maximum(rise, 1e-6)), 0.0)
+    spacing = geometry.resolution / 2
+    for distance in spacing * np.arange(1, int(np.ceil(end.max(initial=0.0) / spacing)) + 1):
+        on = np.flatnonzero(distance <= end)
+        iy, ix = geometry.indices(points[on, 0] + distance * along[on, 0], points[on, 1] + distance * along[on, 1])
+        inside = geometry.contains(iy, ix)
+        on, slot = on[inside], (iy * geometry.shape[1] + ix)[inside]
+        # It may begin anywhere in its cell, and leave the cell that it passes anywhere.
+        height = points[on, 2] + (distance + 1.5 * geometry.resolution) * rise[on]
+        np.minimum.at(least, slot, height.astype(np.float32))
+    return least.reshape(geometry.shape)
+
+
+def _worst_around(bounds: Float32, cells: int) -> Float32:
+    """The highest bound within so many cells along x and y; beyond the border there is none."""
+    area = np.ones((2 * cells + 1, 2 * cells + 1), np.uint8)
+    return np.asarray(cv2.dilate(bounds, area, borderType=cv2.BORDER_CONSTANT, borderValue=(float(NONE),)))

@@ -1,0 +1,171 @@
+"""Bounds of unknown ground: over the truth on walks that drift, higher when less was seen, and off unless asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from benchmarks.walk import CAMERA_IN_BASE, Ground, scan, seen_height, walk
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from kinematics import LegOdometry, RobotModel, Stance
+
+MakeScan = Callable[..., gp.TerrainGrid]
+NO_DRIFT = 1e-12 * np.eye(6)
+# A hole of 40 x 30 mm in what a scan saw, in cells of it.
+HOLE = np.s_[50:56, 20:28]
+
+
+@pytest.fixture
+def where(robot: RobotModel) -> dict[str, object]:
+    """Camera and body of a level stance, as a scan's metadata have them."""
+    pose = robot.stance_pose(Stance(robot.posture("scan"), robot.legs, (0, 0, -1)))
+    camera = np.eye(4)
+    camera[:3, 3] = CAMERA_IN_BASE
+    return {
+        "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),
+        "transform_camera_to_base": camera.tolist(),
+        "validity_pauses": 40,
+        "validity_seconds": 420.0,
+    }
+
+
+def flags_of(make_scan: MakeScan) -> np.ndarray:
+    flags = np.zeros(make_scan(0.0).shape, np.uint16)
+    flags[HOLE] = Hazard.DROPOUT
+    return flags
+
+
+def over_the_hole(make_scan: MakeScan, height: float) -> np.ndarray:
+    """Up, straight over the hole along y, and down."""
+    x, y = make_scan(0.0).geometry.centres()
+    at, first, last = x[24], y[40], y[66]
+    return np.array([[at, first, 0.0], [at, first, height], [at, last, height], [at, last, 0.0]])
+
+
+def test_a_swing_passes_over_a_hole_only_where_it_is_asked_for_and_high_enough(
+    robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
+) -> None:
+    """Without the argument unknown ground is refused as ever; with it, by the height of the light that passed."""
+    terrain_map = gp.TerrainMap(robot)
+    sight = gp.LinesOfSight(terrain_map)
+    terrain = make_scan(0.0, flags=flags_of(make_scan), metadata=where)
+    fused = terrain_map.update(terrain, np.eye(4), NO_DRIFT)
+    nothing = sight.ceiling(fused)
+    assert np.isnan(nothing.height).all()
+    sight.add(terrain, fused)
+    ceiling = sight.ceiling(fused)
+    hole = (fused.hazard & Hazard.DROPOUT) != 0
+    assert hole.sum() == 48 and np.isfinite(ceiling.height[hole]).all()
+    # Not lower than the ground around, not higher than the camera looks over so small a hole, margins in it.
+    assert ceiling.height[hole].min() > 0.0 and ceiling.height[hole].max() < 0.12
+    high, low = (over_the_hole(make_scan, z) for z in (ceiling.height[hole].max() + 0.03, 0.02))
+    for path in (high, low):
+        assert fused.check_path(path, 0.015).reasons[0].test == "unknown"
+        assert fused.check_path(path, 0.015, ceiling=nothing).reasons[0].test == "unknown"
+    assert fused.check_path(high, 0.015, ceiling=ceiling).ok
+    assert {reason.test for reason in fused.check_path(low, 0.015, ceiling=ceiling).reasons} == {"clearance"}
+    # A track on the ground has no height: a bound lets nothing be trodden.
+    assert not fused.check_path(low[:, :2], 0.015, ceiling=ceiling).ok
+    start, end = high[0], high[-1]
+    assert not fused.swing(start, end, 0.015, ceiling=None).ok or len(fused.swing(start, end, 0.015).points) > 4
+    found = fused.swing(start, end, 0.015, ceiling=ceiling)
+    assert found.ok and fused.check_path(found.points, 0.015, ceiling=ceiling).ok
+    assert not fused.check_foothold(*high[0, :2] + (0, 0.08)).ok
+
+
+def test_bounds_rise_with_drift_and_end_with_age(
+    robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
+) -> None:
+    """What the map may have drifted since dilates them; old ones are forgotten, as heights of their age are STALE."""
+    heights = []
+    for sigma in (1e-6, 0.004, 0.012):
+        terrain_map = gp.TerrainMap(robot)
+        sight = gp.LinesOfSight(terrain_map)
+        terrain = make_scan(0.0, flags=flags_of(make_scan), metadata=where)
+        sight.add(terrain, terrain_map.update(terrain, np.eye(4), NO_DRIFT))
+        nothing_seen = make_scan(flags=int(Hazard.UNSCANNED), step=1, metadata=where)
+        fused = terrain_map.update(nothing_seen, np.eye(4), np.diag([sigma**2] * 2 + [1e-12] * 4))
+        heights.append(np.where(np.isnan(h := sight.ceiling(fused).height), np.inf, h))
+    assert (heights[0] <= heights[1]).all() and (heights[1] <= heights[2]).all()
+    assert (heights[0] < heights[1]).any() and (heights[1] < heights[2]).any()
+    old = make_scan(flags=int(Hazard.UNSCANNED), step=41, stamp=41_000, metadata=where)
+    assert np.isnan(sight.ceiling(terrain_map.update(old, np.eye(4), np.eye(6) * 1e-3)).height).all()
+
+
+def test_who_saw_less_bounds_less(robot: RobotModel, make_scan: MakeScan, where: dict[str, object]) -> None:
+    """Losing cells of a scan never lowers a bound and never makes one."""
+    rng = np.random.default_rng(5)
+    heights = 0.04 * (rng.random((11, 9)) < 0.15).repeat(10, 0).repeat(10, 1)[:108, :90]
+    ceilings = []
+    for lost in (0.0, 0.02, 0.3):
+        terrain_map = gp.TerrainMap(robot)
+        sight = gp.LinesOfSight(terrain_map)
+        flags = np.where(np.random.default_rng(1).random(heights.shape) < lost, Hazard.DROPOUT, 0)
+        terrain = make_scan(heights, flags=flags, metadata=where)
+        fused = terrain_map.update(terrain, np.eye(4), NO_DRIFT)
+        sight.add(terrain, fused)
+        ceilings.append(np.where(np.isnan(h := sight.ceiling(fused).height), np.inf, h))
+    assert (ceilings[0] <= ceilings[1]).all() and (ceilings[1] <= ceilings[2]).all()
+    assert np.isfinite(ceilings[0]).sum() > np.isfinite(ceilings[2]).sum() > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_on_a_walk_that_drifts_the_truth_is_below_the_bounds(robot: RobotModel, seed: int) -> None:
+    """Boxes, dark ground and hidden places; every bounded unknown cell, at five places each (0 broken by over 5 mm)."""
+    ground, bounded = Ground.random(seed), 0
+    terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
+    sight = gp.LinesOfSight(terrain_map)
+    camera = np.eye(4)
+    camera[:3, 3] = CAMERA_IN_BASE
+    for pause in walk(robot, ground, 3, seed):
+        plain = scan(robot, ground, pause, seed)
+        terrain = gp.TerrainGrid(
+            layers=dict(plain.layers),
+            geometry=plain.geometry,
+            stamp=plain.stamp,
+            step=plain.step,
+            metadata={**plain.metadata, "transform_camera_to_base": camera.tolist()},
+        )
+        pose = odometry.update(pause.stance)
+        fused = terrain_map.update(
+            terrain,
+            pose.transform_footprint_to_odom,
+            pose.covariance,
+            covariance_since_last=pose.covariance_since_last,
+        )
+        sight.add(terrain, fused)
+        ceiling = sight.ceiling(fused)
+        iy, ix = np.nonzero(((fused.hazard & UNKNOWN_MASK) != 0) & np.isfinite(ceiling.height))
+        x, y = fused.geometry.centres()
+        to_footprint = np.array(terrain.metadata["transform_base_to_footprint"])
+        to_world = pause.transform_base_to_world @ np.linalg.inv(to_footprint)
+        for dx, dy in ((0, 0), (-0.002, -0.002), (-0.002, 0.002), (0.002, -0.002), (0.002, 0.002)):
+            true, _ = seen_height(ground, to_world, x[ix] + dx, y[iy] + dy)
+            assert (true <= ceiling.height[iy, ix] + 0.005 + 4 * ceiling.sigma).all()
+        bounded += iy.size
+    assert bounded > 2000
+
+
+def test_what_does_not_belong_together_is_refused(
+    robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
+) -> None:
+    """A scan of another pause, a scan in place of the map, one that does not say where the camera was, another grid."""
+    terrain_map = gp.TerrainMap(robot)
+    sight = gp.LinesOfSight(terrain_map)
+    terrain = make_scan(0.0, metadata=where)
+    fused = terrain_map.update(terrain, np.eye(4), NO_DRIFT)
+    with pytest.raises(gp.InvalidInput, match="a map of step 0 was given with a scan of step 1"):
+        sight.add(make_scan(0.0, step=1, metadata=where), fused)
+    with pytest.raises(gp.InvalidInput, match="a footprint of step 0"):
+        sight.add(terrain, terrain)
+    with pytest.raises(gp.InvalidInput, match="lacks 'transform_camera_to_base'"):
+        sight.add(make_scan(0.0), fused)
+    path = [[0.6, 0.0, 0.1], [0.7, 0.0, 0.1]]
+    with pytest.raises(gp.InvalidInput, match=r"a ceiling of shape \(2, 3\) for a grid of \(140, 320\)"):
+        fused.check_path(path, 0.02, ceiling=gp.Ceiling(np.zeros((2, 3), np.float32), 0.0))
+    with pytest.raises(gp.InvalidInput, match=r"a ceiling of shape \(3,\) with sigma nan"):
+        gp.Ceiling(np.zeros(3, np.float32), float("nan"))
