@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from guara_perception.terrain.compare import GridComparison, compare
     from guara_perception.terrain.file import load_terrain
     from guara_perception.terrain.grid import TerrainGrid
+    from guara_perception.terrain.layers.ceiling import Ceiling
     from guara_perception.terrain.layers.hazard import Hazard
     from guara_perception.terrain.layers.reason import Reason
     from guara_perception.terrain.map.known_ground import KnownGround
@@ -56,7 +57,6 @@ if TYPE_CHECKING:
     from guara_perception.terrain.questions.path import PathVerdict
     from guara_perception.terrain.questions.steppable import SteppableRegion
     from guara_perception.terrain.questions.swing import Swing
-    from guara_perception.terrain.questions.swing_ground import Ceiling
     from guara_perception.terrain.scan.assess_terrain import assess_terrain
     from guara_perception.terrain.scan.from_points import terrain_from_points
     from guara_perception.terrain.scan.policy import ScanDecision, ScanPolicy
@@ -151,7 +151,7 @@ _MODULES = {
     "CalibrationMismatch": "guara_perception.exceptions",
     "CalibrationRefused": "guara_perception.exceptions",
     "CameraModel": "guara_perception.calibration.camera",
-    "Ceiling": "guara_perception.terrain.questions.swing_ground",
+    "Ceiling": "guara_perception.terrain.layers.ceiling",
     "ConnectionFailed": "transport.exceptions",
     "Drift": "guara_perception.calibration.drift",
     "FileFormatError": "guara_perception.exceptions",

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float
 from guara_perception.terrain.drawing.plot import describe, describe_as_html, plot
+from guara_perception.terrain.layers.ceiling import Ceiling
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.questions.best_foothold import Foothold, best_foothold
 from guara_perception.terrain.questions.coarser import coarser
@@ -25,7 +26,6 @@ from guara_perception.terrain.questions.points import points, to_xarray
 from guara_perception.terrain.questions.save import save_terrain
 from guara_perception.terrain.questions.steppable import SteppableRegion, steppable_region, steppable_regions
 from guara_perception.terrain.questions.swing import Swing, swing
-from guara_perception.terrain.questions.swing_ground import Ceiling
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

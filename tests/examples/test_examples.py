@@ -41,6 +41,7 @@ RUNS = {
     "optimise_foothold.py": (["terrain.npz"], ["foothold x 0.", " cm2\n", "the wish itself: "]),
     "plan_swing.py": (["terrain.npz"], ["clearance 3", "  x +0.", "straight, 100 mm up: refused: unknown "]),
     "plot_layers.py": (["terrain.npz", "layers.png"], []),
+    "depth_camera.py": (["terrain.npz"], ["depth camera: ", "seen by both: ", "UNSCANNED"]),
     "height_scan_policy.py": (["terrain.npz"], ["known: ", "?"]),
     "compare_methods.py": (["scans/paper", "calibration.json"], ["GridComparison: heights b - a", "paper: "]),
     "read_recording.py": (["walk.mcap"], ["step 0: "]),

@@ -10,9 +10,9 @@ import numpy as np
 from guara_perception.arrays import Float, Float32
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.ceiling import Ceiling
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.map.terrain_map import TerrainMap
-from guara_perception.terrain.questions.swing_ground import Ceiling
 
 # Light that passes higher than this over the soles bounds nothing that a swing needs.
 HIGHEST_M = 0.14

@@ -11,12 +11,13 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float, Index
 from guara_perception.exceptions import InvalidInput
+from guara_perception.terrain.layers.ceiling import Ceiling
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, names
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.layers.polygon import touched_cells
 from guara_perception.terrain.layers.reason import Reason
 from guara_perception.terrain.questions.corridor import confidences, corridor_of, distances, sampled
-from guara_perception.terrain.questions.swing_ground import Ceiling, SwingGround, swing_ground
+from guara_perception.terrain.questions.swing_ground import SwingGround, swing_ground
 
 # At its ends a swing touches the ground: there it may lie this much lower than the map.
 TOUCH_M = 0.005

@@ -12,12 +12,13 @@ import numpy.typing as npt
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.readonly import readonly
+from guara_perception.terrain.layers.ceiling import Ceiling
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.layers.reason import Reason
 from guara_perception.terrain.questions.corridor import confidences, corridor_of, sampled
 from guara_perception.terrain.questions.leg_reach import beyond_reach
 from guara_perception.terrain.questions.path import LONGEST_PATH_M, check_clearance, check_over, checked_points
-from guara_perception.terrain.questions.swing_ground import Ceiling, SwingGround, swing_ground
+from guara_perception.terrain.questions.swing_ground import SwingGround, swing_ground
 
 if TYPE_CHECKING:
     from guara_perception.robot_model import RobotLike

@@ -9,7 +9,7 @@ import numpy as np
 
 from guara_perception.arrays import Flags, Float, Float32, Mask
 from guara_perception.exceptions import InvalidInput
-from guara_perception.readonly import readonly
+from guara_perception.terrain.layers.ceiling import Ceiling
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
@@ -41,28 +41,6 @@ class SwingGround:
     variance: Float32
     confidence: float
     rounding: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Ceiling:
-    """Upper bounds of the ground for one grid, as `LinesOfSight.ceiling` gives them.
-
-    Attributes:
-        height: (ny, nx) no ground of the cell is higher [m, base_footprint]; NaN where there is no bound.
-        sigma: standard deviation of each bound [m].
-    """
-
-    height: Float32
-    sigma: float
-
-    def __post_init__(self) -> None:
-        """Check and freeze."""
-        if not (np.isfinite(self.sigma) and self.sigma >= 0) or np.ndim(self.height) != 2:
-            raise InvalidInput(
-                f"a ceiling of shape {np.shape(self.height)} with sigma {self.sigma}, it must be (ny, nx) with a "
-                "finite sigma of 0 or more [m]"
-            )
-        object.__setattr__(self, "height", readonly(np.asarray(self.height, np.float32)))
 
 
 def swing_ground(terrain: LayeredGrid, start: Float, ceiling: Ceiling | None = None) -> SwingGround:
