@@ -11,7 +11,7 @@ from guara_perception.arrays import Float, Index
 from guara_perception.fields import Fields
 from guara_perception.readonly import readonly
 
-# Pauses that are told apart; what was seen before the first of them has drifted as much as that, and is long stale.
+# Pauses that are kept; what was seen before the first of them has drifted as much as since that, and is long stale.
 MOST_PAUSES = 256
 
 
