@@ -21,7 +21,7 @@ from guara_perception.simulation.planner import plan_foothold
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import LegOdometry, RobotModel, load_robot
 
-# A bound is broken where the truth is higher by more than this and so many of its sigmas.
+# A bound is broken where the truth is higher by more than this and its sigma times that.
 BROKEN_BY_M, BROKEN_BY_SIGMAS = 0.005, 4.0
 
 

@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from guara_perception.terrain.questions.height_scan import HeightScan
     from guara_perception.terrain.questions.obstacles import Obstacle
     from guara_perception.terrain.questions.path import PathVerdict
+    from guara_perception.terrain.questions.stairs import Riser, Stairs, Tread
     from guara_perception.terrain.questions.steppable import SteppableRegion
     from guara_perception.terrain.questions.swing import Swing
     from guara_perception.terrain.scan.assess_terrain import assess_terrain
@@ -104,6 +105,7 @@ __all__ = [
     "Reason",
     "ReceiveTimeout",
     "Recording",
+    "Riser",
     "RobotModel",
     "Scan",
     "ScanBusy",
@@ -115,6 +117,7 @@ __all__ = [
     "ScanTimeout",
     "ScannerGone",
     "ScannerUnavailable",
+    "Stairs",
     "StaleTerrain",
     "Stance",
     "SteppableRegion",
@@ -128,6 +131,7 @@ __all__ = [
     "TerrainSummary",
     "TransportError",
     "TraversabilityLimits",
+    "Tread",
     "UnsafeGrid",
     "assess_terrain",
     "calibrate",
@@ -175,6 +179,7 @@ _MODULES = {
     "Reason": "guara_perception.terrain.layers.reason",
     "ReceiveTimeout": "transport.exceptions",
     "Recording": "guara_perception.app.files.recording",
+    "Riser": "guara_perception.terrain.questions.stairs",
     "RobotModel": "kinematics",
     "Scan": "guara_perception.scan",
     "ScanBusy": "transport.exceptions",
@@ -186,6 +191,7 @@ _MODULES = {
     "ScanTimeout": "transport.exceptions",
     "ScannerGone": "transport.exceptions",
     "ScannerUnavailable": "transport.exceptions",
+    "Stairs": "guara_perception.terrain.questions.stairs",
     "StaleTerrain": "transport.exceptions",
     "Stance": "kinematics",
     "SteppableRegion": "guara_perception.terrain.questions.steppable",
@@ -199,6 +205,7 @@ _MODULES = {
     "TerrainSummary": "guara_perception.app.map_summary",
     "TransportError": "transport.exceptions",
     "TraversabilityLimits": "guara_perception.settings",
+    "Tread": "guara_perception.terrain.questions.stairs",
     "UnsafeGrid": "guara_perception.exceptions",
     "assess_terrain": "guara_perception.terrain.scan.assess_terrain",
     "calibrate": "guara_perception.app.calibrate",

@@ -24,6 +24,7 @@ from guara_perception.terrain.questions.obstacles import Obstacle, obstacles
 from guara_perception.terrain.questions.path import PathVerdict, check_path, check_polygon
 from guara_perception.terrain.questions.points import points, to_xarray
 from guara_perception.terrain.questions.save import save_terrain
+from guara_perception.terrain.questions.stairs import Stairs, stairs
 from guara_perception.terrain.questions.steppable import SteppableRegion, steppable_region, steppable_regions
 from guara_perception.terrain.questions.swing import Swing, swing
 
@@ -256,6 +257,16 @@ class TerrainGrid(LayeredGrid):
         traversable either.
         """
         return obstacles(self)
+
+    def stairs(self) -> Stairs | None:
+        """Stairs of two risers or more, as treads (planes) and risers (edges); None where there are none.
+
+        Treads are level regions of known ground whose heights rise by like steps of 12 mm to 0.3 m; between each two
+        there must be a straight edge, and all edges must be parallel. An edge is where the ground was seen to change,
+        to half the gap between what was seen of both treads; where that is over 30 mm wide, it is the upper tread's.
+        Whether a foot may be set on a tread is for `check_foothold` to say.
+        """
+        return stairs(self)
 
     def save(self, path: str | Path) -> None:
         """Write the grid to an .npz file; `load_terrain` reads it back.

@@ -86,7 +86,7 @@ class GridGeometry:
         return x, y
 
     def widened(self, cells: int) -> GridGeometry:
-        """The grid with so many rows and columns more on each side."""
+        """The grid with `cells` rows and columns more on each side."""
         (x, y), (ny, nx) = self.origin, self.shape
         aside = cells * self.resolution
         return GridGeometry((x - aside, y - aside), self.resolution, (ny + 2 * cells, nx + 2 * cells))

@@ -82,7 +82,7 @@ class LinesOfSight:
             )
         geometry = terrain.geometry.widened(BESIDE_CELLS)
         transform = np.array(fused.metadata["transform_footprint_to_odom"])
-        bounds = _bounds(terrain, geometry, _eyes(terrain, self._map))
+        bounds = _bounds(terrain, geometry, _sensor_origins(terrain, self._map))
         self._looks.append(_Look(bounds, geometry, transform, terrain.step, self._map.pause, terrain.stamp))
         first = terrain.step - int(fused.metadata["validity_pauses"])
         self._looks = [look for look in self._looks if first <= look.step]
@@ -121,7 +121,7 @@ class LinesOfSight:
         return Ceiling(height.reshape(geometry.shape), BOUND_SIGMA_M)
 
 
-def _eyes(terrain: TerrainGrid, terrain_map: TerrainMap) -> list[Float]:
+def _sensor_origins(terrain: TerrainGrid, terrain_map: TerrainMap) -> list[Float]:
     """Where camera and laser were in base_footprint."""
     try:
         camera = np.array(terrain.metadata["transform_camera_to_base"], dtype=np.float64)[:3, 3]
@@ -132,20 +132,20 @@ def _eyes(terrain: TerrainGrid, terrain_map: TerrainMap) -> list[Float]:
     return [to_footprint[:3, :3] @ place + to_footprint[:3, 3] for place in (camera, laser)]
 
 
-def _bounds(terrain: TerrainGrid, geometry: GridGeometry, eyes: list[Float]) -> Float32:
+def _bounds(terrain: TerrainGrid, geometry: GridGeometry, origins: list[Float]) -> Float32:
     """The least bound (ny, nx) by one of the two, where it holds over all neighbours too; NONE elsewhere."""
     high = np.asarray(terrain.elevation_max, np.float64)
     iy, ix = np.nonzero(np.isfinite(high))
     x, y = terrain.geometry.centres()
     points = np.column_stack((x[ix], y[iy], high[iy, ix]))
-    each = [_worst_around(_passed(points, eye, geometry), AROUND_CELLS) for eye in eyes]
+    each = [_worst_around(_passed(points, origin, geometry), AROUND_CELLS) for origin in origins]
     return np.minimum(*each)
 
 
-def _passed(points: Float, eye: Float, geometry: GridGeometry) -> Float32:
-    """The lowest way (ny, nx) from the points (n, 3) to an eye over each cell, at the far edge of the cell [m]."""
+def _passed(points: Float, origin: Float, geometry: GridGeometry) -> Float32:
+    """The lowest way (ny, nx) from the points (n, 3) to a sensor over each cell, at the far edge of the cell [m]."""
     least = np.full(geometry.size, NONE, np.float32)
-    way = eye - points
+    way = origin - points
     length = np.maximum(np.hypot(way[:, 0], way[:, 1]), 1e-6)
     rise, along = way[:, 2] / length, way[:, :2] / length[:, None]
     end = np.where(rise > 0, np.minimum(length, (HIGHEST_M - points[:, 2]) / np.maximum(rise, 1e-6)), 0.0)
@@ -162,6 +162,6 @@ def _passed(points: Float, eye: Float, geometry: GridGeometry) -> Float32:
 
 
 def _worst_around(bounds: Float32, cells: int) -> Float32:
-    """The highest bound within so many cells along x and y; beyond the border there is none."""
+    """The highest bound within a number of cells along x and y; beyond the border there is none."""
     area = np.ones((2 * cells + 1, 2 * cells + 1), np.uint8)
     return np.asarray(cv2.dilate(bounds, area, borderType=cv2.BORDER_CONSTANT, borderValue=(float(NONE),)))

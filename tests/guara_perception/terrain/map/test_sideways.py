@@ -41,7 +41,7 @@ def test_variance_is_that_of_all_motions_since_the_cell_was_seen(seed: int) -> N
 
 
 def test_memory_is_bounded_and_what_is_older_has_drifted_as_much_as_the_oldest() -> None:
-    """A walk without end keeps so many pauses."""
+    """A walk without end keeps MOST_PAUSES of them."""
     drift = SidewaysDrift.none()
     for pause in range(MOST_PAUSES + 50):
         drift = drift.after(pause, np.diag([1e-6, 1e-6, 0.0]), np.zeros(2))
