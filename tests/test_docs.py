@@ -5,7 +5,8 @@ holds links `scans/paper`, `scans/dark`, `scans/tilt`, `session`, `tests/data`, 
 `calibration.json`. A block that talks to the default endpoint gets a node that publishes the paper scan, unless the
 page started one itself (`guara run --simulated`, stopped at the end of the page). What cannot be run here is checked
 as far as it goes: `make` lines against the Makefile, `guara demo` lines (it has tests of its own) and blocks after a
-line `<!-- needs: laser board and camera -->` by parsing their options and importing what they import.
+line `<!-- needs: laser board and camera -->` by parsing their options and importing what they import. Blocks that begin
+with `# not run here: ` and what they lack say so to the reader too; of these the `guara` lines are parsed.
 """
 
 import ast
@@ -47,6 +48,7 @@ ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 LANGUAGES = ("sh", "python", "text", "json", "toml")
 HARDWARE = "laser board and camera"
+NOT_RUN = "# not run here: "
 ENDPOINT = ("127.0.0.1", 7447)
 # Commands that run until they are stopped.
 ENDLESS = re.compile(r"guara (run\b|view\b|listen\b(?!.*--count))")
@@ -138,7 +140,10 @@ class Reader:
         script.unlink()
 
     def shell(self, block: Block, line: str) -> None:
-        if line.startswith("make "):
+        if block.text.startswith(NOT_RUN):
+            if line.startswith("guara "):
+                parse_only(line)
+        elif line.startswith("make "):
             check_make(line)
         elif block.needs == HARDWARE or line.startswith("guara demo"):
             parse_only(line)
@@ -295,6 +300,18 @@ def test_links_lead_somewhere(page: Path):
             headings = re.findall(r"^#+ (.*)$", linked.read_text(), re.MULTILINE)
             anchors = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
             assert anchor in anchors, f"{page.name}: {target}"
+
+
+def test_the_storages_of_a_router_are_read_by_zenoh(tmp_path: Path):
+    """The section of `zenohd`'s configuration on the page goes into one that we write, and Zenoh takes both as one."""
+    from transport import zenoh_api
+    from transport.router_folder import make_router
+
+    (section,) = [block for block in blocks(ROOT / "docs" / "several-robots.md") if block.language == "json"]
+    made = make_router(tmp_path / "keys", ["rex"]) / "zenoh.json5"
+    whole = json.dumps({**json.loads(made.read_text()), **json.loads(section.text)})
+    assert zenoh_api.configuration_value(whole, "plugins/storage_manager/storages/maps/volume/id") == "rocksdb"
+    assert zenoh_api.configuration_value(whole, "access_control/enabled") is True
 
 
 def first_cells(page: str, heading: str) -> set[str]:

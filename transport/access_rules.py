@@ -16,6 +16,7 @@ from transport.keys import (
     scan_key,
     stance_key,
     status_key,
+    summary_key,
 )
 
 # Roles of a robot that get a certificate; the node is the router that enforces the rules.
@@ -32,6 +33,7 @@ FLEET_KEYS = (FLEET_STATUS, FLEET_ALIVE)
 # stands: its certificate speaks for all behind it.
 READING = ("read", "history", "send", "ask")
 POLICIES = {"planner": (*READING, "trigger"), "viewer": READING, "gait": ("stance_in", "stance_out")}
+THIN = ("thin_read", "thin_ask", "thin_send")
 WATCHING = ("fleet_read", "fleet_ask", "fleet_send")
 # At a router: what brings a robot's grids, and a node that is its client and takes stance pauses from there.
 SOURCE = ("source_in", "source_out", "look", "looked")
@@ -46,11 +48,14 @@ class Neighbours:
         above: routers that it dials; they read from it.
         below: routers that dial it, each with the robots whose grids it may bring.
         scans: whether who is above may request scans.
+        summary_only: whether who is above gets summaries, status and signs of life and nothing else, so that it need
+            not know of more.
     """
 
     above: Sequence[str] = ()
     below: Mapping[str, Sequence[str]] = field(default_factory=dict)
     scans: bool = False
+    summary_only: bool = False
 
 
 class _Rules:
@@ -144,7 +149,10 @@ def router_access_control(
         allowed = tuple(f"{robot} {rule}" for robot in brought if robot in robots for rule in SOURCE)
         if allowed:
             rules.allow(f"below {name}", [name], allowed)
-    reading = (*READING, "trigger") if neighbours.scans else READING
+    reading = THIN if neighbours.summary_only else (*READING, "trigger") if neighbours.scans else READING
+    if neighbours.summary_only:
+        for robot in robots:
+            _write_thin(rules, robot)
     above = tuple(f"{robot} {rule}" for robot in robots for rule in reading)
     rules.allow("above", neighbours.above, (*above, *WATCHING))
     rules.allow(FLEET, fleet, WATCHING)
@@ -181,6 +189,14 @@ def _write_source(rules: _Rules, robot: str) -> None:
     rules.write(f"{robot} looked", "egress", ["liveliness_token"], perception[-1:])
     rules.write(f"{robot} stance_to", "egress", SERVING, stance_keys)
     rules.write(f"{robot} stance_from", "ingress", [*SUBSCRIBING, "query"], stance_keys)
+
+
+def _write_thin(rules: _Rules, robot: str) -> None:
+    """What those do who get of a robot only what is small."""
+    keys = [summary_key(robot), status_key(robot), f"{perception_prefix(robot)}/@alive/**"]
+    rules.write(f"{robot} thin_read", "ingress", SUBSCRIBING, keys)
+    rules.write(f"{robot} thin_ask", "ingress", ["query"], [status_key(robot)])
+    rules.write(f"{robot} thin_send", "egress", SERVING, keys)
 
 
 def _write_watching(rules: _Rules) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 from collections.abc import Callable, Mapping
@@ -46,11 +47,13 @@ class Router:
         robots: instance names of those that it serves.
         uplink: name of the router that it dials, empty for none.
         scans: whether who reads from above, and whoever reads at robots that dial it, may request scans through it.
+        summary_only: whether the router above gets summaries, status and signs of life and nothing else.
     """
 
     robots: tuple[str, ...]
     uplink: str = ""
     scans: bool = False
+    summary_only: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +142,7 @@ class Members:
         }
         return router_access_control(
             {robot: self.names_of(robot) for robot in router.robots},
-            neighbours=Neighbours(above=above, below=below, scans=router.scans),
+            neighbours=Neighbours(above, below, scans=router.scans, summary_only=router.summary_only),
             fleet=[f"{member}.{FLEET}" for member in self.fleet if member not in self.revoked],
         )
 
@@ -169,7 +172,7 @@ class Members:
                 robot: {"added": dict(own.added), "revoked": list(own.revoked)} for robot, own in self.robots.items()
             },
             "routers": {
-                name: {"robots": list(router.robots), "uplink": router.uplink, "scans": router.scans}
+                name: {**dataclasses.asdict(router), "robots": list(router.robots)}
                 for name, router in self.routers.items()
             },
             "fleet": list(self.fleet),
@@ -216,7 +219,12 @@ def open_members(folder: str | Path) -> Members:
             for robot, own in robots.items()
         }
         routers = {
-            str(name): Router(tuple(router["robots"]), str(router["uplink"]), bool(router["scans"]))
+            str(name): Router(
+                tuple(router["robots"]),
+                str(router["uplink"]),
+                scans=bool(router["scans"]),
+                summary_only=bool(router.get("summary_only", False)),
+            )
             for name, router in found.get("routers", {}).items()
         }
         return Members(root, members, routers, tuple(found.get("fleet", [])), tuple(found.get("revoked", [])))

@@ -35,6 +35,7 @@ def make_router(
     uplink: str = "",
     uplink_host: str = "",
     scans: bool = False,
+    summary_only: bool = False,
     place: str | None = None,
 ) -> Path:
     """Make a router's folder, and let the nodes of its robots and the router above take it in.
@@ -51,6 +52,8 @@ def make_router(
         uplink: name of a router in the same folder that it dials; empty for none.
         uplink_host: name or address by which it reaches that one; empty takes the first of that one's hosts.
         scans: let planners that read through this router from a node's uplink, or from above it, request scans too.
+        summary_only: give the router above summaries, status and signs of life and nothing else: for a thin link, and
+            for a router of very many robots, which then need not know of every key.
         place: folder in which its files will lie where it runs; None takes where they are made.
 
     Returns:
@@ -68,7 +71,7 @@ def make_router(
     authority, members = open_authority(folder), open_members(folder)
     target = members.root / check_name(name, ROUTER)
     check_free(members, name, target)
-    _check(members, name, robots, uplink)
+    _check(members, name, robots, uplink, summary_only=summary_only)
     for robot in dict.fromkeys(robots):
         if robot not in members.robots:
             add_robot(folder, robot)
@@ -79,7 +82,11 @@ def make_router(
     lies_in = str(target.resolve()) if place is None else place.rstrip("/")
     configuration["transport"]["link"] |= tls_links(name, listens=True, place=f"{lies_in}/")
     larger = dataclasses.replace(
-        members, routers={**members.routers, name: Router(tuple(dict.fromkeys(robots)), uplink, scans)}
+        members,
+        routers={
+            **members.routers,
+            name: Router(tuple(dict.fromkeys(robots)), uplink, scans=scans, summary_only=summary_only),
+        },
     )
     configuration["access_control"] = larger.rules_of_router(name)
     names = own_hosts(hosts)
@@ -88,11 +95,15 @@ def make_router(
     return target
 
 
-def _check(members: Members, name: str, robots: Sequence[str], uplink: str) -> None:
+def _check(members: Members, name: str, robots: Sequence[str], uplink: str, *, summary_only: bool) -> None:
     if len(name) > LONGEST_NAME:
         raise SecurityError(f"router name {name!r} is too long for a certificate; allowed: {LONGEST_NAME} characters")
     if not robots:
         raise SecurityError("a router serves robots: give at least one")
+    if summary_only and not uplink:
+        raise SecurityError(
+            "summary_only says what the router above gets: give the router that this one dials (uplink)"
+        )
     if not uplink:
         return
     if uplink not in members.routers or uplink in members.revoked:

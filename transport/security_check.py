@@ -161,7 +161,9 @@ def check_router(folder: str | Path, router: str, *, robot: str | None = None) -
         raise SecurityError(f"router {router!r} does not serve {name!r}; it serves {', '.join(served.robots)}")
     place, rows = members.robots[name].place, _own_rows(members, name)
     if served.uplink and served.uplink not in members.revoked:
-        allowed = (*READER, "request a scan") if served.scans else READER
+        allowed: tuple[str, ...] = (*READER, "request a scan") if served.scans else READER
+        if served.summary_only:
+            allowed = ("connect", "see the status")
         rows[f"{served.uplink}.{ROUTER}"] = (members.root / served.uplink, allowed)
     for other, found in members.routers.items():
         if found.uplink == router and other not in members.revoked:

@@ -1,5 +1,6 @@
 """Several robots by one CA: the names in their certificates, and routers that serve them, as a stock `zenohd` would."""
 
+import contextlib
 import json
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from transport import SecurityError, zenoh_api
 from transport.access_rules import ROLES
 from transport.authority import Credentials, make_certificate
 from transport.certificates import add, add_robot, renew, revoke
-from transport.keys import terrain_key
+from transport.keys import summary_key, terrain_key
 from transport.publisher import Publisher
 from transport.router_folder import make_router
 from transport.security import CONFIGURATION, init_security
@@ -85,6 +86,34 @@ def test_scans_through_a_router_are_allowed_by_its_own_word_only(tmp_path: Path)
     assert _wrong(at_node) == _wrong(at_room) == set()
     assert "request a scan" in _may(at_node, "room.router") and "request a scan" not in _may(at_node, "top.router")
     assert "request a scan" in _may(at_room, "top.router")
+
+
+@pytest.mark.slow
+def test_a_thin_link_carries_summaries_and_status_alone(start, tmp_path: Path) -> None:
+    """Above the room a viewer gets the summary and the status, no grid, and no key of one is declared there."""
+    folder, ports = tmp_path / "keys", (free_port(), free_port())
+    make_router(folder, ["rex"], name="top", listen=f"tls/127.0.0.1:{ports[0]}")
+    make_router(folder, ["rex"], name="room", listen=f"tls/127.0.0.1:{ports[1]}", uplink="top", summary_only=True)
+    assert _wrong(check_router(folder, "room")) == set()
+    top, room = (f"tls/localhost:{port}" for port in ports)
+    for name in ("top", "room"):
+        start("zenohd", str(folder / name / CONFIGURATION))
+    with (
+        transport.open_node(connect=room, security=folder, timeout=20.0) as node,
+        transport.open_client(top, security=folder / "viewer", timeout=20.0) as far,
+    ):
+        summaries = Publisher(node, summary_key("rex"), latched=False)
+        Publisher(node, terrain_key("rex")).put(b"grid")
+        small = transport.NewestReceiver(far, summary_key("rex"), bytes, latched=False)
+        large = transport.NewestReceiver(far, terrain_key("rex"), bytes)
+        with pytest.raises(transport.ReceiveTimeout):
+            large.wait_for(lambda _: True, 1.5)
+        for _ in range(30):
+            summaries.put(b"summary")
+            with contextlib.suppress(transport.ReceiveTimeout):
+                small.wait_for(lambda _: True, 1.0)
+                break
+        assert small.latest().message == b"summary" and large.latest() is None
 
 
 @pytest.mark.slow

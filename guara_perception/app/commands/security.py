@@ -68,6 +68,7 @@ def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
 @click.option("--uplink", default="", help="name of the router in FOLDER that it dials; default: none")
 @click.option("--uplink-host", default="", help="how it reaches that router; default: the first of its hosts")
 @click.option("--scans", is_flag=True, help="planners behind it may request scans at nodes that dial it")
+@click.option("--summary-only", is_flag=True, help="the router above gets summaries, status and signs of life only")
 @click.option("--place", help="folder of its files where it will run; default: where they are made")
 def router(
     folder: Path,
@@ -78,6 +79,7 @@ def router(
     uplink: str,
     uplink_host: str,
     scans: bool,
+    summary_only: bool,
     place: str | None,
 ) -> None:
     """Make the certificate and the whole configuration of a Zenoh router (`zenohd`) that serves several robots.
@@ -100,6 +102,7 @@ def router(
         uplink=uplink,
         uplink_host=uplink_host,
         scans=scans,
+        summary_only=summary_only,
         place=place,
     )
     click.echo(f"{made}: for {', '.join(robots)}; start it there: zenohd -c {made / 'zenoh.json5'}")

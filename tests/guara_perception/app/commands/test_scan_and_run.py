@@ -16,6 +16,8 @@ from drivers.emulator import EmulatedCamera
 from guara_perception.app.commands.run import recording_size
 from guara_perception.app.main import run
 from kinematics import RobotModel
+from tests.ports import free_endpoint as free_port_endpoint
+from transport import open_node
 
 PATIENCE = 120.0
 
@@ -148,3 +150,45 @@ def test_the_simulated_gait_speaks_under_the_name_of_the_robot(free_endpoint: st
         node.kill()
     assert node.returncode == 0 and printed.splitlines()[-1] == "stopped, laser off"
     assert re.search(r"^step 0, coarse, 90x108 cells of 5 mm, known \d+%, traversable \d+%, ", printed, re.MULTILINE)
+
+
+@pytest.mark.slow
+def test_an_uplink_serves_readers_elsewhere_too(free_endpoint: str) -> None:
+    """`run --uplink` listens and dials: a planner here and a reader at the other router get the same pause."""
+    site = free_port_endpoint()
+    arguments = ["run", "--simulated", "--mode", "coarse", "--listen", free_endpoint, "--uplink", site]
+    with open_node(listen=site):
+        node = subprocess.Popen(
+            [sys.executable, "-m", "guara_perception.app.main", *arguments], stdout=subprocess.PIPE, text=True
+        )
+        try:
+            with (
+                gp.TerrainClient(free_endpoint, timeout=PATIENCE) as planner,
+                gp.TerrainClient(site, timeout=PATIENCE) as reader,
+            ):
+                assert planner.wait_for_step(0, timeout=PATIENCE).extent == "footprint"
+                assert reader.wait_for_step(0, timeout=PATIENCE).extent == "footprint"
+                assert reader.summary(timeout=PATIENCE).robot == "guara"
+            node.send_signal(signal.SIGINT)
+            printed, _ = node.communicate(timeout=PATIENCE)
+        finally:
+            node.kill()
+    assert node.returncode == 0
+    assert printed.splitlines()[1] == f"guara: uplink to {site}, dialled again whenever it is gone"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--uplink", "tcp/site.local:7447"], "is reachable from other machines and nothing protects it"),
+        (["--uplink", "tcp/127.0.0.1:1", "--connect", "tcp/127.0.0.1:2"], "contradict one another"),
+        (["--uplink", "site"], "is not valid"),
+    ],
+)
+def test_an_uplink_that_cannot_be_is_refused(
+    free_endpoint: str, words: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit 2, one line."""
+    assert run(["run", "--simulated", *([] if "--connect" in words else ["--listen", free_endpoint]), *words]) == 2
+    error = capsys.readouterr().err
+    assert told in error and error.count("\n") == 1
