@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings, limits_to_dict
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
@@ -27,6 +28,12 @@ PAUSE_NS = 4_675_000_000
 CAMERA_IN_BASE = np.array([0.400, 0.0, 0.140])
 LASER_IN_BASE = np.array([0.600, 0.0, 0.110])
 SENSOR_SIGMA_M = (0.0001, 0.0002)
+# Share of cells without a return, as of 18 coarse scans by simulated frames over random worlds: where heights change by
+# more than EDGE_M from a cell to those beside it, beside such cells, and within two cells of dark ground.
+EDGE_M = 0.008
+DROPPED_AT_EDGES, DROPPED_BESIDE_EDGES, DROPPED_BESIDE_DARK = 0.21, 0.08, 0.09
+# Half the width of their clusters, about [cells].
+CLUSTER_CELLS = 1.5
 
 
 @dataclass(frozen=True)
@@ -141,11 +148,12 @@ def scan(robot: RobotModel, ground: Ground, pause: Pause, seed: int) -> gp.Terra
     for eye in (CAMERA_IN_BASE, LASER_IN_BASE):
         eye_in_world = pause.transform_base_to_world[:3, :3] @ eye + pause.transform_base_to_world[:3, 3]
         hidden |= _hidden(ground, world, eye_in_world)
-    dropped = ground.is_dark(world[:, 0], world[:, 1]) | (rng.random(x.size) < 0.0005)
     sigma = np.interp(x, settings.footprint_x, SENSOR_SIGMA_M)
     top = heights.max(axis=0)
     on_top = heights > top - 0.004
     mean = np.where(on_top, heights, 0).sum(axis=0) / on_top.sum(axis=0) + rng.normal(0, sigma)
+    dark = ground.is_dark(world[:, 0], world[:, 1])
+    dropped = dark | _clusters(rng, np.ptp(heights, axis=0).reshape(grid.shape), top, dark).ravel()
     unknown = hidden | dropped
     flags = np.where(hidden, gp.Hazard.OCCLUDED, np.where(dropped, gp.Hazard.DROPOUT, 0)).astype(np.uint16)
 
@@ -168,6 +176,26 @@ def scan(robot: RobotModel, ground: Ground, pause: Pause, seed: int) -> gp.Terra
     return gp.TerrainGrid(
         layers=layers, geometry=grid, stamp=(pause.step + 1) * PAUSE_NS, step=pause.step, metadata=metadata
     )
+
+
+def _clusters(rng: np.random.Generator, relief: Float, top: Float, dark: npt.NDArray[np.bool_]) -> Mask:
+    """Cells (ny, nx) without a return where real scans have them: at edges and beside dark ground, in clusters.
+
+    Args:
+        rng: random numbers.
+        relief: (ny, nx) of each cell [m].
+        top: (ny nx,) highest point of each cell [m].
+        dark: (ny nx,) whether its ground swallows the laser.
+    """
+    high, around = top.reshape(relief.shape), np.ones((3, 3), np.uint8)
+    edges = cv2.dilate(high, around) - cv2.erode(high - relief, around) > EDGE_M
+    beside = cv2.dilate(edges.astype(np.uint8), around) > 0
+    rim = cv2.dilate(dark.reshape(relief.shape).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    share = np.select([edges, rim, beside], [DROPPED_AT_EDGES, DROPPED_BESIDE_DARK, DROPPED_BESIDE_EDGES], 0.0)
+    noise = cv2.GaussianBlur(rng.normal(0, 1, relief.shape), (0, 0), CLUSTER_CELLS)
+    rank = np.empty(noise.size)
+    rank[np.argsort(noise, axis=None)] = np.arange(noise.size) / noise.size
+    return np.asarray(rank.reshape(relief.shape) < share)
 
 
 def _measured(

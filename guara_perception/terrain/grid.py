@@ -283,6 +283,7 @@ class TerrainGrid(LayeredGrid):
         *,
         hazards: bool = True,
         footholds: Iterable[Any] = (),
+        regions: Iterable[Any] = (),
         axes: Axes | None = None,
     ) -> Axes:
         """Draw one layer: x up, y to the left, metres, unknown cells in pale grey.
@@ -291,12 +292,13 @@ class TerrainGrid(LayeredGrid):
             layer: any layer; "hazard" is drawn in one colour per flag with a legend.
             hazards: veil the cells that are not traversable.
             footholds: places to mark, each a `Foothold` or a pair (x, y) [m].
+            regions: areas to outline, each a `SteppableRegion`.
             axes: matplotlib's, to draw on; None makes a figure that a notebook or `plt.show()` shows.
 
         Raises:
-            InvalidInput: no such layer, or a foothold without a place.
+            InvalidInput: no such layer, a foothold without a place, or a region without vertices.
         """
-        return plot(self, layer, hazards=hazards, footholds=footholds, axes=axes)
+        return plot(self, layer, hazards=hazards, footholds=footholds, regions=regions, axes=axes)
 
     def points(self) -> Float:
         """Centres of the known cells with their heights, (n, 3) in base_footprint [m]; unknown cells give none.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.drawing.style import (
     HEIGHT_COLOURS,
@@ -52,6 +53,7 @@ def plot(
     *,
     hazards: bool = True,
     footholds: Iterable[Any] = (),
+    regions: Iterable[Any] = (),
     axes: Axes | None = None,
 ) -> Axes:
     """Draw one layer as people see it: x up, y to the left, metres; unknown cells in pale grey.
@@ -61,19 +63,21 @@ def plot(
         layer: any layer; "hazard" is drawn in one colour per flag with a legend.
         hazards: veil the cells that are not traversable, so that free ground stands out.
         footholds: places to mark, each with x and y [m] (`Foothold`) or a pair (x, y).
+        regions: areas to outline, each with `vertices` (n, 2) or (n, 3) [m] (`SteppableRegion`).
         axes: to draw on; None makes a figure with pyplot, so that a notebook or `plt.show()` shows it.
 
     Returns:
         The axes, to draw more on.
 
     Raises:
-        InvalidInput: no such layer, or a foothold without a place.
+        InvalidInput: no such layer, a foothold without a place, or a region without vertices.
     """
     if not isinstance(layer, str) or layer not in LAYER_NAMES:
         given = repr(layer) if isinstance(layer, str) else f"a {type(layer).__name__}"
         hint = "" if isinstance(layer, str) else "; cells of your own are drawn on the axes that plot gives"
         raise InvalidInput(f"layer is {given}, allowed: {', '.join(LAYER_NAMES)}{hint}")
     marks = [_place_of(foothold) for foothold in footholds]
+    outlines = [_outline_of(region) for region in regions]
     with styled():
         if axes is None:
             import matplotlib.pyplot as plt
@@ -83,6 +87,10 @@ def plot(
             draw_hazards(axes, terrain.geometry, terrain.layers["hazard"])
         else:
             _draw_values(axes, terrain, layer, hazards)
+        for x, y in outlines:
+            # Light below dark, so that it shows on any ground.
+            for width, colour in ((2.4, "white"), (1.0, "black")):
+                axes.plot(y, x, color=colour, linewidth=width, zorder=2)
         if marks:
             x, y = np.transpose(marks)
             axes.scatter(y, x, s=50, facecolor="white", edgecolor="black", zorder=3)
@@ -145,6 +153,17 @@ def _draw_values(axes: Axes, terrain: LayeredGrid, layer: str, hazards: bool) ->
         veil[..., :3] = 1.0
         veil[refused, 3] = 0.55
         draw_layer(axes, terrain.geometry, veil)
+
+
+def _outline_of(region: Any) -> tuple[Float, Float]:
+    """Closed outline, x and y [m]."""
+    vertices = np.asarray(getattr(region, "vertices", ()), dtype=np.float64)
+    if vertices.ndim != 2 or vertices.shape[1] not in (2, 3) or len(vertices) < 3:
+        raise InvalidInput(
+            f"a region is a {type(region).__name__}, it must have vertices (n, 2) or (n, 3), three or more [m]"
+        )
+    closed = np.concatenate((vertices, vertices[:1]))
+    return closed[:, 0], closed[:, 1]
 
 
 def _place_of(foothold: Any) -> tuple[float, float]:

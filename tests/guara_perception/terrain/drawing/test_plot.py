@@ -117,3 +117,18 @@ def test_what_cannot_be_drawn_is_refused_in_words(terrain):
         terrain.plot(terrain.hazard == 0)
     with pytest.raises(gp.InvalidInput, match="a foothold is None.*best_foothold found none: leave it out"):
         terrain.plot(footholds=[None])
+
+
+def test_regions_are_outlined_where_they_are(terrain):
+    """Each corner of each region lies on a closed line, x up and y to the left; what is no region is refused."""
+    regions = terrain.steppable_regions()
+    assert regions
+    axes = terrain.plot(regions=regions, axes=new_figure(1, 1, (4, 3))[1][0, 0])
+    lines = [np.asarray(line.get_xydata()) for line in axes.lines]
+    for region in regions:
+        corners = region.vertices[:, 1::-1]
+        fits = [line for line in lines if len(line) == len(corners) + 1 and np.allclose(line[:-1], corners)]
+        assert len(fits) == 2 and all((line[0] == line[-1]).all() for line in fits)
+    for wrong in ((0.7, 0.1), None, np.zeros((2, 2))):
+        with pytest.raises(gp.InvalidInput, match="a region is a "):
+            terrain.plot(regions=[wrong], axes=axes)
