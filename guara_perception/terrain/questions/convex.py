@@ -104,7 +104,13 @@ def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
     # Side i leads from corner i to the next one; it lies on this half-plane's line.
     sides = [-1] * 4
     offsets = halfspaces[:, 2] - halfspaces[:, :2] @ inside
-    for line, ((a, b), c) in enumerate(zip(halfspaces[:, :2].tolist(), offsets.tolist(), strict=True)):
+    reach = 2 * FAR_M
+    normals = halfspaces[:, :2].tolist()
+    # The nearest first: once the farthest corner is nearer than a line, no further line cuts anything off.
+    for line in np.argsort(offsets, kind="stable").tolist():
+        (a, b), c = normals[line], float(offsets[line])
+        if c >= reach:
+            break
         over = [a * x + b * y - c for x, y in corners]
         if max(over) <= 0:
             continue
@@ -121,6 +127,7 @@ def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
                 kept.append((x + share * (next_x - x), y + share * (next_y - y)))
                 kept_sides.append(line if over[i] <= 0 else sides[i])
         corners, sides = kept, kept_sides
+        reach = max(math.hypot(x, y) for x, y in corners)
     vertices = np.array(corners)
     apart = np.abs(vertices - np.roll(vertices, -1, axis=0)).max(axis=1) > LEAST_SIDE_M
     vertices, on = vertices[apart], np.array(sides)[apart]

@@ -111,15 +111,20 @@ def steppable_regions(
     left = whole.free.copy()
     found: list[SteppableRegion] = []
     while len(found) < MOST_REGIONS:
-        depth = cv2.distanceTransform(np.pad(left, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+        padded = cv2.copyMakeBorder(left.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=(0,))
+        depth = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
         seed = np.unravel_index(int(depth.argmax()), depth.shape)
         if (2 * depth[seed] * terrain.resolution) ** 2 < LEAST_AREA_M2:
             break
         region = _grow(whole.around(seed, REGION_REACH_M), None, leg)
         a, b, c = region.halfspaces.T[:, :, None, None]
-        inside = (a * whole.x + b * whole.y[:, None] <= c + 1e-9).all(axis=0)
-        inside[seed] = True
-        left &= ~inside
+        low, high = region.vertices[:, :2].min(axis=0) - 1e-6, region.vertices[:, :2].max(axis=0) + 1e-6
+        columns, rows = (
+            slice(*np.searchsorted(axis, ends))
+            for axis, ends in ((whole.x, (low[0], high[0])), (whole.y, (low[1], high[1])))
+        )
+        left[rows, columns] &= ~(a * whole.x[columns] + b * whole.y[rows, None] <= c + 1e-9).all(axis=0)
+        left[seed] = False
         if region.area >= LEAST_AREA_M2:
             found.append(region)
     return found
@@ -198,7 +203,7 @@ def _grow(window: _Window, seed: tuple[np.intp, ...] | tuple[int, int] | None, l
     iy, ix = (int(i) for i in (seed if seed is not None else window.seed or (0, 0)))
     plane, ground = _plane_of(window, iy, ix)
     # What borders on the ground bounds it, the rim of the window too; what lies behind is behind these.
-    padded = np.pad(ground, 1).astype(np.uint8)
+    padded = cv2.copyMakeBorder(ground.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=(0,))
     border = (cv2.dilate(padded, np.ones((3, 3), np.uint8)) > 0) & (padded == 0)
     by, bx = np.nonzero(border)
     step = window.resolution
@@ -227,12 +232,14 @@ def _plane_of(window: _Window, iy: int, ix: int) -> tuple[Float, Mask]:
 
 def _fitted(x: Float, y: Float, z: Float) -> Float:
     """Least squares plane (3,) through points; level where they are too few or in a line."""
-    design = np.column_stack((x - x[0], y - y[0], np.ones(x.size)))
-    solution, _, rank, _ = np.linalg.lstsq(design, z, rcond=1e-9)
-    if rank < 3:
-        return np.array([0.0, 0.0, float(z.mean())])
-    a, b, c = solution
-    return np.array([a, b, c - a * x[0] - b * y[0]])
+    middle_x, middle_y, level = float(x.mean()), float(y.mean()), float(z.mean())
+    dx, dy, dz = x - middle_x, y - middle_y, z - level
+    xx, xy, yy, xz, yz = (float(u @ v) for u, v in ((dx, dx), (dx, dy), (dy, dy), (dx, dz), (dy, dz)))
+    determinant = xx * yy - xy * xy
+    if not determinant > 1e-9 * xx * yy:
+        return np.array([0.0, 0.0, level])
+    a, b = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
+    return np.array([a, b, level - a * middle_x - b * middle_y])
 
 
 def _region(window: _Window, polygon: ConvexPolygon, plane: Float, ground: Mask, leg: str | None) -> SteppableRegion:
