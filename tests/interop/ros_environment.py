@@ -18,6 +18,7 @@ ROOT = HERE.parent.parent
 OVERLAY = "overlay"
 # The interpreter that the wheels were built with; its paths stand in their CMake files.
 BUILT_WITH = "/opt/python/cp311-cp311"
+BROUGHT = "/usr/lib64/libtinyxml2.so;"
 PACKAGE = """<?xml version="1.0"?>
 <package format="3">
   <name>{name}</name>
@@ -38,12 +39,14 @@ def environment(folder: Path) -> dict[str, str]:
     """Variables under which programs find ROS of this environment and the packages built over it."""
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
     overlay = folder / OVERLAY
+    # What the wheels brought along; Python finds it by itself, programs in C++ do not.
+    brought = sorted((folder / "lib" / version / "site-packages").glob("*.libs"))
     return {
         **{name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "ROS_"))},
         "PATH": f"{folder / 'bin'}:{os.environ['PATH']}",
         "AMENT_PREFIX_PATH": f"{overlay}:{folder}",
         "CMAKE_PREFIX_PATH": f"{overlay}:{folder}",
-        "LD_LIBRARY_PATH": f"{overlay / 'lib'}:{folder / 'lib'}",
+        "LD_LIBRARY_PATH": ":".join(map(str, (overlay / "lib", folder / "lib", *brought))),
         "PYTHONPATH": str(overlay / "lib" / version / "site-packages"),
         "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
     }
@@ -69,11 +72,12 @@ def make(folder: Path) -> None:
 
 
 def mend_paths(folder: Path) -> None:
-    """Paths of the interpreter that built the wheels become those of this one."""
+    """Paths of the machine that built the wheels become those of this one; the wheels bring this library themselves."""
     site = folder / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
     for path in (folder / "share").rglob("*.cmake"):
         text = path.read_text(errors="surrogateescape")
-        if BUILT_WITH in text:
+        if BUILT_WITH in text or BROUGHT in text:
+            text = text.replace(BROUGHT, "")
             text = re.sub(BUILT_WITH + r"/lib/python3\.11/site-packages", str(site), text)
             text = re.sub(BUILT_WITH + r"/include/python3\.11", sysconfig.get_path("include"), text)
             path.write_text(text, errors="surrogateescape")

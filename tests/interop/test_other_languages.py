@@ -103,6 +103,8 @@ def build(root: Path, ros: Path, tmp_path_factory: pytest.TempPathFactory) -> Ca
             ["cmake", "--build", target],
         ):
             done = subprocess.run(words, env=environment(ros), capture_output=True, text=True, timeout=300, check=False)
+            if "Could NOT find OpenSSL" in done.stderr:
+                pytest.skip("Fast DDS of the wheels wants OpenSSL's headers (Debian: libssl-dev)")
             assert done.returncode == 0, done.stdout + done.stderr
         return target
 
