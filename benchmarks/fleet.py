@@ -1,11 +1,12 @@
 """Many robots with a planner each on one router: delays, traffic, processor time, memory, and how they grow.
 
-Usage: python -m benchmarks.fleet [--sizes 1,5,20,50,100] [--seconds 15] [--json]
+Usage: python -m benchmarks.fleet [--sizes 1,5,20,50,100] [--seconds 15] [--bursts 5] [--wait-ms 20] [--json]
 
 Each robot publishes what a node does, footprint and fused map among it, every 3 s from a random moment on; each planner
 receives both extents of its own robot. All over TCP on one machine, without shared memory; robots and planners live in
 processes that hold up to ten. A delay is from the call that publishes to the grid in the planner's callback. Then the
-same for 20 with mutual TLS and the router's own rules, and a router that is killed and comes back to 20 of each.
+same for 20 with mutual TLS and the router's own rules, bursts of 20 that publish at the same moment, and a router that
+is killed and comes back to 20 of each.
 """
 
 from __future__ import annotations
@@ -44,11 +45,11 @@ TICKS = os.sysconf("SC_CLK_TCK")
 class Fleet:
     """A router, robots and planners that run, ready for a measurement."""
 
-    def __init__(self, stack: ExitStack, size: int, keys: Path | None = None) -> None:
-        """Start all; with `keys`, an empty folder, over mutual TLS."""
+    def __init__(self, stack: ExitStack, size: int, keys: Path | None = None, *, wait_ms: str = "") -> None:
+        """Start all; with `keys`, an empty folder, over mutual TLS; the router waits so long for a link, or as made."""
         self.names = [f"r{number}" for number in range(size)]
         self._start = stack.enter_context(peers())
-        self._words = ["router", free_endpoint(), ""]
+        self._words = ["router", free_endpoint(), wait_ms]
         endpoint, folder = self._words[1], ""
         if keys is not None:
             port = free_port()
@@ -134,6 +135,24 @@ def measure(fleet: Fleet, seconds: float) -> dict[str, Any]:
     return figures
 
 
+def bursts(fleet: Fleet, count: int) -> dict[str, Any]:
+    """All robots publish at the same moment, so many times."""
+    first = fleet.reports()
+    for _ in range(count):
+        fleet.publish(once=True)
+        time.sleep(PERIOD)
+    reports = fleet.reports()
+    figures: dict[str, Any] = {"robots": len(fleet.names), "bursts": count}
+    for extent in EXTENTS:
+        delays = [delay for report in reports for delay in report["delays_ms"][extent]]
+        figures[f"{extent}_arrived"] = len(delays)
+        figures[f"{extent}_p99_ms"] = round(float(np.percentile(delays, 99)), 1) if delays else None
+        figures[f"{extent}_worst_ms"] = round(max(delays), 1) if delays else None
+    for name in ("missed", "fetched"):
+        figures[name] = sum(report[name] for report in reports) - sum(report[name] for report in first)
+    return figures
+
+
 def storm(fleet: Fleet) -> dict[str, Any]:
     """All robots and planners come back to a router that was away, at once: when each planner had the newest."""
     fleet.reports()
@@ -182,6 +201,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", default=",".join(map(str, SIZES)), help="numbers of robots")
     parser.add_argument("--seconds", type=float, default=15.0, help="each fleet publishes for so long; at most 60")
+    parser.add_argument("--bursts", type=int, default=5, help="of 20 robots at the same moment; at most 50")
+    parser.add_argument("--wait-ms", default="", help="how long the router waits for a link; default: as it is made")
     parser.add_argument("--json", action="store_true", help="print all figures as one JSON object in the last line")
     options = parser.parse_args()
     seconds = min(max(options.seconds, 1.0), 60.0)
@@ -194,16 +215,21 @@ def main() -> None:
     )
     for size in map(int, options.sizes.split(",")):
         with ExitStack() as stack:
-            rows.append(measure(Fleet(stack, size), seconds))
+            rows.append(measure(Fleet(stack, size, wait_ms=options.wait_ms), seconds))
         show(str(size), rows[-1])
     figures["fleets"] = rows
     figures["exponents"] = exponents(rows)
     if figures["exponents"]:
         print("exponents: " + ", ".join(f"{name} {value:g}" for name, value in figures["exponents"].items()))
     with ExitStack() as stack:
-        plain = Fleet(stack, COMPARED)
+        plain = Fleet(stack, COMPARED, wait_ms=options.wait_ms)
         figures["tcp"] = measure(plain, seconds)
         show(f"{COMPARED} tcp", figures["tcp"])
+        figures["bursts"] = row = bursts(plain, min(max(options.bursts, 1), 50))
+        print(
+            f"bursts: {row['map_arrived']} of {COMPARED * row['bursts']} maps, 99th percentile {row['map_p99_ms']} ms, "
+            f"worst {row['map_worst_ms']} ms; {row['fetched']} grids were lost on the way and fetched"
+        )
         figures["storm"] = storm(plain)
     with ExitStack() as stack:
         place = Path(stack.enter_context(tempfile.TemporaryDirectory()))

@@ -22,9 +22,13 @@ MAP_SHAPE = (140, 320)
 PATIENCE = 60.0
 
 
-def run_router(endpoint: str, _: str) -> None:
-    """A Zenoh router as `guara security router` would configure it, but without TLS."""
-    with listen_with(router_configuration([endpoint]), (endpoint,)):
+def run_router(endpoint: str, wait_ms: str) -> None:
+    """A Zenoh router as `guara security router` would configure it, but without TLS, or with another wait."""
+    configuration = router_configuration([endpoint])
+    if wait_ms:
+        drop = configuration["transport"]["link"]["tx"]["queue"]["congestion_control"]["drop"]
+        drop["max_wait_before_drop_fragments"] = 1000 * int(wait_ms)
+    with listen_with(configuration, (endpoint,)):
         say(ready=True)
         sys.stdin.read()
 

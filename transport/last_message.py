@@ -19,6 +19,7 @@ from transport import zenoh_api
 from transport.encodings import cdr
 from transport.exceptions import SessionClosed, TransportError
 from transport.outbox import Outbox
+from transport.payload import MadeOnce
 from transport.scan_messages import Refusal, encode_refusal
 from transport.session import Session
 from transport.typestore import REFUSAL
@@ -34,6 +35,8 @@ MAXIMUM_PIECE = 768 * 1024
 KEPT = 3
 KEPT_FOR = 10.0
 CLOSE_TIMEOUT = 2.0
+# In place of a message while there is none.
+NOTHING: tuple[MadeOnce, bytes | None, float] = (MadeOnce(bytes), None, 0.0)
 
 # Attachment of a piece: number of the message, its length in bytes, where in it the piece begins.
 PIECE = struct.Struct("<QQQ")
@@ -67,7 +70,7 @@ class LastMessage:
         self._session, self._key, self._encoding = session, key, encoding
         self._place, self._pieces = announcement_key(key, source), pieces_key(key, source)
         self._lock = threading.Lock()
-        self._kept: OrderedDict[int, tuple[bytes | bytearray, bytes | None, float]] = OrderedDict()
+        self._kept: OrderedDict[int, tuple[MadeOnce, bytes | None, float]] = OrderedDict()
         self._last = -1
         self._questions = 0
         self._outbox = Outbox()
@@ -86,7 +89,7 @@ class LastMessage:
         self._thread = threading.Thread(target=self._run, name=f"transport-heartbeat {key}", daemon=True)
         self._thread.start()
 
-    def keep(self, number: int, payload: bytes | bytearray, attachment: bytes | None) -> None:
+    def keep(self, number: int, payload: MadeOnce, attachment: bytes | None) -> None:
         """The last message is now this one."""
         now = time.monotonic()
         with self._lock:
@@ -126,16 +129,16 @@ class LastMessage:
 
     def _answer_history(self, query: Any) -> None:
         with self._lock:
-            number, (payload, attachment, _) = self._last, self._kept.get(self._last, (b"", None, 0.0))
+            number, (payload, attachment, _) = self._last, self._kept.get(self._last, NOTHING)
         if number >= 0 and _is_within(number, query.parameters.get("_sn")):
-            query.reply(self._key, payload, encoding=self._encoding, attachment=attachment)
+            query.reply(self._key, payload(), encoding=self._encoding, attachment=attachment)
         query.drop()
 
     def _answer_get(self, query: Any) -> None:
         with self._lock:
-            number, (payload, attachment, _) = self._last, self._kept.get(self._last, (b"", None, 0.0))
+            number, (payload, attachment, _) = self._last, self._kept.get(self._last, NOTHING)
         if number >= 0:
-            query.reply(self._key, payload, encoding=self._encoding, attachment=attachment)
+            query.reply(self._key, payload(), encoding=self._encoding, attachment=attachment)
         else:
             words = f"nothing was published on {self._key!r} yet"
             refusal = encode_refusal(Refusal(id="", code="no_terrain", message=words))
@@ -148,12 +151,13 @@ class LastMessage:
             number = _whole(query.parameters.get("number"), -1)
             if number not in self._kept:
                 number, begin = self._last, 0
-            payload, attachment, _ = self._kept.get(number, (b"", None, 0.0))
+            payload, attachment, _ = self._kept.get(number, NOTHING)
             if number >= 0:
                 self._kept[number] = (payload, attachment, time.monotonic())
         if number >= 0 and begin >= 0:
-            piece = bytes(memoryview(payload)[begin : begin + max(0, min(size, MAXIMUM_PIECE))])
-            query.reply(self._pieces, piece, attachment=PIECE.pack(number, len(payload), begin))
+            whole = payload()
+            piece = bytes(memoryview(whole)[begin : begin + max(0, min(size, MAXIMUM_PIECE))])
+            query.reply(self._pieces, piece, attachment=PIECE.pack(number, len(whole), begin))
         query.drop()
 
     def _run(self) -> None:

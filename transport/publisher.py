@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 from transport import zenoh_api
 from transport.last_message import LastMessage
+from transport.payload import MadeOnce, Payload
 from transport.resource import Resource
 from transport.session import Session
 
@@ -63,19 +65,27 @@ class Publisher(Resource):
         """Payloads that were put."""
         return self._count
 
-    def put(self, payload: bytes | bytearray, attachment: bytes | None = None) -> None:
+    def put(self, payload: Payload | Callable[[], Payload], attachment: bytes | None = None) -> None:
         """Send one payload. Returns without error when nobody listens or the link is down.
+
+        Args:
+            payload: what to send; or what makes it, which is called when somebody has subscribed, or when somebody
+                asks for it later.
+            attachment: sent with it.
 
         Raises:
             SessionClosed: the session is closed.
         """
         with self._lock:
             number = self._count
+            made = MadeOnce(payload if callable(payload) else lambda: payload)
             if self._last is not None:
-                self._last.keep(number, payload, attachment)
-            self._session.attempt(
-                lambda: zenoh_api.put(self._raw, payload, attachment, number), f"cannot send on {self.key!r}"
-            )
+                self._last.keep(number, made, attachment)
+            if not callable(payload) or zenoh_api.has_subscribers(self._raw):
+                content = made()
+                self._session.attempt(
+                    lambda: zenoh_api.put(self._raw, content, attachment, number), f"cannot send on {self.key!r}"
+                )
             self._count += 1
             if self._last is not None:
                 self._last.announce()

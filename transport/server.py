@@ -184,7 +184,8 @@ class PerceptionServer(Resource):
         lane = terrain.extent
         self._outbox.post(publisher.key, lambda: publisher.put(encode_terrain(terrain)), lane=lane)
         small = self._compact[terrain.extent]
-        self._outbox.post(small.key, lambda: small.put(encode_compact(terrain)), lane=lane)
+        # Made when somebody reads it: it costs twenty times what the lossless one does.
+        self._outbox.post(small.key, lambda: small.put(lambda: encode_compact(terrain)), lane=lane)
         if occupancy is not None and terrain.extent == "footprint":
             self._post_derived(terrain, occupancy)
         if summary is not None:

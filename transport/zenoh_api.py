@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 # Names below `zenoh` that this file relies on and that a new release may change.
-UNSTABLE = ("handlers.Callback", "Publisher.id", "SourceInfo", "SessionInfo.links")
+UNSTABLE = ("handlers.Callback", "Publisher.id", "Publisher.matching_status", "SourceInfo", "SessionInfo.links")
 
 
 def _zenoh() -> Any:
@@ -92,6 +92,11 @@ def declare_publisher(session: Any, key: str, priority: str, encoding: str | Non
 def source_of(publisher: Any) -> str:
     """The identity of a publisher as two chunks of a key: the id of its session and its own."""
     return f"{publisher.id.zid}/{publisher.id.eid}"
+
+
+def has_subscribers(publisher: Any) -> bool:
+    """Whether somebody has subscribed to what a publisher sends, as far as is known here now."""
+    return bool(publisher.matching_status.matching)
 
 
 def put(publisher: Any, payload: bytes | bytearray, attachment: bytes | None, number: int) -> None:

@@ -28,6 +28,7 @@ function reader(name) {
 }
 
 const terrainReader = reader("Terrain");
+const summaryReader = reader("TerrainSummary");
 
 // The compact encoding: one zstd frame; inside, all first bytes of each group of four, then all second ones, and so on.
 export function plainCdr(payload) {
@@ -51,6 +52,29 @@ export function readTerrain(payload) {
     if (values.length !== terrain.nx * terrain.ny) throw new Error(`layer ${name} has ${values.length} values`);
   }
   return terrain;
+}
+
+// The summary of a map (`<robot>/perception/v1/summary`): three layers, each a zstd frame of shuffled bytes.
+export function readSummary(payload) {
+  const summary = summaryReader.readMessage(payload);
+  if (summary.version_major !== 1) throw new Error(`summary of version ${summary.version_major}, 1 is read here`);
+  const count = summary.nx * summary.ny;
+  const bytes = (name, size) => {
+    const plain = decompress(summary[name]);
+    if (plain.length !== size * count) throw new Error(`layer ${name} has ${plain.length} bytes`);
+    return plain;
+  };
+  const [heights, hazard, traversability] = [bytes("heights", 2), bytes("hazard", 2), bytes("traversability", 1)];
+  const at16 = (plain, i) => plain[i] | (plain[count + i] << 8);
+  summary.layer = {
+    hazard: Uint16Array.from({ length: count }, (_, i) => at16(hazard, i)),
+    traversability: Float32Array.from(traversability, (value) => value / 255),
+    elevation: Float32Array.from({ length: count }, (_, i) => {
+      const millimetres = (at16(heights, i) << 16) >> 16;
+      return millimetres === -32768 ? NaN : millimetres / 1000;
+    }),
+  };
+  return summary;
 }
 
 // What is known of the cell under a place [m] in the grid's frame; off the grid nothing is. On the border of two cells the

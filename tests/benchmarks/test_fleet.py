@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.fleet import Fleet, exponents, measure, storm
+from benchmarks.fleet import Fleet, bursts, exponents, measure, storm
 
 pytestmark = pytest.mark.slow
 
@@ -22,6 +22,8 @@ def test_a_small_fleet_is_measured(tmp_path: Path, is_secured: bool) -> None:
             assert row[f"{extent}_arrived"] + row["missed"] >= row["pauses"]
             assert 0 < row[f"{extent}_p50_ms"] <= row[f"{extent}_p99_ms"] <= row[f"{extent}_worst_ms"]
         assert row["mb_per_s"] > 0 and row["router_mb"] > 10 and row["robot_processor"] > 0
+        row = bursts(fleet, 1)
+        assert row["map_arrived"] + row["missed"] >= 12 and row["map_p99_ms"] <= row["map_worst_ms"]
         back = storm(fleet)
     assert back["came"] == 12 and 0 < back["newest_p50_s"] <= back["newest_worst_s"]
 

@@ -8,15 +8,18 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.app.messages import message_to_terrain
+from guara_perception.app.map_summary import message_to_summary, summary_message
+from guara_perception.app.messages import message_to_terrain, terrain_to_message
 from guara_perception.app.publisher import publish_terrain
 from tests.interop.conftest import INSTALL
 from tests.interop.ros_environment import environment
 from tests.ports import free_endpoint
 from transport import PerceptionServer, decode_terrain, open_node
+from transport.summary_message import encode_summary
 
 pytestmark = pytest.mark.interop
 PLACES = ((0.7, 0.0), (0.62, -0.21), (0.502, 0.262), (0.9, 0.1), (3.0, 0.0))
@@ -79,6 +82,31 @@ def test_javascript_reads_what_python_reads(payloads: dict[str, Path], root: Pat
             assert found["hazard"] == int(hazard)
         if found["known"]:
             assert found["elevation"] == terrain.height_at(x, y)
+
+
+def test_javascript_reads_the_summary_as_python_does(paper_terrain: gp.TerrainGrid, root: Path, tmp_path: Path) -> None:
+    """Three layers in small numbers, decompressed and unshuffled there."""
+    folder = root / "examples" / "javascript"
+    if shutil.which("node") is None or not (folder / "node_modules" / "fzstd").is_dir():
+        pytest.skip(f"node or libraries of the example are missing: {INSTALL}")
+    message = summary_message(terrain_to_message(paper_terrain, robot="rex", sequence=1))
+    payload = tmp_path / "summary.bin"
+    payload.write_bytes(encode_summary(message))
+    summary = message_to_summary(message)
+    for x, y in PLACES:
+        words = ["node", folder / "read_summary.mjs", payload, str(x), str(y)]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+        assert done.returncode == 0, done.stderr
+        what, cell = done.stdout.splitlines()
+        assert what == f"rex, summary of step 0: 90 x 108 cells, {int((summary.hazard == 0).sum())} safe"
+        found = json.loads(cell)
+        assert found["safe"] == summary.is_traversable(x, y)
+        assert found["known"] == (not np.isnan(summary.height_at(x, y)))
+        if found["known"]:
+            assert found["elevation"] == pytest.approx(summary.height_at(x, y), abs=1e-6)
+    payload.write_bytes(payload.read_bytes()[:-20])
+    words = ["node", folder / "read_summary.mjs", payload, "0.7", "0"]
+    assert subprocess.run(words, capture_output=True, timeout=60, check=False).returncode != 0
 
 
 def test_javascript_refuses_what_is_no_grid(root: Path, tmp_path: Path) -> None:
