@@ -56,7 +56,8 @@ def map_report(
         rejected: heights of the last scan that disagreed with the map.
         anchor: of the walk's height to the map.
         residuals: leg -> height of its sole over the map [m], None where the map does not know the ground there.
-        known_ground: patches declared so far, with the number of cells that each filled.
+        known_ground: patches that were declared, with the number of cells that each filled: all of this pause, and the
+            earlier ones that filled any and are not older than the validity.
         reasons: why the map is not what it might be, besides those of the scan.
     """
     hazard = np.asarray(layers["hazard"], np.uint16)

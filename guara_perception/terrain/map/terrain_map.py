@@ -179,6 +179,9 @@ class TerrainMap:
         rejected = self._look(terrain, now)
         for foot in feet:
             fill_under_foot(self._cells, foot.raised(correction), self._drift, self._pause, clock)
+        # Of patches declared earlier those are named that gave the map cells which may still stand.
+        oldest = terrain.step - self._settings.validity_pauses
+        self._ground = [patch for patch in self._ground if patch["cells"] and patch["step"] >= oldest]
         for ground in known_ground:
             self._declare(ground, now)
         self._scans += 1

@@ -571,3 +571,18 @@ def test_cells_seen_by_another_clock_are_stale(robot: RobotModel, make_scan: Mak
     later = loaded.update(make_scan(0.0, step=1, stamp=10_001 * 10**9), at(0.3), ZERO, time=50.0)
     old = np.isfinite(later.elevation) & (later.age > 0)
     assert old.any() and ((later.hazard[old] & Hazard.STALE) != 0).all()
+
+
+def test_declared_ground_in_the_metadata_does_not_grow_without_end(robot: RobotModel, make_scan: MakeScan) -> None:
+    """Declared at each of 120 pauses: of those that filled nothing only the newest is named, none past its validity."""
+    terrain_map = gp.TerrainMap(robot)
+    patch = gp.KnownGround(np.array([(-0.2, -0.1), (0.2, -0.1), (0.2, 0.1), (-0.2, 0.1)]), 0.0, 0.005)
+    counts, steps = [], []
+    for step in range(120):
+        fused = terrain_map.update(make_scan(0.0, step=step), at(0.01 * step), drift(1e-6 * step), known_ground=[patch])
+        named = fused.metadata["known_ground"]
+        counts.append(len(named))
+        steps.append(min(entry["step"] for entry in named))
+        assert all(entry["cells"] for entry in named[:-1]) and named[-1]["step"] == step
+    assert max(counts) <= Settings.of(robot).validity_pauses + 1
+    assert steps[-1] >= 119 - Settings.of(robot).validity_pauses
