@@ -1,0 +1,29 @@
+"""What `python -m benchmarks.compact` prints of sizes; times are printed and not judged."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from benchmarks import compact
+
+pytestmark = pytest.mark.heavy
+
+
+def test_a_compact_grid_is_an_eighth_of_the_lossless_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Recorded scans and a map: under 60 kB each, and the table has a row for each grid and encoding."""
+    monkeypatch.setattr(compact, "ROUNDS", 1)
+    monkeypatch.setattr("sys.argv", ["compact", "--json"])
+    compact.main()
+    *table, last = capsys.readouterr().out.splitlines()
+    rows = json.loads(last)["compact"]
+    assert len(table) == 1 + len(rows) == 9
+    for row in rows:
+        if row["encoding"] == "compact":
+            assert row["bytes"] < 60_000 and row["share"] < 0.15
+        else:
+            assert row["share"] == 1.0 and row["bytes"] > 350_000
+        assert row["make_ms"] > 0.0 and row["read_ms"] > 0.0
