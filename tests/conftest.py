@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 import guara_perception as gp
 from kinematics import RobotModel, load_robot
@@ -22,6 +23,11 @@ DATA = Path(__file__).parent / "data"
 # system.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, lambda *_: None)
+
+
+# A machine that is busy makes no test fail: neither a deadline nor slowly made examples do.
+settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("busy")
 
 
 def pytest_xdist_auto_num_workers() -> int:

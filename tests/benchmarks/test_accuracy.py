@@ -160,6 +160,7 @@ def test_recorded_scans_meet_the_foundations_figures(
     assert abs(result.bias) <= 0.1
 
 
+@pytest.mark.heavy
 def test_command_prints_one_row_per_scan(data: Path, root: Path):
     """`python -m benchmarks.accuracy FOLDER` prints the header and a row for each scan asked for."""
     done = subprocess.run(

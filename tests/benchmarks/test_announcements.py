@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks.announcements import FLOODS, HOLDS, measure
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.heavy
 
 
 def test_every_kind_of_words_is_sent_and_none_floods_the_log() -> None:

@@ -31,7 +31,7 @@ def test_what_is_injected_moves_one_thing() -> None:
     np.testing.assert_allclose(moved @ centre, planes @ centre, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_drifts_are_found_and_true_scans_are_not() -> None:
     """A true walk holds throughout; one whose mirror lost 16 steps in the first scan is warned of."""
     with ThreadPoolExecutor(1) as pool:

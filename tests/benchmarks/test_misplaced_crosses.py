@@ -21,7 +21,7 @@ def test_crosses_are_misplaced_as_said() -> None:
     np.testing.assert_allclose(one_off(0.003)(points) - points, [[0.003, 0.0]] + [[0.0, 0.0]] * 3, atol=1e-15)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_the_grid_moves_with_the_crosses_and_heights_stay() -> None:
     """All crosses 2 mm ahead: so is the whole grid; no height changes by more than a few tenths of a millimetre."""
     session, robot = open_session(DATA / "calibration"), load_robot("guara")

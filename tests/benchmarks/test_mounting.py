@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import mounting, scenes
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.heavy
 
 
 @pytest.fixture(scope="module")

@@ -98,6 +98,7 @@ def test_every_program_is_reached_by_its_name(root: Path):
         assert done.returncode == code and said in done.stdout + done.stderr
 
 
+@pytest.mark.heavy
 def test_contenders_take_turns():
     """Each begins a round in turn, the slow ones only in the first rounds; ratios pair the same rounds."""
     order = []
@@ -124,6 +125,7 @@ def test_orthorectification_by_arrays_and_by_loops_agree():
     assert columns.mean() < 500 and rows.mean() < 200
 
 
+@pytest.mark.heavy
 def test_resized_scan_keeps_its_heights():
     """The same scene through a camera of half the resolution gives about the same grid."""
     whole = scenes.simulated((320, 256), 24)

@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks.viewers import RATES, measure, summary
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.heavy
 
 
 def test_every_kind_of_viewer_has_its_scans() -> None:

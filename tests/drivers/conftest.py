@@ -12,7 +12,14 @@ import numpy as np
 import pytest
 
 from drivers import BoardConfig, CameraSettings, LaserBoard, timing
-from drivers.emulator import EmulatedBoard, EmulatedCamera, EmulatorConfig, ExposureView, emulated_backend
+from drivers.emulator import (
+    EmulatedBoard,
+    EmulatedCamera,
+    EmulatedClock,
+    EmulatorConfig,
+    ExposureView,
+    emulated_backend,
+)
 
 HEIGHT, WIDTH = 256, 320
 ROOT = Path(__file__).resolve().parents[2]
@@ -54,6 +61,13 @@ def patient_config(**changes: object) -> EmulatorConfig:
     config = EmulatorConfig(settle=0.001, mirror_speed=40.0)
     identity = dataclasses.replace(config.identity, watchdog=60.0)
     return dataclasses.replace(config, identity=identity, **changes)
+
+
+@pytest.fixture
+def emulated_time() -> Iterator[None]:
+    """Devices on a clock of their own: nothing waits, and a machine that is busy drops no frame of theirs."""
+    with timing.on_clock(EmulatedClock()):
+        yield
 
 
 @pytest.fixture

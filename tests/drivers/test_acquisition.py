@@ -14,12 +14,15 @@ from drivers import (
     StripeVerdict,
     acquire,
     prepare,
+    timing,
 )
 from drivers.emulator import EmulatedBoard, EmulatedCamera, Fault, FaultKind, emulated_backend
 from drivers.errors import AcquisitionNotEntered, BadPattern, CameraEnded, MirrorOutOfRange
 from drivers.protocol import BoardFault, Request
 
 ALL_MODES = list(OffFrames)
+
+pytestmark = pytest.mark.usefixtures("emulated_time")
 
 
 def options(off: OffFrames, **more: object) -> AcquireOptions:
@@ -120,7 +123,7 @@ def test_an_exception_in_the_loop_puts_the_laser_out(
                 raise ZeroDivisionError
     assert not emulated.view().laser_on
     events = len(emulated.switchings())
-    time.sleep(0.1)
+    timing.sleep(0.1)
     assert len(emulated.switchings()) == events
 
 
@@ -187,7 +190,7 @@ def test_a_slow_caller_makes_the_scan_wait_in_the_dark(
         iterator = iter(stripes)
         taken = [next(iterator)]
         eventually(lambda: stripes._worker.items.full() and not emulated.view().laser_on)
-        time.sleep(0.05)
+        timing.sleep(0.05)
         assert not emulated.view().laser_on
         taken += list(iterator)
         report = stripes.report
@@ -283,7 +286,7 @@ def test_a_watchdog_that_bit_in_mid_scan_is_reported(emulated: EmulatedBoard, sc
 
         def grab(timeout: float):
             if len(slept) == 0 and short.view().laser_on:
-                slept.append(time.sleep(0.8))
+                slept.append(timing.sleep(0.8))
             return real(timeout)
 
         camera.grab = grab  # type: ignore[method-assign]

@@ -1,15 +1,12 @@
 """Every fault of board and camera at every phase of a scan: nothing false is handed out, the next scan is whole."""
 
-from collections.abc import Iterator
-
 import pytest
 
-from drivers import AcquireOptions, BoardConfig, DriverError, LaserBoard, OffFrames, StripeVerdict, acquire, timing
+from drivers import AcquireOptions, BoardConfig, DriverError, LaserBoard, OffFrames, StripeVerdict, acquire
 from drivers.emulator import (
     CameraFault,
     EmulatedBoard,
     EmulatedCamera,
-    EmulatedClock,
     Fault,
     FaultKind,
     emulated_backend,
@@ -34,12 +31,7 @@ TRANSFER_FAULTS = [
     FaultKind.GARBAGE,
 ]
 
-
-@pytest.fixture(autouse=True)
-def emulated_time() -> Iterator[None]:
-    """Devices on a clock of their own: a machine that is busy drops no frame of theirs."""
-    with timing.on_clock(EmulatedClock()):
-        yield
+pytestmark = pytest.mark.usefixtures("emulated_time")
 
 
 def scan(board: LaserBoard, camera: EmulatedCamera, off: OffFrames = OffFrames.ONE):

@@ -1,13 +1,13 @@
 """Stripes handed over in groups: which are together, and that none is lost however a scan ends."""
 
-import time
-
 import pytest
 
-from drivers import AcquireOptions, LaserBoard, OffFrames, StripeStream, acquire
+from drivers import AcquireOptions, LaserBoard, OffFrames, StripeStream, acquire, timing
 from drivers.emulator import EmulatedBoard, EmulatedCamera, Fault, FaultKind
 from drivers.errors import BoardUnplugged
 from drivers.protocol import Request
+
+pytestmark = pytest.mark.usefixtures("emulated_time")
 
 
 def options(**more: object) -> AcquireOptions:
@@ -117,7 +117,7 @@ def test_a_slow_caller_of_groups_makes_the_scan_wait_in_the_dark(
         groups = stream.groups()
         taken = [stripe.index for stripe in next(groups)]
         eventually(lambda: len(stream.report.fired) == 12 and not emulated.view().laser_on)
-        time.sleep(0.05)
+        timing.sleep(0.05)
         assert len(stream.report.fired) == 12 and not emulated.view().laser_on
         taken += [stripe.index for group in groups for stripe in group]
         assert stream.report.in_step and stream.report.frames_dropped == 0

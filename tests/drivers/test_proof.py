@@ -1,5 +1,7 @@
 """Judging frames against what was commanded."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,11 +13,16 @@ from drivers.proof import StepProof, _SampleGrid
 HEIGHT, WIDTH = 200, 320
 
 
+@cache
+def noise(seed: int) -> np.ndarray:
+    """Noise of a frame, drawn once."""
+    return np.random.default_rng(seed).normal(0.0, 2.0, (HEIGHT, WIDTH, 3))
+
+
 def scene(
     row: int | None, *, channel: int = 2, seed: int = 0, columns: slice = slice(None), level: int = 40
 ) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    image = rng.normal(level, 2.0, (HEIGHT, WIDTH, 3))
+    image = level + noise(seed)
     if row is not None:
         image[row - 1 : row + 2, columns, channel] += 120
     return image.clip(0, 255).astype(np.uint8)
@@ -51,8 +58,7 @@ def test_depth_and_colour_of_the_picture_do_not_matter(dtype: type, colour: bool
     assert judge(StepProof(), 0.0, off, off)[0] is StripeVerdict.DARK
 
 
-@given(st.integers(0, 10_000))
-@settings(max_examples=30, derandomize=True)
+@pytest.mark.parametrize("seed", range(20))
 def test_noise_is_never_taken_for_the_laser(seed: int) -> None:
     """Two frames without laser are dark, whatever the noise."""
     verdict, evidence = judge(StepProof(), 0.0, scene(None, seed=seed))
@@ -165,7 +171,7 @@ def band_of(row: int) -> tuple[int, int]:
 
 
 @pytest.mark.slow
-@given(st.lists(st.integers(30, 170), min_size=2, max_size=8), st.integers(0, 10_000))
+@given(st.lists(st.integers(30, 170), min_size=2, max_size=8), st.integers(0, 10))
 @settings(max_examples=25, derandomize=True)
 def test_a_look_at_the_band_tells_what_the_whole_frame_tells(rows: list[int], seed: int) -> None:
     """One off frame for all: verdict, row, contrast, level and shift, wherever the stripes lie."""

@@ -45,7 +45,7 @@ def test_covariances_agree_with_sampling() -> None:
     new_place = READINGS.copy()
     new_place[1, 0] += 0.14
     poses, places = [], []
-    for _ in range(3000):
+    for _ in range(1000):
 
         def read(readings: np.ndarray, *seen: object) -> np.ndarray:
             return seen_from(readings, *seen) + rng.normal(size=(4, 4)) @ roots.T  # type: ignore[arg-type]

@@ -219,7 +219,7 @@ def test_camera_covariance_agrees_with_sampling(attitude: str, feet: tuple[str, 
     mount = np.diag([0.001, 0.0015, 0.001, 0.002, 0.001, 0.003]) ** 2
     stance = tilted(GUARA, attitude == "imu", feet)
     pose = GUARA.stance_pose(stance, camera_covariance=mount, find_unloaded=False)
-    sampled = sampled_covariance(stance, attitude, mount, 6000)
+    sampled = sampled_covariance(stance, attitude, mount, 2500)
     sigmas = np.sqrt(np.diag(sampled))
     np.testing.assert_allclose(np.sqrt(np.diag(pose.camera_covariance)), sigmas, rtol=0.10)
     correlations = (pose.camera_covariance - sampled) / np.outer(sigmas, sigmas)
@@ -235,7 +235,7 @@ def test_footprint_covariance_agrees_with_noisy_joints(guara: RobotModel) -> Non
     )
     nominal = guara.stance_pose(stance, noise=noise, find_unloaded=False)
     samples = []
-    for _ in range(1500):
+    for _ in range(800):
         joints = {name: value + rng.normal(0.0, noise.encoder_sigma) for name, value in stance.joint_positions.items()}
         pose = guara.stance_pose(Stance(joints, guara.legs), noise=noise, find_unloaded=False)
         turned = pose.transform_base_to_footprint[:3, :3] @ nominal.transform_base_to_footprint[:3, :3].T

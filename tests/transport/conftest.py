@@ -16,7 +16,7 @@ from tests.ports import free_endpoint
 from tests.slow_link import SlowLink
 
 PEER = Path(__file__).with_name("peer.py")
-PATIENCE = 30.0
+PATIENCE = 180.0
 """[s] For anything that must happen at all; generous, because the machine may be loaded."""
 
 

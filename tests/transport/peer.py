@@ -199,7 +199,7 @@ def run_viewer(endpoint: str, security: str = "", robot: str = "guara") -> None:
 
 def run_planner(endpoint: str) -> None:
     """A planner that receives and says so."""
-    with transport.open_client(endpoint, timeout=20.0) as session:
+    with transport.open_client(endpoint, timeout=120.0) as session:
         client = transport.PerceptionClient(session)
         client.on_terrain(lambda terrain: say("got", terrain.sequence, is_whole(terrain)))
         say("ready")
@@ -208,7 +208,7 @@ def run_planner(endpoint: str) -> None:
 
 def run_exit(endpoint: str, how: str) -> None:
     """A planner script that ends in one of many ways, mostly without closing anything."""
-    client = transport.PerceptionClient(transport.open_client(endpoint, timeout=20.0))
+    client = transport.PerceptionClient(transport.open_client(endpoint, timeout=120.0))
     entered = threading.Event()
 
     def stuck(_: object) -> None:

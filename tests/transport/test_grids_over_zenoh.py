@@ -15,7 +15,7 @@ from transport.stance_pause import make_stance_pause
 
 
 def _client(endpoint: str) -> transport.PerceptionClient:
-    return transport.PerceptionClient(transport.open_client(endpoint, timeout=30.0))
+    return transport.PerceptionClient(transport.open_client(endpoint, timeout=180.0))
 
 
 def test_a_grid_travels_whole_between_processes(start, endpoint: str, peer) -> None:
@@ -24,7 +24,7 @@ def test_a_grid_travels_whole_between_processes(start, endpoint: str, peer) -> N
     with _client(endpoint) as client:
         client.receiver()
         node.tell("publish 5")
-        terrain = client.wait_for(lambda grid: grid.sequence == 5, timeout=30.0)
+        terrain = client.wait_for(lambda grid: grid.sequence == 5, timeout=180.0)
         expected = peer.make_terrain(5)
         for name, array in expected.layers.items():
             assert terrain.layers[name].tobytes() == array.tobytes(), name
@@ -38,11 +38,11 @@ def test_late_joiners_get_the_last_grid(start, endpoint: str) -> None:
     node.tell("publish 2")
     node.tell("map 3")
     with _client(endpoint) as client:
-        client.wait_for(lambda grid: grid.sequence == 2, timeout=30.0)
+        client.wait_for(lambda grid: grid.sequence == 2, timeout=180.0)
         client.wait_for(lambda grid: grid.sequence == 3, timeout=30.0, extent="map")
     for _ in range(5):
         with _client(endpoint) as client:
-            assert client.wait_for(lambda _: True, timeout=30.0).sequence == 2
+            assert client.wait_for(lambda _: True, timeout=180.0).sequence == 2
             assert client.wait_for(lambda _: True, timeout=30.0, extent="map").shape == (140, 320)
             assert client.latest().sequence == 2
 
@@ -52,7 +52,7 @@ def test_occupancy_and_grid_map_come_with_the_grid(start, endpoint: str, peer) -
     node = start("node", endpoint)
     node.tell("publish 4")
     terrain = peer.make_terrain(4)
-    with transport.open_client(endpoint, timeout=30.0) as session:
+    with transport.open_client(endpoint, timeout=180.0) as session:
         for key, name in ((keys.occupancy_key(), "nav_msgs/msg/OccupancyGrid"),
                           (keys.grid_map_key(), "grid_map_msgs/msg/GridMap")):  # fmt: skip
             receiver = transport.NewestReceiver(session, key, lambda raw, name=name: decode(raw, name))
@@ -74,7 +74,7 @@ def test_a_slow_reader_gets_the_newest_and_counts_the_rest(endpoint: str, peer, 
         with _client(endpoint) as client:
             receiver = client.receiver()
             publisher.put(transport.encode_terrain(peer.make_terrain(100, shape=(4, 5))))
-            client.wait_for(lambda grid: grid.sequence == 100, timeout=30.0)
+            client.wait_for(lambda grid: grid.sequence == 100, timeout=180.0)
             for sequence in range(1, 21):
                 publisher.put(transport.encode_terrain(peer.make_terrain(sequence, shape=(4, 5))))
             assert eventually(lambda: receiver.received + receiver.missed == 21)
@@ -110,14 +110,14 @@ def test_a_damaged_grid_is_an_error_not_an_older_grid(endpoint: str, peer, event
         with _client(endpoint) as client:
             good = transport.encode_terrain(peer.make_terrain(1, shape=(4, 5)))
             publisher.put(good)
-            client.wait_for(lambda grid: grid.sequence == 1, timeout=30.0)
+            client.wait_for(lambda grid: grid.sequence == 1, timeout=180.0)
             publisher.put(good[:-9])
             assert eventually(lambda: client.receiver().received == 2)
             with pytest.raises(transport.MessageError):
                 client.latest()
             assert client.receiver().rejected == 1
             publisher.put(transport.encode_terrain(peer.make_terrain(2, shape=(4, 5))))
-            assert client.wait_for(lambda grid: grid.sequence == 2, timeout=30.0).step == 2
+            assert client.wait_for(lambda grid: grid.sequence == 2, timeout=180.0).step == 2
 
 
 @pytest.mark.slow
@@ -130,7 +130,7 @@ def test_age_decides_what_may_be_used(endpoint: str, peer) -> None:
                 client.latest()
             old = time.time_ns() - 5_000_000_000
             server.publish(peer.make_terrain(1, step=10, stamp=old, valid_for=60.0, valid_pauses=2))
-            assert client.wait_for_step(10, timeout=30.0).sequence == 1
+            assert client.wait_for_step(10, timeout=180.0).sequence == 1
             assert client.latest().step == 10
             assert client.latest(max_age=30.0).step == 10
             with pytest.raises(transport.StaleTerrain, match=r"step 10\) is \d+\.\d+ s old; allowed: 1 s"):
@@ -150,7 +150,7 @@ def test_a_grid_outlives_only_its_pauses(endpoint: str, peer, eventually) -> Non
         server = transport.PerceptionServer(session)
         with _client(endpoint) as client:
             server.publish(peer.make_terrain(1, step=3, valid_pauses=2))
-            client.wait_for_step(3, timeout=30.0)
+            client.wait_for_step(3, timeout=180.0)
             for step in (3, 5):
                 server.begin_step(step)
                 assert eventually(
@@ -219,14 +219,14 @@ def test_the_newest_grid_arrives_after_the_router_was_killed(start, endpoint: st
     node = start("node", endpoint, "connect")
     with _client(endpoint) as client:
         node.tell("publish 1")
-        client.wait_for(lambda grid: grid.sequence == 1, timeout=30.0)
+        client.wait_for(lambda grid: grid.sequence == 1, timeout=180.0)
         for number in (2, 4):
             router.kill()
             node.tell(f"publish {number}")
             node.tell(f"publish {number + 1}")
             time.sleep(0.3)
             router = start("router", endpoint)
-            assert client.wait_for(lambda grid, n=number: grid.sequence > n, timeout=30.0)
+            assert client.wait_for(lambda grid, n=number: grid.sequence > n, timeout=180.0)
 
 
 def test_a_stopped_planner_costs_the_healthy_one_nothing(start, endpoint: str) -> None:
@@ -237,13 +237,13 @@ def test_a_stopped_planner_costs_the_healthy_one_nothing(start, endpoint: str) -
         receiver = client.receiver()
         assert client.wait_until_alive(30.0)
         node.tell("publish 100")
-        client.wait_for(lambda grid: grid.sequence == 100, timeout=30.0)
+        client.wait_for(lambda grid: grid.sequence == 100, timeout=180.0)
         before = receiver.received
         stuck.send(signal.SIGSTOP)
         # 60 grids of the usual 0.4 MB: more than the 16 MiB of shared memory, which the stopped one holds.
         node.tell("stream 60 0.04 27")
         node.expect("streamed 60")
-        client.wait_for(lambda grid: grid.sequence == 60, timeout=30.0)
+        client.wait_for(lambda grid: grid.sequence == 60, timeout=180.0)
         assert receiver.received - before == 60 and receiver.missed == 0
 
 
@@ -252,10 +252,10 @@ def test_the_last_grid_of_a_burst_arrives_over_a_slow_link(start, endpoint: str,
     node = start("node", endpoint)
     link = slow_link(endpoint, 2.5e6)
     # Without shared memory, or the payload would not go through the link at all.
-    session = transport.open_client(link.endpoint, shared_memory=False, timeout=30.0)
+    session = transport.open_client(link.endpoint, shared_memory=False, timeout=180.0)
     with transport.PerceptionClient(session) as client:
         node.tell("publish 100")
-        client.wait_for(lambda grid: grid.sequence == 100, timeout=30.0)
+        client.wait_for(lambda grid: grid.sequence == 100, timeout=180.0)
         node.tell("stream 12 0.1 49")
         assert client.wait_for(lambda grid: grid.sequence == 12, timeout=60.0)
         assert client.receiver().received < 13
@@ -265,7 +265,7 @@ def test_a_node_killed_while_it_publishes_leaves_no_partial_grid(start, endpoint
     """Whatever arrived before a kill -9 in the middle of large puts is whole and of one scan."""
     router = start("router", endpoint)
     arrived: list[bool] = []
-    with transport.open_client(endpoint, timeout=30.0) as session:
+    with transport.open_client(endpoint, timeout=180.0) as session:
         receiver = transport.NewestReceiver(session, keys.terrain_key(), transport.decode_terrain)
         receiver.on_newest(lambda received: arrived.append(peer.is_whole(received.message)))
         for _ in range(3):
@@ -345,7 +345,7 @@ def test_status_tells_how_the_node_does(endpoint: str, peer, eventually) -> None
 def test_both_ends_of_a_pause_reach_the_node(start, endpoint: str, peer) -> None:
     """Begin and end are seen in order, and a node that comes later still gets the last one."""
     node = start("node", endpoint)
-    with transport.open_client(endpoint, timeout=30.0) as session:
+    with transport.open_client(endpoint, timeout=180.0) as session:
         publisher = transport.StancePublisher(session)
         for phase in (transport.PausePhase.BEGIN, transport.PausePhase.END):
             publisher.publish(
@@ -366,7 +366,7 @@ def test_an_announcement_that_is_none_is_told_and_the_next_one_heard(endpoint: s
     """Damaged bytes, or a joint that is NaN, must not pass unnoticed: it may have been the end of a pause."""
     refused: list[str] = []
     heard: list[int] = []
-    with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint, timeout=30.0) as other:
+    with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint, timeout=180.0) as other:
         transport.StanceReceiver(
             session,
             on_pause=lambda pause: heard.append(pause.step),
@@ -388,7 +388,7 @@ def test_an_announcement_that_is_none_is_told_and_the_next_one_heard(endpoint: s
 @pytest.mark.slow
 def test_who_comes_within_a_pause_hears_its_begin_and_not_its_holds(endpoint: str, peer, eventually) -> None:
     """HOLD is for those who listen now; a node that starts meanwhile needs the BEGIN, and then hears every HOLD."""
-    with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint, timeout=30.0) as other:
+    with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint, timeout=180.0) as other:
         publisher = transport.StancePublisher(other)
 
         def say(phase: transport.PausePhase, stamp: int) -> None:

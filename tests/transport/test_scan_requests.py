@@ -12,7 +12,7 @@ from transport.scan_messages import decode_refusal, encode_scan_request
 
 
 def _client(endpoint: str) -> transport.PerceptionClient:
-    return transport.PerceptionClient(transport.open_client(endpoint, timeout=30.0))
+    return transport.PerceptionClient(transport.open_client(endpoint, timeout=180.0))
 
 
 def test_a_request_ends_with_its_grid(shared_node) -> None:
@@ -24,7 +24,7 @@ def test_a_request_ends_with_its_grid(shared_node) -> None:
             mode="coarse", timeout=30.0, on_progress=lambda reply: progress.append(reply.stripes_done)
         )
         assert progress == sorted(progress) and set(progress) <= {1, 2, 3}
-        assert client.request_scan(timeout=30.0).sequence == first.sequence + 1
+        assert client.request_scan(timeout=180.0).sequence == first.sequence + 1
 
 
 def test_the_same_id_is_one_scan(shared_node) -> None:
@@ -70,7 +70,7 @@ def test_a_second_request_meanwhile_is_busy(start, endpoint: str) -> None:
         waiting.start()
         node.expect("scanning")
         with pytest.raises(transport.ScanBusy, match="another request"):
-            two.request_scan(timeout=30.0)
+            two.request_scan(timeout=180.0)
         node.kill()
         waiting.join(30.0)
         assert not waiting.is_alive()
@@ -129,7 +129,7 @@ def test_after_a_timeout_the_scanner_takes_the_next_request(endpoint: str, peer)
             deadline = time.monotonic() + 30.0
             while True:
                 try:
-                    assert client.request_scan(timeout=30.0).sequence == 2
+                    assert client.request_scan(timeout=180.0).sequence == 2
                     break
                 except transport.ScanBusy:
                     assert time.monotonic() < deadline
@@ -138,7 +138,7 @@ def test_after_a_timeout_the_scanner_takes_the_next_request(endpoint: str, peer)
 def test_a_request_that_is_none_is_refused(shared_node) -> None:
     """Bytes that are no request get a refusal in words, and the scanner goes on."""
     _, endpoint = shared_node
-    with transport.open_client(endpoint, timeout=30.0) as session:
+    with transport.open_client(endpoint, timeout=180.0) as session:
         for payload in (b"", b"nonsense", encode_scan_request(
             transport.ScanRequest(id="a", mode="coarse", timeout=1.0))[:-4]):  # fmt: skip
             errors: list[bytes | None] = []
@@ -153,7 +153,7 @@ def test_a_request_that_is_none_is_refused(shared_node) -> None:
             )
             assert ended.wait(30.0)
             assert decode_refusal(errors[0]).code == "bad_request"
-        assert transport.PerceptionClient(session).request_scan(timeout=30.0).sequence > 0
+        assert transport.PerceptionClient(session).request_scan(timeout=180.0).sequence > 0
 
 
 @pytest.mark.parametrize(
@@ -188,7 +188,7 @@ def test_grids_of_an_earlier_node_do_not_answer_a_request(endpoint: str, peer) -
 
                 server.serve_scans(scan)
                 assert client.wait_until_alive(30.0)
-                terrain = client.request_scan(timeout=30.0)
+                terrain = client.request_scan(timeout=180.0)
                 assert (terrain.sequence, terrain.stamp) == (1, stamp)
     router.close()
 
@@ -207,7 +207,7 @@ def test_a_node_that_lives_before_it_scans_is_asked_again(endpoint: str, peer) -
 
         late = threading.Timer(0.2, server.serve_scans, [scan])
         late.start()
-        assert client.request_scan(timeout=30.0).stamp == peer.STAMP
+        assert client.request_scan(timeout=180.0).stamp == peer.STAMP
         late.join()
 
 

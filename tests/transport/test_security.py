@@ -83,17 +83,17 @@ def test_roles_work_end_to_end(start, endpoint: str, folder: Path, peer) -> None
     secure = _secure(endpoint)
     node = start("node", secure, "listen", str(folder))
     node.tell("publish 1")
-    with transport.open_client(secure, security=folder / "planner", timeout=30.0) as session:
+    with transport.open_client(secure, security=folder / "planner", timeout=180.0) as session:
         client = transport.PerceptionClient(session)
-        assert client.wait_for_step(1, timeout=30.0).sequence == 1
-        assert client.request_scan(timeout=30.0).sequence == 1
-    with transport.open_client(secure, security=folder / "viewer", timeout=30.0) as session:
+        assert client.wait_for_step(1, timeout=180.0).sequence == 1
+        assert client.request_scan(timeout=180.0).sequence == 1
+    with transport.open_client(secure, security=folder / "viewer", timeout=180.0) as session:
         client = transport.PerceptionClient(session)
-        assert client.wait_for_step(1, timeout=30.0) is client.latest()
+        assert client.wait_for_step(1, timeout=180.0) is client.latest()
         assert client.query().sequence == 1
         with pytest.raises(transport.ScannerUnavailable, match="the role of its certificate"):
             client.request_scan(timeout=5.0)
-    with transport.open_client(secure, security=folder / "gait", timeout=30.0) as session:
+    with transport.open_client(secure, security=folder / "gait", timeout=180.0) as session:
         publisher = transport.StancePublisher(session)
         for step, phase in enumerate((1, 2, 1)):
             pause = transport.StancePause(robot="guara", step=step, phase=phase, stamp=1, stance=peer.make_stance())
@@ -132,7 +132,7 @@ def test_who_has_no_valid_certificate_does_not_get_in(endpoint: str, folder: Pat
                 transport.open_client(secure, timeout=0.5)
             else:
                 transport.open_client(secure, security=own, timeout=0.5)
-        with transport.open_client(secure, security=folder / "planner", timeout=30.0) as session:
+        with transport.open_client(secure, security=folder / "planner", timeout=180.0) as session:
             assert session.links()
 
 

@@ -45,7 +45,7 @@ def test_client_waits_for_a_router_that_comes_later(endpoint: str) -> None:
 
     thread = threading.Thread(target=come_later)
     thread.start()
-    with transport.open_client(endpoint, timeout=30.0) as client:
+    with transport.open_client(endpoint, timeout=180.0) as client:
         assert client.links() == (endpoint,)
     thread.join()
     nodes[0].close()

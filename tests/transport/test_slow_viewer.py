@@ -26,7 +26,7 @@ def test_a_slow_viewer_costs_a_local_planner_nothing(start, slow_link, place, me
     node = start("node", endpoint, "listen", folders["node"])
     link = slow_link(endpoint, megabits * 1e6 / 8)
     delays: list[float] = []
-    with transport.open_client(endpoint, security=folders["planner"] or None, timeout=30.0) as session:
+    with transport.open_client(endpoint, security=folders["planner"] or None, timeout=180.0) as session:
         client = transport.PerceptionClient(session)
         client.receiver("map")
         viewer = None

@@ -78,7 +78,7 @@ def command(
     from guara_perception.app.record.operator import Operator, TextOperator
     from guara_perception.app.record.record import record_session
     from guara_perception.app.record.session_writer import SessionPlan, SessionWriter
-    from guara_perception.app.record.simulated import SimulatedWorkshop, emulated_time
+    from guara_perception.app.record.simulated import SimulatedWorkshop
     from guara_perception.app.targets.board_words import board_of_words, heights_of_words
     from guara_perception.app.targets.drawings import cross_points
     from guara_perception.calibration.calibrate import calibrate_session
@@ -107,7 +107,6 @@ def command(
         page = stack.enter_context(LivePage(port))
         operator: Operator
         if simulated:
-            stack.enter_context(emulated_time())
             workshop = SimulatedWorkshop(robot)
             workshop.use_board(spec)
             rangefinder, known, operator = workshop.rangefinder, Devices(source="simulated"), workshop

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -17,10 +18,13 @@ from drivers import (
     acquire,
     prepare,
     setting_changes,
+    timing,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from drivers.timing import Clock
 
 
 FiringOrder = Sequence[tuple[int, float]]
@@ -39,18 +43,24 @@ class Rangefinder:
         camera: the camera.
         options: how scans are taken; None = one off frame per scan, STRIPES_TOGETHER.
         settings: locked and read back when the camera is opened; None leaves it as it is.
+        clock: by which all devices of this process live while these are open; None = the machine's. Emulated devices
+            with a clock of their own never wait, and miss nothing on a machine that is busy.
     """
 
     board: LaserBoard
     camera: Camera
     options: AcquireOptions | None = None
     settings: CameraSettings | None = None
+    clock: Clock | None = None
     _locked: CameraSettings | None = field(default=None, repr=False)
     _entered: list[LaserBoard | Camera] = field(default_factory=list, repr=False)
+    _clock_held: ExitStack = field(default_factory=ExitStack, repr=False)
 
     def __enter__(self) -> Self:
         """Open both devices."""
         try:
+            if self.clock is not None:
+                self._clock_held.enter_context(timing.on_clock(self.clock))
             for device in (self.board, self.camera):
                 device.__enter__()
                 self._entered.append(device)
@@ -109,3 +119,4 @@ class Rangefinder:
         """Close in the order of opening: the board, and with it the laser, first."""
         while self._entered:
             self._entered.pop(0).__exit__(None, None, None)
+        self._clock_held.close()

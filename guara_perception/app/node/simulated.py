@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from drivers import CameraSettings, LaserBoard
-from drivers.emulator import EmulatedBoard, emulated_backend
+from drivers.emulator import EmulatedBoard, EmulatedClock, emulated_backend
 from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.calibration.calibration import Calibration
@@ -31,6 +31,8 @@ LATENCY_S = 0.001
 
 class SimulatedRobot:
     """Robot, world and rangefinder, all simulated; laser and mirror are those of the emulated board.
+
+    The devices keep a time of their own: a scan takes what its computing takes, and a busy machine loses no frame.
 
     Attributes:
         robot: the model.
@@ -66,10 +68,13 @@ class SimulatedRobot:
         )
         self._rig = SimulatedRangefinder(self.world, self.calibration, self.robot, seed)
         self._seed = seed
-        board = EmulatedBoard()
+        clock = EmulatedClock()
+        board = EmulatedBoard(clock=clock.monotonic)
         camera = simulated_camera(self._rig, board, fps=fps, latency=LATENCY_S)
         settings = CameraSettings(exposure=NOMINAL_EXPOSURE_S, gain=1.0)
-        self.rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera, settings=settings)
+        self.rangefinder = Rangefinder(
+            LaserBoard(backend=emulated_backend(board)), camera, settings=settings, clock=clock
+        )
         self.stand_at(next(self.walk(cycles=0)))
 
     def stand_at(self, pause: WalkPause) -> None:

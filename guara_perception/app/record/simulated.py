@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -56,16 +55,10 @@ CHARUCO_REACH = 1.5
 FLOOR_MATERIAL = "soil"
 
 
-def emulated_time() -> AbstractContextManager[None]:
-    """Let the devices of a workshop live by a clock of their own: nothing waits, however busy the machine is."""
-    from drivers import timing
-    from drivers.emulator import EmulatedClock
-
-    return timing.on_clock(EmulatedClock())
-
-
 class SimulatedWorkshop:
     """Devices and operator in one: what it is asked to show is what its camera then sees.
+
+    The devices keep a time of their own, so that a busy machine loses no frame.
 
     Attributes:
         robot: the model.
@@ -76,7 +69,7 @@ class SimulatedWorkshop:
     def __init__(self, robot: str | Path = "guara", size: tuple[int, int] = (640, 512), seed: int = 1) -> None:
         """Set it up: the robot stands in its scan posture on a flat floor."""
         from drivers import LaserBoard
-        from drivers.emulator import EmulatedBoard, emulated_backend
+        from drivers.emulator import EmulatedBoard, EmulatedClock, emulated_backend
         from drivers.emulator.camera import EmulatedCamera
 
         self.robot: RobotModel = load_robot(robot)
@@ -89,7 +82,8 @@ class SimulatedWorkshop:
         self._board = BoardSpec(9, 7, 0.03)
         self._floor: Scene = renderer(self._over(0.0))
         self._scene = self._floor
-        board = EmulatedBoard()
+        clock = EmulatedClock()
+        board = EmulatedBoard(clock=clock.monotonic)
         camera = EmulatedCamera(
             board,
             lambda seen, settings: self._scene(seen, settings),
@@ -98,7 +92,7 @@ class SimulatedWorkshop:
             latency=LATENCY_S,
             name="simulated camera",
         )
-        self.rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
+        self.rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera, clock=clock)
 
     def use_board(self, board: BoardSpec) -> None:
         """Take this board from now on."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import distance_transform_edt
 
 from guara_perception.arrays import Float, Float32
 from guara_perception.exceptions import InvalidInput
@@ -62,6 +61,9 @@ class DistanceField:
 
 def distance_field(terrain: LayeredGrid, low: float, high: float) -> DistanceField:
     """See `TerrainGrid.distance_field`."""
+    # Costs as much to import as all the rest of a grid, which most programs want without it.
+    from scipy.ndimage import distance_transform_edt
+
     if not (np.isfinite([low, high]).all() and low < high):
         raise InvalidInput(f"heights {low} ... {high} m: both must be finite and the second the larger one")
     step = terrain.resolution

@@ -16,7 +16,7 @@ import guara_perception as gp
 from guara_perception.app.main import run
 from tests.ports import free_endpoint
 
-PATIENCE = 60.0
+PATIENCE = 180.0
 """[s] For anything that must happen at all; generous, because the machine may be loaded."""
 
 
@@ -120,6 +120,12 @@ def guara(capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
         return Said(code, said.out, said.err)
 
     return command
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scans draw no figures: they take longer than all the rest, and have tests of their own."""
+    monkeypatch.setattr("guara_perception.app.figures.figures.draw_figures", lambda *_: [])
 
 
 def eventually(condition: Callable[[], bool]) -> bool:

@@ -27,7 +27,7 @@ def node(start, module_endpoint: str, terrain_file: Path):
 @pytest.fixture
 def client(node, module_endpoint: str) -> Iterator[gp.TerrainClient]:
     """A planner connected to it."""
-    with gp.TerrainClient(module_endpoint, timeout=30) as connected:
+    with gp.TerrainClient(module_endpoint, timeout=180) as connected:
         yield connected
 
 
@@ -41,8 +41,8 @@ def test_running_node_without_a_grid_is_told(client: gp.TerrainClient, eventuall
 def test_late_joiner_gets_the_last_grid_bit_for_bit(node, module_endpoint: str, paper_terrain: gp.TerrainGrid):
     """A planner that starts after the scan has the grid at once, the same in every bit and in all it says."""
     node.tell("publish 1")
-    with gp.TerrainClient(module_endpoint, timeout=30) as late:
-        terrain = late.wait_for_step(1, timeout=30)
+    with gp.TerrainClient(module_endpoint, timeout=180) as late:
+        terrain = late.wait_for_step(1, timeout=180)
         assert late.latest().step == 1
     for name, layer in paper_terrain.layers.items():
         assert terrain.layer(name).tobytes() == layer.tobytes(), name
@@ -57,8 +57,8 @@ def test_wait_for_step_returns_that_step_or_a_later_one(node, client: gp.Terrain
     """A planner that missed a step gets the newer grid, never an older one."""
     node.tell("publish 4")
     node.tell("publish 6")
-    assert client.wait_for_step(6, timeout=30).step == 6
-    assert client.wait_for_step(3, timeout=30).step == 6
+    assert client.wait_for_step(6, timeout=180).step == 6
+    assert client.wait_for_step(3, timeout=180).step == 6
     with pytest.raises(ReceiveTimeout, match="within 0.3 s"):
         client.wait_for_step(7, timeout=0.3)
 
@@ -66,7 +66,7 @@ def test_wait_for_step_returns_that_step_or_a_later_one(node, client: gp.Terrain
 def test_old_grid_is_stale(node, client: gp.TerrainClient):
     """Older than asked for, or than its own validity: refused with age, limit and what to do."""
     node.tell("publish 10 100")
-    client.wait_for_step(10, timeout=30)
+    client.wait_for_step(10, timeout=180)
     assert client.latest().step == 10
     with pytest.raises(gp.StaleTerrain, match=r"step 10\) is 1\d\d\.\d+ s old; allowed: 50 s"):
         client.latest(max_age=50)
@@ -85,7 +85,7 @@ def test_grid_of_many_pauses_ago_is_stale(node, client: gp.TerrainClient, eventu
     """The robot walked on without a scan: the grid's own validity in pauses ends it, a given age does not ask."""
     node.tell("publish 20")
     node.tell("map 20")
-    client.wait_for_step(20, timeout=30)
+    client.wait_for_step(20, timeout=180)
     client.wait_for_step(20, timeout=30, extent="map")
 
     def is_stale(extent: str, words: str) -> bool:
@@ -128,13 +128,13 @@ def test_both_extents_are_received(node, client: gp.TerrainClient):
     node.tell("map 91")
     fused = client.wait_for_step(91, timeout=30, extent="map")
     assert fused.extent == "map" and client.latest(extent="map").step == 91
-    assert client.wait_for_step(90, timeout=30).extent == "footprint"
+    assert client.wait_for_step(90, timeout=180).extent == "footprint"
 
 
 def test_flipped_bit_is_refused_everywhere(node, client: gp.TerrainClient, eventually: Callable, caplog):
     """A safe cell that gained a flag on the way breaks the invariant: no way of reading hands such a grid out."""
     node.tell("publish 100")
-    client.wait_for_step(100, timeout=30)
+    client.wait_for_step(100, timeout=180)
     heard: list[int] = []
     client.on_terrain(lambda terrain: heard.append(terrain.step))
     assert eventually(lambda: heard == [100])
@@ -142,22 +142,22 @@ def test_flipped_bit_is_refused_everywhere(node, client: gp.TerrainClient, event
     with pytest.raises(
         gp.UnsafeGrid, match="grid received from 'guara', step 101: a cell is traversable with a hazard"
     ):
-        client.wait_for_step(101, timeout=30)
+        client.wait_for_step(101, timeout=180)
     with pytest.raises(gp.UnsafeGrid, match="1 cells, the first at iy="):
         client.latest()
     with pytest.raises(gp.UnsafeGrid):
-        next(client.stream(timeout=30))
+        next(client.stream(timeout=180))
     assert eventually(lambda: "step 101" in caplog.text)
     node.tell("publish 102")
-    assert client.wait_for_step(102, timeout=30).step == 102
+    assert client.wait_for_step(102, timeout=180).step == 102
     assert eventually(lambda: heard == [100, 102])
 
 
 def test_stream_yields_newer_grids_only(node, client: gp.TerrainClient):
     """The stream begins with the last grid and then waits for the next."""
     node.tell("publish 110")
-    client.wait_for_step(110, timeout=30)
-    stream = client.stream(timeout=30)
+    client.wait_for_step(110, timeout=180)
+    stream = client.stream(timeout=180)
     assert next(stream).step == 110
     node.tell("publish 111")
     assert next(stream).step == 111
@@ -173,7 +173,7 @@ def client_stream_after(client: gp.TerrainClient, step: int) -> Iterator[gp.Terr
 def test_query_returns_a_region(node, client: gp.TerrainClient, paper_terrain: gp.TerrainGrid):
     """A region of the newest grid is cut on whole cells and holds the same values."""
     node.tell("publish 120")
-    part = client.query(region=(0.60, 0.70, -0.10, 0.05), timeout=30)
+    part = client.query(region=(0.60, 0.70, -0.10, 0.05), timeout=180)
     assert part.shape == (30, 20) and part.origin == pytest.approx((0.60, -0.10))
     np.testing.assert_array_equal(part.hazard, np.asarray(paper_terrain.hazard)[34:64, 20:40])
 
@@ -191,7 +191,7 @@ def test_requested_scan_comes_back_or_says_why_not(node, client: gp.TerrainClien
 def test_counts_say_what_was_received(node, client: gp.TerrainClient):
     """Four figures by name, starting with what arrived."""
     node.tell("publish 2000")
-    client.wait_for_step(2000, timeout=30)
+    client.wait_for_step(2000, timeout=180)
     counts = client.counts()
     assert set(counts) == {"received", "superseded", "missed", "rejected"}
     assert counts["received"] >= 1 and counts["rejected"] == 0
@@ -199,7 +199,7 @@ def test_counts_say_what_was_received(node, client: gp.TerrainClient):
 
 def test_other_robots_node_is_not_taken_for_ours(node, module_endpoint: str):
     """No grid and no node of this instance name: unavailable, with what to check."""
-    with gp.TerrainClient(module_endpoint, robot="tapir", timeout=30) as client:
+    with gp.TerrainClient(module_endpoint, robot="tapir", timeout=180) as client:
         with pytest.raises(gp.ScannerUnavailable, match="no node of robot 'tapir' is to be seen"):
             client.latest()
         with pytest.raises(gp.ScannerUnavailable):
@@ -215,7 +215,7 @@ def test_nobody_there(free_endpoint: str):
 def test_bad_name_is_refused_before_anything_is_opened(free_endpoint: str):
     """A robot name that can be no key is refused at once, whether or not a node is there."""
     with pytest.raises(KeyNameError, match="robot name 'a/b' cannot be part of a key"):
-        gp.TerrainClient(free_endpoint, robot="a/b", timeout=30)
+        gp.TerrainClient(free_endpoint, robot="a/b", timeout=180)
 
 
 def test_node_that_dies_is_noticed(start, free_endpoint: str, terrain_file: Path, eventually: Callable):
@@ -223,8 +223,8 @@ def test_node_that_dies_is_noticed(start, free_endpoint: str, terrain_file: Path
     mortal = start(NODE, free_endpoint, "guara", terrain_file)
     assert mortal.line() == "ready"
     mortal.tell("publish 5")
-    with gp.TerrainClient(free_endpoint, timeout=30) as client:
-        assert client.wait_for_step(5, timeout=30).step == 5
+    with gp.TerrainClient(free_endpoint, timeout=180) as client:
+        assert client.wait_for_step(5, timeout=180).step == 5
         assert eventually(lambda: client.is_alive)
         mortal.popen.kill()
         assert eventually(lambda: not client.is_alive)

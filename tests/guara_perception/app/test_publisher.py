@@ -20,7 +20,7 @@ def session(start, free_endpoint: str, terrain_file: Path) -> Iterator[Session]:
     assert node.line() == "ready"
     node.tell("publish 3")
     node.tell("map 4")
-    with open_client(free_endpoint, timeout=30) as opened:
+    with open_client(free_endpoint, timeout=180) as opened:
         yield opened
 
 

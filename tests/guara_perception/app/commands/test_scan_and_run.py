@@ -19,7 +19,7 @@ from kinematics import RobotModel
 from tests.ports import free_endpoint as free_port_endpoint
 from transport import open_node
 
-PATIENCE = 120.0
+PATIENCE = 180.0
 
 
 @pytest.mark.slow
@@ -37,6 +37,7 @@ def test_scan_writes_a_scan_that_can_be_processed(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("more", [[], ["--no-calibration"]])
 def test_scan_says_which_setting_is_not_as_it_was_locked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, more: list[str]

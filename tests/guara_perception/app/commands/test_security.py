@@ -13,7 +13,7 @@ from transport.client import PerceptionClient
 from transport.security import CONFIGURATION
 
 GUARA = ("-m", "guara_perception.app.main")
-PATIENCE = 60.0
+PATIENCE = 180.0
 
 
 @pytest.fixture

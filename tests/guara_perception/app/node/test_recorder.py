@@ -15,7 +15,7 @@ from transport.recording import open_recording
 
 pytestmark = pytest.mark.slow
 
-PATIENCE = 30.0
+PATIENCE = 180.0
 
 
 def _capture(index: int, off: np.ndarray | None = None) -> SimpleNamespace:

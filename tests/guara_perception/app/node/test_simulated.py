@@ -24,7 +24,7 @@ from transport.stance_link import StancePublisher, StanceReceiver
 
 pytestmark = pytest.mark.slow
 
-TIMEOUT = 60.0
+TIMEOUT = 180.0
 FLAT = """
 x = [-1.0, 3.0]
 y = [-0.8, 0.8]

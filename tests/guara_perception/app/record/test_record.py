@@ -6,7 +6,6 @@ import json
 import shutil
 import sys
 import types
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +21,7 @@ from guara_perception.app.files.calibration_session import open_session
 from guara_perception.app.record.plate_scan import PlateScanFailed, nominal_order, scan_uncalibrated
 from guara_perception.app.record.record import RecordingFailed, record_session
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, SessionPlan, SessionWriter
-from guara_perception.app.record.simulated import SimulatedWorkshop, emulated_time
+from guara_perception.app.record.simulated import SimulatedWorkshop
 from guara_perception.app.targets.drawings import cross_points
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.calibration.find_board import find_board
@@ -55,13 +54,6 @@ def recorded_with_charuco(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def own_time() -> Iterator[None]:
-    """Workshops keep their own time."""
-    with emulated_time():
-        yield
-
-
-@pytest.fixture
 def unfinished(recorded: Path, tmp_path: Path) -> Path:
     """A copy in which the crosses, a plate and the end are still to do."""
     folder = Path(shutil.copytree(recorded, tmp_path / "session"))
@@ -72,11 +64,10 @@ def unfinished(recorded: Path, tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("session", ["recorded", "recorded_with_charuco"])
-def test_recorded_session_calibrates_as_good(session: str, guara, tmp_path: Path, request: pytest.FixtureRequest):
-    """`guara calibrate` says good; the mount is the workshop's to a millimetre and a fifth of a degree."""
-    said = guara("calibrate", request.getfixturevalue(session), "-o", tmp_path / "calibration.json")
-    assert said.code == 0 and "verdict: good" in said.out
-    made, truth = gp.load_calibration(tmp_path / "calibration.json"), SimulatedWorkshop().truth
+def test_recorded_session_calibrates_as_good(session: str, request: pytest.FixtureRequest):
+    """It ends with a good calibration; the mount is the workshop's to a millimetre and a fifth of a degree."""
+    folder = request.getfixturevalue(session)
+    made, truth = gp.load_calibration(folder / "calibration.json"), SimulatedWorkshop().truth
     assert made.quality["verdict"] == "good" and len(made.stripes) == 70
     difference = np.linalg.inv(truth.transform_camera_to_base) @ made.transform_camera_to_base
     assert np.linalg.norm(difference[:3, 3]) < 0.001
@@ -101,6 +92,7 @@ def test_devices_are_measured_and_kept(recorded: Path):
     assert exposure <= devices.lag <= exposure + 1.5 / 60
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(("session", "pattern"), [("recorded", "checkerboard"), ("recorded_with_charuco", "charuco")])
 def test_the_way_from_the_box_to_the_first_grid(
     session: str, pattern: str, guara, tmp_path: Path, request: pytest.FixtureRequest
@@ -141,6 +133,7 @@ def devices_of_the_session(recorded: Path, tmp_path: Path, monkeypatch: pytest.M
     return tmp_path / "devices.toml"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_doctor_checks_camera_and_board_of_the_session(
     recorded: Path, devices_of_the_session: Path, guara, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):
@@ -165,15 +158,23 @@ def test_doctor_checks_camera_and_board_of_the_session(
     assert said.code == 1 and found["board"]["level"] == "FAIL" and found["camera"]["level"] == "ok"
 
 
-def test_an_interrupted_recording_goes_on(unfinished: Path, guara):
+def record_with(workshop: SimulatedWorkshop, session: Path) -> SessionWriter:
+    """Go on with a session in a workshop; what wrote it."""
+    plan = SessionPlan("guara", BoardSpec(9, 7, 0.03), cross_points(workshop.robot), (0.0, 0.04, 0.08), workshop.stance)
+    writer = SessionWriter(session, plan)
+    with workshop.rangefinder:
+        record_session(writer, workshop.robot, workshop.rangefinder, Devices(), workshop, tell=lambda words: None)
+    return writer
+
+
+def test_an_interrupted_recording_goes_on(unfinished: Path):
     """Only what is missing is taken; what was there stays, to the byte."""
     before = {path: path.stat().st_mtime_ns for path in unfinished.rglob("*.png") if path.parent.name != "report"}
-    assert guara("record", unfinished, "--simulated").code == 0
+    record_with(SimulatedWorkshop(), unfinished)
     assert (unfinished / "session.json").is_file() and (unfinished / "plate_40" / "scan.json").is_file()
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
 
 
-@pytest.mark.usefixtures("own_time")
 def test_a_session_that_goes_on_is_locked_as_it_was_begun(unfinished: Path):
     """The metered exposure and the lag come from its file; a plate is refused when the camera does not hold them."""
     devices = load_devices(unfinished / "devices.toml")
@@ -184,18 +185,11 @@ def test_a_session_that_goes_on_is_locked_as_it_was_begun(unfinished: Path):
             assert self.rangefinder.camera.lag == pytest.approx(devices.lag)
             self.rangefinder.camera.lock(CameraSettings(exposure=0.5 * devices.settings["exposure"]))
 
-    workshop = Meddling()
-    plan = SessionPlan("guara", BoardSpec(9, 7, 0.03), cross_points(workshop.robot), (0.0, 0.04, 0.08), workshop.stance)
-    writer = SessionWriter(unfinished, plan)
-    with (
-        workshop.rangefinder,
-        pytest.raises(PlateScanFailed, match=r"plate_40: simulated camera: exposure is .* locked"),
-    ):
-        record_session(writer, workshop.robot, workshop.rangefinder, Devices(), workshop, tell=lambda words: None)
+    with pytest.raises(PlateScanFailed, match=r"plate_40: simulated camera: exposure is .* locked"):
+        record_with(Meddling(), unfinished)
     assert not (unfinished / "plate_40").exists()
 
 
-@pytest.mark.usefixtures("own_time")
 def test_a_plate_in_light_that_clips_is_told(tmp_path: Path):
     """The scan is whole; the words say what to do."""
     workshop = SimulatedWorkshop()
@@ -206,9 +200,11 @@ def test_a_plate_in_light_that_clips_is_told(tmp_path: Path):
     assert any("of the picture is clipped without the laser" in problem for problem in told)
 
 
-@pytest.mark.usefixtures("own_time")
-def test_crosses_that_are_not_there_are_asked_for_again(unfinished: Path):
+def test_crosses_that_are_not_there_are_asked_for_again(
+    recorded: Path, unfinished: Path, monkeypatch: pytest.MonkeyPatch
+):
     """With the reason; and after many tries the recording ends, with everything kept."""
+    shutil.copytree(recorded / "plate_40", unfinished / "plate_40")
     asked: list[str] = []
 
     class Forgetful(SimulatedWorkshop):
@@ -218,26 +214,21 @@ def test_crosses_that_are_not_there_are_asked_for_again(unfinished: Path):
             if len(asked) == 3:
                 super().lay_crosses(points, why_again)
 
-    workshop = Forgetful()
-    stance = workshop.stance
-    plan = SessionPlan("guara", BoardSpec(9, 7, 0.03), cross_points(workshop.robot), (0.0, 0.04, 0.08), stance)
-    writer = SessionWriter(unfinished, plan)
-    with workshop.rangefinder:
-        record_session(writer, workshop.robot, workshop.rangefinder, Devices(), workshop, tell=lambda words: None)
+    record_with(Forgetful(), unfinished)
     assert asked[0] == "" and "cross" in asked[1] and len(asked) == 3
 
     (unfinished / CROSSES_PICTURE).unlink()
     (unfinished / "session.json").unlink()
-    with workshop.rangefinder, pytest.raises(RecordingFailed, match="the crosses were not found"):
-        record_session(writer, workshop.robot, workshop.rangefinder, Devices(), workshop, tell=lambda words: None)
-    assert len(writer.boards) >= 12
+    monkeypatch.setattr("guara_perception.app.record.record.MOST_TRIES", 2)
+    with pytest.raises(RecordingFailed, match="the crosses were not found"):
+        record_with(Forgetful(), unfinished)
+    assert len(asked) == 3 + 2 and len(list(unfinished.glob("board_*.png"))) >= 12
 
 
-@pytest.mark.usefixtures("own_time")
 def test_a_plate_is_scanned_whole_or_not_at_all(tmp_path: Path):
     """A lost frame leaves no folder; the message names the stripe."""
     workshop = SimulatedWorkshop()
-    workshop.rangefinder.camera.faults.append(CameraFault("silence", first=60, count=400))
+    workshop.rangefinder.camera.faults.append(CameraFault("silence", first=20, count=400))
     with workshop.rangefinder, pytest.raises(PlateScanFailed, match=r"plate_0: stripe \d+: frame .*; scan it again"):
         scan_uncalibrated(workshop.rangefinder, workshop.robot, workshop.stance, tmp_path / "plate_0", mode="coarse")
     assert not (tmp_path / "plate_0").exists()

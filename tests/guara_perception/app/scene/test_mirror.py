@@ -20,7 +20,7 @@ from transport import PerceptionServer, open_client, open_node, zenoh_api
 from transport.codec import decode
 
 pytestmark = pytest.mark.slow
-PATIENCE = 60.0
+PATIENCE = 180.0
 ALWAYS = {
     "diagnostics",
     "guara/occupancy",

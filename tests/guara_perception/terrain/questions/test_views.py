@@ -50,20 +50,28 @@ def test_coarser_cells_are_as_bad_as_their_worst_fine_cell(seed: int, factor: in
     assert coarse.resolution == pytest.approx(0.005 * factor)
     assert coarse.origin == fine.origin
     unknown = (fine.hazard & UNKNOWN_MASK) != 0
-    for iy, ix in np.ndindex(coarse.shape):
-        block = np.s_[iy * factor : (iy + 1) * factor, ix * factor : (ix + 1) * factor]
-        assert bool(coarse.hazard[iy, ix] & UNKNOWN_MASK) == unknown[block].any()
-        assert int(coarse.hazard[iy, ix]) | Hazard.EDGE == int(np.bitwise_or.reduce(fine.hazard[block], axis=None)) | (
-            Hazard.EDGE
-        )
-        if coarse.traversability[iy, ix] > 0:
-            assert (fine.hazard[block] == 0).all()
-            assert coarse.traversability[iy, ix] == fine.traversability[block].min()
-        if not unknown[block].any():
-            assert coarse.elevation_max[iy, ix] == fine.elevation_max[block].max()
-            assert coarse.elevation_min[iy, ix] == fine.elevation_min[block].min()
-            assert coarse.variance[iy, ix] == fine.variance[block].max()
-            assert coarse.clearance[iy, ix] == fine.clearance[block].min()
+    ny, nx = coarse.shape
+
+    def blocks(layer: np.ndarray) -> np.ndarray:
+        """The fine cells (ny, nx, factor * factor) of each coarse one."""
+        return layer.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1)
+
+    is_unknown = blocks(unknown).any(axis=-1)
+    np.testing.assert_array_equal((coarse.hazard & UNKNOWN_MASK) != 0, is_unknown)
+    flags = np.bitwise_or.reduce(blocks(fine.hazard), axis=-1)
+    np.testing.assert_array_equal(coarse.hazard | np.uint16(Hazard.EDGE), flags | np.uint16(Hazard.EDGE))
+    is_safe = coarse.traversability > 0
+    assert (blocks(fine.hazard)[is_safe] == 0).all()
+    worst = blocks(fine.traversability).min(axis=-1)
+    np.testing.assert_array_equal(coarse.traversability[is_safe], worst[is_safe])
+    for name, of_block in (
+        ("elevation_max", np.max),
+        ("elevation_min", np.min),
+        ("variance", np.max),
+        ("clearance", np.min),
+    ):
+        expected = of_block(blocks(getattr(fine, name)), axis=-1)
+        np.testing.assert_array_equal(getattr(coarse, name)[~is_unknown], expected[~is_unknown])
 
 
 @pytest.mark.parametrize("factor", [0, -1, 7, 2.0, "2", True])
