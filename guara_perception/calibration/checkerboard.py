@@ -18,9 +18,8 @@ WINDOW_OF_SQUARE = 0.35
 CROSSING_SHARE = 0.5
 # Lens distortion bends a board by a few per cent of a square.
 MAX_GRID_MISFIT = 0.2
-# Sizes this much away from the given one are tried to say what the board really has.
-SIZE_SEARCH = 2
-SEARCH_WIDTH_PX = 800
+# Inner corners that OpenCV needs at least.
+SMALLEST_PATTERN = (3, 3)
 
 
 def find_checkerboard(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
@@ -111,18 +110,16 @@ def edge_width(grey: Image, corners: Float, size: tuple[int, int]) -> float:
 
 
 def other_size(picture: Image, board: BoardSpec) -> tuple[int, int] | None:
-    """Which other number of inner corners the board in this picture has, if one close to the given one fits."""
-    grey = to_grey(picture)
-    scale = min(SEARCH_WIDTH_PX / grey.shape[1], 1.0)
-    resized = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    small = np.asarray(resized, dtype=np.uint8)
-    steps = range(-SIZE_SEARCH, SIZE_SEARCH + 1)
-    sizes = [(board.columns + dc, board.rows + dr) for dc in steps for dr in steps if (dc, dr) != (0, 0)]
-    for size in sorted(sizes, key=lambda s: abs(s[0] - board.columns) + abs(s[1] - board.rows)):
-        corners = _detect(small, size) if min(size) >= 3 else None
-        if corners is not None and not wrong_grid(small, corners, size):
-            return size
-    return None
+    """Which other number of inner corners the board in this picture has, None where it shows no other board.
+
+    OpenCV grows the smallest pattern to all that it finds around it, so that every size costs the same.
+    """
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
+    found, _, kinds = cv2.findChessboardCornersSBWithMeta(to_grey(picture), SMALLEST_PATTERN, flags)
+    if not found:
+        return None
+    rows, columns = kinds.shape[:2]
+    return None if (columns, rows) == (board.columns, board.rows) else (columns, rows)
 
 
 def _detect(grey: Grey, size: tuple[int, int]) -> Float | None:

@@ -35,11 +35,16 @@ def without_off(scan: gp.Scan, calibration, robot, lost=(), **more) -> gp.Terrai
     return processor.finish()
 
 
+@pytest.fixture(scope="module")
+def whole_without_off(paper_scan, calibration, robot) -> gp.TerrainGrid:
+    """The scan of all frames but those with the laser off."""
+    return without_off(paper_scan, calibration, robot)
+
+
 @pytest.mark.slow
-def test_scan_without_off_frames_is_nearly_as_good(paper_scan, calibration, robot, data) -> None:
+def test_scan_without_off_frames_is_nearly_as_good(whole_without_off, data) -> None:
     """Earlier frames serve as background: interior cells known and right, unseen ones unknown."""
-    terrain = without_off(paper_scan, calibration, robot)
-    found = figures(terrain, load_truth(data / "scans/paper/truth.npz", 5))
+    found = figures(whole_without_off, load_truth(data / "scans/paper/truth.npz", 5))
     assert found.known > 98 and found.mean < 0.14
     assert found.unseen_known <= 1 and found.unseen_wrong == 0 and found.unsafe == 0
 
@@ -47,15 +52,16 @@ def test_scan_without_off_frames_is_nearly_as_good(paper_scan, calibration, robo
 @pytest.mark.slow
 @given(lost=st.frozensets(st.integers(0, 34).map(lambda k: 2 * k), min_size=1, max_size=5))
 @settings(max_examples=8, deadline=None, derandomize=True)
-def test_losing_frames_without_off_frames_makes_nothing_safe_or_known(paper_scan, calibration, robot, lost) -> None:
+def test_losing_frames_without_off_frames_makes_nothing_safe_or_known(
+    paper_scan, calibration, robot, whole_without_off, lost
+) -> None:
     """A lost frame takes with it the stripes that it served as background: nothing else changes.
 
     The first stripe is kept: which stripes come first decides which need no background.
     """
-    whole = without_off(paper_scan, calibration, robot)
     terrain = without_off(paper_scan, calibration, robot, lost - {0})
-    assert not (safe(terrain) & ~safe(whole)).any()
-    assert not (np.isfinite(terrain.elevation) & ~np.isfinite(whole.elevation)).any()
+    assert not (safe(terrain) & ~safe(whole_without_off)).any()
+    assert not (np.isfinite(terrain.elevation) & ~np.isfinite(whole_without_off.elevation)).any()
 
 
 @pytest.mark.slow
@@ -79,20 +85,33 @@ def test_paper_methods_give_a_safe_grid(paper_scan, calibration, robot, paper_te
     assert terrain.pictures["ortho_image_mm"].shape == (512, 640)
 
 
+@pytest.fixture(scope="module")
+def papers_frames(paper_scan) -> list[tuple[int, np.ndarray, np.ndarray]]:
+    """Index, laser-on and laser-off frame of every stripe, read once."""
+    return [(stripe.index, on, off) for stripe, on, off in paper_scan.frames()]
+
+
+@pytest.fixture(scope="module")
+def whole_by_the_paper(paper_scan, calibration, robot, papers_frames) -> gp.TerrainGrid:
+    """The whole scan by the paper's method."""
+    processor = gp.ScanProcessor(calibration, robot, paper_scan.stance, paper_scan.mode, method="paper")
+    for frames in papers_frames:
+        processor.add(*frames)
+    return processor.finish()
+
+
 @pytest.mark.slow
 @given(lost=st.frozensets(st.integers(0, 34).map(lambda k: 2 * k), min_size=1, max_size=10))
 @settings(max_examples=6, deadline=None, derandomize=True)
-def test_losing_stripes_with_the_papers_method_makes_nothing_safe(paper_scan, calibration, robot, lost) -> None:
+def test_losing_stripes_with_the_papers_method_makes_nothing_safe(
+    paper_scan, calibration, robot, papers_frames, whole_by_the_paper, lost
+) -> None:
     """The safety invariant does not depend on the method."""
-
-    def process(left_out: frozenset[int]) -> gp.TerrainGrid:
-        processor = gp.ScanProcessor(calibration, robot, paper_scan.stance, paper_scan.mode, method="paper")
-        for stripe, on, off in paper_scan.frames():
-            if stripe.index not in left_out:
-                processor.add(stripe.index, on, off)
-        return processor.finish()
-
-    assert not (safe(process(lost)) & ~safe(process(frozenset()))).any()
+    processor = gp.ScanProcessor(calibration, robot, paper_scan.stance, paper_scan.mode, method="paper")
+    for index, on, off in papers_frames:
+        if index not in lost:
+            processor.add(index, on, off)
+    assert not (safe(processor.finish()) & ~safe(whole_by_the_paper)).any()
 
 
 def test_unknown_method_lists_all(paper_scan, calibration, robot) -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from benchmarks.accuracy import figures, load_truth
+from guara_perception.ranging.groups import in_groups
 from tests.guara_perception.recordings import DATA, guara, recording, truth
 
 pytestmark = pytest.mark.slow
@@ -23,9 +24,13 @@ def process(name: str, lost: frozenset[int] = frozenset(), unusable: frozenset[i
     """The terrain of a recording without the lost stripes and with blank frames for the unusable ones."""
     scan, frames = recording(name)
     processor = gp.ScanProcessor(truth(), guara(), scan.stance, scan.mode)
-    for index, on, off in frames:
-        if index not in lost:
-            processor.add(index, np.zeros_like(on) if index in unusable else on, off)
+    kept = [
+        gp.FramePair(index, np.zeros_like(on) if index in unusable else on, off)
+        for index, on, off in frames
+        if index not in lost
+    ]
+    for group in in_groups(kept):
+        processor.add_all(group)
     return processor.finish()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -60,6 +61,14 @@ def assert_same(one: gp.StripeProfile, other: gp.StripeProfile) -> None:
         np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name), field.name)
 
 
+@functools.cache
+def found_alone(method: str, has_off: bool) -> tuple[list, list[gp.StripeProfile]]:
+    """The frames of the sweep, and what is found in each by itself."""
+    frames = [frame if has_off else (*frame[:3], None) for frame in sweep()]
+    one_by_one = StripeFinder(method, (WIDTH, HEIGHT), 1)
+    return frames, [find_all(one_by_one, [frame])[0] for frame in frames]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["precise", "paper"])
 @pytest.mark.parametrize("has_off", [True, False])
@@ -67,9 +76,7 @@ def assert_same(one: gp.StripeProfile, other: gp.StripeProfile) -> None:
 @settings(max_examples=12, deadline=None, derandomize=True)
 def test_several_at_once_are_each_found_as_if_alone(method: str, has_off: bool, cuts: list[int]) -> None:
     """Whatever the groups: the same positions, sigmas, statuses and reasons, bad frames among them or not."""
-    frames = [frame if has_off else (*frame[:3], None) for frame in sweep()]
-    one_by_one = StripeFinder(method, (WIDTH, HEIGHT), 1)
-    alone = [find_all(one_by_one, [frame])[0] for frame in frames]
+    frames, alone = found_alone(method, has_off)
     grouped = StripeFinder(method, (WIDTH, HEIGHT), 1)
     borders = [0, *sorted(set(cuts)), len(frames)]
     together = [p for a, b in zip(borders, borders[1:], strict=False) for p in find_all(grouped, frames[a:b])]

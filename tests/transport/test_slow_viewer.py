@@ -6,7 +6,7 @@ import pytest
 import transport
 from transport.security import init_security
 
-SCANS = 50
+SCANS = 25
 
 
 @pytest.fixture(params=["tcp", "tls"])
@@ -31,10 +31,10 @@ def test_a_slow_viewer_costs_a_local_planner_nothing(start, slow_link, place, me
         client.receiver("map")
         viewer = None
         for number in range(SCANS):
-            if number % 20 == 4:
+            if number % 10 == 4:
                 # A late joiner: there are grids that it missed.
                 viewer = start("viewer", link.endpoint, folders["viewer"])
-            if number % 20 == 19:
+            if number % 10 == 9:
                 viewer.kill()
             terrain = client.request_scan(timeout=20.0, request_id=f"large-{number}")
             arrival = client.receiver().latest().arrival_stamp

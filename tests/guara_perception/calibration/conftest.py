@@ -1,15 +1,35 @@
 """The recorded session and one good calibration of it, made once."""
 
 import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from guara_perception.app.files.calibration_session import open_session
+from guara_perception.calibration import stages
+from guara_perception.calibration.board import BoardSpec, BoardView
 from guara_perception.calibration.calibrate import calibrate_session
 from guara_perception.calibration.result import CalibrationResult
 from guara_perception.calibration.session import CalibrationSession
 from kinematics import RobotModel
+
+
+@pytest.fixture(scope="session", autouse=True)
+def boards_found_once() -> Iterator[None]:
+    """The sessions of these tests share most of their pictures: a board is searched once in each."""
+    real, found = stages.find_board, dict[tuple[object, ...], BoardView]()
+
+    def once(picture: np.ndarray, board: BoardSpec, name: str = "") -> BoardView:
+        key = picture.tobytes(), picture.shape, picture.dtype, board
+        if key not in found:
+            found[key] = real(picture, board, name)
+        return dataclasses.replace(found[key], name=name)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stages, "find_board", once)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -52,6 +52,6 @@ def test_reasons(picture: np.ndarray) -> None:
 
 @pytest.mark.slow
 def test_true_size_is_suggested(picture: np.ndarray) -> None:
-    """The size that the board really has is found near the one given; a picture without a board has none."""
+    """The size that the board really has is found; a picture without a board has none."""
     assert other_size(picture, BoardSpec(8, 6, 0.03)) in ((9, 7), (7, 9))
     assert other_size(np.zeros_like(picture[:100, :100]), BoardSpec(8, 6, 0.03)) is None

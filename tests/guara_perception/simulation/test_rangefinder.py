@@ -39,16 +39,21 @@ def standing(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0, x: float =
     return transform
 
 
+@pytest.fixture(scope="module")
+def on_level_ground(robot: RobotModel, calibration: Calibration) -> SimulatedRangefinder:
+    """A rangefinder over wide level ground; its pose is each test's own."""
+    return SimulatedRangefinder(World(x=(-2, 2), y=(-2, 2)), calibration, robot, light=QUIET)
+
+
 @pytest.mark.slow
 @settings(max_examples=6, deadline=None, derandomize=True)
 @given(roll=st.floats(-0.08, 0.08), pitch=st.floats(-0.08, 0.08), yaw=st.floats(-3.2, 3.2))
 def test_every_pixel_shows_the_point_where_its_ray_meets_the_floor(
-    robot: RobotModel, calibration: Calibration, roll: float, pitch: float, yaw: float
+    on_level_ground: SimulatedRangefinder, calibration: Calibration, roll: float, pitch: float, yaw: float
 ) -> None:
     """On level ground the points seen are those of plane geometry, at any attitude and heading."""
-    rangefinder = SimulatedRangefinder(World(x=(-2, 2), y=(-2, 2)), calibration, robot, light=QUIET)
     transform = standing(roll, pitch, yaw)
-    view = rangefinder.set_pose(transform)
+    view = on_level_ground.set_pose(transform)
     camera = transform @ calibration.transform_camera_to_base
     rows, columns = np.meshgrid(np.arange(0, 512, 37), np.arange(0, 640, 41), indexing="ij")
     ways = calibration.camera.rays(np.column_stack((columns.ravel(), rows.ravel()))) @ camera[:3, :3].T
