@@ -19,7 +19,7 @@ from kinematics import RobotModel
 @pytest.fixture(scope="session", autouse=True)
 def boards_found_once() -> Iterator[None]:
     """The sessions of these tests share most of their pictures: a board is searched once in each."""
-    real, found = stages.find_board, dict[tuple[object, ...], BoardView]()
+    real, found = stages.find_board, {}
 
     def once(picture: np.ndarray, board: BoardSpec, name: str = "") -> BoardView:
         key = picture.tobytes(), picture.shape, picture.dtype, board
