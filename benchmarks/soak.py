@@ -9,7 +9,6 @@ import argparse
 import dataclasses
 import json
 import random
-import subprocess
 import sys
 import threading
 import time
@@ -18,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import transport
-from benchmarks.peers import free_endpoint
+from benchmarks.peers import Peer, free_endpoint
 from benchmarks.transport_peer import is_whole, make_terrain
 
 
@@ -91,32 +90,24 @@ def run_planner(endpoint: str, shared: bool) -> None:
             say(counts=counts, memory_mb=memory / 1024, descriptors=descriptors)
 
 
-class Child:
-    """One process, and the last that it said."""
+class Child(Peer):
+    """One process of this module, and the first and the last that it said."""
 
     def __init__(self, role: str, endpoint: str, shared: bool) -> None:
         """Start it and wait until it is ready."""
-        self.role = role
-        words = [sys.executable, "-m", "benchmarks.soak", "--role", role, "--endpoint", endpoint]
-        words += ["--shared-memory"] if shared else []
-        root = Path(__file__).resolve().parents[1]
-        self.popen = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=root)
-        assert self.popen.stdout is not None
-        self.popen.stdout.readline()
+        super().__init__("--role", role, "--endpoint", endpoint, *["--shared-memory"] * shared, module="soak")
         self.last: dict[str, Any] = {}
         self.first: dict[str, Any] = {}
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self) -> None:
-        assert self.popen.stdout is not None
-        for line in self.popen.stdout:
-            self.last = json.loads(line)
-            self.first = self.first or self.last
+        while said := self.hear():
+            self.last = said
+            self.first = self.first or said
 
     def kill(self) -> Counter[str]:
         """End it with kill -9; what it had counted."""
-        self.popen.kill()
-        self.popen.wait()
+        self.end()
         return Counter(self.last.get("counts", {}))
 
 

@@ -24,7 +24,7 @@ class Yardstick:
         """Read the scan.
 
         Args:
-            scan: DATA/scans/NAME, as of `benchmarks.scenes.recorded`.
+            scan: DATA/scans/NAME, as in `benchmarks.scenes.recorded`.
         """
         self._bands = recorded(scan).bands()
 

@@ -10,11 +10,11 @@ from drivers.arrays import Image
 from drivers.capture import StripeCapture
 from drivers.metering import levels_of
 
-# Rows and columns from one looked at pixel of the background to the next.
+# Stride, in rows and in columns, between the pixels of the background that are looked at.
 INTERVAL = 8
 # From this share of the scale on a pixel counts as clipped.
 CLIPPED = 0.996
-# Lamps and their reflections clip less than this share of a picture that is else well exposed.
+# Lamps and their reflections clip less than this share of a picture that is otherwise well exposed.
 CLIPPED_PICTURE = 0.05
 # Of the columns that show the stripe. Bright floors clip three quarters of them and are still measured well.
 CLIPPED_STRIPE = 0.85

@@ -92,7 +92,7 @@ def bounding_shape(vertices: Float) -> tuple[str, tuple[float, ...], Float]:
     """The smallest box, cylinder or sphere, of those tried, that contains points (n, 3).
 
     Returns:
-        kind ("box", "cylinder" or "sphere"), its size as of `Shape`, and transform_shape_to_points (4, 4).
+        kind ("box", "cylinder" or "sphere"), its size as in `Shape`, and transform_shape_to_points (4, 4).
 
     Raises:
         RobotFileError: the points lie in one plane.

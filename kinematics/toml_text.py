@@ -31,7 +31,7 @@ def read_toml(path: Path) -> dict[str, object]:
 
 
 def parse_toml(text: str) -> dict[str, object]:
-    """What a TOML text holds; ValueError as of `read_toml`."""
+    """What a TOML text holds; ValueError as in `read_toml`."""
     # Both by counting, in one pass: a pattern that looks for depth can itself be made to take hours.
     for line in text.splitlines():
         for part in BETWEEN_KEYS.split(line):

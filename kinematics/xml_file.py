@@ -40,7 +40,7 @@ def read_xml(path: Path) -> tuple[Element, str]:
 
 
 def parse_xml(text: str, path: Path) -> Element:
-    """The outermost element of a text; `path` is for messages. Errors as of `read_xml`."""
+    """The outermost element of a text; `path` is for messages. Errors as in `read_xml`."""
     # The text was read as UTF-8, whatever encoding it declares: Python may not know that one.
     parser = expat.ParserCreate("utf-8")
     builder = ElementTree.TreeBuilder(element_factory=Element)

@@ -152,7 +152,7 @@ class PerceptionClient:
 
         Args:
             timeout: [s] to wait for one.
-            max_age: as of `latest`.
+            max_age: as in `latest`.
 
         Raises:
             StaleTerrain: the newest is too old and no newer one came.
@@ -173,7 +173,7 @@ class PerceptionClient:
     def regions(self, *, timeout: float, max_age: float | None = None) -> RegionsMessage:
         """The steppable regions of the newest map, if they may still be used; the first are waited for.
 
-        Arguments and errors as of `summary`, but the last that were sent are had too.
+        Arguments and errors as in `summary`, but the last that were sent are had too.
         """
         if self._regions is None:
             self._regions = NewestReceiver(
@@ -229,7 +229,7 @@ class PerceptionClient:
             predicate: called with each newest grid.
             timeout: [s]; None waits without end.
             extent: "footprint" or "map".
-            max_age: as of `latest`; infinite takes grids of any age.
+            max_age: as in `latest`; infinite takes grids of any age.
             after: number of a sample; only later ones count.
 
         Raises:
@@ -263,7 +263,7 @@ class PerceptionClient:
         extent: str = "footprint",
         max_age: float | None = None,
     ) -> TerrainMessage:
-        """Wait for a newest grid that `predicate` accepts; arguments and errors as of `receive`."""
+        """Wait for a newest grid that `predicate` accepts; arguments and errors as in `receive`."""
         return self.receive(predicate, timeout=timeout, extent=extent, max_age=max_age).message
 
     def wait_for_step(
@@ -276,7 +276,7 @@ class PerceptionClient:
         confirmed: bool = False,
         max_age: float | None = None,
     ) -> TerrainMessage:
-        """Wait for the grid of stance pause `step` or a later one; errors as of `receive`.
+        """Wait for the grid of stance pause `step` or a later one; errors as in `receive`.
 
         Args:
             step: number of the pause.
@@ -284,7 +284,7 @@ class PerceptionClient:
             extent: "footprint" or "map".
             epoch: identity of the walk; None takes the one that the node is on.
             confirmed: do not take a provisional one.
-            max_age: as of `receive`.
+            max_age: as in `receive`.
         """
 
         def accepts(terrain: TerrainMessage) -> bool:
@@ -327,7 +327,7 @@ class PerceptionClient:
         request_id: str | None = None,
         on_progress: Callable[[ScanReply], None] | None = None,
     ) -> TerrainMessage:
-        """Ask for a scan and return its grid; arguments and errors as of `scan_client.request_scan`.
+        """Ask for a scan and return its grid; arguments and errors as in `scan_client.request_scan`.
 
         Raises:
             ReceiveTimeout: the scan was done, but its grid did not arrive in time.
@@ -354,13 +354,13 @@ class PerceptionClient:
         timeout: float = 5.0,
         max_age: float | None = None,
     ) -> TerrainMessage:
-        """Ask the node for its newest grid or a region of it; errors as of `query.query_terrain`.
+        """Ask the node for its newest grid or a region of it; errors as in `query.query_terrain`.
 
         Args:
             extent: "footprint" or "map".
             region: [m] (x_min, x_max, y_min, y_max) in the frame of the grid; None for all of it.
             timeout: [s]
-            max_age: as of `latest`.
+            max_age: as in `latest`.
 
         Raises:
             StaleTerrain: it is too old, or there is none yet.

@@ -34,7 +34,7 @@ def encode_compact(terrain: TerrainMessage) -> bytes:
     """The compact payload: `rounded`, as CDR, in one zstd frame of shuffled bytes (see `transport.shuffle`).
 
     Raises:
-        MessageError: as of `encode_terrain`.
+        MessageError: as in `encode_terrain`.
     """
     return compress(encode_terrain(rounded(terrain)))
 

@@ -31,7 +31,7 @@ ADVICE = "Wait for the next, ask for a scan, or give a larger max_age"
 
 
 class Grid(Protocol):
-    """What a grid of either extent, a summary and regions of a map say of themselves; each as of `TerrainMessage`."""
+    """What a grid of either extent, a summary and regions of a map say of themselves; each as in `TerrainMessage`."""
 
     @property
     def robot(self) -> str:

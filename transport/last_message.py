@@ -63,7 +63,7 @@ class LastMessage:
         Args:
             session: open session.
             key: of the publisher.
-            source: identity of the publisher, as of `zenoh_api.source_of`.
+            source: identity of the publisher, as in `zenoh_api.source_of`.
             encoding: of the publisher's payloads.
             answers: hand the last message to whoever asks on the key itself, too.
         """

@@ -15,7 +15,7 @@ class AliveToken(Resource):
     """Shows that this session lives; others see it vanish when it closes, dies or hangs."""
 
     def __init__(self, session: Session, key: str) -> None:
-        """Declare the token on `key`, as of `keys.alive_key`."""
+        """Declare the token on `key`, as in `keys.alive_key`."""
         self.key = key
         self._raw: Any = session.attempt(lambda: zenoh_api.declare_token(session.raw, key), f"cannot declare {key!r}")
         super().__init__(session)

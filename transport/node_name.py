@@ -82,13 +82,13 @@ def open_only_node(
 
     Args:
         robot: instance name, for the other node to say who waits.
-        listen, connect, uplink, security, allow_insecure: as of `open_node`.
+        listen, connect, uplink, security, allow_insecure: as in `open_node`.
         timeout: [s] to wait for the port.
         is_stopped: ends the waiting.
 
     Raises:
-        ConnectionFailed: the port is still taken, or as of `open_node`.
-        ConfigurationError, SecurityError: as of `open_node`.
+        ConnectionFailed: the port is still taken, or as in `open_node`.
+        ConfigurationError, SecurityError: as in `open_node`.
     """
     deadline = time.monotonic() + timeout
     with ExitStack() as stack:

@@ -106,7 +106,7 @@ def request_grid(
     on_progress: Callable[[ScanReply], None] | None,
     is_alive: Callable[[], bool],
 ) -> TerrainMessage:
-    """Ask for a scan and wait for its grid; arguments and errors as of `request_scan`.
+    """Ask for a scan and wait for its grid; arguments and errors as in `request_scan`.
 
     Args:
         session: open session.

@@ -21,7 +21,7 @@ class Seldom:
         self._held_back = 0
 
     def say(self, text: str, *values: object) -> None:
-        """Write a line, or count it; arguments as of `logging.Logger.log`."""
+        """Write a line, or count it; arguments as in `logging.Logger.log`."""
         now = time.monotonic()
         with self._lock:
             if now < self._next:

@@ -202,7 +202,7 @@ class PerceptionServer(Resource):
         self._status.changed()
 
     def draw_with(self, draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]]) -> None:
-        """Let the mirror carry what `draw` makes of each grid: pairs of topic, as of `mirror`, and message object.
+        """Let the mirror carry what `draw` makes of each grid: pairs of topic, as in `mirror`, and message object.
 
         Occupancy and grid map of the mirror then come from there too.
         """

@@ -235,7 +235,7 @@ def _open_client(
 
 
 def listen_with(configuration: Configuration, endpoints: tuple[str, ...]) -> Session:
-    """Open a session that listens, from a whole Zenoh configuration; errors as of `open_node`."""
+    """Open a session that listens, from a whole Zenoh configuration; errors as in `open_node`."""
     try:
         return Session(configuration, endpoints)
     except zenoh_api.zenoh_error() as error:
@@ -245,7 +245,7 @@ def listen_with(configuration: Configuration, endpoints: tuple[str, ...]) -> Ses
 
 
 def connect_with(configuration: Configuration, endpoints: tuple[str, ...], timeout: float) -> Session:
-    """Open a client's session from a whole Zenoh configuration; errors as of `open_client`."""
+    """Open a client's session from a whole Zenoh configuration; errors as in `open_client`."""
     deadline = time.monotonic() + timeout
     while True:
         try:

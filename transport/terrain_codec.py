@@ -135,7 +135,7 @@ def _pairs(names: list[str], values: Array, what: str) -> dict[str, Any]:
 
 
 def read_terrain(message: Any) -> TerrainMessage:
-    """A checked TerrainMessage from a guara_msgs/Terrain message object; errors as of `decode_terrain`."""
+    """A checked TerrainMessage from a guara_msgs/Terrain message object; errors as in `decode_terrain`."""
     if message.version_major != VERSION_MAJOR:
         raise VersionError(
             f"terrain message of version {message.version_major}.{message.version_minor}; this package "

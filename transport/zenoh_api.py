@@ -105,7 +105,7 @@ def put(publisher: Any, payload: bytes | bytearray, attachment: bytes | None, nu
 
 
 def number_of(sample: Any) -> tuple[str, int] | None:
-    """Source, as of `source_of`, and number of a received sample; None when it carries none."""
+    """Source, as in `source_of`, and number of a received sample; None when it carries none."""
     info = sample.source_info
     return None if info is None else (f"{info.source_id.zid}/{info.source_id.eid}", int(info.source_sn))
 

@@ -81,7 +81,7 @@ class TerrainClient:
     def counts(self, extent: str = "footprint") -> dict[str, int]:
         """Grids received, superseded before anybody asked, missed on the way, and rejected.
 
-        Those are damaged, of another robot, frame or node, or older than the one before.
+        Rejected are damaged grids, those of another robot, frame or node, and those older than the one before.
         """
         receiver = self._client.receiver(extent)
         counts = {name: getattr(receiver, name) for name in ("received", "superseded", "missed")}
@@ -126,7 +126,7 @@ class TerrainClient:
     def regions(self, max_age: float | None = None, timeout: float = 30.0) -> MapRegions:
         """The convex steppable regions of the newest fused map, without the map itself.
 
-        Arguments and errors as of `summary`; who comes late gets the last.
+        Arguments and errors are those of `summary`; who comes late gets the last.
         """
         return message_to_regions(self._client.regions(timeout=timeout, max_age=max_age))
 
@@ -138,7 +138,7 @@ class TerrainClient:
         Args:
             timeout: seconds to wait for each grid; None waits without end (Ctrl-C works).
             extent: "footprint" or "map".
-            max_age: as of `latest`; infinite takes grids of any age.
+            max_age: as in `latest`; infinite takes grids of any age.
 
         Raises:
             transport.ReceiveTimeout: no grid in time.
@@ -157,7 +157,7 @@ class TerrainClient:
     ) -> None:
         """Call `callback` with the newest grid whenever one comes, on the client's own thread; older ones are skipped.
 
-        A grid that is too old (`max_age` as of `latest`) or breaks the safety invariant is logged and not handed over.
+        A grid that is too old (`max_age` as in `latest`) or breaks the safety invariant is logged and not handed over.
         """
 
         def hand_over(message: TerrainMessage) -> None:
@@ -190,7 +190,7 @@ class TerrainClient:
                 counts anew should give it: before its first BEGIN is heard, the node is on the walk before.
             confirmed: wait until the gait has said that the robot stood still through the scan; before, a grid is
                 provisional (`TerrainGrid.is_provisional`): it may be used while the robot stands, and may be withdrawn.
-            max_age: as of `latest`; infinite takes grids of any age.
+            max_age: as in `latest`; infinite takes grids of any age.
 
         Raises:
             transport.ReceiveTimeout: none came in time although the node lives.

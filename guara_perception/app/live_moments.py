@@ -54,7 +54,7 @@ class LiveMoments:
         Args:
             show: called with every moment, a later one of the same pause among them, on threads of the client.
             model: of the robot.
-            endpoint, robot, security: as of `TerrainClient`.
+            endpoint, robot, security: as in `TerrainClient`.
 
         Raises:
             transport.ConnectionFailed: nobody answers; the message lists what to check.

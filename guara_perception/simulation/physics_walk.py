@@ -65,7 +65,7 @@ def physics_walk(
 
     Args:
         world: level ground with boxes.
-        robot, choose, cycles, seed, noise, gait: as of `simulate_walk`.
+        robot, choose, cycles, seed, noise, gait: as in `simulate_walk`.
 
     Yields:
         The pauses, each a second after the foot was set down.

@@ -14,7 +14,7 @@ from guara_perception.stripes.paper import extract_paper
 from guara_perception.stripes.precise import extract_precise
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 
-# Rows from one to the next, and number of columns, in which it is checked whether a frame is blank or white.
+# A frame is checked for being blank or white in every eighth row, and in about 40 of its columns.
 CHECKED_ROWS, CHECKED_COLUMNS = 8, 40
 Extract = Callable[[Sequence[Band]], list[StripeProfile]]
 METHODS: dict[str, Extract] = {"precise": extract_precise, "paper": extract_paper}
@@ -74,11 +74,11 @@ def unusable_frame(band: Image, off: Image | None, shape: tuple[int, ...]) -> st
         if not isinstance(off, np.ndarray) or off.dtype != band.dtype or off.shape != shape:
             given = f"{off.dtype} {off.shape}" if isinstance(off, np.ndarray) else type(off).__name__
             return f"laser-off frame is {given}, laser-on frame is {band.dtype} {shape}: they must be alike"
-    thin = np.ascontiguousarray(band[::CHECKED_ROWS, :: max(band.shape[1] // CHECKED_COLUMNS, 1)])
-    low, high = float(thin.min()), float(thin.max())
+    sampled = np.ascontiguousarray(band[::CHECKED_ROWS, :: max(band.shape[1] // CHECKED_COLUMNS, 1)])
+    low, high = float(sampled.min()), float(sampled.max())
     if low == high and float(band.min()) == float(band.max()):
         return f"the frame is blank: every pixel is {low:.0f}"
-    if np.count_nonzero(is_clipped(thin)) > 0.5 * thin.size:
+    if np.count_nonzero(is_clipped(sampled)) > 0.5 * sampled.size:
         return "more than half of the frame is white: exposure too long or too much light"
     return ""
 

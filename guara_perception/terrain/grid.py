@@ -183,7 +183,7 @@ class TerrainGrid(LayeredGrid):
             clearance: distance to keep from the ground between the ends [m].
             leg: also ask whether this leg reaches all of the way with the body where it stood at the scan.
             robot: model for `leg`; None = the one of the grid's robot name.
-            ceiling: as of `check_path`.
+            ceiling: as in `check_path`.
 
         Raises:
             InvalidInput: as `check_path` and, where a leg is given, as `check_foothold`.

@@ -16,7 +16,7 @@ def primitive(kind: str, size: tuple[float, ...]) -> tuple[Float, Faces]:
 
     Args:
         kind: "box", "cylinder" (axis z) or "sphere".
-        size: as of `kinematics.urdf.Shape` [m].
+        size: as in `kinematics.urdf.Shape` [m].
     """
     if kind == "box":
         corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size

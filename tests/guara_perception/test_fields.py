@@ -25,7 +25,7 @@ def refusal(read) -> str:
 
 
 def test_missing_file_is_named(tmp_path: Path):
-    """A file that is not there is told by name."""
+    """A file that is not there is named."""
     with pytest.raises(MissingFile, match="nothing.json: no such file"):
         read_json(tmp_path / "nothing.json")
 

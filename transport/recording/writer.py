@@ -239,7 +239,7 @@ class RecordingWriter:
         """Add several message objects, by topic as in `add_message`; all are safe when this returns.
 
         Raises:
-            RecordingError: as of `add_message`; what came before the faulty one is kept.
+            RecordingError: as in `add_message`; what came before the faulty one is kept.
         """
         with self._lock:
             for short, message in named:

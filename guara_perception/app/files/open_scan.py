@@ -34,7 +34,7 @@ def open_scan(path: str | Path, step: int | None = None) -> Scan:
 
 
 def open_scans(path: str | Path) -> list[Scan]:
-    """Open all scans of a folder (one) or of an .mcap recording, in recorded order; errors as of `open_scan`."""
+    """Open all scans of a folder (one) or of an .mcap recording, in recorded order; errors as in `open_scan`."""
     path = Path(path)
     if not path.exists():
         raise MissingFile(f"{path}: no such scan")

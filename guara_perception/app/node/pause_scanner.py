@@ -71,7 +71,7 @@ class PauseScanner:
         recorder: ScanRecorder | None = None,
         mirror: SceneMirror | None = None,
     ) -> None:
-        """Wire it up; arguments as of `PerceptionNode`."""
+        """Wire it up; arguments as in `PerceptionNode`."""
         self._mirror = mirror
         self._robot, self._calibration, self._rangefinder = robot, calibration, rangefinder
         self._server, self._status, self._method, self._recorder = server, status, method, recorder

@@ -125,7 +125,7 @@ class WalkMap:
 
         Args:
             terrain: in which nothing is known, and why, for the withdrawn pause.
-            time: as of `update`.
+            time: as in `update`.
 
         Raises:
             InvalidInput: nothing was fused since.

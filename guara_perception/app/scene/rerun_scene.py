@@ -39,7 +39,7 @@ def open_in_rerun(path: Path) -> None:
 
     Raises:
         PerceptionError: the viewer failed, as without a display.
-        Exception: as of `save_rerun_scene`.
+        Exception: as in `save_rerun_scene`.
     """
     with tempfile.TemporaryDirectory(prefix="guara-rerun-") as folder:
         scene = save_rerun_scene(path, Path(folder) / f"{path.stem}.rrd")

@@ -199,7 +199,7 @@ class TerrainMap:
     ) -> TerrainGrid:
         """The map as it is known, seen from another pause; nothing of that pause is fused.
 
-        Arguments and errors as of `update`; of `terrain` only stamp, step and metadata count.
+        Arguments and errors as in `update`; of `terrain` only stamp, step and metadata count.
         """
         transform, pose_covariance = self._checked(terrain, transform_footprint_to_odom, covariance)
         transform = self._walk.transform @ transform
