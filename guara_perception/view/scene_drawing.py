@@ -26,7 +26,7 @@ LIFT_M = 0.002
 LINE_PX = 2.0
 # Outlines follow the edges of cells to this, one cell and a bit [m].
 OUTLINE_M = 0.006
-# So large a point is drawn, one in so many: the ground is to be seen between the stripes.
+# Size of a point, and every third is drawn: the ground is to be seen between the stripes.
 STRIPE_SIZE_M, STRIPE_THINNED, STRIPE_LIFT_M = 0.0007, 3, 0.001
 EVEN_LIGHT = 2.2
 # Ground under the terrain: lower than a leg reaches.
@@ -97,7 +97,7 @@ class SceneDrawing:
             _place(frame, state.transform_to_base(link))
 
     def terrain(self, terrain: TerrainGrid, mesh: TerrainMesh) -> None:
-        """A grid at its place in odom; a click on it is told."""
+        """A grid at its place in odom, which reports clicks on it."""
         self._scene.remove_by_name("/odom/terrain")
         if not len(mesh.faces):
             return

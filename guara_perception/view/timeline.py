@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from guara_perception.arrays import Float
 from guara_perception.view.moment import Moment
 
-# Of a live walk so many pauses are kept: a map is 2 MB.
+# Pauses of a live walk that are kept: a map is 2 MB.
 KEPT = 60
 
 

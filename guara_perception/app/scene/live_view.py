@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from drivers import StripeCapture
     from guara_perception.ranging.stripe_points import StripePoints
 
-# Of the points one in so many goes out, and the picture no wider than this: a view is for looking.
+# Every second point goes out, and the picture no wider than this: a view is for looking.
 THINNED = 2
 PICTURE_WIDTH_PX = 480
 JPEG_QUALITY = 80
