@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -74,10 +75,12 @@ def save_rerun_scene(path: Path, out: Path) -> Path:
     try:
         with open_recording(path) as recording, whole_file(out) as temporary:
             last = _last_map(recording)
-            robot, place, model = last.robot, _place_of(last), _model_of(recording)
+            robot, place, model = last.robot, _place_of(last), _model_of(_description_of(recording))
             stream = rerun.RecordingStream(APPLICATION, recording_id=path.stem)
             stream.save(str(temporary), default_blueprint=blueprint(robot, model, place))
             stream.log_file_from_path(str(path))
+            for entity, shape in solid_shapes(_description_of(recording)):
+                stream.log(entity, shape, static=True)
             for time, entity, what in _drawn(recording, robot):
                 stream.set_time(TIMELINE, timestamp=np.datetime64(time, "ns"))
                 stream.log(entity, *what)
@@ -130,11 +133,31 @@ def _last_map(recording: Recording) -> TerrainMessage:
     return newest[0]
 
 
-def _model_of(recording: Recording) -> str:
+def _description_of(recording: Recording) -> str:
+    """The URDF that a recording carries, empty where it has none."""
+    return next((str(message.data) for message in recording.messages("/robot_description")), "")
+
+
+def _model_of(description: str) -> str:
     """Name of the robot in its URDF, under which Rerun's importer keeps its shapes."""
-    text = next((message.data for message in recording.messages("/robot_description")), "")
-    found = re.search(r"<robot[^>]*\bname\s*=\s*[\"']([^\"']+)", text)
+    found = re.search(r"<robot[^>]*\bname\s*=\s*[\"']([^\"']+)", description)
     return found[1] if found else ""
+
+
+def solid_shapes(description: str) -> Iterator[tuple[str, Any]]:
+    """Entity of each plain visual of a URDF and the word that it is drawn solid: the importer draws glass."""
+    rerun: Any = optional_library("rerun", "rerun", PURPOSE)
+    shapes = {"box": rerun.Boxes3D, "cylinder": rerun.Cylinders3D, "sphere": rerun.Ellipsoids3D}
+    try:
+        root = ElementTree.fromstring(description)
+    except ElementTree.ParseError:
+        return
+    for link in root.findall("link"):
+        for number, geometry in enumerate(link.findall("visual/geometry")):
+            kind = next((shapes[found.tag] for found in geometry if found.tag in shapes), None)
+            if kind is not None:
+                entity = f"/{root.get('name')}/visual_geometries/{link.get('name')}/visual_{number}"
+                yield entity, kind.from_fields(fill_mode="solid")
 
 
 def _place_of(message: TerrainMessage) -> Float:

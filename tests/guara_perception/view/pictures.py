@@ -1,12 +1,13 @@
-"""Makes the documents' pictures of the browser view.
+"""Makes the documents' pictures of the browser view, of the robot, and of the scene in Rerun.
 
 `python -m tests.guara_perception.view.pictures out/demo/walk.mcap docs/images`
 
-Chromium draws them, in software, as the tests see them.
+Chromium and Rerun's viewer draw them, in software.
 """
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import tempfile
 import time
@@ -16,6 +17,7 @@ import cv2
 import numpy as np
 
 import guara_perception as gp
+from guara_perception.app.scene.rerun_scene import save_rerun_scene
 from guara_perception.app.view_moments import load_moments
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.view.browser import BrowserView
@@ -24,6 +26,7 @@ from kinematics import RobotModel, Stance, load_robot
 from tests.guara_perception.view.chromium import Chromium, find_chromium
 
 SIZE_PX = (1440, 900)
+RERUN_PORT = 19876
 JPEG_QUALITY = 88
 # [s] Software draws slowly: for so long nothing may change.
 STILL = 1.5
@@ -71,8 +74,38 @@ def standing(robot: RobotModel) -> Moment:
     return Moment({"footprint": type(floor)(layers=floor.layers, geometry=floor.geometry, metadata=metadata)})
 
 
+def in_rerun(recording: Path) -> np.ndarray:
+    """The scene of a recording as Rerun's viewer opens it, red, green, blue."""
+    from rerun.experimental import ViewerClient
+
+    with tempfile.TemporaryDirectory() as scratch:
+        scene = save_rerun_scene(recording, Path(scratch) / "walk.rrd")
+        options = ["--headless", "--window-size", "1600x900", "--bind", "127.0.0.1", "--port", str(RERUN_PORT)]
+        viewer = subprocess.Popen([sys.executable, "-m", "rerun", scene, *options], stderr=subprocess.DEVNULL)
+        try:
+            deadline = time.monotonic() + PATIENCE
+            before = np.zeros(0)
+            while True:
+                time.sleep(5 * STILL)
+                assert time.monotonic() < deadline, "Rerun never stood still"
+                try:
+                    client = ViewerClient.connect(f"rerun+http://127.0.0.1:{RERUN_PORT}/proxy")
+                    client.save_screenshot(str(scene.with_suffix(".png")))
+                except Exception as error:  # it is not up yet
+                    print(error)
+                    continue
+                now = cv2.imread(str(scene.with_suffix(".png")))
+                if np.array_equal(now, before):
+                    return now[..., ::-1]
+                before = now
+        finally:
+            viewer.terminate()
+            viewer.wait(30)
+
+
 def main(recording: Path, folder: Path) -> None:
     """Make them all."""
+    save(in_rerun(recording), folder / "rerun.jpg")
     robot = load_robot("guara")
     moments = load_moments(recording, robot)
     chromium = find_chromium()

@@ -13,6 +13,7 @@ import guara_perception as gp
 from guara_perception.app.main import run
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.app.node.recorder import ScanRecorder
+from guara_perception.app.scene import rerun_scene
 from guara_perception.app.scene.scene import Scene
 from guara_perception.process import run_scan
 from guara_perception.terrain.map.terrain_map import TerrainMap
@@ -130,3 +131,16 @@ def test_what_is_no_scene_is_refused(tmp_path: Path, walk: Path, capsys: pytest.
     assert run(["view", str(walk), "--save", out]) == 2
     assert "--save goes with --rerun" in capsys.readouterr().err
     assert not Path(out).exists()
+
+
+def test_every_shape_of_the_robot_is_drawn_solid(robot: RobotModel) -> None:
+    """Under the names that Rerun's own reader of URDF gives the visuals; a text that is no URDF has none."""
+    pytest.importorskip("rerun", reason="extra `rerun` is not installed")
+    from rerun.urdf import UrdfTree
+
+    tree = UrdfTree.from_file_path(str(robot.tree.urdf.path))
+    named = {path for link in robot.frame_names for path in tree.get_visual_geometry_paths(tree.get_link_by_name(link))}
+    found = dict(rerun_scene.solid_shapes(robot.tree.urdf.text))
+    assert set(found) == named and len(named) == 62
+    assert all(shape.fill_mode is not None for shape in found.values())
+    assert dict(rerun_scene.solid_shapes("")) == {}
