@@ -4,7 +4,7 @@ from __future__ import annotations
 
 # [s] At most, as where nothing is known of the link yet, and at least: a machine that is busy for a moment is no loss.
 LONGEST, SHORTEST = 0.3, 0.02
-# A message that is so many times as late as the latest before it is taken as lost.
+# Times the latest lateness before it, after which a message is taken as lost.
 MARGIN = 4.0
 # Of the latest before, what is still believed after each message.
 KEPT = 0.9
