@@ -106,14 +106,14 @@ class TerrainClient:
         """
         return message_to_terrain(self._client.latest(extent=extent, max_age=max_age))
 
-    def summary(self, max_age: float | None = None, timeout: float = 30.0) -> TerrainSummary:
+    def summary(self, timeout: float = 30.0, max_age: float | None = None) -> TerrainSummary:
         """The newest summary of the fused map: a few kilobytes, for the far end of a thin link.
 
         It has no history, so that a router on the way may thin it out: the first call waits for one.
 
         Args:
-            max_age: seconds since the end of its scan; None = its own validity, in time and pauses.
             timeout: seconds to wait for the first.
+            max_age: seconds since the end of its scan; None = its own validity, in time and pauses.
 
         Raises:
             StaleTerrain: the newest summary is too old.
@@ -123,7 +123,7 @@ class TerrainClient:
         """
         return message_to_summary(self._client.summary(timeout=timeout, max_age=max_age))
 
-    def regions(self, max_age: float | None = None, timeout: float = 30.0) -> MapRegions:
+    def regions(self, timeout: float = 30.0, max_age: float | None = None) -> MapRegions:
         """The convex steppable regions of the newest fused map, without the map itself.
 
         Arguments and errors are those of `summary`; who comes late gets the last.
