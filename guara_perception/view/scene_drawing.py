@@ -26,8 +26,8 @@ LIFT_M = 0.002
 LINE_PX = 2.0
 # Outlines follow the edges of cells to this, one cell and a bit [m].
 OUTLINE_M = 0.006
-# Size of a point, and every third is drawn: the ground is to be seen between the stripes.
-STRIPE_SIZE_M, STRIPE_THINNED, STRIPE_LIFT_M = 0.0007, 3, 0.001
+# Size of a point, and at most this number of them: the ground is to be seen between the stripes.
+STRIPE_SIZE_M, STRIPE_POINTS, STRIPE_LIFT_M = 0.0007, 12_000, 0.001
 EVEN_LIGHT = 2.2
 # Ground under the terrain: lower than a leg reaches.
 GROUND_M = -0.09
@@ -114,7 +114,8 @@ class SceneDrawing:
         self._scene.remove_by_name(name)
         points = [stripe[np.isfinite(stripe).all(axis=1)] for stripe in stripes]
         if sum(map(len, points)):
-            cloud = np.vstack(points)[::STRIPE_THINNED] + [0.0, 0.0, STRIPE_LIFT_M]
+            cloud = np.vstack(points)
+            cloud = cloud[:: -(-len(cloud) // STRIPE_POINTS)] + [0.0, 0.0, STRIPE_LIFT_M]
             self._scene.add_point_cloud(name, cloud, STRIPE_COLOUR, point_size=STRIPE_SIZE_M, point_shape="circle")
 
     def footholds(self, moment: Moment, *, shown: bool) -> None:

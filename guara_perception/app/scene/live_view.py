@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from drivers import StripeCapture
     from guara_perception.ranging.stripe_points import StripePoints
 
-# Every second point goes out, and the picture no wider than this: a view is for looking.
-THINNED = 2
+# Every third point goes out, and the picture no wider than this: a view is for looking.
+THINNED = 3
 PICTURE_WIDTH_PX = 480
 JPEG_QUALITY = 80
 # Stripes so far from the middle are not worth a copy of their picture.

@@ -64,7 +64,7 @@ def test_the_stripe_in_the_middle_is_shown() -> None:
 
 
 def test_the_points_are_those_of_the_scan(paper_scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel) -> None:
-    """One in two, all finite, with the stamp of the scan."""
+    """One in three, all finite, with the stamp of the scan."""
     sender = Sender()
     processor = run_scan(paper_scan, calibration, robot)
     LiveView(sender, middle=35).send(processor.points, 99)  # type: ignore[arg-type]
