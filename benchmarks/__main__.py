@@ -23,6 +23,7 @@ PROGRAMS = {
     "hostile": "what files that were made to harm cost before they are refused",
     "lines_of_sight": "whether bounds of unknown ground hold, and what swings gain by them",
     "kinematics": "speed and agreement of the kinematics",
+    "light": "each effect of real light on a scan: stripes found, wrong and made up, error of the heights",
     "misplaced_crosses": "what misplaced crosses of a calibration do to the grid",
     "mosaics": "Bayer mosaics and grey frames through the whole chain, beside the truth",
     "mounting": "what a mount that moves costs, in heights",

@@ -18,7 +18,7 @@ from benchmarks.accuracy import Truth, load_truth, truth_of
 from guara_perception.arrays import Image
 from guara_perception.ranging.groups import in_groups
 from guara_perception.settings import Settings
-from guara_perception.simulation import SimulatedRangefinder, World, specimen
+from guara_perception.simulation import Light, SimulatedRangefinder, World, specimen
 from guara_perception.simulation.features import Box, Patch, Pit, Ramp
 from guara_perception.simulation.materials import material_index
 from kinematics import RobotModel, Stance, load_robot
@@ -80,12 +80,14 @@ class Recording:
         return found
 
 
-def simulated(size: tuple[int, int] = (1280, 1024), stripes: int = 70) -> Recording:
-    """The benchmark's own scene, the same on every machine."""
+def simulated(
+    size: tuple[int, int] = (1280, 1024), stripes: int = 70, light: Light | None = None, seed: int = 0
+) -> Recording:
+    """The benchmark's own scene, the same on every machine; in ordinary light unless another is given."""
     robot = robot_with(stripes)
     calibration = with_covariance(specimen(robot, size))
     stance = scan_stance(robot)
-    rangefinder = SimulatedRangefinder(WORLD, calibration, robot)
+    rangefinder = SimulatedRangefinder(WORLD, calibration, robot, seed, light=light)
     view = rangefinder.set_pose(robot.stance_pose(stance).transform_base_to_footprint, robot.posture("scan"))
     frames = tuple(rangefinder.frames(range(stripes)))
     seen = (view.points + view.origin)[view.laser_gain > 0]

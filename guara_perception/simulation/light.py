@@ -8,10 +8,15 @@ import numpy as np
 
 from guara_perception.exceptions import InvalidInput
 
+BEST_JPEG = 100
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
     """Light, laser and sensor; levels are those of the picture, 0 ... 255, at nominal exposure.
+
+    The fields from `skirt` on do nothing unless they are set: what cameras and places add outside a laboratory. How
+    strong each was on photographs says `real_light`.
 
     Attributes:
         ambient: level of a white, level surface under the ambient light, blue, green, red.
@@ -26,6 +31,16 @@ class Light:
         shot_noise: variance per level, from the number of electrons.
         read_noise: standard deviation of the darkest level.
         vignetting: exponent of the fall of brightness with the cosine of the field angle.
+        skirt: what is left of the stripe's peak 8 px beside it, as a share; it falls with the distance.
+        halo: level beside a clipped core, which fades within 20 px.
+        ghost: strength of a second image of the stripe by reflection, as a share.
+        blotches: standard deviation of noise in patches of some pixels, of its own in each channel.
+        flicker: standard deviation of the ambient light from one picture to the next, as a share.
+        drift: blue, green and red of the pictures with the laser relative to those without: automatic exposure and
+            white balance.
+        chessboard: how far a chessboard of 20 mm covers every surface, 0 = not at all, 1 = wholly.
+        demosaiced: whether the pixels are those of a colour filter, interpolated.
+        jpeg_quality: of a compression with halved colour (4:2:0), 1 ... 100; 0 = none.
     """
 
     ambient: tuple[float, float, float] = (235.0, 255.0, 270.0)
@@ -40,6 +55,15 @@ class Light:
     shot_noise: float = 0.011
     read_noise: float = 0.5
     vignetting: float = 3.0
+    skirt: float = 0.0
+    halo: float = 0.0
+    ghost: float = 0.0
+    blotches: float = 0.0
+    flicker: float = 0.0
+    drift: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    chessboard: float = 0.0
+    demosaiced: bool = False
+    jpeg_quality: int = 0
 
     def __post_init__(self) -> None:
         """Refuse what no light can be."""
@@ -50,3 +74,25 @@ class Light:
         if self.stripe_sigma <= 0 or self.fan <= 0:
             given = f"stripe_sigma is {self.stripe_sigma} m, fan is {self.fan} rad"
             raise InvalidInput(f"light: {given}, each must be above 0")
+        for name, value, most in (
+            ("skirt", self.skirt, 1),
+            ("ghost", self.ghost, 1),
+            ("chessboard", self.chessboard, 1),
+            ("jpeg_quality", self.jpeg_quality, BEST_JPEG),
+        ):
+            if value > most:
+                raise InvalidInput(f"light: {name} is {value}, it must be 0 ... {most}")
+        if min(self.drift) <= 0:
+            raise InvalidInput(f"light: drift is {self.drift}, each must be above 0")
+
+    @property
+    def is_scattered(self) -> bool:
+        """Whether laser light reaches pixels that see nothing of the stripe itself."""
+        return self.skirt > 0 or self.halo > 0 or self.ghost > 0
+
+    @property
+    def is_even(self) -> bool:
+        """Whether a picture with the laser is, away from its light, one without."""
+        return not (self.is_scattered or self.blotches or self.flicker or self.demosaiced or self.jpeg_quality) and (
+            self.drift == (1.0, 1.0, 1.0)
+        )

@@ -24,6 +24,10 @@ SUN_DIRECTION = np.array([0.35, 0.45, 0.82])
 # No natural surface is blotched from black to white.
 TEXTURE_RANGE = (0.5, 1.6)
 LEG_ALBEDO = (0.30, 0.30, 0.32)
+# Edge of a chessboard's square, and albedo of the black and the white ones: printed black is not that of coal.
+SQUARE_M = 0.020
+BOARD_ALBEDO = (0.06, 0.75)
+DARK_ALBEDO = 0.03
 MIRRORED_EXPONENT = 60.0
 MIRRORED_GAIN = 6.0
 
@@ -76,6 +80,10 @@ def look(
     steepness = 1 / np.sqrt(1 + slope[..., 0] ** 2 + slope[..., 1] ** 2)
     normals = np.dstack((-slope[..., 0] * steepness, -slope[..., 1] * steepness, steepness))
     albedo, shine = _surface(relief, points, ways, normals)
+    if light.chessboard:
+        # What swallows light is not painted: dark ground stays dark.
+        board = np.where(albedo.max(axis=2) > DARK_ALBEDO, _chessboard(points), albedo[..., 0])
+        albedo += np.float32(light.chessboard) * (board[..., None] - albedo)
     is_body = (
         _add_body(body, camera, ways, points, normals, albedo, shine)
         if body is not None
@@ -137,6 +145,12 @@ def _surface(relief: Relief, points: Float32, ways: Float32, normals: Float32) -
     texture = relief.sample_texture(x + points[..., 2], y - points[..., 2])
     mottled = np.clip(1 + depth * texture, *TEXTURE_RANGE)
     return np.clip(albedo * mottled[..., None], 0, 1).astype(np.float32), shine
+
+
+def _chessboard(points: Float32) -> Float32:
+    """Albedo (h, w) of a chessboard that covers every surface, walls by their height too."""
+    place = np.floor(points / np.float32(SQUARE_M) + np.float32(1e-3)).astype(np.int64)
+    return np.where(place.sum(axis=2) % 2 == 0, BOARD_ALBEDO[0], BOARD_ALBEDO[1]).astype(np.float32)
 
 
 def _laser_gain(

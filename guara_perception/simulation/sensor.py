@@ -1,4 +1,4 @@
-"""The simulated camera's sensor: exposure, shot and read noise, saturation, eight bits."""
+"""The simulated camera's sensor: exposure, noise, saturation, eight bits, and what the camera makes of them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 from guara_perception.arrays import Float32, Image
 from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.light import Light
+from guara_perception.simulation.picture_effects import blotches, delivered, scattered
 
 # Noisy pictures without laser kept per scene: drawn in turn, so that no two in a row are alike.
 DARK_PICTURES = 4
@@ -50,6 +51,8 @@ class Sensor:
             laser: share of the exposure during which the laser shone.
             exposure: relative to the nominal one.
         """
+        if not self._light.is_even:
+            return self._uneven_picture(light, rows, laser, exposure)
         picture = self._next_dark(exposure).copy()
         first, end = rows
         if end <= first:
@@ -77,9 +80,39 @@ class Sensor:
         kept = self._dark[exposure]
         self._turn += 1
         if len(kept) < DARK_PICTURES:
-            kept.append(self._expose(self._ambient.copy(), exposure))
+            kept.append(self._delivered(self._ambient_now(), exposure))
             return kept[-1]
         return kept[self._turn % DARK_PICTURES]
+
+    def _uneven_picture(self, light: Float32, rows: tuple[int, int], laser: float, exposure: float) -> Image:
+        """A picture with laser light that differs all over from one without."""
+        if not (np.isfinite(exposure) and exposure > 0):
+            raise InvalidInput(f"exposure is {exposure} of the nominal one, it must be above 0")
+        gains = np.array(self._light.drift, np.float32)
+        whole = np.zeros(self._shape, np.float32)
+        whole[rows[0] : rows[1]] = light
+        whole *= np.float32(laser)
+        if self._light.is_scattered:
+            # What overflows depends on what the pixels were given.
+            gain = np.float32(exposure) * gains[2]
+            whole = scattered(whole * gain, self._light) / gain
+        level = self._ambient_now()
+        level += whole[:, :, None] * np.array(self._light.leakage, dtype=np.float32)
+        level *= gains
+        return self._delivered(level, exposure)
+
+    def _ambient_now(self) -> Float32:
+        """Ambient light (h, w, 3) of this moment."""
+        if not self._light.flicker:
+            return self._ambient.copy()
+        return self._ambient * np.float32(max(1 + self._light.flicker * self._rng.standard_normal(), 0.0))
+
+    def _delivered(self, level: Float32, exposure: float) -> Image:
+        """The picture that the camera delivers of levels (h, w, 3), which are changed."""
+        if self._light.blotches:
+            patches = blotches(self._noise(level.size).reshape(level.shape), self._light.blotches / exposure)
+            level = np.maximum(level + patches, 0)
+        return delivered(self._expose(level, exposure), self._light)
 
     def _expose(self, level: Float32, exposure: float) -> Image:
         """Add noise to levels (..., 3), in place, and clip to eight bits."""

@@ -1,0 +1,90 @@
+"""`real_light`: the light of real places, each effect as strong as it was measured on photographs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.simulation.light import Light
+
+PLAIN = Light()
+# What each effect is at strength 1: the strongest on photographs of laser lines of 21 cameras and places, in pictures
+# of the simulated camera (0.88 mm of ground per pixel at 640 x 512).
+WIDEST_SIGMA_M = 0.0045  # 12 px from half to half
+STRONGEST_SKIRT = 0.12
+STRONGEST_HALO = 150.0
+LEAST_CLIPPED, MOST_CLIPPED = 3.0, 8.0  # on soil cores of 2 to 4 px at 255
+MOST_LEAKAGE = (0.25, 0.52, 1.0)
+# Of a white surface: soil is then at 250 to 300 of 255 in red, everything brighter is clipped.
+MOST_AMBIENT = 4.0
+# Of 85 on soil: a line of 33 grey levels.
+WEAKEST_LASER = 0.4
+MOST_NOISE, MOST_BLOTCHES = 7.0, 5.0
+WORST_JPEG, BEST_JPEG = 75, 95
+MOST_DRIFT = (0.67, 1.4, 2.6)
+MOST_FLICKER = 0.1
+STRONGEST_GHOST = 0.6
+
+
+def _between(least: float, most: float, strength: float) -> float:
+    """Between two values, in equal ratios."""
+    return float(least * (most / least) ** strength)
+
+
+def _triple(least: tuple[float, ...], most: tuple[float, ...], strength: float) -> tuple[float, ...]:
+    return tuple(_between(a, b, strength) for a, b in zip(least, most, strict=True))
+
+
+EFFECTS: Mapping[str, Callable[[float], dict[str, Any]]] = MappingProxyType(
+    {
+        "width": lambda s: {"stripe_sigma": _between(PLAIN.stripe_sigma, WIDEST_SIGMA_M, s)},
+        "skirt": lambda s: {"skirt": s * STRONGEST_SKIRT},
+        # There is none without a clipped core.
+        "halo": lambda s: {"halo": s * STRONGEST_HALO, "laser": PLAIN.laser * _between(1, LEAST_CLIPPED, s)},
+        "clipping": lambda s: {"laser": PLAIN.laser * _between(1, MOST_CLIPPED, s)},
+        "leakage": lambda s: {"leakage": _triple(PLAIN.leakage, MOST_LEAKAGE, s)},
+        "ambient": lambda s: {"ambient": tuple(level * _between(1, MOST_AMBIENT, s) for level in PLAIN.ambient)},
+        "weak line": lambda s: {"laser": PLAIN.laser * _between(1, WEAKEST_LASER, s)},
+        "noise": lambda s: {
+            "read_noise": PLAIN.read_noise + s * (MOST_NOISE - PLAIN.read_noise),
+            "blotches": s * MOST_BLOTCHES,
+        },
+        "demosaicing": lambda s: {"demosaiced": s > 0},
+        "JPEG": lambda s: {"jpeg_quality": round(BEST_JPEG + s * (WORST_JPEG - BEST_JPEG)) if s > 0 else 0},
+        "drift": lambda s: {"drift": _triple((1.0, 1.0, 1.0), MOST_DRIFT, s)},
+        "flicker": lambda s: {"flicker": s * MOST_FLICKER},
+        "chessboard": lambda s: {"chessboard": s},
+        "ghosts": lambda s: {"ghost": s * STRONGEST_GHOST},
+    }
+)
+"""By name of the effect: the fields of `Light` at a strength."""
+
+
+def real_light(strengths: Mapping[str, float]) -> Light:
+    """The light of a place with one or several effects, each as strong as photographs of laser lines have it.
+
+    Where a clipped and a weak line are asked for together the stripe is as bright as the product of both.
+
+    Example:
+        rangefinder = SimulatedRangefinder(world, calibration, robot, light=real_light({"ambient": 0.5, "JPEG": 1}))
+
+    Args:
+        strengths: by name, of EFFECTS, 0 = none ... 1 = as in the worst of the photographs.
+
+    Raises:
+        InvalidInput: no such effect, or a strength that is not 0 ... 1.
+    """
+    options: dict[str, Any] = {}
+    for name, strength in strengths.items():
+        if name not in EFFECTS:
+            raise InvalidInput(f"effect is {name!r}, allowed: {', '.join(EFFECTS)}")
+        if not (np.isfinite(strength) and 0 <= strength <= 1):
+            raise InvalidInput(f"strength of {name} is {strength}, it must be 0 ... 1")
+        for field, value in EFFECTS[name](float(strength)).items():
+            known = options.get(field)
+            options[field] = value if known is None else known * value / getattr(PLAIN, field)
+    return Light(**options)

@@ -1,0 +1,60 @@
+"""Whole scans in any light: nothing that is dark, unseen or made up is ever called traversable."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from benchmarks.accuracy import figures
+from benchmarks.light import SIZE, STRIPES, made_up
+from benchmarks.scenes import Recording, simulated
+from guara_perception.simulation import EFFECTS, real_light
+
+EVERY_LIGHT = {
+    **{name: {name: 1.0} for name in EFFECTS},
+    **{f"all at {share:g}": dict.fromkeys(EFFECTS, share) for share in (0.15, 0.3, 0.6, 1.0)},
+    "clipped, with a halo and ghosts": {"clipping": 1.0, "halo": 1.0, "ghosts": 1.0},
+    "weak on a bright board": {"weak line": 1.0, "chessboard": 1.0, "ambient": 0.5},
+    "weak, with noise and JPEG": {"weak line": 1.0, "noise": 1.0, "JPEG": 1.0, "demosaicing": 1.0},
+    "drift on a board": {"drift": 0.5, "flicker": 1.0, "chessboard": 1.0},
+}
+
+
+@functools.lru_cache(maxsize=1)
+def rendered(light: str) -> Recording:
+    """The benchmark's scene in one light."""
+    return simulated(SIZE, STRIPES, real_light(EVERY_LIGHT[light]), seed=5)
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("light", EVERY_LIGHT)
+def test_no_light_makes_a_cell_traversable_that_is_dark_unseen_or_made_up(light: str) -> None:
+    """With laser-off pictures, with none, and with every third one only; against what was rendered."""
+    recording = rendered(light)
+    assert recording.truth is not None
+    for every in (1, 3, len(recording.frames) + 1):
+        processor = recording.processor()
+        for number, (index, on, off) in enumerate(recording.frames, start=1):
+            processor.add(index, on, off if number % every == 0 else None)
+        terrain = processor.finish()
+        assert figures(terrain, recording.truth).unsafe == 0, f"a laser-off picture for every {every}."
+        assert made_up(terrain, recording.truth) == 0, f"a laser-off picture for every {every}."
+
+
+@pytest.mark.slow
+def test_a_height_that_is_not_there_would_be_counted() -> None:
+    """A cell lifted by a centimetre is made up, and one beyond the pit's walls as well."""
+    recording = simulated((320, 256), STRIPES)
+    assert recording.truth is not None
+    processor = recording.processor()
+    recording.add_to(processor)
+    terrain = processor.finish()
+    assert made_up(terrain, recording.truth) == 0
+    layers = {name: np.array(terrain.layer(name)) for name in terrain.layers}
+    iy, ix = np.argwhere(np.asarray(terrain.traversability) > 0)[0]
+    layers["elevation"][iy, ix] += 0.01
+    spoiled = gp.TerrainGrid(layers=layers, geometry=terrain.geometry, metadata=dict(terrain.metadata))
+    assert made_up(spoiled, recording.truth) == 1
