@@ -1,8 +1,8 @@
 """What each effect of real light does to a scan: stripes found, wrong and made up, and the error of the heights.
 
-`python -m benchmarks.light [--strengths 0.5 1] [--effects NAME ...] [--json]`: the benchmark's scene of boxes, a pit and
-a dark patch, rendered with each effect alone and with all together (at a third of each), at the given shares of what
-photographs of laser lines show (`guara_perception.simulation.real_light`); with and without laser-off pictures.
+`python -m benchmarks.light [--strengths 0.5 1] [--effects NAME ...] [--json]`: the benchmark's scene of boxes, a pit
+and a dark patch, rendered with each effect alone and with all together (at a third of each), at the given shares of
+what photographs of laser lines show (`guara_perception.simulation.real_light`); with and without laser-off pictures.
 About four minutes.
 """
 
@@ -115,7 +115,7 @@ def lights(strengths: Sequence[float], names: Sequence[str]) -> Iterator[tuple[s
     for name in names:
         for strength in strengths:
             if name == ALL:
-                yield name, strength, real_light({each: strength * ALL_STRENGTH for each in EFFECTS})
+                yield name, strength, real_light(dict.fromkeys(EFFECTS, strength * ALL_STRENGTH))
             else:
                 yield name, strength, real_light({name: strength})
 
@@ -126,14 +126,16 @@ def measure(strengths: Sequence[float], names: Sequence[str]) -> Iterator[Effect
         recording = simulated(SIZE, STRIPES, light)
         assert recording.truth is not None
         for with_off in (True, False):
-            shares, terrain = judge(recording, light, with_off=with_off)
+            (coverage, gross, filled), terrain = judge(recording, light, with_off=with_off)
             found = figures(terrain, recording.truth)
             reasons = terrain.metadata["health"]["reasons"]
             yield Effect(
                 name,
                 strength,
                 with_off,
-                *(round(share, 4) for share in shares),
+                round(coverage, 4),
+                round(gross, 4),
+                round(filled, 4),
                 known=round(found.known / 100, 4),
                 mean_mm=round(found.mean, 3),
                 p95_mm=round(found.p95, 3),

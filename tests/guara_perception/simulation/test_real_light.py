@@ -161,7 +161,7 @@ def test_every_effect_is_nothing_at_strength_zero_and_all_go_together() -> None:
     assert all(real_light({name: 1.0}) != Light() for name in EFFECTS)
     both = real_light({"clipping": 1.0, "weak line": 1.0})
     assert both.laser == pytest.approx(620 * 8 * 0.4)
-    assert not real_light({name: 0.5 for name in EFFECTS}).is_even
+    assert not real_light(dict.fromkeys(EFFECTS, 0.5)).is_even
     with pytest.raises(gp.InvalidInput, match="effect is 'fog', allowed: width, skirt, halo"):
         real_light({"fog": 0.5})
     with pytest.raises(gp.InvalidInput, match=r"strength of ambient is 1\.5, it must be 0 \.\.\. 1"):
