@@ -15,6 +15,7 @@ from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.frame_pair import FramePair
+from guara_perception.light_diagnosis import LightLooks
 from guara_perception.methods import METHODS, check_method
 from guara_perception.own_body import OwnBody
 from guara_perception.ranging.locate import locator
@@ -123,6 +124,7 @@ class ScanProcessor:
         self._order = list(self._geometry.stripes)
         self._profiles: dict[int, StripeProfile] = {}
         self._glances = Glances(self._order, calibration.camera.size[0])
+        self._light = LightLooks(self._order, calibration.camera.size[1])
         self._surface = SurfaceRaster(self._grid.refined(self._pooling), self._pattern, self._settings.join_height)
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
 
@@ -208,6 +210,7 @@ class ScanProcessor:
         for pair in pairs:
             if not profiles[pair.index].is_frame_bad:
                 self._glances.look(pair)
+                self._light.look(pair, profiles[pair.index])
         extracted = time.perf_counter()
         points = self._ranger.points({index: each for index, each in profiles.items() if not each.is_frame_bad})
         triangulated = time.perf_counter()
@@ -268,6 +271,7 @@ class ScanProcessor:
         )
         standard._profiles.update(self._profiles)
         standard._glances.take_over(self._glances)
+        standard._light.take_over(self._light)
         standard._surface.add(self.points)
         standard._seconds.update(self._seconds)
         return standard
@@ -307,6 +311,7 @@ class ScanProcessor:
             layers=layers,
             seconds=seconds,
             wrong_frames=lambda: self._glances.wrong_frames(self._geometry, self._calibration),
+            light=self._light,
         )
         is_lost = np.array([index in self._profiles and self._profiles[index].is_frame_bad for index in self._order])
         report["lost_cells"] = []

@@ -9,6 +9,7 @@ import numpy as np
 
 from guara_perception.arrays import Array, Index, Mask
 from guara_perception.calibration.calibration import Calibration
+from guara_perception.light_diagnosis import STEADY, LightLooks
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.scan_diagnosis import WHERE_NONE_CAN_BE
 from guara_perception.settings import Settings, limits_to_dict
@@ -30,13 +31,13 @@ REGIONS_X, REGIONS_Y = ("near", "middle", "far"), ("right", "centre", "left")
 def advice(coverage: float, counts: Index, wrong: str = "") -> str:
     """One sentence on a scan with few returns: what happened and what helps, the paper's remedies included.
 
-    Orientation, order and pattern come first, then whether stripes were found where they cannot be, found but not
-    usable, or not found.
+    Light, orientation, order and pattern come first, then whether stripes were found where they cannot be, found but
+    not usable, or not found.
 
     Args:
         coverage: share of the expected ground that was seen.
         counts: image columns of all stripes per StripeStatus.
-        wrong: what is wrong with the frames or the pattern as a whole; empty for nothing.
+        wrong: what is wrong with the light, the frames or the pattern as a whole; empty for nothing.
     """
     found = f"only {100 * coverage:.0f} % of the expected ground returned the laser"
     if wrong:
@@ -94,6 +95,7 @@ def scan_report(
     layers: Mapping[str, Array],
     seconds: Mapping[str, float],
     wrong_frames: Callable[[], str] = lambda: "",
+    light: LightLooks,
 ) -> dict[str, Any]:
     """Metadata of a grid; see docs/files.md for the fields."""
     from kinematics import describe_robot
@@ -112,10 +114,17 @@ def scan_report(
     missing = [index for index in planned if index not in profiles]
     if missing:
         reasons.append(f"{len(missing)} of {len(planned)} stripes were not fired")
+    unused = light.unused
+    if unused:
+        index, why = next(iter(unused.items()))
+        reasons.append(
+            f"flicker: {len(unused)} of {len(profiles)} laser-off pictures do not fit and were not used "
+            f"(stripe {index}: {why}): {STEADY}"
+        )
     if not expected.any():
         reasons.append("no part of the area was scanned")
     elif coverage < LOW_COVERAGE:
-        wrong = wrong_pattern(profiles, settings.pattern(mode).step) or wrong_frames()
+        wrong = light.excess() or wrong_pattern(profiles, settings.pattern(mode).step) or wrong_frames() or light.lack()
         reasons.append(advice(coverage, counts, wrong))
     verdict = calibration.quality.get("verdict")
     if verdict == "refused":
@@ -140,6 +149,7 @@ def scan_report(
         "stripes_used": len(points),
         "stripes_missing": missing,
         "frames_bad": {str(index): reason for index, reason in bad.items()},
+        "off_pictures_unused": {str(index): reason for index, reason in unused.items()},
         "points": {status.name: int(counts[status]) for status in StripeStatus},
         "points_used": used,
         "coverage": coverage,

@@ -16,8 +16,8 @@ SKIRT_COLUMNS = 9
 # A halo fades with this deviation from the edge of the clipped core: within 20 px to a tenth.
 HALO_SIGMA_PX = 9.0
 FULL_SCALE = 255.0
-# The ghost lies so far beside the stripe, of the picture's height, swings by so much over so many columns, and is
-# out of focus by this much [px].
+# How far the ghost lies beside the stripe, how far it swings and over how much of the picture, and how far it is
+# out of focus [px].
 GHOST_OF_HEIGHT, GHOST_SWING_OF_HEIGHT, GHOST_WAVE_OF_WIDTH = 0.05, 0.012, 0.4
 GHOST_SIGMA_PX = 1.2
 # A mirror is not everywhere: the ghost is seen in this part of the columns.
@@ -26,15 +26,22 @@ GHOST_COLUMNS = (0.3, 0.75)
 BLOTCH_SIGMA_PX = 3.0
 
 
-def scattered(level: Float32, light: Light) -> Float32:
-    """Laser light (h, w) with what reflections, lens and overflow of clipped pixels add to it.
+def rows_reached(rows: tuple[int, int], height: int) -> tuple[int, int]:
+    """First and end row that scattered light reaches of light between two rows."""
+    ghost = int((GHOST_OF_HEIGHT + GHOST_SWING_OF_HEIGHT) * height) + 1
+    return max(rows[0] - SKIRT_TO_PX, 0), min(rows[1] + ghost + SKIRT_TO_PX, height)
+
+
+def scattered(level: Float32, light: Light, height: int) -> Float32:
+    """Laser light (rows, w) with what reflections, lens and overflow of clipped pixels add to it.
 
     Args:
-        level: (h, w) of the laser's light at the sensor's gain, 0 ... any height.
+        level: (rows, w) of the laser's light at the sensor's gain, 0 ... any height.
         light: the strength of each.
+        height: of the whole picture [px].
     """
     if light.ghost:
-        level = level + np.float32(light.ghost) * _ghost(level)
+        level = level + np.float32(light.ghost) * _ghost(level, height)
     result = level
     if light.skirt:
         result = result + _skirt(level, light.skirt)
@@ -43,10 +50,10 @@ def scattered(level: Float32, light: Light) -> Float32:
     return result
 
 
-def _ghost(level: Float32) -> Float32:
+def _ghost(level: Float32, height: int) -> Float32:
     """The light seen a second time, further down."""
-    height, width = level.shape
-    columns, rows = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    width = level.shape[1]
+    columns, rows = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(len(level), dtype=np.float32))
     swing = GHOST_SWING_OF_HEIGHT * np.sin(2 * np.pi * columns / (GHOST_WAVE_OF_WIDTH * width))
     source = rows - np.float32(height) * (GHOST_OF_HEIGHT + swing).astype(np.float32)
     seen = cv2.remap(level, columns, source, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
@@ -75,16 +82,25 @@ def _halo(level: Float32, height: float) -> Float32:
     return np.asarray(height * np.exp(-0.5 * (distance / HALO_SIGMA_PX) ** 2), np.float32)
 
 
-def blotches(noise: Float32, deviation: float) -> Float32:
-    """Noise in patches (h, w, channels).
+class Blotches:
+    """Noise in patches: one large picture of it, of which each frame takes another part."""
 
-    Args:
-        noise: (h, w, channels) of deviation 1, from pixel to pixel.
-        deviation: of the patches.
-    """
-    soft = cv2.GaussianBlur(noise, (0, 0), BLOTCH_SIGMA_PX)
-    # A Gaussian of sigma leaves 1 / (2 sqrt(pi) sigma) of white noise.
-    return np.asarray(soft * np.float32(deviation * 2 * np.sqrt(np.pi) * BLOTCH_SIGMA_PX), np.float32)
+    def __init__(self, noise: Float32, deviation: float) -> None:
+        """Make them.
+
+        Args:
+            noise: (2 h, 2 w, channels) of deviation 1, from pixel to pixel.
+            deviation: of the patches.
+        """
+        soft = cv2.GaussianBlur(noise, (0, 0), BLOTCH_SIGMA_PX)
+        # A Gaussian of sigma leaves 1 / (2 sqrt(pi) sigma) of white noise.
+        self._patches = np.asarray(soft * np.float32(deviation * 2 * np.sqrt(np.pi) * BLOTCH_SIGMA_PX), np.float32)
+
+    def draw(self, rng: np.random.Generator) -> Float32:
+        """Those of one picture, (h, w, channels)."""
+        height, width = self._patches.shape[0] // 2, self._patches.shape[1] // 2
+        row, column = int(rng.integers(height + 1)), int(rng.integers(width + 1))
+        return self._patches[row : row + height, column : column + width]
 
 
 def delivered(picture: Image, light: Light) -> Image:

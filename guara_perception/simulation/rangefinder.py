@@ -57,7 +57,7 @@ class SimulatedRangefinder:
             calibration: what the rangefinder truly is, for instance from `specimen`.
             robot: that carries it.
             seed: of all noise; the same calls give the same frames.
-            light: light and sensor; None = ordinary ones.
+            light: light and sensor; None = those of the world.
 
         Raises:
             CalibrationMismatch: the calibration belongs to another robot.
@@ -65,7 +65,7 @@ class SimulatedRangefinder:
         if calibration.robot != robot.name:
             raise CalibrationMismatch(f"the calibration belongs to robot {calibration.robot!r}, not to {robot.name!r}")
         self.world, self.calibration, self.robot = world, calibration, robot
-        self.light = light or Light()
+        self.light = world.light if light is None else light
         self.laser_planes = LaserPlanes.of(calibration)
         self._relief = Relief.of(world)
         width, height = calibration.camera.size

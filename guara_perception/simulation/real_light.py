@@ -48,13 +48,13 @@ EFFECTS: Mapping[str, Callable[[float], dict[str, Any]]] = MappingProxyType(
         "clipping": lambda s: {"laser": PLAIN.laser * _between(1, MOST_CLIPPED, s)},
         "leakage": lambda s: {"leakage": _triple(PLAIN.leakage, MOST_LEAKAGE, s)},
         "ambient": lambda s: {"ambient": tuple(level * _between(1, MOST_AMBIENT, s) for level in PLAIN.ambient)},
-        "weak line": lambda s: {"laser": PLAIN.laser * _between(1, WEAKEST_LASER, s)},
+        "weak_line": lambda s: {"laser": PLAIN.laser * _between(1, WEAKEST_LASER, s)},
         "noise": lambda s: {
             "read_noise": PLAIN.read_noise + s * (MOST_NOISE - PLAIN.read_noise),
             "blotches": s * MOST_BLOTCHES,
         },
         "demosaicing": lambda s: {"demosaiced": s > 0},
-        "JPEG": lambda s: {"jpeg_quality": round(BEST_JPEG + s * (WORST_JPEG - BEST_JPEG)) if s > 0 else 0},
+        "jpeg": lambda s: {"jpeg_quality": round(BEST_JPEG + s * (WORST_JPEG - BEST_JPEG)) if s > 0 else 0},
         "drift": lambda s: {"drift": _triple((1.0, 1.0, 1.0), MOST_DRIFT, s)},
         "flicker": lambda s: {"flicker": s * MOST_FLICKER},
         "chessboard": lambda s: {"chessboard": s},
@@ -70,7 +70,7 @@ def real_light(strengths: Mapping[str, float]) -> Light:
     Where a clipped and a weak line are asked for together the stripe is as bright as the product of both.
 
     Example:
-        rangefinder = SimulatedRangefinder(world, calibration, robot, light=real_light({"ambient": 0.5, "JPEG": 1}))
+        rangefinder = SimulatedRangefinder(world, calibration, robot, light=real_light({"ambient": 0.5, "jpeg": 1}))
 
     Args:
         strengths: by name, of EFFECTS, 0 = none ... 1 = as in the worst of the photographs.

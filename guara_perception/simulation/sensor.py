@@ -7,7 +7,7 @@ import numpy as np
 from guara_perception.arrays import Float32, Image
 from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.light import Light
-from guara_perception.simulation.picture_effects import blotches, delivered, scattered
+from guara_perception.simulation.picture_effects import Blotches, delivered, rows_reached, scattered
 
 # Noisy pictures without laser kept per scene: drawn in turn, so that no two in a row are alike.
 DARK_PICTURES = 4
@@ -30,6 +30,10 @@ class Sensor:
         size = max(POOL_SIZE, 2 * shape[0] * shape[1] * 3)
         self._pool = self._rng.standard_normal(size, dtype=np.float32)
         self._ambient: Float32 = np.zeros((*shape, 3), np.float32)
+        self._blotches: Blotches | None = None
+        if light.blotches:
+            noise = self._rng.standard_normal((2 * shape[0], 2 * shape[1], 3), dtype=np.float32)
+            self._blotches = Blotches(noise, light.blotches)
         self._dark: dict[float, list[Image]] = {}
         self._turn = 0
 
@@ -89,16 +93,20 @@ class Sensor:
         if not (np.isfinite(exposure) and exposure > 0):
             raise InvalidInput(f"exposure is {exposure} of the nominal one, it must be above 0")
         gains = np.array(self._light.drift, np.float32)
-        whole = np.zeros(self._shape, np.float32)
-        whole[rows[0] : rows[1]] = light
-        whole *= np.float32(laser)
-        if self._light.is_scattered:
-            # What overflows depends on what the pixels were given.
-            gain = np.float32(exposure) * gains[2]
-            whole = scattered(whole * gain, self._light) / gain
         level = self._ambient_now()
-        level += whole[:, :, None] * np.array(self._light.leakage, dtype=np.float32)
-        level *= gains
+        if light.size:
+            height, first = self._shape[0], rows[0]
+            if self._light.is_scattered:
+                first, end = rows_reached(rows, height)
+                light = np.pad(light, ((rows[0] - first, end - rows[1]), (0, 0)))
+                # What overflows depends on what the pixels were given.
+                gain = np.float32(laser * exposure) * gains[2]
+                light = scattered(light * gain, self._light, height) / gain
+            level[first : first + len(light)] += light[:, :, None] * (
+                np.array(self._light.leakage, dtype=np.float32) * np.float32(laser)
+            )
+        if self._light.drift != (1.0, 1.0, 1.0):
+            level *= gains
         return self._delivered(level, exposure)
 
     def _ambient_now(self) -> Float32:
@@ -109,9 +117,11 @@ class Sensor:
 
     def _delivered(self, level: Float32, exposure: float) -> Image:
         """The picture that the camera delivers of levels (h, w, 3), which are changed."""
-        if self._light.blotches:
-            patches = blotches(self._noise(level.size).reshape(level.shape), self._light.blotches / exposure)
-            level = np.maximum(level + patches, 0)
+        if self._blotches is not None:
+            level *= np.float32(exposure)
+            level += self._blotches.draw(self._rng)
+            np.maximum(level, 0, out=level)
+            exposure = 1.0
         return delivered(self._expose(level, exposure), self._light)
 
     def _expose(self, level: Float32, exposure: float) -> Image:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from guara_perception.arrays import Codes, Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.features import AnyFeature, Step
+from guara_perception.simulation.light import Light
 from guara_perception.simulation.materials import material_index
 
 UNDULATION_WAVES = 6
@@ -31,6 +32,7 @@ class World:
         undulation: standard deviation of the bare ground about z = 0 [m].
         seed: of undulation and texture.
         flat_until: no undulation before this x [m]; it sets in smoothly over 0.2 m.
+        light: in which it is seen.
     """
 
     x: tuple[float, float] = (-1.0, 3.0)
@@ -40,6 +42,7 @@ class World:
     undulation: float = 0.0
     seed: int = 0
     flat_until: float = -np.inf
+    light: Light = field(default_factory=Light)
     _bases: tuple[float, ...] = field(default=(), init=False, repr=False)
     _waves: Float = field(default_factory=lambda: np.zeros((0, 3)), init=False, repr=False, compare=False)
 

@@ -10,14 +10,17 @@ from typing import Any
 
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.simulation.features import KINDS, AnyFeature
+from guara_perception.simulation.light import Light
+from guara_perception.simulation.real_light import real_light
 from guara_perception.simulation.world import World
 from kinematics.toml_text import LARGEST_FILE, parse_toml
 
 WORLDS = Path(__file__).resolve().parent / "worlds"
 """Worlds that come with the package, found by name."""
 
-_TABLE = re.compile(r"^\s*\[\[\s*([A-Za-z_]+)\s*\]\]")
+_TABLE = re.compile(r"^\s*\[\[?\s*([A-Za-z_]+)\s*\]\]?")
 _KEY = re.compile(r"^\s*([A-Za-z_]+)\s*=")
+LIGHT = "light"
 _TYPES = {"float": "a number", "int": "a whole number", "str": "a text", "tuple[float, float]": "two numbers"}
 
 
@@ -26,7 +29,8 @@ def load_world(name_or_path: str | Path) -> World:
 
     Top level: `x`, `y` (area, two numbers each), `material`, `undulation`, `flat_until`, `seed`; then a table
     `[[box]]`, `[[rock]]`, `[[ramp]]`, `[[pit]]`, `[[patch]]`, `[[step]]` or `[[stairs]]` for each thing on the ground,
-    put down in the order of the file. Metres and radians.
+    put down in the order of the file. Metres and radians. A table `[light]` gives effects of real light by name, each
+    as a share of what photographs show (`real_light`).
 
     Args:
         name_or_path: a .toml file, or the name of a world that comes with the package.
@@ -61,8 +65,9 @@ def parse_world(text: str, source: str) -> World:
     except ValueError as error:
         raise FileFormatError(f"{source}: not a TOML file ({error})") from None
     lines = _lines(text)
-    top = {key: value for key, value in data.items() if key not in KINDS}
+    top = {key: value for key, value in data.items() if key not in KINDS and key != LIGHT}
     options = _options(World, top, source, lines.get(("", 0), {}), "a world")
+    options[LIGHT] = _light(data.get(LIGHT, {}), source, lines.get((LIGHT, 0), {}))
     features: list[tuple[int, AnyFeature]] = []
     for kind, cls in KINDS.items():
         entries = data.get(kind, [])
@@ -91,6 +96,20 @@ def parse_world(text: str, source: str) -> World:
     return World(**options, features=tuple(feature for _, feature in features))
 
 
+def _light(strengths: Any, source: str, lines: Mapping[str, int]) -> Light:
+    """The light of a world from its table."""
+    if not isinstance(strengths, dict):
+        raise FileFormatError(f"{source}: write [light], and below it an effect and its strength in each line")
+    for name, strength in strengths.items():
+        where = f"{source}, line {lines.get(name, lines.get('', 1))}"
+        _value(strength, "float", f"{where}: {name}")
+        try:
+            real_light({name: strength})
+        except InvalidInput as error:
+            raise FileFormatError(f"{where}: [light]: {error}") from None
+    return real_light(strengths)
+
+
 def _lines(text: str) -> dict[tuple[str, int], dict[str, int]]:
     """Line of every key, by (table, its number); the table's own line under the empty key."""
     found: dict[tuple[str, int], dict[str, int]] = {("", 0): {}}
@@ -114,12 +133,12 @@ def _options(
     cls: type[Any], entry: Mapping[str, Any], source: str, lines: Mapping[str, int], what: str
 ) -> dict[str, Any]:
     """Keyword arguments of a dataclass from a table, types checked."""
-    fields = {f.name: f for f in dataclasses.fields(cls) if f.init and f.name != "features"}
+    fields = {f.name: f for f in dataclasses.fields(cls) if f.init and f.name not in ("features", LIGHT)}
     result: dict[str, Any] = {}
     for key, value in entry.items():
         where = f"{source}, line {lines.get(key, lines.get('', 1))}"
         if key not in fields:
-            extra = f"; tables: {', '.join(KINDS)}" if cls is World else ""
+            extra = f"; tables: {', '.join(KINDS)}, {LIGHT}" if cls is World else ""
             raise FileFormatError(f"{where}: unknown key {key!r}; {what} has: {', '.join(fields)}{extra}")
         result[key] = _value(value, str(fields[key].type), f"{where}: {key}")
     for name, f in fields.items():

@@ -22,8 +22,9 @@ CLIPPED = 0.98
 FUSE_FROM_CLIPPED = 0.2
 # Half the height of the opening that stands in for a missing off frame: wider than any stripe, narrower than texture.
 BACKGROUND_HALF_HEIGHT_PX = 12
-# A frame whose brightness away from the stripe moved by more than this share of full scale is not a pair.
-MAX_AMBIENT_CHANGE = 0.15
+# A frame whose brightness away from the stripe moved by more than this share of full scale is not a pair; from the
+# second on the laser-off picture was exposed otherwise, and taken away as it is it leaves the scene's texture.
+MAX_AMBIENT_CHANGE, EVEN_AMBIENT_CHANGE = 0.15, 1 / 64
 # Columns from one sampled top of the stripe to the next, and sigmas of noise by which a top stands out.
 TOP_COLUMNS = 16
 TOP_SIGMAS = 5.0
@@ -45,12 +46,14 @@ class Judgement:
         channel: number of the channel in which the stripe stands out most from the noise; 0 for mono.
         is_swapped: whether the dark side looks like a stripe and the bright side does not.
         change: how much brighter the surroundings of the stripe are than the background [grey levels].
+        is_uneven: whether they are brighter or darker in any channel.
         is_core_clipped: whether the stripe's core is clipped in that channel in a good part of the columns.
     """
 
     channel: int
     is_swapped: bool
     change: float
+    is_uneven: bool
     is_core_clipped: bool
 
 
@@ -65,6 +68,8 @@ class LaserLight:
         channel: of `frame` and `background` that the laser lights most.
         is_fused: whether `light` is of all channels together; otherwise it is of that one.
         is_clipped: whether any pixel of that channel is at the end of its scale.
+        is_uneven: whether the laser-off picture was exposed a little otherwise.
+        unlike: why the laser-off picture is of no use, empty where it is: then there is no `light`.
         reason: why the pair cannot be used, empty when it can.
     """
 
@@ -74,6 +79,8 @@ class LaserLight:
     channel: int = 0
     is_fused: bool = False
     is_clipped: bool = False
+    is_uneven: bool = False
+    unlike: str = ""
     reason: str = ""
 
 
@@ -87,25 +94,24 @@ def laser_light(on: Image, off: OffRows | None) -> LaserLight:
     dark = None if off is None else off.frame
     seen = judge(on, dark)
     full_scale = float(np.iinfo(on.dtype).max)
+    nothing = np.zeros((0, 0), np.int16)
     if seen.is_swapped:
-        return _unusable(on, "the stripe is darker than its surroundings: laser-on and laser-off frames are swapped")
+        reason = "the stripe is darker than its surroundings: laser-on and laser-off frames are swapped"
+        return LaserLight(nothing, on, None, reason=reason)
     if off is not None and abs(seen.change) > MAX_AMBIENT_CHANGE * full_scale:
-        return _unusable(
-            on,
-            f"brightness beside the stripe changed by {seen.change:+.0f} of {full_scale:.0f} between laser off and on",
-        )
+        change = f"{seen.change:+.0f} of {full_scale:.0f}"
+        unlike = f"brightness beside the stripe changed by {change} between laser off and on"
+        return LaserLight(nothing, on, None, unlike=unlike)
     if seen.is_core_clipped and has_colour(on):
-        return LaserLight(fused_light(on, dark, seen.channel), on, dark, seen.channel, is_fused=True, is_clipped=True)
+        fused = fused_light(on, dark, seen.channel)
+        return LaserLight(fused, on, dark, seen.channel, is_fused=True, is_clipped=True, is_uneven=seen.is_uneven)
     bright, background = channel_of(on, seen.channel), None if off is None else off.channel(seen.channel)
     light = difference(bright, background)
     offset = upper_median(sampled(light))
     if abs(offset) > full_scale / 256:
         light -= light.dtype.type(offset)
-    return LaserLight(light, bright, background, is_clipped=bool(bright.max() >= clipped_from(bright.dtype)))
-
-
-def _unusable(on: Image, reason: str) -> LaserLight:
-    return LaserLight(np.zeros((0, 0), np.int16), on, None, reason=reason)
+    is_core_clipped = bool(bright.max() >= clipped_from(bright.dtype))
+    return LaserLight(light, bright, background, is_clipped=is_core_clipped, is_uneven=seen.is_uneven)
 
 
 def judge(on: Image, off: Image | None) -> Judgement:
@@ -118,15 +124,22 @@ def judge(on: Image, off: Image | None) -> Judgement:
     interval = max(on.shape[1] // JUDGED_COLUMNS, 1)
     seen = _judged(on, interval)
     light = seen - (np.median(seen, axis=0) if off is None else _judged(off, interval))
+    changes = np.zeros(light.shape[2], np.float32)
+    is_uneven = bool(np.abs(light.mean(axis=(0, 1))).max() > EVEN_AMBIENT_CHANGE * float(np.iinfo(on.dtype).max))
+    if is_uneven:
+        # A change of brightness is no noise, and differs from channel to channel.
+        changes = upper_medians(light.reshape(-1, light.shape[2]).T)
+        light = light - changes
     # Mean absolute value instead of a robust sigma: the stripe is a small share of a column and raises it alike.
     noise = np.add.reduce(np.abs(light)) / np.float32(len(light))
     height = light.max(axis=0)
     channel = int(np.add.reduce(height - NOISE_DEVIATIONS * noise).argmax())
-    change = upper_median(light[:, :, channel])
+    change = float(changes[channel]) + upper_median(light[:, :, channel])
     tops = seen[:, :, channel].max(axis=0)[height[:, channel] > PEAK_DEVIATIONS * noise[:, channel]]
     clipped = np.count_nonzero(tops >= clipped_from(on.dtype))
     is_swapped = _is_swapped(-light.min(axis=0), height, noise)
-    return Judgement(channel, is_swapped, change, clipped > FUSE_FROM_CLIPPED * max(tops.size, 1))
+    is_core_clipped = bool(clipped > FUSE_FROM_CLIPPED * max(tops.size, 1))
+    return Judgement(channel, is_swapped, change, off is not None and is_uneven, is_core_clipped)
 
 
 def _judged(frame: Image, interval: int) -> Float32:

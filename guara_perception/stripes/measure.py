@@ -49,6 +49,7 @@ class DetectedStripe:
         noise: standard deviation of a row times the slope of its response.
         rows: of the band.
         first_row: of the band in the full picture.
+        remark: what was of no use, though the stripe could be looked for.
     """
 
     top: Index
@@ -64,6 +65,7 @@ class DetectedStripe:
     noise: float
     rows: int
     first_row: int
+    remark: str = ""
 
 
 def distance_beside(sigma: float) -> int:
@@ -116,6 +118,7 @@ def measure(stripes: Sequence[DetectedStripe]) -> list[StripeProfile]:
             status=status[i],
             peak=peak[i],
             doubtful_px=np.where(is_doubtful[i], seen[i], NAN) if has_doubtful[i] else nothing(top.shape[1]),
+            remark=stripes[i].remark,
         )
         for i in range(len(stripes))
     ]

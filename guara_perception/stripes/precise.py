@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +23,8 @@ CLEAR_SIGMAS = 15.0
 JUMP_PX, MOST_JUMPS, MOST_RIVALS = 4, 0.05, 0.2
 # Noise of more grey levels than this is not the sensor's: the pair does not fit, and may hide a stripe.
 MOST_NOISE = 4.0
+# The same where the laser-off picture was exposed otherwise and the scene is known to be left in the difference.
+MOST_UNEVEN_NOISE = 2.5
 # Peaks in fewer columns than this share are chance: a band without its stripe is not doubtful.
 LEAST_COLUMNS = 0.05
 
@@ -53,8 +56,10 @@ def detect(band: Band) -> DetectedStripe | str:
     signal = laser_light(band.on, band.off)
     if signal.reason:
         return signal.reason
+    if signal.unlike:
+        return replace(detect_in_any_light(replace(band, off=None)), remark=signal.unlike)
     found = find_peaks(signal.light)
-    if is_doubtful(found):
+    if is_doubtful(found, signal.is_uneven):
         return detect_in_any_light(band, found.peaks.top, found.peaks.height > found.threshold)
     sigma = found.sigma
     choice = choose_peaks(found.searched, found.peaks, found.threshold, sigma)
@@ -86,10 +91,17 @@ def detect(band: Band) -> DetectedStripe | str:
     )
 
 
-def is_doubtful(found: FoundPeaks) -> bool:
-    """Whether the highest peaks of a band may not be its stripe."""
+def is_doubtful(found: FoundPeaks, is_uneven: bool = False) -> bool:
+    """Whether the highest peaks of a band may not be its stripe.
+
+    Args:
+        found: the peaks.
+        is_uneven: whether the laser-off picture was exposed otherwise: what it leaves of the scene counts as noise.
+    """
     is_peak = found.peaks.height > found.threshold
     count = int(np.count_nonzero(is_peak))
+    if is_uneven and (count < LEAST_COLUMNS * is_peak.size or found.noise > MOST_UNEVEN_NOISE * COLUMN_MEAN_PX):
+        return True
     if count < LEAST_COLUMNS * is_peak.size:
         return found.noise > MOST_NOISE * COLUMN_MEAN_PX
     height = found.peaks.height[is_peak]

@@ -34,6 +34,7 @@ class StripeProfile:
         peak: (n,) float32, height of the smoothed peak above background [grey levels], NaN in a bad frame.
         doubtful_px: (n,) float32, where a return was seen that may not be used (ambiguous or mixed), NaN elsewhere.
         reason: why the whole frame is bad, empty when it is not.
+        remark: why the laser-off picture was not used, empty when it was or there was none.
     """
 
     position_px: Float32
@@ -42,6 +43,7 @@ class StripeProfile:
     peak: Float32
     doubtful_px: Float32
     reason: str = ""
+    remark: str = ""
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""

@@ -17,8 +17,8 @@ EVERY_LIGHT = {
     **{name: {name: 1.0} for name in EFFECTS},
     **{f"all at {share:g}": dict.fromkeys(EFFECTS, share) for share in (0.15, 0.3, 0.6, 1.0)},
     "clipped, with a halo and ghosts": {"clipping": 1.0, "halo": 1.0, "ghosts": 1.0},
-    "weak on a bright board": {"weak line": 1.0, "chessboard": 1.0, "ambient": 0.5},
-    "weak, with noise and JPEG": {"weak line": 1.0, "noise": 1.0, "JPEG": 1.0, "demosaicing": 1.0},
+    "weak on a bright board": {"weak_line": 1.0, "chessboard": 1.0, "ambient": 0.5},
+    "weak, with noise and JPEG": {"weak_line": 1.0, "noise": 1.0, "jpeg": 1.0, "demosaicing": 1.0},
     "drift on a board": {"drift": 0.5, "flicker": 1.0, "chessboard": 1.0},
 }
 

@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 @click.option("--view", is_flag=True, help="show the recording in a browser afterwards (extra `view`)")
 @click.option("--cycles", type=click.FloatRange(1, 12), default=10, show_default=True, help="gait cycles of 140 mm")
 @click.option("--robot", default="guara", show_default=True, help="name or folder of the robot")
+@click.option("--world", default="demo", show_default=True, help="terrain and light: demo, sunlit or a world file")
 @click.pass_context
-def command(context: click.Context, out: Path, view: bool, cycles: float, robot: str) -> None:
+def command(context: click.Context, out: Path, view: bool, cycles: float, robot: str, world: str) -> None:
     """Walk a simulated robot over mixed terrain; scan, publish and choose footholds at every pause.
 
     The planner runs in a second process and gets its grids over Zenoh. Pictures and a recording of everything are left
@@ -29,6 +30,7 @@ def command(context: click.Context, out: Path, view: bool, cycles: float, robot:
     \b
     Example:
       guara demo --out out/demo
+      guara demo --world sunlit --cycles 2 --out out/sunlit
     """
     from guara_perception.app.demo.check import DemoCheck
     from guara_perception.app.demo.pictures import draw_demo
@@ -41,7 +43,7 @@ def command(context: click.Context, out: Path, view: bool, cycles: float, robot:
     pauses = round(cycles * PAUSES_PER_CYCLE) + 1
     seen: list[DemoPause] = []
     with progress("Walking") as show:
-        for item in demo_walk(check, recording=recording, cycles=cycles, robot_name=robot):
+        for item in demo_walk(check, recording=recording, cycles=cycles, robot_name=robot, world=world):
             click.echo(line(item))
             seen.append(item)
             show(len(seen), pauses)

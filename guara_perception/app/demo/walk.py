@@ -15,9 +15,10 @@ from guara_perception.app.demo.planner_process import PlannerProcess
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.recorder import ScanRecorder
-from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
+from guara_perception.app.node.simulated import DEMO_WORLD, SimulatedGait, SimulatedRobot
 from guara_perception.app.scene.scene import Scene
 from guara_perception.simulation.walk import Choice, WalkPause
+from guara_perception.simulation.world_file import load_world
 from guara_perception.terrain.grid import TerrainGrid
 from transport import DEFAULT_ROBOT, open_client, open_node
 from transport.server import PerceptionServer
@@ -53,7 +54,13 @@ class DemoPause:
 
 
 def demo_walk(
-    check: DemoCheck, *, recording: Path | None, cycles: float, seed: int = 0, robot_name: str | Path = DEFAULT_ROBOT
+    check: DemoCheck,
+    *,
+    recording: Path | None,
+    cycles: float,
+    seed: int = 0,
+    robot_name: str | Path = DEFAULT_ROBOT,
+    world: str | Path = DEMO_WORLD,
 ) -> Iterator[DemoPause]:
     """Walk; every grid, request and answer goes over Zenoh on this machine.
 
@@ -63,6 +70,7 @@ def demo_walk(
         cycles: of the gait, 140 mm each.
         seed: of specimen and noise.
         robot_name: name or folder of the robot.
+        world: name of a world of the package, or the file of one.
 
     Yields:
         One DemoPause per stance pause.
@@ -70,10 +78,11 @@ def demo_walk(
     Raises:
         PlannerFailed: the planner process died.
         WalkEnded: the planner found no foothold.
+        MissingFile, FileFormatError: no such world, or not a valid one.
     """
     endpoint = free_endpoint()
     with ExitStack() as stack:
-        robot = SimulatedRobot(robot_name, fps=FPS, seed=seed)
+        robot = SimulatedRobot(robot_name, world=load_world(world), fps=FPS, seed=seed)
         instance = robot.robot.name
         stack.enter_context(robot.rangefinder)
         session = stack.enter_context(open_node(listen=endpoint))

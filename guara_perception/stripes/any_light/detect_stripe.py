@@ -59,7 +59,7 @@ def detect_in_any_light(band: Band, weak_row: Index | None = None, is_weak: Mask
     is_clipped, is_lost = clipped_columns(band.on, top, sigma, path.channel, is_fused=band.on.ndim == 3)
     beside_px = distance_beside(sigma)
     above = below = np.zeros(n, np.uint8)
-    if off is not None:
+    if off is not None and not path.remark:
         dark = channel_of(off, path.channel)
         above, below = (at_rows(dark, top + side, columns) for side in (-beside_px, beside_px))
     return DetectedStripe(
@@ -76,6 +76,7 @@ def detect_in_any_light(band: Band, weak_row: Index | None = None, is_weak: Mask
         noise=noise,
         rows=len(path.laser),
         first_row=band.first_row,
+        remark=path.remark,
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from guara_perception.arrays import Float, Float32, Image, Index, Mask
+from guara_perception.stripes.any_light.exposure import subtract
 from guara_perception.stripes.any_light.follow_stripe import follow_stripe
 from guara_perception.stripes.any_light.laser_colour import (
     CLIPPED,
@@ -39,9 +40,6 @@ MOST_COLOUR_DEVIATION = 0.9
 # Least share of what a stripe adds to the laser-off picture that is a ridge of the laser-on picture, and least share
 # of a piece's columns in which it must be: beside the scene's edges it need not. A moved edge is no ridge anywhere.
 LEAST_OWN_RIDGE, LEAST_OWN_COLUMNS = 0.4, 0.25
-# Rounds of the fit of the gain between laser off and on, deviations from which on a pixel is left out, and the share
-# of the plain difference to which the fit must bring it down, or it is not used.
-GAIN_ROUNDS, TRIM_DEVIATIONS, MOST_LEFT = 6, 2.5, 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +57,7 @@ class StripePath:
         weights: (channels,) that mix the channels to `laser`.
         laser: (rows, columns) float32 light in the laser's colour.
         light: (rows, columns, channels) float32 light, background removed where there was a picture of it.
+        remark: why the picture of the background was not used, empty where it was.
     """
 
     row: Index
@@ -71,6 +70,7 @@ class StripePath:
     weights: Float
     laser: Float32
     light: Float32
+    remark: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,10 +96,12 @@ def find_path(on: Image, off: Image | None) -> StripePath:
         off: the same with the laser off, or None.
     """
     frame = levels(on)
-    light = frame if off is None else subtract(frame, levels(off))
+    light, remark = (frame, "") if off is None else subtract(frame, levels(off))
+    if remark:
+        off = None
     detail = details(light)
     tried = [_path_of(light, frame, detail, first) for first in _first_looks(light, frame, detail)]
-    best = max(tried, key=lambda each: each[1])[0]
+    best = replace(max(tried, key=lambda each: each[1])[0], remark=remark)
     return best if off is None else _without_moved_edges(best, frame)
 
 
@@ -141,43 +143,6 @@ def levels(frame: Image) -> Float32:
     if scale != 1:
         picture *= scale
     return picture.reshape(*frame.shape[:2], -1)
-
-
-def subtract(on: Float32, off: Float32) -> Float32:
-    """On minus off (rows, columns, channels), fitted by gain and offset per channel where exposures differ."""
-    light = on - off
-    for channel in range(on.shape[2]):
-        dark, bright = off[::4, ::4, channel].ravel(), on[::4, ::4, channel].ravel()
-        is_good = (dark < CLIPPED) & (bright < CLIPPED)
-        dark, bright = dark[is_good], bright[is_good]
-        if not dark.size:
-            continue
-        offset = float(np.median(bright - dark))
-        plain = float(np.median(np.abs(bright - dark - offset)))
-        gain, fitted_offset, left = _fitted(dark, bright)
-        if left < MOST_LEFT * plain:
-            light[:, :, channel] = on[:, :, channel] - np.float32(gain) * off[:, :, channel]
-            offset = fitted_offset
-        light[:, :, channel] -= np.float32(offset)
-    return light
-
-
-def _fitted(dark: Float32, bright: Float32) -> tuple[float, float, float]:
-    """Gain and offset that make the dark values the bright ones, and the median deviation that is left."""
-    use = np.ones(dark.size, dtype=bool)
-    gain, offset, left = 1.0, 0.0, np.inf
-    for _ in range(GAIN_ROUNDS):
-        x, y = dark[use], bright[use]
-        from_mean = x - x.mean()
-        variance = float((from_mean**2).mean())
-        if variance < 1:
-            break
-        gain = float((from_mean * y).mean()) / variance
-        offset = float(y.mean() - gain * x.mean())
-        deviation = np.abs(bright - gain * dark - offset)
-        left = float(np.median(deviation))
-        use = deviation <= TRIM_DEVIATIONS * max(left, 0.5)
-    return gain, offset, left
 
 
 def _first_looks(light: Float32, frame: Float32, detail: Float32) -> list[FirstLook]:

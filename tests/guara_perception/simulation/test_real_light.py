@@ -10,7 +10,7 @@ import guara_perception as gp
 from guara_perception.arrays import Float, Image
 from guara_perception.simulation import EFFECTS, Light, SimulatedRangefinder, World, real_light, specimen
 from guara_perception.simulation.features import Patch
-from guara_perception.simulation.picture_effects import blotches, scattered
+from guara_perception.simulation.picture_effects import Blotches, scattered
 from kinematics import load_robot
 
 STRIPE = 25
@@ -51,13 +51,13 @@ def test_skirt_and_halo_lie_beside_the_stripe() -> None:
     """12, 6 and 3 % of the peak at 8, 15 and 30 px; 150 levels beside a clipped core, gone after 20 px."""
     column = np.zeros((121, 21), np.float32)
     column[60] = 200
-    skirt = scattered(column, Light(skirt=0.12))[:, 10] / 200
+    skirt = scattered(column, Light(skirt=0.12), 121)[:, 10] / 200
     np.testing.assert_allclose(skirt[[68, 75, 90]], [0.12, 0.064, 0.032], atol=0.004)
     column[60] = 300
-    halo = scattered(column, Light(halo=150.0))[:, 10]
+    halo = scattered(column, Light(halo=150.0), 121)[:, 10]
     assert halo[61] == pytest.approx(150, rel=0.05)
     assert halo[60 + 22] < 0.1 * halo[61]
-    assert scattered(np.minimum(column, 250), Light(halo=150.0)).max() == 250
+    assert scattered(np.minimum(column, 250), Light(halo=150.0), 121).max() == 250
     rendered = about_the_stripe(real_light({"skirt": 1.0}))
     assert 0.08 < rendered[60 + 8] / rendered[60] < 0.2
 
@@ -79,14 +79,17 @@ def test_ambient_light_clips_and_the_line_is_weak() -> None:
     """The brighter half of soil at the end of the scale; a line of 33 levels."""
     _, off = pictures(real_light({"ambient": 1.0}))
     assert 0.1 < (off[:, :, 2] == 255).mean() < 0.9
-    assert 25 < about_the_stripe(real_light({"weak line": 1.0})).max() < 45
+    assert 25 < about_the_stripe(real_light({"weak_line": 1.0})).max() < 45
 
 
 @pytest.mark.slow
 def test_noise_has_its_size_and_its_patches() -> None:
     """Seven levels from pixel to pixel, five in patches that neighbours share."""
     light = real_light({"noise": 1.0})
-    patches = blotches(np.random.default_rng(0).standard_normal((200, 200, 3)).astype(np.float32), light.blotches)
+    rng = np.random.default_rng(0)
+    whole = Blotches(rng.standard_normal((400, 400, 3)).astype(np.float32), light.blotches)
+    patches = whole.draw(rng)
+    assert patches.shape == (200, 200, 3) and (whole.draw(rng) != patches).any()
     assert patches.std() == pytest.approx(5.0, rel=0.1)
     assert np.corrcoef(patches[:, :-2, 0].ravel(), patches[:, 2:, 0].ravel())[0, 1] > 0.8
     assert abs(np.corrcoef(patches[..., 0].ravel(), patches[..., 1].ravel())[0, 1]) < 0.2
@@ -100,13 +103,13 @@ def test_colour_filter_and_compression_take_colour_away() -> None:
     """A thin red line loses a part of its red, most where colour is halved; the rest of the picture stays."""
     plain_on, plain_off = pictures(Light())
     redness = {}
-    for name in ("demosaicing", "JPEG"):
+    for name in ("demosaicing", "jpeg"):
         on, off = pictures(real_light({name: 1.0}))
         assert np.abs(off.astype(float) - plain_off).mean() < 2
         redness[name] = (on[:, MIDDLE, 2].astype(float) - on[:, MIDDLE, 1]).max(axis=0).mean()
     plain = (plain_on[:, MIDDLE, 2].astype(float) - plain_on[:, MIDDLE, 1]).max(axis=0).mean()
     assert redness["demosaicing"] < 0.98 * plain
-    assert redness["JPEG"] < 0.9 * plain
+    assert redness["jpeg"] < 0.9 * plain
 
 
 @pytest.mark.slow
@@ -159,7 +162,7 @@ def test_every_effect_is_nothing_at_strength_zero_and_all_go_together() -> None:
     """Strength 0 is plain light; brighter and weaker laser multiply; unknown names and strengths are refused."""
     assert all(real_light({name: 0.0}) == Light() for name in EFFECTS)
     assert all(real_light({name: 1.0}) != Light() for name in EFFECTS)
-    both = real_light({"clipping": 1.0, "weak line": 1.0})
+    both = real_light({"clipping": 1.0, "weak_line": 1.0})
     assert both.laser == pytest.approx(620 * 8 * 0.4)
     assert not real_light(dict.fromkeys(EFFECTS, 0.5)).is_even
     with pytest.raises(gp.InvalidInput, match="effect is 'fog', allowed: width, skirt, halo"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from guara_perception.exceptions import FileFormatError, MissingFile
+from guara_perception.simulation import Light, real_light
 from guara_perception.simulation.features import Box, Pit, Stairs
 from guara_perception.simulation.world_file import WORLDS, load_world, parse_world
 
@@ -76,6 +77,22 @@ def test_bad_world_files_are_refused_with_the_line(old: str, new: str, message: 
     assert GOOD.count(old) == 1
     with pytest.raises(FileFormatError, match=message):
         parse_world(GOOD.replace(old, new), "w.toml")
+
+
+def test_a_world_file_says_in_which_light_it_is_seen() -> None:
+    """Effects by name, anywhere among the tables; without any it is plain light."""
+    assert parse_world(GOOD, "w.toml").light == Light()
+    lit = parse_world(GOOD + "\n[light]\nambient = 0.5\njpeg = 1\n", "w.toml")
+    assert lit.light == real_light({"ambient": 0.5, "jpeg": 1.0})
+    assert load_world("sunlit").features == load_world("demo").features
+    for table, message in (
+        ("[light]\nfog = 1\n", r"w.toml, line 30: \[light\]: effect is 'fog', allowed: width, skirt"),
+        ("[light]\nambient = 2\n", r"line 30: \[light\]: strength of ambient is 2, it must be 0 \.\.\. 1"),
+        ("[light]\nambient = 'much'\n", "line 30: ambient is 'much', it must be a number"),
+        ("[[light]]\nambient = 1\n", r"write \[light\], and below it an effect and its strength in each line"),
+    ):
+        with pytest.raises(FileFormatError, match=message):
+            parse_world(GOOD + table, "w.toml")
 
 
 def test_worlds_are_found_by_name_and_by_path(tmp_path) -> None:

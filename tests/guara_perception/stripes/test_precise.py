@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -211,12 +213,39 @@ def test_swapped_frames_are_recognised() -> None:
 
 
 def test_ambient_light_that_changed_is_recognised() -> None:
-    """A room light switched on between the two pictures: the frame is bad and says by how much."""
+    """A room light switched on between the two pictures, and by how much.
+
+    The paper's method refuses the frame; the precise one finds the stripe as if there were no laser-off picture.
+    """
     on, off = picture(np.full(COLUMNS, 40.0))
-    for method in ("precise", "paper"):
-        profile = gp.extract_stripe((on * 1.0 + 80).clip(0, 255).astype(np.uint8), off, method=method)
-        assert profile.is_frame_bad
-        assert "+80 of 255" in profile.reason
+    lit = (on * 1.0 + 80).clip(0, 255).astype(np.uint8)
+    profile = gp.extract_stripe(lit, off, method="paper")
+    assert profile.is_frame_bad
+    assert "+80 of 255" in profile.reason
+    profile, alone = gp.extract_stripe(lit, off), gp.extract_stripe(lit)
+    assert "+80 of 255" in profile.remark and not profile.reason
+    np.testing.assert_array_equal(profile.position_px, alone.position_px)
+    assert mean_error(profile, 40.0) < 0.1
+
+
+def test_a_laser_off_picture_of_no_use_counts_as_none() -> None:
+    """Exposed half as long, or of another place: the picture itself shows the stripe, and the profile says why."""
+    on, off = picture(np.full(COLUMNS, 40.0), peak=90.0)
+    rng = np.random.default_rng(3)
+    # Contrast as a scene has it, so that there is an exposure to be told.
+    scene = np.repeat(np.repeat(rng.uniform(0, 50, (ROWS // 8, COLUMNS // 10, 1)), 8, axis=0), 10, axis=1)
+    other = np.repeat(np.repeat(rng.uniform(0, 50, (ROWS // 8, COLUMNS // 10, 1)), 8, axis=0), 10, axis=1)
+    bright = (on + scene).clip(0, 255).astype(np.uint8)
+    for dark, words in (
+        (0.5 * (off + scene), "exposed 1.9.* times as long"),
+        (off + other, "of another scene"),
+    ):
+        profile = gp.extract_stripe(bright, dark.clip(0, 255).astype(np.uint8))
+        alone = gp.extract_stripe(bright)
+        assert re.search(words, profile.remark), profile.remark
+        known = np.isfinite(profile.position_px)
+        np.testing.assert_array_equal(profile.position_px[known], alone.position_px[known])
+    assert gp.extract_stripe(bright, (off + scene).clip(0, 255).astype(np.uint8)).remark == ""
 
 
 def test_result_is_frozen_and_of_the_promised_types() -> None:

@@ -1,0 +1,152 @@
+"""Which effect of light spoiled a scan: too bright, flicker, bloom or a weak line; told from a few of its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from guara_perception.arrays import Image, Mask
+from guara_perception.frame_pair import FramePair
+from guara_perception.stripes.laser_light import is_clipped
+from guara_perception.stripes.profile import StripeProfile, StripeStatus
+
+# Frames of a scan that are looked at, spread over its sweep, and pixels and columns from one looked at to the next.
+LOOKED_AT = 12
+PIXELS_APART, COLUMNS_APART = 16, 48
+# Share of the picture without laser that is clipped, from which on light is what is wrong.
+MOST_CLIPPED = 0.15
+# Share by which the brightness changes between laser off and on, or from frame to frame.
+MOST_CHANGE = 0.06
+# Rows of a clipped core, of the picture's height, from which on there are no shoulders to measure: 8 px of 512.
+WIDEST_CORE_OF_HEIGHT = 8 / 512
+# A stripe that stands less than this above its surroundings [grey levels of 255] drowns in texture and noise.
+WEAKEST_LINE = 50.0
+# Share of the columns in which something of the laser must have been seen to call it weak.
+LEAST_SEEN = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What a frame shows of the light.
+
+    Attributes:
+        clipped: share of the pixels that are clipped without the laser.
+        level: mean level of the picture [grey levels of 255].
+        change: by which share it is brighter or darker than the one without laser, 0 where there is none.
+        core: rows of the stripe that are clipped in the middle column of those that have any; 0 where none has.
+        seen: share of the columns in which there was something of the laser.
+        peak: height of the stripe in those, in the middle [grey levels of 255].
+    """
+
+    clipped: float
+    level: float
+    change: float
+    core: float
+    seen: float
+    peak: float
+
+
+class LightLooks:
+    """Looks at some frames of a scan as they come."""
+
+    def __init__(self, order: Sequence[int], height: int) -> None:
+        """Choose frames, by an odd stride.
+
+        Args:
+            order: indices of the scan's stripes.
+            height: of the frames [px].
+        """
+        self._chosen = frozenset(order[:: len(order) // LOOKED_AT | 1])
+        self._height = height
+        self._looks: dict[int, Look] = {}
+        self._unused: dict[int, str] = {}
+
+    def look(self, pair: FramePair, profile: StripeProfile) -> None:
+        """Look at a frame, where it is one of those chosen, and note why its laser-off picture was not used."""
+        if profile.remark and pair.off is not None:
+            self._unused[pair.index] = profile.remark
+        if pair.index in self._chosen:
+            self._looks[pair.index] = _look(pair, profile)
+
+    def take_over(self, other: LightLooks) -> None:
+        """Count what was seen in a part of this scan too."""
+        self._looks.update(other._looks)
+        self._unused.update(other._unused)
+
+    @property
+    def unused(self) -> dict[int, str]:
+        """Why the laser-off pictures of some stripes were not used, by index."""
+        return dict(sorted(self._unused.items()))
+
+    def excess(self) -> str:
+        """What light there was too much of, or too unsteady, and what to change; empty for neither."""
+        if not self._looks:
+            return ""
+        looks = list(self._looks.values())
+        clipped, core, change = (
+            float(np.median([getattr(look, name) for look in looks])) for name in ("clipped", "core", "change")
+        )
+        levels = np.array([look.level for look in looks])
+        change = max(change, float(np.median(np.abs(levels / max(float(np.median(levels)), 1.0) - 1))))
+        if clipped > MOST_CLIPPED:
+            return (
+                f"too bright: {100 * clipped:.0f} % of the picture is clipped without the laser: shade the scene, "
+                "expose less, or put a narrow band-pass filter on the lens"
+            )
+        if core > WIDEST_CORE_OF_HEIGHT * self._height:
+            return (
+                f"bloom: the stripe is clipped over {core:.0f} px: expose less, weaken the laser, or put a polarised "
+                "lens on"
+            )
+        if change > MOST_CHANGE:
+            return f"flicker: the brightness changes by {100 * change:.0f} % from picture to picture: {STEADY}"
+        return ""
+
+    def lack(self) -> str:
+        """Whether the stripe itself is weak, and what to change; empty where it is not, or was not seen at all."""
+        looks = [look for look in self._looks.values() if look.seen > 0]
+        if not looks or sum(look.seen for look in looks) < LEAST_SEEN * len(self._looks):
+            return ""
+        peak = float(np.median([look.peak for look in looks]))
+        if peak >= WEAKEST_LINE:
+            return ""
+        return (
+            f"weak line: the stripe stands only {peak:.0f} grey levels of 255 above its surroundings: use a stronger "
+            "laser, a narrow band-pass filter, or a longer exposure"
+        )
+
+
+STEADY = 'lock exposure and white balance, keep lamps steady, or take laser-off pictures "per stripe"'
+
+
+def _look(pair: FramePair, profile: StripeProfile) -> Look:
+    on, off = pair.on, pair.off
+    scale = 255.0 / float(np.iinfo(on.dtype).max)
+    thin = on[::PIXELS_APART, ::PIXELS_APART]
+    dark = thin if off is None else off[::PIXELS_APART, ::PIXELS_APART]
+    level, without = (scale * float(picture.mean()) for picture in (thin, dark))
+    found = profile.status != StripeStatus.DROPOUT
+    return Look(
+        clipped=float(_any_channel(is_clipped(dark)).mean()),
+        level=level,
+        change=abs(level / max(without, 1.0) - 1),
+        core=_core(on, off),
+        seen=float(found.mean()),
+        peak=scale * float(np.median(profile.peak[found])) if found.any() else 0.0,
+    )
+
+
+def _core(on: Image, off: Image | None) -> float:
+    """Rows that only the laser clips in the middle one of those columns that have any."""
+    clipped = _any_channel(is_clipped(on[:, ::COLUMNS_APART]))
+    if off is not None:
+        clipped &= ~_any_channel(is_clipped(off[:, ::COLUMNS_APART]))
+    rows = clipped.sum(axis=0)
+    return float(np.median(rows[rows > 0])) if rows.any() else 0.0
+
+
+def _any_channel(values: Mask) -> Mask:
+    """Whether it is so in any channel, (rows, columns)."""
+    return np.asarray(values.any(axis=2)) if values.ndim == 3 else values

@@ -1,0 +1,57 @@
+"""Where light ends the method the scan's health names the effect and what to change."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from benchmarks.light import SIZE, STRIPES
+from benchmarks.scenes import simulated
+from guara_perception.simulation import Light, real_light
+
+WEAK = dataclasses.replace(real_light({"chessboard": 1.0}), laser=100.0)
+LIGHTS = {
+    "too bright": (real_light({"ambient": 1.0}), "% of the picture is clipped without the laser: shade the scene"),
+    "bloom": (Light(laser=6000.0, stripe_sigma=0.006, leakage=(0.9, 0.9, 1.0), halo=60.0), "expose less, weaken"),
+    "weak line": (WEAK, "grey levels of 255 above its surroundings: use a stronger laser"),
+    "flicker": (real_light({"drift": 1.0}), "lock exposure and white balance, keep lamps steady"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LIGHTS)
+def test_health_names_the_effect_of_light_and_what_to_change(name: str) -> None:
+    """The last reason holds the name and the remedy, and names no other effect."""
+    light, remedy = LIGHTS[name]
+    recording = simulated(SIZE, STRIPES, light)
+    processor = recording.processor()
+    recording.add_to(processor)
+    health = processor.finish().metadata["health"]
+    reason = health["reasons"][-1]
+    assert health["level"] == "degraded"
+    assert f"{name}: " in reason and remedy in reason
+    assert all(f"{other}: " not in reason for other in LIGHTS if other != name)
+
+
+@pytest.mark.slow
+def test_lamps_that_flicker_strongly_are_told_without_laser_off_pictures_too() -> None:
+    """From frame to frame the picture is brighter and darker; the scan has too few returns for another reason."""
+    recording = simulated(SIZE, STRIPES, dataclasses.replace(WEAK, flicker=0.3))
+    processor = recording.processor()
+    for index, on, _ in recording.frames:
+        processor.add(index, on)
+    assert "flicker: the brightness changes by " in processor.finish().metadata["health"]["reasons"][-1]
+
+
+@pytest.mark.slow
+def test_pictures_that_were_not_used_are_told_by_stripe() -> None:
+    """The report holds each with its reason, in order; in plain light there are none."""
+    for light, count in ((real_light({"drift": 1.0}), STRIPES), (Light(), 0)):
+        recording = simulated((320, 256), STRIPES, light)
+        processor = recording.processor()
+        recording.add_to(processor)
+        unused = processor.finish().metadata["off_pictures_unused"]
+        assert len(unused) == count
+        assert [int(index) for index in unused] == sorted(int(index) for index in unused)
+        assert all("laser-off picture" in why or "brightness" in why for why in unused.values())
