@@ -1,4 +1,4 @@
-"""Which effect of light spoiled a scan: too bright, flicker, bloom or a weak line; told from a few of its frames."""
+"""Which effect of light spoiled a scan: too bright, flicker, bloom or a weak line; judged by a few of its frames."""
 
 from __future__ import annotations
 
