@@ -35,6 +35,8 @@ PIECE_JUMP_PX = 4
 # tells a weak stripe from texture.
 LEAST_COLUMNS, LEAST_SHARE, LEAST_SHARE_MONO = 12, 0.15, 0.5
 STRONG_PERCENTILE = 75
+# A second clipped ridge of this share of the strength may as well be the stripe.
+TWIN_OF_RIDGE = 0.5
 # A laser keeps the ratio of its channels on any surface; what is not of it deviates by more.
 MOST_COLOUR_DEVIATION = 0.9
 # Least share of what a stripe adds to the laser-off picture that is a ridge of the laser-on picture, and least share
@@ -119,12 +121,13 @@ def _path_of(light: Float32, frame: Float32, detail: Float32, first: FirstLook) 
     is_core = core[rows, columns]
     is_good = _good_pieces(found, rows, is_stripe, is_core, has_colour=frame.shape[2] == 3)
     is_good = _of_laser_colour(frame, detail, rows, is_good, colour, channel)
+    has_twin = is_core & _has_twin(found, core, rows, columns)
     score = float(evidence[rows, columns][is_good].sum())
     path = StripePath(
         # What only the first look sees, before texture counts as noise, is doubtful.
         row=np.where(is_stripe, rows, first.row),
         is_path=is_stripe | first.is_stripe,
-        is_stripe=is_good,
+        is_stripe=is_good & ~has_twin,
         is_core=is_core & is_good,
         sigma=np.array(SIGMAS_PX, np.float32)[found.width[rows, columns]],
         height=found.height[rows, columns],
@@ -213,6 +216,15 @@ def _good_pieces(found: Ridges, rows: Index, is_stripe: Mask, is_core: Mask, *, 
     for piece in _pieces(rows, is_stripe):
         good[piece] = piece.stop - piece.start >= LEAST_COLUMNS and np.median(height[piece]) > share * strong
     return good
+
+
+def _has_twin(found: Ridges, core: Mask, rows: Index, columns: Index) -> Mask:
+    """Columns (n,) in which another clipped ridge is nearly as strong: a reflection, and no level tells which it is."""
+    twin = np.where(core, found.strength, np.float32(0))
+    around = np.clip(rows + np.arange(-NEAR_PATH_PX, NEAR_PATH_PX + 1)[:, None], 0, len(twin) - 1)
+    own = twin[around, columns].max(axis=0)
+    twin[around, columns] = 0
+    return np.asarray(twin.max(axis=0) > TWIN_OF_RIDGE * own)
 
 
 def _of_laser_colour(
