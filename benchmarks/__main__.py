@@ -34,6 +34,7 @@ PROGRAMS = {
     "robots": "stock quadrupeds from their URDF to a walk (extra robots-test)",
     "simulation": "walks through simulated worlds, with the true ground beside",
     "soak": "nodes and planners killed for minutes, and what was lost",
+    "stripe_pictures": "pictures of found stripes, good and bad",
     "sweeps": "triggered and free-running sweeps against the bound of the motion",
     "synthetic_stripes": "extraction of stripes whose centre is known",
     "terrain": "speed and safety of the layers and of the map",

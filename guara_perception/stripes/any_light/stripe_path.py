@@ -121,7 +121,7 @@ def _path_of(light: Float32, frame: Float32, detail: Float32, first: FirstLook) 
     is_core = core[rows, columns]
     is_good = _good_pieces(found, rows, is_stripe, is_core, has_colour=frame.shape[2] == 3)
     is_good = _of_laser_colour(frame, detail, rows, is_good, colour, channel)
-    has_twin = is_core & _has_twin(found, core, rows, columns)
+    has_twin = _has_twin(found, core, rows, columns)
     score = float(evidence[rows, columns][is_good].sum())
     path = StripePath(
         # What only the first look sees, before texture counts as noise, is doubtful.
@@ -219,12 +219,13 @@ def _good_pieces(found: Ridges, rows: Index, is_stripe: Mask, is_core: Mask, *, 
 
 
 def _has_twin(found: Ridges, core: Mask, rows: Index, columns: Index) -> Mask:
-    """Columns (n,) in which another clipped ridge is nearly as strong: a reflection, and no level tells which it is."""
-    twin = np.where(core, found.strength, np.float32(0))
-    around = np.clip(rows + np.arange(-NEAR_PATH_PX, NEAR_PATH_PX + 1)[:, None], 0, len(twin) - 1)
-    own = twin[around, columns].max(axis=0)
-    twin[around, columns] = 0
-    return np.asarray(twin.max(axis=0) > TWIN_OF_RIDGE * own)
+    """Columns (n,) in which a clipped ridge elsewhere is as strong or nearly so.
+
+    One of the two is a reflection, and where light is clipped no level says which.
+    """
+    clipped = np.where(core, found.strength, np.float32(0))
+    clipped[np.clip(rows + np.arange(-NEAR_PATH_PX, NEAR_PATH_PX + 1)[:, None], 0, len(core) - 1), columns] = 0
+    return np.asarray(clipped.max(axis=0) > TWIN_OF_RIDGE * found.strength[rows, columns])
 
 
 def _of_laser_colour(
