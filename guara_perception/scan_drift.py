@@ -20,7 +20,7 @@ MIRRORED = (
 def scan_drift(processor: ScanProcessor) -> Drift:
     """Whether what a scan shows of the floor fits its calibration and the soles that it stands on.
 
-    Frames that are mirrored look like a drift, and are told from one: seen in a mirror they fit.
+    Frames that are mirrored look like a drift, and are kept apart from one: seen in a mirror they fit.
     """
     drift = _check(processor, processor.points)
     if drift.verdict == DRIFTING and _check(processor, processor.mirrored_points()).verdict == HOLDS:

@@ -28,7 +28,7 @@ DICTIONARIES: Final = {
     250: cv2.aruco.DICT_4X4_250,
     1000: cv2.aruco.DICT_4X4_1000,
 }
-# A part of the board that fixes its pose: so many corners, in so many of its rows and of its columns.
+# A part of the board fixes its pose with this number of corners, in this number of its rows and of its columns.
 MIN_CORNERS: Final = 12
 MIN_LINES: Final = 3
 # Half the window of the sub-pixel step as a share of the smallest square. Markers begin an eighth of a square from the
