@@ -32,6 +32,7 @@ PROGRAMS = {
     "rangefinder": "both methods on recorded scans, in the paper's own terms",
     "real_photos": "the stripes of public photographs",
     "robots": "stock quadrupeds from their URDF to a walk (extra robots-test)",
+    "scan_cost": "processor time of a scan on this checkout beside another, and by path of its stripes",
     "simulation": "walks through simulated worlds, with the true ground beside",
     "soak": "nodes and planners killed for minutes, and what was lost",
     "stripe_pictures": "pictures of found stripes, good and bad",

@@ -1,0 +1,154 @@
+"""Processor time of whole scans on this checkout beside another one, and what its stripes cost by either path.
+
+`python -m benchmarks.scan_cost [--against FOLDER] [--scans DATA/scans/NAME ...] [--rounds N]`: FOLDER is a checkout of
+another revision (`git worktree add --detach FOLDER REVISION`). One process for each, in turns, who begins changes from
+round to round; both run with the packages of this one's environment.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.rounds import Timings
+
+ROOT = Path(__file__).resolve().parents[1]
+HERE, THERE = "this checkout", "the other one"
+PEER = Path(__file__).with_name("scan_cost_peer.py")
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What the scans of one checkout cost.
+
+    Attributes:
+        scan_ms: median processor time of a scan [ms].
+        stripes: of a scan.
+        strong: how many of them the highest peaks did not show, so that their path was sought in any light; None where
+            the revision has but one way.
+        cheap_ms, strong_ms: median processor time of a stripe of either kind [ms]; NaN where there is none.
+    """
+
+    scan_ms: float
+    stripes: int
+    strong: int | None
+    cheap_ms: float
+    strong_ms: float
+
+    def __str__(self) -> str:
+        """As it is printed."""
+        if self.strong is None:
+            return f"{self.scan_ms:6.0f} ms a scan, {self.stripes} stripes, all found in one way"
+        share = f"{self.strong} of {self.stripes} stripes ({self.strong / max(self.stripes, 1):.0%}) in any light"
+        times = f"{self.cheap_ms:.2f} ms a stripe by its highest peaks, {self.strong_ms:.1f} ms one in any light"
+        return f"{self.scan_ms:6.0f} ms a scan, {share}; {times}"
+
+
+class Checkout:
+    """A process that scans with the code of one checkout whenever it is told to."""
+
+    def __init__(self, folder: Path, scan: Path) -> None:
+        """Start it.
+
+        Args:
+            folder: root of the checkout.
+            scan: DATA/scans/NAME, as in `benchmarks.scenes.recorded`.
+
+        Raises:
+            SystemExit: the folder holds no checkout.
+        """
+        if not (folder / "guara_perception" / "__init__.py").is_file():
+            raise SystemExit(f"scan_cost: {folder}: no checkout of guara_perception; allowed: its root folder")
+        self._folder = folder
+        one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+        # Without -P the folder of the peer's file would come first, and its modules hide packages of the same name.
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", str(PEER), str(scan.resolve())],
+            cwd=folder,
+            env={**os.environ, **one_thread, "PYTHONPATH": str(folder.resolve())},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def scan(self) -> dict[str, Any]:
+        """Scan once: seconds of the scan, and of each stripe by either path."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        try:
+            print(file=self._process.stdin, flush=True)
+        except BrokenPipeError:
+            pass
+        answer = self._process.stdout.readline()
+        if not answer:
+            raise SystemExit(f"scan_cost: the scan with the code of {self._folder} failed; its own words stand above")
+        found: dict[str, Any] = json.loads(answer)
+        return found
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.communicate()
+
+
+def measure(folders: Mapping[str, Path], scan: Path, rounds: int) -> tuple[dict[str, Cost], Timings]:
+    """Costs by name of the checkout, and the seconds of the scans of every round.
+
+    Args:
+        folders: root of each checkout by its name.
+        scan: DATA/scans/NAME.
+        rounds: scans of each, beside a first one that does not count.
+    """
+    checkouts = {name: Checkout(folder, scan) for name, folder in folders.items()}
+    names = list(checkouts)
+    found: dict[str, dict[int, dict[str, Any]]] = {name: {} for name in names}
+    try:
+        for checkout in checkouts.values():
+            checkout.scan()
+        for turn in range(rounds):
+            for name in names if turn % 2 == 0 else names[::-1]:
+                found[name][turn] = checkouts[name].scan()
+    finally:
+        for checkout in checkouts.values():
+            checkout.close()
+    seconds = {name: {turn: float(one["scan"]) for turn, one in scans.items()} for name, scans in found.items()}
+    timings = Timings(seconds)
+    return {name: _cost(timings.milliseconds(name), list(scans.values())) for name, scans in found.items()}, timings
+
+
+def _cost(scan_ms: float, scans: list[dict[str, Any]]) -> Cost:
+    stripes = int(scans[0]["stripes"])
+    if scans[0]["strong"] is None:
+        return Cost(scan_ms, stripes, None, float("nan"), float("nan"))
+    cheap, strong = ([value for scan in scans for value in scan[kind]] for kind in ("cheap", "strong"))
+    cheap_ms, strong_ms = (1e3 * float(np.median(values)) if values else float("nan") for values in (cheap, strong))
+    return Cost(scan_ms, stripes, len(strong) // len(scans), cheap_ms, strong_ms)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.scan_cost", description=__doc__)
+    parser.add_argument("--against", type=Path, metavar="FOLDER", help="root of a checkout of another revision")
+    default = [ROOT / "tests" / "data" / "scans" / "paper"]
+    parser.add_argument("--scans", type=Path, nargs="+", default=default, metavar="DATA/scans/NAME")
+    parser.add_argument("--rounds", type=int, default=11)
+    arguments = parser.parse_args()
+    folders = {HERE: ROOT} | ({} if arguments.against is None else {THERE: arguments.against})
+    for scan in arguments.scans:
+        costs, timings = measure(folders, scan, max(arguments.rounds, 1))
+        print(f"{scan.parent.parent.name}/{scan.name}")
+        for name, cost in costs.items():
+            print(f"  {name:14s} {cost}", flush=True)
+        if THERE in costs:
+            print(f"  processor time of a scan, this over the other: {timings.ratio(HERE, THERE)}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""The process in which one checkout scans for `benchmarks.scan_cost`; it runs with the code of that checkout.
+
+Only what older revisions have too is used; one that finds all stripes in one way tells of no other.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import sys
+import time
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+
+def clocked(seconds: list[float], function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function, the processor time of whose calls is noted."""
+
+    def call(*args: Any, **keywords: Any) -> Any:
+        start = time.process_time()
+        found = function(*args, **keywords)
+        seconds.append(time.process_time() - start)
+        return found
+
+    return call
+
+
+def sorted_by_path(precise: Any) -> tuple[list[float], list[float]] | None:
+    """Lists that fill with the seconds of each stripe: by its highest peaks, and in any light; None for one way."""
+    if not hasattr(precise, "detect_in_any_light"):
+        return None
+    cheap: list[float] = []
+    strong: list[float] = []
+    in_any_light: list[float] = []
+    detect = precise.detect
+    precise.detect_in_any_light = clocked(in_any_light, precise.detect_in_any_light)
+
+    def sort(band: Any) -> Any:
+        before, start = len(in_any_light), time.process_time()
+        found = detect(band)
+        (strong if len(in_any_light) > before else cheap).append(time.process_time() - start)
+        return found
+
+    precise.detect = sort
+    return cheap, strong
+
+
+def main_of_peer(scan: Path) -> None:
+    """Scan once for each line that comes in, and say what it took; the first lines may wait for the calibration."""
+    import cv2
+
+    cv2.setNumThreads(1)
+    recording = import_module("benchmarks.scenes").recorded(scan)
+    ours = import_module("benchmarks.whole_scan").ours
+    by_path = sorted_by_path(import_module("guara_perception.stripes.precise"))
+    for _ in sys.stdin:
+        for seconds_of_stripes in by_path or ():
+            seconds_of_stripes.clear()
+        gc.collect()
+        start = time.process_time()
+        ours(recording, "precise")
+        seconds = time.process_time() - start
+        cheap, strong = by_path or (None, None)
+        told = {"scan": seconds, "stripes": len(recording.frames), "cheap": cheap, "strong": strong}
+        print(json.dumps(told), flush=True)
+
+
+if __name__ == "__main__":
+    main_of_peer(Path(sys.argv[1]))
