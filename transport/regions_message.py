@@ -10,7 +10,7 @@ import numpy as np
 
 from transport.arrays import Float
 from transport.codec import decode, encode, make_header, make_time, read_time
-from transport.exceptions import MessageError, VersionError
+from transport.exceptions import KeyNameError, MessageError, VersionError
 from transport.keys import check_name
 from transport.rotation import matrix_from_quaternion, quaternion_from_matrix
 from transport.submessage_codec import make_point
@@ -56,6 +56,8 @@ class RegionMessage:
             raise MessageError("a corner of a region lies outside of one of its half-planes")
         if np.abs(vertices[:, :2] @ plane[:2] + plane[2] - vertices[:, 2]).max() > TOLERANCE:
             raise MessageError("a corner of a region lies off its plane")
+        if not _is_outlined(halfspaces, vertices[:, :2]):
+            raise MessageError("the half-planes of a region hold more than its corners do, or these run clockwise")
         for name in ("sigma", "area"):
             value = finite(getattr(self, name), f"{name} of a region")
             if value < 0:
@@ -159,23 +161,38 @@ def decode_regions(payload: bytes | bytearray | memoryview) -> RegionsMessage:
             f"regions of version {message.version_major}.{message.version_minor}; this package speaks version "
             f"{VERSION_MAJOR}: install the node's version here, or this one on the node"
         )
-    return RegionsMessage(
-        robot=message.robot,
-        sequence=message.sequence,
-        step=message.step,
-        stamp=read_time(message.header.stamp),
-        scan_end=read_time(message.scan_end),
-        valid_for=message.valid_for,
-        valid_pauses=message.valid_pauses,
-        regions=tuple(_read_region(region) for region in message.regions),
-        run=message.run,
-        epoch=message.epoch,
-        scan_end_clock=None if math.isnan(message.scan_end_clock) else message.scan_end_clock,
-        provisional=bool(message.provisional),
-        withdrawn=bool(message.withdrawn),
-        frame_id=message.header.frame_id,
-        version=(message.version_major, message.version_minor),
-    )
+    try:
+        return RegionsMessage(
+            robot=message.robot,
+            sequence=message.sequence,
+            step=message.step,
+            stamp=read_time(message.header.stamp),
+            scan_end=read_time(message.scan_end),
+            valid_for=message.valid_for,
+            valid_pauses=message.valid_pauses,
+            regions=tuple(_read_region(region) for region in message.regions),
+            run=message.run,
+            epoch=message.epoch,
+            scan_end_clock=None if math.isnan(message.scan_end_clock) else message.scan_end_clock,
+            provisional=bool(message.provisional),
+            withdrawn=bool(message.withdrawn),
+            frame_id=message.header.frame_id,
+            version=(message.version_major, message.version_minor),
+        )
+    except KeyNameError as error:
+        raise MessageError(f"regions refused: {error}") from error
+
+
+def _is_outlined(halfspaces: Float, corners: Float) -> bool:
+    """Whether what the half-planes hold ends at the edges between corners (m, 2) that lie in all of them.
+
+    It does when every edge lies on the line of a half-plane and the edges go round something: a closed way along the
+    border of a convex area of which a side is open only goes there and back.
+    """
+    on_line = np.abs(corners @ halfspaces[:, :2].T - halfspaces[:, 2]) <= TOLERANCE
+    on_border = (on_line & np.roll(on_line, -1, axis=0)).any(axis=1)
+    x, y = (corners - corners[0]).T
+    return bool(on_border.all() and (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() > 0.0)
 
 
 def _make_region(region: RegionMessage) -> Any:

@@ -93,6 +93,10 @@ def test_the_form_is_as_the_definition_says() -> None:
     [
         ({"vertices": _region(1).vertices + [0, 0, 0.001]}, "off its plane"),
         ({"vertices": _region(1).vertices + [0.2, 0, 0.2 * _region(1).plane[0]]}, "outside of one of its half-planes"),
+        ({"halfspaces": _region(1).halfspaces + [0, 0, 0.05]}, "hold more than its corners do"),
+        ({"halfspaces": _region(1).halfspaces[:4]}, "hold more than its corners do"),
+        ({"vertices": _region(1).vertices[[0, 1, 0]]}, "hold more than its corners do"),
+        ({"vertices": _region(1).vertices[::-1]}, "these run clockwise"),
         ({"halfspaces": 2 * _region(1).halfspaces}, "whose length is not 1"),
         ({"halfspaces": _region(1).halfspaces[:2]}, "region of 2 half-planes"),
         ({"vertices": np.zeros((0, 3))}, "region of 0 corners"),
@@ -127,6 +131,10 @@ def test_impossible_messages_are_refused() -> None:
     message.version_major = 1
     message.regions[0].halfspaces = message.regions[0].halfspaces[:-1]
     with pytest.raises(MessageError, match="numbers; allowed: 3 for each"):
+        decode_regions(encode(message))
+    message = decode(payload, REGIONS)
+    message.robot = "no/name"
+    with pytest.raises(MessageError, match="regions refused: robot name 'no/name'"):
         decode_regions(encode(message))
     message = decode(payload, REGIONS)
     turn = message.regions[0].plane_parameters.orientation
