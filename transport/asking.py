@@ -65,7 +65,7 @@ def ask(
     """
     answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
 
-    def on_reply(reply: bytes | None, error: bytes | None) -> None:
+    def on_reply(_: str, reply: bytes | None, error: bytes | None) -> None:
         if error == ZENOH_TIMEOUT:
             answers.put(Answer(timed_out=True))
         else:

@@ -12,7 +12,7 @@ from transport import zenoh_api
 from transport.exceptions import MessageError, ScannerUnavailable
 from transport.keys import FLEET_ALIVE, FLEET_STATUS, alive_key, robot_of, status_key
 from transport.session import Session
-from transport.status_message import STATUS_NAME, Status, decode_status
+from transport.status_message import STATUS_NAME, Status, decode_status, whole_number
 from transport.terrain_message import Health
 
 
@@ -76,13 +76,14 @@ def _answers(session: Session, key: str, timeout: float) -> list[RobotState]:
     states: list[tuple[int, RobotState]] = []
     finished = threading.Event()
 
-    def take(payload: bytes | None, _: bytes | None) -> None:
+    def take(place: str, payload: bytes | None, _: bytes | None) -> None:
         try:
             status = None if payload is None else decode_status(payload)
         except MessageError:
             return
         state = None if status is None else _state_of(status)
-        if status is not None and state is not None:
+        # What it says of itself must be what its key says: a robot may speak for no other.
+        if status is not None and state is not None and state.robot == robot_of(place):
             states.append((status.stamp, state))
 
     session.attempt(
@@ -99,17 +100,15 @@ def _state_of(status: Status) -> RobotState | None:
     own = status.item(STATUS_NAME)
     if own is None or not own.hardware_id:
         return None
-    step, standing = own.values.get("step", ""), own.values.get("standing", "")
-    links, age = own.values.get("links", ""), own.values.get("last_scan_age_s", "")
     wrong = [f"{item.name}: {item.message}" for item in status.items if item.level is not Health.OK]
     return RobotState(
         robot=own.hardware_id,
-        step=int(step) if step.lstrip("-").isdigit() else None,
-        standing={"true": True, "false": False}.get(standing),
-        age=_number(age),
+        step=whole_number(own.values.get("step", "")),
+        standing={"true": True, "false": False}.get(own.values.get("standing", "")),
+        age=_number(own.values.get("last_scan_age_s", "")),
         health=status.level,
         message="; ".join(wrong),
-        links=int(links) if links.isdigit() else 0,
+        links=whole_number(own.values.get("links", "")) or 0,
         run=own.values.get("run", ""),
     )
 

@@ -17,7 +17,7 @@ from transport.received import Received
 from transport.receiver import NewestReceiver
 from transport.seldom import Seldom
 from transport.session import Session
-from transport.status_message import STATUS_NAME, Status, decode_status
+from transport.status_message import STATUS_NAME, Status, decode_status, whole_number
 
 NS = 1e-9
 # The only frame that grids of this major version are in.
@@ -212,13 +212,13 @@ class GridJudge:
 
     def _check_pauses(self, terrain: Grid, name: str) -> None:
         values = self._values_of(terrain.run)
-        epoch, step = values.get("epoch", ""), values.get("step", "")
+        epoch, step = values.get("epoch", ""), whole_number(values.get("step", ""))
         knows = _knows(values, terrain)
         if epoch and terrain.epoch and epoch != terrain.epoch:
             if knows:
                 raise StaleTerrain(f"{name} is of walk {terrain.epoch!r}; the robot is on walk {epoch!r}. {ADVICE}")
             return
-        pauses = int(step) - terrain.step if step.lstrip("-").isdigit() else 0
+        pauses = 0 if step is None else step - terrain.step
         if pauses > terrain.valid_pauses:
             frame = "; the frame of a footprint ends with its pause" if terrain.extent == "footprint" else ""
             raise StaleTerrain(f"{name} is {pauses} pauses old; allowed: {terrain.valid_pauses}{frame}. {ADVICE}")
@@ -236,8 +236,8 @@ class GridJudge:
 
 def _knows(values: Mapping[str, str], terrain: Grid) -> bool:
     """Whether a status was made after a grid was published: it then knows better which walk the robot is on."""
-    last = values.get("last_scan_sequence" if terrain.extent == "footprint" else "last_map_sequence", "")
-    return last.isdigit() and int(last) >= terrain.sequence
+    last = whole_number(values.get("last_scan_sequence" if terrain.extent == "footprint" else "last_map_sequence", ""))
+    return last is not None and last >= terrain.sequence
 
 
 def _clock_of(status: Status) -> float:

@@ -137,7 +137,7 @@ def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Per
             rows[f"{router}.{ROUTER}"] = (members.root / router, allowed)
     endpoint = _free_endpoint()
     with open_node(listen=endpoint, security=place / "node", shared_memory=False) as session:
-        return _try_all(_Probe(session, name), rows, endpoint, place)
+        return _try_all(_Probe(session, name), rows, endpoint, _reader_of(members, name))
 
 
 def check_router(folder: str | Path, router: str, *, robot: str | None = None) -> tuple[Permission, ...]:
@@ -178,7 +178,7 @@ def check_router(folder: str | Path, router: str, *, robot: str | None = None) -
         listen_with(_of_router(members.root / router, endpoint), (endpoint,)),
         open_node(connect=endpoint, security=place / "node", shared_memory=False) as session,
     ):
-        return _try_all(_Probe(session, name), rows, endpoint, place)
+        return _try_all(_Probe(session, name), rows, endpoint, _reader_of(members, name))
 
 
 def _robot_in(folder: str | Path, robot: str | None) -> tuple[Members, str]:
@@ -207,6 +207,18 @@ def _own_rows(members: Members, robot: str) -> dict[str, tuple[Path | None, tupl
     return rows
 
 
+def _reader_of(members: Members, robot: str) -> Path:
+    """The folder of somebody who would see a forged grid."""
+    own = members.robots[robot]
+    roles = {"viewer": "viewer", "planner": "planner", **own.added}
+    for name, role in roles.items():
+        if "read grids" in EXPECTED.get(role, ()) and name not in own.revoked:
+            return own.place / name
+    raise SecurityError(
+        f"no planner or viewer of {robot} is left who would see a forged grid; `guara security add` one, then check"
+    )
+
+
 def _of_router(folder: Path, endpoint: str) -> str:
     """A router's configuration as it runs, but on this machine and by itself."""
     return load_configuration(folder, listen=[endpoint], local=True)
@@ -219,24 +231,24 @@ def _free_endpoint() -> str:
 
 
 def _try_all(
-    node: _Probe, rows: dict[str, tuple[Path | None, tuple[str, ...]]], endpoint: str, place: Path
+    node: _Probe, rows: dict[str, tuple[Path | None, tuple[str, ...]]], endpoint: str, reader: Path
 ) -> tuple[Permission, ...]:
     found: list[Permission] = []
-    with _open_role(place / "viewer", place, endpoint) as witness:
+    with _open_role(reader, reader, endpoint) as witness:
         ear = None if witness is None else _Ear(witness, terrain_key(node.robot))
         for role, (folder, expected) in rows.items():
-            with _open_role(folder, place, endpoint) as session:
+            with _open_role(folder, reader, endpoint) as session:
                 allowed = set() if session is None else _try_role(session, role, expected, node, ear)
             found += [Permission(role, action, action in allowed, action in expected) for action in ACTIONS]
     return tuple(found)
 
 
 @contextmanager
-def _open_role(folder: Path | None, place: Path, endpoint: str) -> Iterator[Session | None]:
+def _open_role(folder: Path | None, known: Path, endpoint: str) -> Iterator[Session | None]:
     try:
         if folder is None:
             configuration = client_configuration(endpoint, shared_memory=False)
-            tls = {"root_ca_certificate": str(place / "node" / "ca.pem")}
+            tls = {"root_ca_certificate": str(known / "ca.pem")}
             configuration["transport"]["link"]["tls"] = tls
             session = connect_with(configuration, (endpoint,), 0.0)
         else:
@@ -282,7 +294,9 @@ def _try_role(session: Session, role: str, expected: tuple[str, ...], node: _Pro
 def _is_answered(session: Session, robot: str) -> bool:
     finished = threading.Event()
     replies: list[bytes | None] = []
-    zenoh_api.get_replies(session.raw, scan_key(robot), b"", WAIT, lambda reply, _: replies.append(reply), finished.set)
+    zenoh_api.get_replies(
+        session.raw, scan_key(robot), b"", WAIT, lambda _, reply, __: replies.append(reply), finished.set
+    )
     finished.wait(WAIT + QUIET)
     return b"done" in replies
 

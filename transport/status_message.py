@@ -62,6 +62,14 @@ class Status:
         return next((item for item in self.items if item.name == name), None)
 
 
+def whole_number(text: str) -> int | None:
+    """The whole number that a figure of a status says, None where it says none."""
+    try:
+        return int(text)
+    except ValueError:
+        return None
+
+
 def encode_status(status: Status) -> bytearray:
     """CDR payload of a status, a diagnostic_msgs/DiagnosticArray.
 

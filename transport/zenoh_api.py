@@ -139,7 +139,7 @@ def get_replies(
     key: str,
     payload: bytes | bytearray,
     timeout: float,
-    on_reply: Callable[[bytes | None, bytes | None], None],
+    on_reply: Callable[[str, bytes | None, bytes | None], None],
     on_finished: Callable[[], None],
     *,
     priority: str = "INTERACTIVE_HIGH",
@@ -152,7 +152,8 @@ def get_replies(
         key: key expression.
         payload: of the query.
         timeout: [s] after which Zenoh ends the stream with an error reply.
-        on_reply: called on Zenoh's thread with (payload, None) or (None, error payload).
+        on_reply: called on Zenoh's thread with (key, payload, None) or ("", None, error payload); access rules judge
+            the key, so that it says whose answer it is.
         on_finished: called on Zenoh's thread after the last reply, also when there was none.
         priority: of the query and, since Zenoh takes it from there, of the replies.
         encoding: of the payload.
@@ -161,9 +162,9 @@ def get_replies(
 
     def sort(reply: Any) -> None:
         if reply.ok is not None:
-            on_reply(reply.ok.payload.to_bytes(), None)
+            on_reply(str(reply.ok.key_expr), reply.ok.payload.to_bytes(), None)
         else:
-            on_reply(None, reply.err.payload.to_bytes())
+            on_reply("", None, reply.err.payload.to_bytes())
 
     session.get(
         key,

@@ -1,15 +1,18 @@
 """The robots that live on a router, by sign of life and status: real nodes in other processes."""
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
 import transport
 from tests.ports import free_endpoint
-from transport import Health
+from transport import Health, zenoh_api
 from transport.fleet import robot_states
-from transport.keys import alive_key
+from transport.keys import alive_key, status_key
 from transport.liveliness import AliveToken
+from transport.status_message import STATUS_NAME, Status, StatusItem, encode_status
 
 
 @pytest.mark.slow
@@ -38,3 +41,32 @@ def test_all_that_live_are_told_with_step_age_health_and_links(start, endpoint: 
         mute.close()
         with pytest.raises(transport.ScannerUnavailable, match="none of nobody is to be seen"):
             robot_states(session, robots=["nobody"])
+
+
+def test_a_robot_speaks_for_no_other(endpoint: str) -> None:
+    """An answer on the key of one robot that calls itself another is of nobody; figures that are none are left out."""
+
+    def answer(robot: str, claimed: str, step: str) -> Callable[[Any], None]:
+        item = StatusItem(name=STATUS_NAME, level=Health.OK, hardware_id=claimed, values={"step": step, "links": step})
+        payload = encode_status(Status(stamp=1, items=(item,)))
+
+        def on_query(query: Any) -> None:
+            query.reply(status_key(robot), payload)
+            query.drop()
+
+        return on_query
+
+    with (
+        transport.open_node(listen=endpoint) as node,
+        transport.open_client(endpoint, timeout=30.0) as session,
+    ):
+        kept = [AliveToken(node, alive_key(robot)) for robot in ("ada", "bob", "rex")]
+        asked = {"ada": ("ada", "--3"), "bob": ("bob", "²"), "rex": ("ada", "9")}
+        raw = [
+            zenoh_api.declare_queryable(node.raw, status_key(robot), answer(robot, *words))
+            for robot, words in asked.items()
+        ]
+        ada, bob, rex = robot_states(session, timeout=20.0)
+        assert (ada.robot, bob.robot, rex.robot) == ("ada", "bob", "rex") and len(raw) == len(kept)
+        assert ada.health is bob.health is Health.OK and ada.step is bob.step is None and ada.links == bob.links == 0
+        assert rex.health is Health.STALE and "did not answer" in rex.message

@@ -192,6 +192,22 @@ def test_who_is_shut_out_is_so_everywhere(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_check_sees_forged_grids_whoever_is_shut_out(tmp_path: Path) -> None:
+    """A reader who is left looks for them; where nobody is, the check says so instead of "no"."""
+    folder = tmp_path / "keys"
+    make_router(folder, ["rex"], name="top")
+    make_router(folder, ["rex"], name="room", uplink="top")
+    revoke(folder, "viewer")
+    permissions = check_router(folder, "top")
+    assert _wrong(permissions) == set() and "forge grids" in _may(permissions, "room.router")
+    revoke(folder, "planner")
+    with pytest.raises(SecurityError, match="no planner or viewer of rex is left"):
+        check_router(folder, "top")
+    add(folder, "second", "viewer")
+    assert _wrong(check_router(folder, "top")) == set()
+
+
+@pytest.mark.slow
 def test_role_folders_of_an_earlier_version_go_on_working(tmp_path: Path) -> None:
     """Names are the roles alone: all may what they might; who is added or renewed is called so too."""
     folder = init_security(tmp_path / "keys")

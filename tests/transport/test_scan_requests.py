@@ -148,7 +148,7 @@ def test_a_request_that_is_none_is_refused(shared_node) -> None:
                 keys.scan_key(),
                 payload,
                 30.0,
-                lambda _, error, found=errors: found.append(error),
+                lambda _, __, error, found=errors: found.append(error),
                 ended.set,
             )
             assert ended.wait(30.0)
