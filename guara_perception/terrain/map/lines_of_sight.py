@@ -21,14 +21,18 @@ BESIDE_CELLS = 20
 # In the scan a bound counts where it holds over all neighbours too; in the map, one cell further than it may drift.
 AROUND_CELLS = 1
 LARGEST_DRIFT_CELLS = 10
-# Of heights of a scan and the pose of the body, at most, as assumed; `benchmarks.lines_of_sight` holds it to the truth.
+# Of heights of a scan and the pose of the body, as assumed; `benchmarks.lines_of_sight` holds it to the truth. A height
+# that is less certain proves no way.
 BOUND_SIGMA_M = 0.003
 NONE = np.float32(9.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Look:
-    """Bounds (ny, nx) of one scan in its footprint [m], NONE where there is none; and where it was taken, and when."""
+    """Bounds (ny, nx) of one scan in its footprint [m], NONE where there is none; and where it was taken, and when.
+
+    `rise` is the variance of z that the walk had gathered by then [m^2].
+    """
 
     bounds: Float32
     geometry: GridGeometry
@@ -36,6 +40,7 @@ class _Look:
     step: int
     pause: int
     stamp: int
+    rise: float
 
 
 class LinesOfSight:
@@ -46,9 +51,10 @@ class LinesOfSight:
     there; it lets a swing pass over ground that nobody saw: `check_path(..., ceiling=...)`.
 
     Taken to the safe side: from the highest sample of each cell seen, at the far edge of each cell passed; the least
-    that holds over a cell and all its neighbours; moved by what the map may have drifted since (its confidence in
-    sigmas), and one cell more. A bound is forgotten when ground of its age would be STALE. What no scan can see limits
-    it too: a thing thinner than the gap between two stripes, or one that was put there later.
+    that holds over a cell and all its neighbours; moved aside and raised by what the map may have drifted since (its
+    confidence in sigmas), and one cell more. A bound is forgotten when ground of its age would be STALE, and with the
+    scan that the map took back. The laser's light is taken to spread from the middle of the mirror. What no scan can
+    see limits it too: a thing thinner than the gap between two stripes, or one that was put there later.
 
     Example:
         fused = terrain_map.update(terrain, transform, covariance, covariance_since_last=since)
@@ -83,9 +89,11 @@ class LinesOfSight:
         geometry = terrain.geometry.widened(BESIDE_CELLS)
         transform = np.array(fused.metadata["transform_footprint_to_odom"])
         bounds = _bounds(terrain, geometry, _sensor_origins(terrain, self._map))
-        self._looks.append(_Look(bounds, geometry, transform, terrain.step, self._map.pause, terrain.stamp))
+        pause, rise = self._map.pause, self._map.rise_variance
         first = terrain.step - int(fused.metadata["validity_pauses"])
-        self._looks = [look for look in self._looks if first <= look.step]
+        # A look of this pause or a later one is of a scan that was taken back.
+        self._looks = [look for look in self._looks if first <= look.step and look.pause < pause]
+        self._looks.append(_Look(bounds, geometry, transform, terrain.step, pause, terrain.stamp, rise))
 
     def ceiling(self, fused: TerrainGrid) -> Ceiling:
         """The least bound of each cell of a map of the same walk, as it lies now.
@@ -99,8 +107,9 @@ class LinesOfSight:
         in_odom = np.column_stack((x, y, np.zeros(x.size))) @ transform[:3, :3].T + transform[:3, 3]
         least = np.full(x.size, NONE, np.float32)
         oldest = fused.stamp - round(float(fused.metadata["validity_seconds"]) * 1e9)
+        confidence, stands = float(limits["confidence"]), set(self._map.sideways_drift.pauses.tolist())
         for look in self._looks:
-            if look.step > fused.step or not oldest <= look.stamp <= fused.stamp:
+            if look.pause not in stands or look.step > fused.step or not oldest <= look.stamp <= fused.stamp:
                 continue
             there = (in_odom - look.transform_footprint_to_odom[:3, 3]) @ look.transform_footprint_to_odom[:3, :3]
             iy, ix = look.geometry.indices(there[:, 0], there[:, 1])
@@ -110,12 +119,13 @@ class LinesOfSight:
             aside = self._map.sideways_drift.variances(
                 np.full(inside.size, look.pause), in_odom[inside, 0], in_odom[inside, 1], transform
             )
-            drift = np.ceil(float(limits["confidence"]) * np.sqrt(aside.max()) / geometry.resolution)
+            drift = np.ceil(confidence * np.sqrt(aside.max()) / geometry.resolution)
             if drift > LARGEST_DRIFT_CELLS:
                 continue
             bounds = _worst_around(look.bounds, AROUND_CELLS + int(drift))[iy[inside], ix[inside]]
+            raised = confidence * np.sqrt(max(self._map.rise_variance - look.rise, 0.0))
             # The bound stands over the place in that footprint, and counts from the one of now.
-            higher = np.where(bounds < NONE, bounds - there[inside, 2], NONE).astype(np.float32)
+            higher = np.where(bounds < NONE, bounds - there[inside, 2] + raised, NONE).astype(np.float32)
             least[inside] = np.minimum(least[inside], higher)
         height = np.where(least < NONE, least, np.nan).astype(np.float32)
         return Ceiling(height.reshape(geometry.shape), BOUND_SIGMA_M)
@@ -135,7 +145,8 @@ def _sensor_origins(terrain: TerrainGrid, terrain_map: TerrainMap) -> list[Float
 def _bounds(terrain: TerrainGrid, geometry: GridGeometry, origins: list[Float]) -> Float32:
     """The least bound (ny, nx) by one of the two, where it holds over all neighbours too; NONE elsewhere."""
     high = np.asarray(terrain.elevation_max, np.float64)
-    iy, ix = np.nonzero(np.isfinite(high))
+    with np.errstate(invalid="ignore"):
+        iy, ix = np.nonzero(np.isfinite(high) & (np.asarray(terrain.variance) <= BOUND_SIGMA_M**2))
     x, y = terrain.geometry.centres()
     points = np.column_stack((x[ix], y[iy], high[iy, ix]))
     each = [_worst_around(_passed(points, origin, geometry), AROUND_CELLS) for origin in origins]

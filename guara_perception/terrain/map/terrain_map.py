@@ -115,6 +115,11 @@ class TerrainMap:
         """How far the ground may lie aside of where the map has it."""
         return self._sideways
 
+    @property
+    def rise_variance(self) -> float:
+        """Variance of z that cells gain while they are not seen, summed since the start [m^2]."""
+        return self._drift.rise
+
     def update(
         self,
         terrain: TerrainGrid,

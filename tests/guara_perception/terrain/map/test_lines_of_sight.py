@@ -95,6 +95,60 @@ def test_bounds_rise_with_drift_and_end_with_age(
     assert np.isnan(sight.ceiling(terrain_map.update(old, np.eye(4), np.eye(6) * 1e-3)).height).all()
 
 
+def test_bounds_rise_with_the_height_that_the_walk_may_have_gained(
+    robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
+) -> None:
+    """No sole holds the height here: 10 mm of drift in z raise every older bound by 2 sigma of it."""
+    heights = []
+    for sigma in (1e-6, 0.010):
+        terrain_map = gp.TerrainMap(robot)
+        sight = gp.LinesOfSight(terrain_map)
+        terrain = make_scan(0.0, flags=flags_of(make_scan), metadata=where)
+        sight.add(terrain, terrain_map.update(terrain, np.eye(4), NO_DRIFT))
+        nothing_seen = make_scan(flags=int(Hazard.UNSCANNED), step=1, metadata=where)
+        fused = terrain_map.update(nothing_seen, np.eye(4), np.diag([1e-12, 1e-12, sigma**2, 1e-12, 1e-12, 1e-12]))
+        heights.append(sight.ceiling(fused).height)
+    bounded = np.isfinite(heights[0])
+    assert bounded.sum() > 48 and (heights[1][bounded] >= heights[0][bounded] + 0.0199).all()
+
+
+def test_a_scan_that_is_taken_back_bounds_nothing(
+    robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
+) -> None:
+    """Neither at once, nor after the next pause, nor when its own pause is scanned again."""
+    for step in (1, 2):
+        terrain_map = gp.TerrainMap(robot)
+        sight = gp.LinesOfSight(terrain_map)
+        nothing_seen = make_scan(flags=int(Hazard.UNSCANNED), metadata=where)
+        fused = terrain_map.update(nothing_seen, np.eye(4), NO_DRIFT)
+        sight.add(nothing_seen, fused)
+        terrain_map.keep()
+        wrong = make_scan(0.0, flags=flags_of(make_scan), step=1, metadata=where)
+        contradicted = terrain_map.update(wrong, np.eye(4), NO_DRIFT)
+        sight.add(wrong, contradicted)
+        assert np.isfinite(sight.ceiling(contradicted).height).any()
+        terrain_map.take_back()
+        assert np.isnan(sight.ceiling(contradicted).height).all()
+        again = make_scan(flags=int(Hazard.UNSCANNED), step=step, metadata=where)
+        fused = terrain_map.update(again, np.eye(4), NO_DRIFT)
+        sight.add(again, fused)
+        assert np.isnan(sight.ceiling(fused).height).all()
+
+
+def test_a_height_that_is_uncertain_proves_no_way(
+    robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
+) -> None:
+    """The error of a bound is taken to be that of good heights: others give none."""
+    for sigma, count in ((0.0029, 48), (0.0031, 0)):
+        terrain_map = gp.TerrainMap(robot)
+        sight = gp.LinesOfSight(terrain_map)
+        terrain = make_scan(0.0, flags=flags_of(make_scan), sigma=sigma, metadata=where)
+        fused = terrain_map.update(terrain, np.eye(4), NO_DRIFT)
+        sight.add(terrain, fused)
+        hole = (fused.hazard & Hazard.DROPOUT) != 0
+        assert np.isfinite(sight.ceiling(fused).height[hole]).sum() == count
+
+
 def test_who_saw_less_bounds_less(robot: RobotModel, make_scan: MakeScan, where: dict[str, object]) -> None:
     """Losing cells of a scan never lowers a bound and never makes one."""
     rng = np.random.default_rng(5)
