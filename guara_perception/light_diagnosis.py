@@ -19,6 +19,10 @@ PIXELS_APART, COLUMNS_APART = 16, 48
 MOST_CLIPPED = 0.15
 # Share by which the brightness changes between laser off and on, or from frame to frame.
 MOST_CHANGE = 0.06
+# A share of a picture darker than this [grey levels of 255] is less than would harm a stripe: it counts as of this.
+DARKEST_LEVEL = 32.0
+# Share of the pixels, the brightest, that do not count for it: the stripe is among them.
+STRIPE_SHARE = 0.05
 # Rows of a clipped core, of the picture's height, from which on there are no shoulders to measure: 8 px of 512.
 WIDEST_CORE_OF_HEIGHT = 8 / 512
 # A stripe that stands less than this above its surroundings [grey levels of 255] drowns in texture and noise.
@@ -33,7 +37,7 @@ class Look:
 
     Attributes:
         clipped: share of the pixels that are clipped without the laser.
-        level: mean level of the picture [grey levels of 255].
+        level: mean level of the picture without its brightest pixels [grey levels of 255].
         change: by which share it is brighter or darker than the one without laser, 0 where there is none.
         core: rows of the stripe that are clipped in the middle column of those that have any; 0 where none has.
         seen: share of the columns in which there was something of the laser.
@@ -89,7 +93,8 @@ class LightLooks:
             float(np.median([getattr(look, name) for look in looks])) for name in ("clipped", "core", "change")
         )
         levels = np.array([look.level for look in looks])
-        change = max(change, float(np.median(np.abs(levels / max(float(np.median(levels)), 1.0) - 1))))
+        usual = float(np.median(levels))
+        change = max(change, float(np.median([_share(level, usual) for level in levels])))
         if clipped > MOST_CLIPPED:
             return (
                 f"too bright: {100 * clipped:.0f} % of the picture is clipped without the laser: shade the scene, "
@@ -126,16 +131,27 @@ def _look(pair: FramePair, profile: StripeProfile) -> Look:
     scale = 255.0 / float(np.iinfo(on.dtype).max)
     thin = on[::PIXELS_APART, ::PIXELS_APART]
     dark = thin if off is None else off[::PIXELS_APART, ::PIXELS_APART]
-    level, without = (scale * float(picture.mean()) for picture in (thin, dark))
+    level, without = (scale * _level(picture) for picture in (thin, dark))
     found = profile.status != StripeStatus.DROPOUT
     return Look(
         clipped=float(_any_channel(is_clipped(dark)).mean()),
         level=level,
-        change=abs(level / max(without, 1.0) - 1),
+        change=_share(level, without),
         core=_core(on, off),
         seen=float(found.mean()),
         peak=scale * float(np.median(profile.peak[found])) if found.any() else 0.0,
     )
+
+
+def _level(picture: Image) -> float:
+    """Mean of all but the brightest pixels."""
+    values = np.sort(picture, axis=None)
+    return float(values[: max(round((1 - STRIPE_SHARE) * values.size), 1)].mean())
+
+
+def _share(level: float, usual: float) -> float:
+    """By which share one level is above or below another."""
+    return abs(level - usual) / max(usual, DARKEST_LEVEL)
 
 
 def _core(on: Image, off: Image | None) -> float:

@@ -8,7 +8,10 @@ import pytest
 
 from benchmarks.light import SIZE, STRIPES
 from benchmarks.scenes import simulated
+from guara_perception.frame_pair import FramePair
+from guara_perception.light_diagnosis import LightLooks
 from guara_perception.simulation import Light, real_light
+from guara_perception.stripes.extract import extract_stripe
 
 WEAK = dataclasses.replace(real_light({"chessboard": 1.0}), laser=100.0)
 LIGHTS = {
@@ -42,6 +45,18 @@ def test_lamps_that_flicker_strongly_are_told_without_laser_off_pictures_too() -
     for index, on, _ in recording.frames:
         processor.add(index, on)
     assert "flicker: the brightness changes by " in processor.finish().metadata["health"]["reasons"][-1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("laser", [200.0, 1000.0, 8000.0])
+def test_a_dark_room_does_not_flicker(laser: float) -> None:
+    """Where nothing but the stripe is bright, a share of what is left says nothing of lamps."""
+    recording = simulated((320, 256), STRIPES, Light(ambient=(0.0, 0.0, 0.0), laser=laser))
+    for with_off in (True, False):
+        looks = LightLooks([index for index, _, _ in recording.frames], 256)
+        for index, on, off in recording.frames:
+            looks.look(FramePair(index, on, off if with_off else None), extract_stripe(on, off if with_off else None))
+        assert "flicker" not in looks.excess()
 
 
 @pytest.mark.slow
