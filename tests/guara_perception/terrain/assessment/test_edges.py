@@ -154,7 +154,7 @@ def test_a_cell_that_drifted_far_keeps_further_from_a_hazard(limits: Traversabil
 @pytest.mark.slow
 @pytest.mark.parametrize("most", [1, 3, LARGEST_DRIFT_CELLS])
 def test_ground_that_lies_aside_of_where_the_map_has_it(limits: TraversabilityLimits, most: int) -> None:
-    """300 grounds, moved under the map by as much as it allows for: by one cell nothing that the truth refuses is free.
+    """150 grounds, moved under the map by as much as it allows for: by one cell nothing that the truth refuses is free.
 
     By more, up to the largest drift, nothing that rises or falls too much and nothing unknown comes under the sole.
     """
