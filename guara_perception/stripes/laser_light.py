@@ -125,14 +125,16 @@ def judge(on: Image, off: Image | None) -> Judgement:
     seen = _judged(on, interval)
     light = seen - (np.median(seen, axis=0) if off is None else _judged(off, interval))
     changes = np.zeros(light.shape[2], np.float32)
-    is_uneven = bool(np.abs(light.mean(axis=(0, 1))).max() > EVEN_AMBIENT_CHANGE * float(np.iinfo(on.dtype).max))
+    height = light.max(axis=0)
+    # Without the brightest pixel of each column: the stripe's own light is no change of the surroundings.
+    beside = (np.add.reduce(light) - height).mean(axis=0) / np.float32(max(len(light) - 1, 1))
+    is_uneven = bool(np.abs(beside).max() > EVEN_AMBIENT_CHANGE * float(np.iinfo(on.dtype).max))
     if is_uneven:
         # A change of brightness is no noise, and differs from channel to channel.
         changes = upper_medians(light.reshape(-1, light.shape[2]).T)
-        light = light - changes
+        light, height = light - changes, height - changes
     # Mean absolute value instead of a robust sigma: the stripe is a small share of a column and raises it alike.
     noise = np.add.reduce(np.abs(light)) / np.float32(len(light))
-    height = light.max(axis=0)
     channel = int(np.add.reduce(height - NOISE_DEVIATIONS * noise).argmax())
     change = float(changes[channel]) + upper_median(light[:, :, channel])
     tops = seen[:, :, channel].max(axis=0)[height[:, channel] > PEAK_DEVIATIONS * noise[:, channel]]

@@ -30,7 +30,9 @@ def follow_stripe(evidence: Float32) -> tuple[Index, Mask, Float]:
         evidence of the whole path, its costs paid (pictures,).
     """
     pictures, columns, rows = evidence.shape
-    both = np.ascontiguousarray(np.concatenate((evidence, evidence[:, ::-1])).transpose(1, 0, 2))
+    both = np.empty((columns, 2 * pictures, rows), np.float32)
+    both[:, :pictures] = evidence.transpose(1, 0, 2)
+    both[:, pictures:] = both[::-1, :pictures]
     # Rows beyond the picture's edges, in which no path runs.
     padded = np.full((2 * pictures, rows + 2 * REACH_ROWS), -np.inf, np.float32)
     best = padded[:, REACH_ROWS:-REACH_ROWS]

@@ -67,9 +67,10 @@ def in_laser_colour(
         return mixed, full > 0
     core = cv2.dilate(full, np.ones((3, 1), np.uint8)) > 0
     filled = np.asarray(cv2.morphologyEx(mixed, cv2.MORPH_CLOSE, np.ones((WIDEST_CORE_PX, 1), np.uint8)), np.float32)
-    others = np.float32(OTHERS_SHARE) * (picture.sum(axis=2) - picture[:, :, channel])
-    raised = filled + np.clip(others, 0, np.float32(MOST_OF_CORE) * np.maximum(filled, 0))
-    return np.where(core, raised, mixed).astype(np.float32), core
+    inside, rim = picture[core], filled[core]
+    others = np.float32(OTHERS_SHARE) * (inside.sum(axis=1) - inside[:, channel])
+    mixed[core] = rim + np.clip(others, 0, np.float32(MOST_OF_CORE) * np.maximum(rim, 0))
+    return mixed, core
 
 
 def rim_colour(picture: Float32, frame: Float32, row: Index, is_stripe: Mask, channel: int) -> Float:
@@ -86,11 +87,9 @@ def rim_colour(picture: Float32, frame: Float32, row: Index, is_stripe: Mask, ch
         return np.zeros(picture.shape[2])
     sides = [picture[np.clip(rows + side, 0, last), columns] for side in (-BACKGROUND_PX, BACKGROUND_PX)]
     beside = np.float32(0.5) * (sides[0] + sides[1])
-    added = np.zeros_like(beside)
-    for shift in range(-RIM_PX, RIM_PX + 1):
-        at = np.clip(rows + shift, 0, last)
-        is_good = frame[at, columns].max(axis=1) < CLIPPED
-        added += np.where(is_good[:, None], picture[at, columns] - beside, 0)
+    at = np.clip(rows + np.arange(-RIM_PX, RIM_PX + 1)[:, None], 0, last)
+    brightest = np.maximum.reduce([frame[:, :, i][at, columns] for i in range(frame.shape[2])])
+    added = np.where((brightest < CLIPPED)[..., None], picture[at, columns] - beside, np.float32(0)).sum(axis=0)
     bright = added[added[:, channel] >= np.median(added[:, channel])]
     return np.asarray(np.median(bright, axis=0), dtype=np.float64)
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from guara_perception.arrays import Float32, Mask
+from guara_perception.arrays import Float32, Index, Mask
 from guara_perception.stripes.median import robust_sigma
 
 # Widths of ridges [px]; neighbours overlap, together they cover stripes of 1 to 15 px.
@@ -31,13 +30,19 @@ class Ridges:
 
     Attributes:
         strength: (rows, columns) float32, height over its noise.
-        height: (rows, columns) float32, grey levels above the higher side.
-        width: (rows, columns) int8, which of SIGMAS_PX.
+        heights: of each of SIGMAS_PX, (rows, columns) float32, grey levels above the higher side.
+        noises: of each of SIGMAS_PX [grey levels].
     """
 
     strength: Float32
-    height: Float32
-    width: npt.NDArray[np.int8]
+    heights: tuple[Float32, ...]
+    noises: tuple[float, ...]
+
+    def along(self, rows: Index, columns: Index) -> tuple[Float32, Float32]:
+        """Height [grey levels] and width [px] of the strongest ridge at some pixels (n,)."""
+        heights = np.stack([height[rows, columns] for height in self.heights])
+        strongest = (heights * np.array([[1 / noise] for noise in self.noises], np.float32)).argmax(axis=0)
+        return heights[strongest, np.arange(strongest.size)], np.array(SIGMAS_PX, np.float32)[strongest]
 
     def evidence(self) -> Float32:
         """How much more each pixel looks like stripe than like none, (rows, columns)."""
@@ -56,22 +61,23 @@ def ridges(light: Float32, elsewhere: Mask | None = None) -> Ridges:
         light: (rows, columns) float32 grey levels.
         elsewhere: (rows, columns) where there is no stripe: the texture there is noise too.
     """
-    strength, height = np.full(light.shape, -np.inf, np.float32), np.zeros_like(light)
-    width = np.zeros(light.shape, np.int8)
-    for i, sigma in enumerate(SIGMAS_PX):
-        ridge = ridge_of_width(light, sigma)
-        noise = max(robust_sigma(ridge[::3, ::7]), LEAST_NOISE)
-        if elsewhere is not None:
-            some = ridge[::2, ::3][elsewhere[::2, ::3]]
-            if some.size:
-                rank = int(TEXTURE_QUANTILE * some.size)
-                noise = max(noise, float(np.partition(some, rank)[rank]) / TEXTURE_SIGMAS)
-        own = ridge * np.float32(1 / noise)
-        is_stronger = own > strength
-        np.copyto(strength, own, where=is_stronger)
-        np.copyto(height, ridge, where=is_stronger)
-        width[is_stronger] = i
-    return Ridges(strength, height, width)
+    heights = tuple(ridge_of_width(light, sigma) for sigma in SIGMAS_PX)
+    noises = tuple(_noise(height, elsewhere) for height in heights)
+    strength = heights[0] * np.float32(1 / noises[0])
+    for height, noise in zip(heights[1:], noises[1:], strict=True):
+        np.maximum(strength, height * np.float32(1 / noise), out=strength)
+    return Ridges(strength, heights, noises)
+
+
+def _noise(height: Float32, elsewhere: Mask | None) -> float:
+    """How high ridges (rows, columns) are by chance [grey levels]."""
+    noise = max(robust_sigma(height[::3, ::7]), LEAST_NOISE)
+    if elsewhere is not None:
+        some = height[::2, ::3][elsewhere[::2, ::3]]
+        if some.size:
+            rank = int(TEXTURE_QUANTILE * some.size)
+            noise = max(noise, float(np.partition(some, rank)[rank]) / TEXTURE_SIGMAS)
+    return noise
 
 
 def ridge_of_width(light: Float32, sigma: float) -> Float32:

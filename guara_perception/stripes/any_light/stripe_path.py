@@ -90,6 +90,25 @@ class FirstLook:
     is_stripe: Mask
 
 
+@dataclass(frozen=True, slots=True)
+class LaserOfChannel:
+    """A picture in the colour of a laser of one channel.
+
+    Attributes:
+        colour: (channels,) of the laser, 1 in its own channel.
+        weights: (channels,) that mix the channels to `laser`.
+        laser: (rows, columns) float32 light in that colour.
+        core: (rows, columns) where it is clipped.
+        found: its ridges.
+    """
+
+    colour: Float
+    weights: Float
+    laser: Float32
+    core: Mask
+    found: Ridges
+
+
 def find_path(on: Image, off: Image | None) -> StripePath:
     """Find the path of the stripe that runs across the columns.
 
@@ -102,26 +121,45 @@ def find_path(on: Image, off: Image | None) -> StripePath:
     if remark:
         off = None
     detail = details(light)
-    tried = [_path_of(light, frame, detail, first) for first in _first_looks(light, frame, detail)]
+    firsts = _first_looks(light, frame, detail)
+    seen = [_laser_of(light, frame, detail, first) for first in firsts]
+    # All at once: most of the time of following one is the same for several.
+    evidence = np.stack([each.found.evidence() for each in seen])
+    rows, is_stripe, _ = follow_stripe(evidence.transpose(0, 2, 1))
+    tried = [
+        _path_of(light, frame, detail, *each) for each in zip(firsts, seen, evidence, rows, is_stripe, strict=True)
+    ]
     best = replace(max(tried, key=lambda each: each[1])[0], remark=remark)
     return best if off is None else _without_moved_edges(best, frame)
 
 
-def _path_of(light: Float32, frame: Float32, detail: Float32, first: FirstLook) -> tuple[StripePath, float]:
-    """The stripe of a laser of one channel, and how much speaks for it."""
-    channel = first.channel
+def _laser_of(light: Float32, frame: Float32, detail: Float32, first: FirstLook) -> LaserOfChannel:
+    """The picture as a laser of one channel lights it."""
     elsewhere = _away(first.row, first.is_stripe, frame.shape, NEAR_PATH_PX)
     scene = covariance(detail, elsewhere)
-    colour = relative_colour(rim_colour(light, frame, first.row, first.is_stripe, channel), channel)
-    laser, core = in_laser_colour(light, frame, scene, colour, channel)
-    found = ridges(laser, elsewhere)
-    evidence = found.evidence()
-    rows, is_stripe, _ = (each[0] for each in follow_stripe(evidence.T[None]))
+    colour = relative_colour(rim_colour(light, frame, first.row, first.is_stripe, first.channel), first.channel)
+    laser, core = in_laser_colour(light, frame, scene, colour, first.channel)
+    return LaserOfChannel(colour, laser_weights(scene, colour), laser, core, ridges(laser, elsewhere))
+
+
+def _path_of(
+    light: Float32,
+    frame: Float32,
+    detail: Float32,
+    first: FirstLook,
+    seen: LaserOfChannel,
+    evidence: Float32,
+    rows: Index,
+    is_stripe: Mask,
+) -> tuple[StripePath, float]:
+    """The stripe of a laser of one channel, and how much speaks for it."""
+    channel, found = first.channel, seen.found
     columns = np.arange(rows.size)
-    is_core = core[rows, columns]
-    is_good = _good_pieces(found, rows, is_stripe, is_core, has_colour=frame.shape[2] == 3)
-    is_good = _of_laser_colour(frame, detail, rows, is_good, colour, channel)
-    has_twin = _has_twin(found, core, rows, columns)
+    is_core = seen.core[rows, columns]
+    height, sigma = found.along(rows, columns)
+    is_good = _good_pieces(height, rows, is_stripe, is_core, has_colour=frame.shape[2] == 3)
+    is_good = _of_laser_colour(frame, detail, rows, is_good, seen.colour, channel)
+    has_twin = _has_twin(found, seen.core, rows, columns)
     score = float(evidence[rows, columns][is_good].sum())
     path = StripePath(
         # What only the first look sees, before texture counts as noise, is doubtful.
@@ -129,11 +167,11 @@ def _path_of(light: Float32, frame: Float32, detail: Float32, first: FirstLook) 
         is_path=is_stripe | first.is_stripe,
         is_stripe=is_good & ~has_twin,
         is_core=is_core & is_good,
-        sigma=np.array(SIGMAS_PX, np.float32)[found.width[rows, columns]],
-        height=found.height[rows, columns],
+        sigma=sigma,
+        height=height,
         channel=channel,
-        weights=laser_weights(scene, colour),
-        laser=laser,
+        weights=seen.weights,
+        laser=seen.laser,
         light=light,
     )
     return path, score * _purity(light, frame, detail, rows, is_good, channel)
@@ -204,12 +242,11 @@ def _pieces(rows: Index, is_stripe: Mask) -> list[slice]:
     return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if is_stripe[a]]
 
 
-def _good_pieces(found: Ridges, rows: Index, is_stripe: Mask, is_core: Mask, *, has_colour: bool) -> Mask:
+def _good_pieces(height: Float32, rows: Index, is_stripe: Mask, is_core: Mask, *, has_colour: bool) -> Mask:
     """Columns of the pieces that are long and strong enough."""
     good = np.zeros_like(is_stripe)
     if not is_stripe.any():
         return good
-    height = found.height[rows, np.arange(rows.size)]
     strong = np.percentile(height[is_stripe], STRONG_PERCENTILE)
     height = np.where(is_core, np.maximum(height, strong), height)
     share = LEAST_SHARE if has_colour else LEAST_SHARE_MONO

@@ -79,6 +79,16 @@ def test_a_gap_stays_a_gap() -> None:
     assert np.isfinite(profile.position_px[210:]).mean() > 0.9
 
 
+def test_a_clipped_ridge_beside_the_path_makes_its_columns_ambiguous() -> None:
+    """Stripe and reflection are white: no level tells which is which there, and elsewhere nothing is lost."""
+    light = laser((0.5, 0.5, 1.0), 700, 2.0)
+    light[:, 120:200] += np.roll(light[:, 120:200], 40, axis=0)
+    profile = gp.extract_stripe(eight_bits(0.3 * scene(6) + light))
+    assert (profile.status[124:196] == STATUS.AMBIGUOUS).all()
+    assert np.isnan(profile.position_px[124:196]).all()
+    assert (np.abs(profile.position_px - line()) < 1)[np.r_[:110, 210:COLUMNS]].mean() > 0.9
+
+
 def test_the_path_is_the_best_of_all() -> None:
     """Against trying every path, for pictures small enough."""
     rng = np.random.default_rng(6)

@@ -70,3 +70,14 @@ def test_some_columns_tell_channel_clipping_and_swapped_frames(level: float, is_
     assert seen.channel == 2 and not seen.is_swapped
     assert seen.is_core_clipped == is_clipped
     assert judge(off, on).is_swapped
+
+
+@pytest.mark.parametrize(("change", "is_uneven"), [(0.0, False), (8.0, True), (-8.0, True)])
+def test_only_the_surroundings_tell_of_another_exposure(change: float, is_uneven: bool) -> None:
+    """The light of a bright, broad stripe in a low band counts as none, brightness of the surroundings does."""
+    rows = np.arange(60)[:, None]
+    line = np.exp(-0.5 * ((rows - 30.3) / 1.7) ** 2) * np.ones((1, 320))
+    off = np.full((60, 320, 3), 40, np.uint8)
+    on = (off + change + line[:, :, None] * (10.0, 10.0, 120.0)).astype(np.uint8)
+    assert judge(on, off).is_uneven == is_uneven
+    assert (on.astype(float) - off).mean(axis=(0, 1)).max() > 255 / 64 or is_uneven
