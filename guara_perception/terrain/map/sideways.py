@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from guara_perception.arrays import Float, Index
+from guara_perception.exceptions import FileFormatError
 from guara_perception.fields import Fields
 from guara_perception.readonly import readonly
 
@@ -85,11 +86,16 @@ class SidewaysDrift:
         """What `to_fields` gave.
 
         Raises:
-            FileFormatError: a value is missing or impossible.
+            FileFormatError: a value is missing or impossible, or a drift shrinks.
         """
         count = len(fields.sequence("pauses"))
         pauses = fields.array("pauses", (count,)) if count else np.empty(0)
         total = fields.array("total", (count, 3, 3)) if count else np.empty((0, 3, 3))
+        # Drift that shrinks would take the margins of the map away.
+        if (np.diff(pauses) <= 0).any() or (np.diff(total, axis=0).diagonal(axis1=1, axis2=2) < 0).any():
+            raise FileFormatError(
+                f"{fields.path_to('total')} or pauses shrink from one pause to the next, the file is damaged"
+            )
         return SidewaysDrift(pauses.astype(np.int64), total)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -160,6 +161,12 @@ class TerrainMap:
         self._pause += 1 if self._step is None else terrain.step - self._step
         self._step = terrain.step
         if since_last is not None:
+            if not self._scans:
+                # What led to the first pause moved nothing in the map.
+                since_last = np.zeros_like(since_last)
+            elif self._walk.last is None:
+                # Pauses that were taken as odometry gave them have gone before.
+                self._walk = replace(self._walk, shift=self._drift.shift, turn=self._drift.turn)
             self._walk = self._walk.after(self._cells, terrain, transform, self._anchor.offset, since_last)
         transform = self._walk.transform @ transform
         clock = self._ticked(terrain.stamp if time is None else round(time * 1e9))

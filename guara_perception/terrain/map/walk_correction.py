@@ -109,7 +109,17 @@ class WalkCorrection:
             since_last: (6, 6) covariance of the motion since the last pause, in the last footprint.
         """
         if self.last is None:
-            return replace(self, last=odometry.copy())
+            # Where the last pause lay is not known: a bound of the motion that holds for every heading.
+            shift = float(np.linalg.eigvalsh(since_last[:2, :2])[-1])
+            bound = 2 * np.diag([shift, shift, float(since_last[5, 5])])
+            return replace(
+                self,
+                covariance=self.covariance + bound,
+                last=odometry.copy(),
+                growth=bound,
+                shift=self.shift + float(bound[0, 0]),
+                turn=self.turn + float(bound[2, 2]),
+            )
         here, before = self.transform @ odometry, self.transform @ self.last
         rotation = np.kron(np.eye(2), before[:3, :3])
         growth = rotation @ since_last @ rotation.T

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import guara_perception as gp
 from guara_perception.fields import Fields
 from guara_perception.terrain.map.sideways import MOST_PAUSES, SidewaysDrift, kept_growth
+from kinematics import RobotModel
 
 
 def covariance(rng: np.random.Generator) -> np.ndarray:
@@ -71,3 +77,33 @@ def test_what_an_overlap_takes_off_is_taken_off_where_it_tells(seed: int) -> Non
     assert np.trace(whitened @ kept @ whitened.T) <= np.trace(whitened @ added @ whitened.T) * (1 + 1e-6)
     scalar = kept_growth(np.diag([4e-6, 1e-6, 1e-6]), np.eye(3) * 8e-6, np.diag([2e-6, 8e-6, 8e-6]))
     np.testing.assert_allclose(scalar, np.diag([1e-6, 1e-6, 1e-6]), atol=1e-15)
+
+
+def test_a_walk_that_begins_by_odometry_alone_loses_no_motion(robot: RobotModel, make_scan: Callable[..., Any]) -> None:
+    """From the first pause whose scan is laid onto the map on the motion that led there counts, at any heading."""
+    since = np.zeros((6, 6))
+    since[np.ix_([0, 1, 5], [0, 1, 5])] = [[4e-5, 1e-5, 1e-6], [1e-5, 2e-5, 0.0], [1e-6, 0.0, 1e-6]]
+    total = np.diag([1e-4, 1e-4, 1e-12, 1e-12, 1e-12, 1e-5])
+    terrain_map = gp.TerrainMap(robot)
+    terrain_map.update(make_scan(0.0), np.eye(4), total)
+    terrain_map.update(make_scan(0.0, step=1), np.eye(4), total + since, covariance_since_last=since)
+    drift = terrain_map.sideways_drift
+    added = drift.total[1] - drift.total[0]
+    for heading in np.linspace(0, 2 * np.pi, 9):
+        turned = np.eye(3)
+        turned[:2, :2] = [[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]]
+        motion = turned @ since[np.ix_([0, 1, 5], [0, 1, 5])] @ turned.T
+        assert np.linalg.eigvalsh(added - motion)[0] > -1e-12
+    terrain_map.update(make_scan(flags=4, step=2), np.eye(4), total + 2 * since, covariance_since_last=since)
+    assert (np.diff(drift.total, axis=0).diagonal(axis1=1, axis2=2) >= 0).all()
+    assert terrain_map._drift.shift >= 1e-4 + 4e-5 and terrain_map._drift.turn >= 1e-5 + 1e-6
+
+
+@pytest.mark.parametrize("change", [{"pauses": [2, 1]}, {"total": [np.eye(3).tolist(), np.zeros((3, 3)).tolist()]}])
+def test_drift_that_shrinks_is_no_drift(change: dict[str, Any]) -> None:
+    """A file that says so would take the margins of the map away."""
+    drift = SidewaysDrift(np.array([1, 2]), np.array([np.zeros((3, 3)), np.eye(3)]))
+    kept = SidewaysDrift.of_fields(Fields(drift.to_fields(), "map.npz"))
+    np.testing.assert_array_equal(kept.total, drift.total)
+    with pytest.raises(gp.FileFormatError, match="shrink from one pause to the next, the file is damaged"):
+        SidewaysDrift.of_fields(Fields({**drift.to_fields(), **change}, "map.npz"))
