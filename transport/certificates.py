@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from transport.members import (
     open_authority,
     open_members,
     replace_file,
+    take_in,
 )
 from transport.security import (
     CONFIGURATION,
@@ -32,7 +32,7 @@ from transport.security import (
     write_roles,
 )
 from transport.terrain_message import Health
-from transport.whole_folder import make_whole
+from transport.whole_folder import write_file
 
 # [days] Before its end a certificate is warned of.
 WARNING_DAYS = 30
@@ -164,9 +164,11 @@ def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = (), li
     authority, members = open_authority(folder), open_members(folder)
     target = members.root / check_robot(robot)
     check_free(members, robot, target)
-    make_whole(target, lambda place: write_roles(place, authority, robot, hosts=hosts, listen=listen))
-    open_members(folder).save()
-    return target
+    return take_in(
+        target,
+        lambda place: write_roles(place, authority, robot, hosts=hosts, listen=listen),
+        lambda: open_members(folder),
+    )
 
 
 def check_free(members: Members, name: str, place: Path) -> None:
@@ -205,16 +207,17 @@ def add(folder: str | Path, name: str, role: str) -> Path:
     before = common_name(own.place / "node" / "node.pem").removesuffix("node")
     full = before + own_name
     _check_length(full)
-    template = own.place / role
-    target.mkdir()
-    text = (template / CONFIGURATION).read_text(encoding="utf-8")
+    text = (own.place / role / CONFIGURATION).read_text(encoding="utf-8")
     for ending in ("key", "pem"):
         text = text.replace(f'"{role}.{ending}"', f'"{own_name}.{ending}"')
-    (target / CONFIGURATION).write_text(text, encoding="utf-8")
-    shutil.copyfile(members.root / "ca" / "ca.pem", target / "ca.pem")
-    _put_certificate(target, make_certificate(authority, full, [full]))
-    members.with_robot(robot, dataclasses.replace(own, added={**own.added, own_name: role})).save()
-    return target
+
+    def write(place: Path) -> None:
+        write_file(place / CONFIGURATION, text.encode())
+        write_file(place / "ca.pem", authority.certificate)
+        _put_certificate(place, make_certificate(authority, full, [full]))
+
+    larger = members.with_robot(robot, dataclasses.replace(own, added={**own.added, own_name: role}))
+    return take_in(target, write, lambda: larger)
 
 
 def _split(members: Members, name: str) -> tuple[str, str]:
@@ -239,9 +242,8 @@ def _add_watcher(members: Members, authority: Credentials, name: str) -> Path:
     configuration = client_configuration(DEFAULT_ENDPOINT.replace("tcp/127.0.0.1", "tls/localhost"))
     configuration["transport"]["link"] |= tls_links(name, listens=False)
     full = f"{name}.{FLEET}"
-    make_whole(target, lambda place: write_member(place, authority, full, [full], configuration))
-    dataclasses.replace(members, fleet=(*members.fleet, name)).save()
-    return target
+    larger = dataclasses.replace(members, fleet=(*members.fleet, name))
+    return take_in(target, lambda place: write_member(place, authority, full, [full], configuration), lambda: larger)
 
 
 def _check_length(full: str) -> None:

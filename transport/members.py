@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,7 +14,8 @@ from typing import Any
 from transport.access_rules import FLEET, ROLES, ROUTER, Neighbours, access_control, router_access_control
 from transport.authority import Credentials
 from transport.exceptions import SecurityError
-from transport.security import CONFIGURATION, configured_robot, load_configuration
+from transport.security import CONFIGURATION, configured_robot, read_configuration
+from transport.whole_folder import make_whole
 
 # In `ca`: the role of each member that was added, the routers, and who was shut out.
 MEMBERS = "members.json"
@@ -157,16 +159,13 @@ class Members:
         Raises:
             SecurityError: a configuration is not as it was made, or cannot be written.
         """
-        changed = [
-            own.place / "node"
-            for robot, own in self.robots.items()
-            if _put_rules(own.place / "node" / CONFIGURATION, self._rules_of_node(robot))
-        ]
-        changed += [
-            self.root / name
-            for name in self.routers
-            if _put_rules(self.root / name / CONFIGURATION, self.rules_of_router(name))
-        ]
+        rules = {own.place / "node": self._rules_of_node(robot) for robot, own in self.robots.items()}
+        rules |= {self.root / name: self.rules_of_router(name) for name in self.routers}
+        # All are read before the first is written: one that cannot be changed stops the others too.
+        for place in rules:
+            edit_configuration(place / CONFIGURATION, lambda _: False)
+            read_configuration(place, "mode")
+        changed = [place for place, section in rules.items() if _put_rules(place / CONFIGURATION, section)]
         data = {
             "robots": {
                 robot: {"added": dict(own.added), "revoked": list(own.revoked)} for robot, own in self.robots.items()
@@ -183,8 +182,6 @@ class Members:
             replace_file(path, (json.dumps(data, indent=2) + "\n").encode())
         except OSError as error:
             raise SecurityError(f"cannot write {path}: {error.strerror}") from error
-        for place in changed:
-            load_configuration(place)
         return tuple(changed)
 
     def with_robot(self, robot: str, own: Robot) -> Members:
@@ -230,6 +227,21 @@ def open_members(folder: str | Path) -> Members:
         return Members(root, members, routers, tuple(found.get("fleet", [])), tuple(found.get("revoked", [])))
     except (OSError, ValueError, AttributeError, TypeError, KeyError) as error:
         raise SecurityError(f"cannot read {path}: {error}") from error
+
+
+def take_in(place: Path, write: Callable[[Path], None], larger: Callable[[], Members]) -> Path:
+    """Make the folder of who is new by `write`, then save the members with it; where that fails the folder goes again.
+
+    Raises:
+        SecurityError: the folder cannot be written, or as in `Members.save`.
+    """
+    make_whole(place, write)
+    try:
+        larger().save()
+    except SecurityError:
+        shutil.rmtree(place, ignore_errors=True)
+        raise
+    return place
 
 
 def open_authority(folder: str | Path) -> Credentials:

@@ -11,7 +11,7 @@ from transport.certificates import add_robot, check_free, hosts_of
 from transport.configuration import check_tls, router_configuration
 from transport.exceptions import SecurityError
 from transport.keys import check_name
-from transport.members import Members, Router, open_authority, open_members
+from transport.members import Members, Router, open_authority, open_members, take_in
 from transport.security import (
     DEFAULT_LISTEN,
     LONGEST_NAME,
@@ -22,7 +22,6 @@ from transport.security import (
     tls_links,
     write_member,
 )
-from transport.whole_folder import make_whole
 
 
 def make_router(
@@ -90,9 +89,11 @@ def make_router(
     )
     configuration["access_control"] = larger.rules_of_router(name)
     names = own_hosts(hosts)
-    make_whole(target, lambda made: write_member(made, authority, f"{name}.{ROUTER}", names, configuration))
-    larger.save()
-    return target
+    return take_in(
+        target,
+        lambda made: write_member(made, authority, f"{name}.{ROUTER}", names, configuration),
+        lambda: larger,
+    )
 
 
 def _check(members: Members, name: str, robots: Sequence[str], uplink: str, *, summary_only: bool) -> None:

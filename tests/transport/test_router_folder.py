@@ -144,6 +144,10 @@ def test_the_files_lie_where_the_router_will_run(tmp_path: Path) -> None:
         files = {value for value in tls.values() if isinstance(value, str)}
         assert files == {f"{place}/{name}" for name in ("ca.pem", f"{made.name}.pem", f"{made.name}.key")}
         assert zenoh_api.configuration_value((made / CONFIGURATION).read_text(), "mode") == "router"
+    # Who comes or goes later changes its rules, though its files lie elsewhere.
+    second = add(tmp_path / "keys", "second", "planner")
+    assert '"rex.second"' in (there / CONFIGURATION).read_text()
+    assert revoke(tmp_path / "keys", "second") == (tmp_path / "keys" / "node", here, there) and second.is_dir()
 
 
 def test_names_never_stand_for_two(site: Path, tmp_path: Path) -> None:
@@ -189,6 +193,28 @@ def test_who_is_shut_out_is_so_everywhere(tmp_path: Path) -> None:
         renew(folder, ("room",))
     with pytest.raises(SecurityError, match="has no router 'room' to dial; routers: top"):
         make_router(folder, ["rex"], name="hall", uplink="room")
+
+
+def test_a_folder_that_cannot_be_changed_is_left_as_it_was(tmp_path: Path) -> None:
+    """Where one configuration was edited beyond reading, nobody is added or shut out, and names stay free."""
+    folder = tmp_path / "keys"
+    make_router(folder, ["rex", "ada"], name="top")
+    path = folder / "top" / CONFIGURATION
+    whole = path.read_text()
+    path.write_text("// by hand\n" + whole)
+    before = {each: each.read_bytes() for each in folder.rglob("*") if each.is_file()}
+    for change in (
+        lambda: add(folder, "rex.second", "planner"),
+        lambda: add(folder, "desk", "fleet"),
+        lambda: add_robot(folder, "bob"),
+        lambda: make_router(folder, ["rex"], name="room", uplink="top"),
+        lambda: revoke(folder, "rex.planner"),
+    ):
+        with pytest.raises(SecurityError, match=r"cannot change .*top/zenoh\.json5"):
+            change()
+        assert {each: each.read_bytes() for each in folder.rglob("*") if each.is_file()} == before
+    path.write_text(whole)
+    assert add(folder, "rex.second", "planner").is_dir() and add_robot(folder, "bob").is_dir()
 
 
 @pytest.mark.slow
