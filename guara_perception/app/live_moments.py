@@ -19,11 +19,13 @@ from guara_perception.arrays import Float32, Image
 from guara_perception.exceptions import PerceptionError
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.view.moment import Moment
+from kinematics import KinematicsError
 from transport import TerrainMessage, open_client
 from transport.client import PerceptionClient
 from transport.codec import decode, read_time
 from transport.keys import check_name, picture_key, points_key
 from transport.receiver import NewestReceiver
+from transport.seldom import Seldom
 from transport.typestore import COMPRESSED_IMAGE, POINT_CLOUD
 
 if TYPE_CHECKING:
@@ -62,6 +64,7 @@ class LiveMoments:
         check_name(robot)
         self._show, self._model = show, model
         self._lock = threading.Lock()
+        self._refusals = Seldom(logger)
         self._grids: dict[str, TerrainGrid] = {}
         self._points: tuple[int, Float32] | None = None
         self._picture: tuple[int, Image] | None = None
@@ -130,5 +133,8 @@ class LiveMoments:
         if self._picture is not None and self._picture[0] == terrain.stamp:
             image = self._picture[1]
             parts["picture"] = lambda: image
-        planned = {} if terrain.metadata.get("withdrawn") else planned_footholds(self._model, terrain)
-        self._show(Moment(grids, footholds=planned, **parts))
+        try:
+            planned = {} if terrain.metadata.get("withdrawn") else planned_footholds(self._model, terrain)
+            self._show(Moment(grids, footholds=planned, **parts))
+        except (KinematicsError, PerceptionError) as error:
+            self._refusals.say("not shown, is it of another robot than %r (--robot)? %s", self._model.name, error)

@@ -14,12 +14,13 @@ import pytest
 import guara_perception as gp
 from drivers import StripeCapture, StripeVerdict
 from guara_perception.app.commands.view import show_live
+from guara_perception.app.live_moments import LiveMoments
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.view_moments import load_moments
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.view.moment import Moment, no_stripes
-from kinematics import RobotModel
+from kinematics import RobotModel, load_robot
 from transport import point_cloud_message
 from transport.recording import RecordingWriter
 
@@ -174,3 +175,21 @@ def test_live_grids_are_shown_as_they_come(
     node.tell("publish 3")
     time.sleep(0.3)
     assert len(shown) == count
+
+
+def test_a_live_view_of_another_robot_says_so(
+    start: Callable,
+    free_endpoint: str,
+    terrain_file: Path,
+    root: Path,
+    caplog: pytest.LogCaptureFixture,
+    eventually: Callable,
+) -> None:
+    """Joints that the robot to be drawn does not have: one line that names it, and no traceback."""
+    node = start(NODE, free_endpoint, "guara", terrain_file)
+    assert node.line() == "ready"
+    tapir = load_robot(root / "tests" / "robots" / "tapir")
+    with LiveMoments(lambda moment: tapir.state(moment.joint_positions or {}), tapir, free_endpoint, robot="guara"):
+        node.tell("publish 1")
+        assert eventually(lambda: "not shown, is it of another robot than 'tapir' (--robot)?" in caplog.text)
+    assert "Traceback" not in caplog.text
