@@ -61,6 +61,10 @@ int main(int count, char ** words)
     const auto & hazard = layer(terrain, "hazard").uint16_values;
     const auto & elevation = layer(terrain, "elevation").float32_values;
     const auto & score = layer(terrain, "traversability").float32_values;
+    const std::size_t cells = std::size_t{terrain.nx} * terrain.ny;
+    if (hazard.size() != cells || elevation.size() != cells || score.size() != cells) {
+      throw std::runtime_error("a layer of another type than it should have");
+    }
     unsigned safe = 0;
     for (const auto flags : hazard) {
       safe += flags == 0;
