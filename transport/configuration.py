@@ -59,6 +59,11 @@ def check_tls(endpoint: str) -> str:
     return endpoint
 
 
+def tls_endpoint(host: str, port: str) -> str:
+    """The endpoint of TLS at a host, whose address of IPv6 goes into brackets."""
+    return f"tls/[{host}]:{port}" if ":" in host and not host.startswith("[") else f"tls/{host}:{port}"
+
+
 def check_encrypted(endpoint: str) -> str:
     """`endpoint` if it is one of TLS or QUIC.
 

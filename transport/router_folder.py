@@ -8,7 +8,7 @@ from pathlib import Path
 
 from transport.access_rules import ROUTER
 from transport.certificates import add_robot, check_free, hosts_of
-from transport.configuration import check_tls, router_configuration
+from transport.configuration import check_tls, router_configuration, tls_endpoint
 from transport.exceptions import SecurityError
 from transport.keys import check_name
 from transport.members import Members, Router, open_authority, open_members, take_in
@@ -119,4 +119,4 @@ def _check(members: Members, name: str, robots: Sequence[str], uplink: str, *, s
 
 def _endpoint_of(members: Members, router: str, host: str) -> str:
     port = configured_endpoints(members.root / router, "listen")[0].rpartition(":")[2]
-    return f"tls/{host or hosts_of(members.root / router / f'{router}.pem')[0]}:{port}"
+    return tls_endpoint(host or hosts_of(members.root / router / f"{router}.pem")[0], port)

@@ -20,6 +20,7 @@ from transport.configuration import (
     client_configuration,
     dialling,
     node_configuration,
+    tls_endpoint,
 )
 from transport.exceptions import SecurityError
 from transport.keys import DEFAULT_ROBOT, check_name
@@ -153,7 +154,7 @@ def write_roles(place: Path, authority: Credentials, robot: str, *, hosts: Seque
         own = place / role
         own.mkdir()
         names = own_hosts(hosts) if role == "node" else [f"{robot}.{role}"]
-        connect = f"tls/{hosts[0] if hosts else 'localhost'}:{listen.rpartition(':')[2]}"
+        connect = tls_endpoint(hosts[0] if hosts else "localhost", listen.rpartition(":")[2])
         write_member(own, authority, f"{robot}.{role}", names, _role_configuration(role, robot, listen, connect))
 
 

@@ -11,7 +11,7 @@ import transport
 from transport import ConfigurationError, SecurityError
 from transport.access_rules import ROLES
 from transport.authority import Credentials, make_authority, make_certificate
-from transport.security import configured_robot, load_configuration, role_folder
+from transport.security import configured_endpoints, configured_robot, load_configuration, role_folder
 from transport.security_check import EXPECTED, check_security, format_matrix
 
 
@@ -48,6 +48,8 @@ def test_the_node_is_known_by_its_hosts(tmp_path: Path) -> None:
     assert "192.168.1.9" in map(str, names.get_values_for_type(x509.IPAddress))
     planner = json.loads((made / "planner" / "zenoh.json5").read_text())
     assert planner["connect"]["endpoints"] == ["tls/robot.example:7447"]
+    six = transport.init_security(tmp_path / "six", hosts=["fd00::9"])
+    assert configured_endpoints(six / "planner", "connect") == ("tls/[fd00::9]:7447",)
 
 
 @pytest.mark.slow
