@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.fleet import Fleet, bursts, exponents, measure, storm
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.heavy
 
 
 @pytest.mark.parametrize("is_secured", [False, True], ids=["tcp", "tls"])

@@ -29,28 +29,29 @@ from guara_perception.simulation.camera import renderer
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.world import World
 from kinematics import Stance, load_robot
+from tests.made_once import made_once
 
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory) -> Path:
-    """A session that the command recorded in the simulated workshop."""
+def record_by_command(folder: Path, *words: str) -> None:
+    """Record with the command, in the simulated workshop."""
     from guara_perception.app.main import run
 
-    folder = tmp_path_factory.mktemp("record") / "session"
-    assert run(["record", str(folder), "--simulated"]) == 0
-    return folder
+    assert run(["record", str(folder), "--simulated", *words]) == 0
 
 
 @pytest.fixture(scope="module")
-def recorded_with_charuco(tmp_path_factory) -> Path:
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A session that the command recorded; it is only read."""
+    return made_once(tmp_path_factory, "recorded-session", record_by_command)
+
+
+@pytest.fixture(scope="module")
+def recorded_with_charuco(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session with a ChArUco board, held out to the picture's rim."""
-    from guara_perception.app.main import run
-
-    folder = tmp_path_factory.mktemp("charuco") / "session"
-    assert run(["record", str(folder), "--simulated", "--pattern", "charuco"]) == 0
-    return folder
+    words = ("--pattern", "charuco")
+    return made_once(tmp_path_factory, "charuco-session", lambda folder: record_by_command(folder, *words))
 
 
 @pytest.fixture
@@ -63,7 +64,11 @@ def unfinished(recorded: Path, tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("session", ["recorded", "recorded_with_charuco"])
+# A second whole session, as long as the demo.
+WITH_CHARUCO = pytest.param("recorded_with_charuco", marks=pytest.mark.heavy)
+
+
+@pytest.mark.parametrize("session", ["recorded", WITH_CHARUCO])
 def test_recorded_session_calibrates_as_good(session: str, request: pytest.FixtureRequest):
     """It ends with a good calibration; the mount is the workshop's to a millimetre and a fifth of a degree."""
     folder = request.getfixturevalue(session)
@@ -75,6 +80,7 @@ def test_recorded_session_calibrates_as_good(session: str, request: pytest.Fixtu
     assert np.allclose(made.camera.matrix, truth.camera.matrix, rtol=2e-3, atol=1.0)
 
 
+@pytest.mark.heavy
 def test_parts_of_a_charuco_board_were_taken(recorded_with_charuco: Path):
     """Some of its pictures do not show the whole board; session.json says which pattern it has."""
     session = open_session(recorded_with_charuco)
@@ -93,13 +99,13 @@ def test_devices_are_measured_and_kept(recorded: Path):
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize(("session", "pattern"), [("recorded", "checkerboard"), ("recorded_with_charuco", "charuco")])
-def test_the_way_from_the_box_to_the_first_grid(
-    session: str, pattern: str, guara, tmp_path: Path, request: pytest.FixtureRequest
-):
+@pytest.mark.parametrize("session", ["recorded", WITH_CHARUCO])
+def test_the_way_from_the_box_to_the_first_grid(session: str, guara, tmp_path: Path, request: pytest.FixtureRequest):
     """The commands of docs/first-grid.md, one after the other, with emulated devices."""
+    folder: Path = request.getfixturevalue(session)
+    pattern = open_session(folder).board.pattern
     assert guara("targets", "-o", tmp_path / "targets.pdf", "--pattern", pattern).code == 0
-    calibration = request.getfixturevalue(session) / "calibration.json"
+    calibration = folder / "calibration.json"
     doctor = guara("doctor", "-c", calibration, "--only", "calibration", "--json")
     assert doctor.code == 0 and json.loads(doctor.out)["level"] == "ok"
     scan = guara("scan", tmp_path / "first", "--simulated", "-c", calibration, "--mode", "coarse")

@@ -574,15 +574,15 @@ def test_cells_seen_by_another_clock_are_stale(robot: RobotModel, make_scan: Mak
 
 
 def test_declared_ground_in_the_metadata_does_not_grow_without_end(robot: RobotModel, make_scan: MakeScan) -> None:
-    """Declared at each of 120 pauses: of those that filled nothing only the newest is named, none past its validity."""
-    terrain_map = gp.TerrainMap(robot)
+    """Declared at each pause: of those that filled nothing only the newest is named, none past its validity."""
+    terrain_map, pauses = gp.TerrainMap(robot), 2 * Settings.of(robot).validity_pauses
     patch = gp.KnownGround(np.array([(-0.2, -0.1), (0.2, -0.1), (0.2, 0.1), (-0.2, 0.1)]), 0.0, 0.005)
     counts, steps = [], []
-    for step in range(120):
+    for step in range(pauses):
         fused = terrain_map.update(make_scan(0.0, step=step), at(0.01 * step), drift(1e-6 * step), known_ground=[patch])
         named = fused.metadata["known_ground"]
         counts.append(len(named))
         steps.append(min(entry["step"] for entry in named))
         assert all(entry["cells"] for entry in named[:-1]) and named[-1]["step"] == step
     assert max(counts) <= Settings.of(robot).validity_pauses + 1
-    assert steps[-1] >= 119 - Settings.of(robot).validity_pauses
+    assert steps[-1] >= pauses - 1 - Settings.of(robot).validity_pauses
