@@ -49,7 +49,9 @@ class Cost:
         if self.strong is None:
             return f"{self.scan_ms:6.0f} ms a scan, {self.stripes} stripes, all found in one way"
         share = f"{self.strong} of {self.stripes} stripes ({self.strong / max(self.stripes, 1):.0%}) in any light"
-        times = f"{self.cheap_ms:.2f} ms a stripe by its highest peaks, {self.strong_ms:.1f} ms one in any light"
+        times = f"{self.cheap_ms:.2f} ms a stripe by its highest peaks"
+        if self.strong:
+            times += f", {self.strong_ms:.1f} ms one in any light"
         return f"{self.scan_ms:6.0f} ms a scan, {share}; {times}"
 
 

@@ -40,4 +40,6 @@ def test_a_revision_with_one_way_tells_of_no_other() -> None:
     """No share is made up for it."""
     nan = float("nan")
     assert str(Cost(100.0, 35, None, nan, nan)) == "   100 ms a scan, 35 stripes, all found in one way"
-    assert "3 of 30 stripes (10%) in any light" in str(Cost(100.0, 30, 3, 1.0, 40.0))
+    both = "3 of 30 stripes (10%) in any light; 1.00 ms a stripe by its highest peaks, 40.0 ms one in any light"
+    assert str(Cost(100.0, 30, 3, 1.0, 40.0)) == f"   100 ms a scan, {both}"
+    assert str(Cost(100.0, 30, 0, 1.0, nan)).endswith("1.00 ms a stripe by its highest peaks")
