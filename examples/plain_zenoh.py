@@ -1,10 +1,14 @@
-"""The newest grid with Zenoh alone, as a program in any language gets it; its payload goes into a file."""
+"""The newest grid with Zenoh alone, as a program in any language gets it; its payload goes into a file.
+
+    python examples/plain_zenoh.py tcp/127.0.0.1:7447 guara/perception/v1/terrain terrain.cdr
+
+Endpoint, key and file are arguments; any key with grids will do.
+"""
 
 import sys
 
 import zenoh
 
-# ENDPOINT KEY FILE, for example tcp/127.0.0.1:7447 guara/perception/v1/terrain terrain.cdr
 endpoint, key, file = sys.argv[1:]
 configuration = zenoh.Config()
 configuration.insert_json5("mode", '"client"')
