@@ -28,16 +28,17 @@ FEWEST_OF_PATTERN = 8
 REGIONS_X, REGIONS_Y = ("near", "middle", "far"), ("right", "centre", "left")
 
 
-def advice(coverage: float, counts: Index, wrong: str = "") -> str:
+def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> str:
     """One sentence on a scan with few returns: what happened and what helps, the paper's remedies included.
 
-    Light, orientation, order and pattern come first, then whether stripes were found where they cannot be, found but
-    not usable, or not found.
+    Too much light, orientation, order and pattern come first, then whether stripes were found where they cannot be,
+    weak, found but not usable, or not found.
 
     Args:
         coverage: share of the expected ground that was seen.
         counts: image columns of all stripes per StripeStatus.
         wrong: what is wrong with the light, the frames or the pattern as a whole; empty for nothing.
+        weak: that the line is weak; empty where it is not. A stripe where none can be is a guess, and looks weak.
     """
     found = f"only {100 * coverage:.0f} % of the expected ground returned the laser"
     if wrong:
@@ -52,6 +53,8 @@ def advice(coverage: float, counts: Index, wrong: str = "") -> str:
         )
     if beyond > max(used, bright):
         return f"{found}, {beyond} columns show {WHERE_NONE_CAN_BE}"
+    if weak:
+        return f"{found}: {weak}"
     if bright > counts[StripeStatus.OK]:
         return f"{found}, most of what came back is too bright or double: expose less, or put a polarised lens on"
     return f"{found}, the rest is too dark or a hole: put a narrow band-pass filter on the lens or use a stronger laser"
@@ -124,8 +127,8 @@ def scan_report(
     if not expected.any():
         reasons.append("no part of the area was scanned")
     elif coverage < LOW_COVERAGE:
-        wrong = light.excess() or wrong_pattern(profiles, settings.pattern(mode).step) or wrong_frames() or light.lack()
-        reasons.append(advice(coverage, counts, wrong))
+        wrong = light.excess() or wrong_pattern(profiles, settings.pattern(mode).step) or wrong_frames()
+        reasons.append(advice(coverage, counts, wrong, light.lack()))
     verdict = calibration.quality.get("verdict")
     if verdict == "refused":
         reasons.append("the calibration was refused and is used all the same")
