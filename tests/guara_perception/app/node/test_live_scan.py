@@ -1,5 +1,7 @@
 """Live scans with the real driver over an emulated board, healthy and with every fault at several phases."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -55,10 +57,9 @@ def test_a_frame_out_of_step_costs_its_own_stripe_of_a_group(rig: Rig) -> None:
 
     def grab(timeout: float) -> Frame:
         frame = real(timeout)
-        if len(seen) == 12:
-            rig.camera.faults.append(CameraFault("resize", frame.counter + 1, 2))
         seen.append(frame.counter)
-        return frame
+        # By the frames that were taken, since a busy machine passes numbers over.
+        return dataclasses.replace(frame, image=frame.image[::2, ::2]) if len(seen) in (14, 15) else frame
 
     seen: list[int] = []
     rig.camera.grab = grab  # type: ignore[method-assign]
