@@ -9,16 +9,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from transport.arrays import Float
-from transport.codec import decode, encode, make_header, make_time, read_time
-from transport.exceptions import KeyNameError, MessageError, VersionError
-from transport.keys import check_name
+from transport.codec import decode, encode
+from transport.exceptions import KeyNameError, MessageError
+from transport.map_origin import MapOrigin, check_version, make_origin, read_origin
 from transport.rotation import matrix_from_quaternion, quaternion_from_matrix
 from transport.submessage_codec import make_point
 from transport.submessages import checked_array, finite
-from transport.terrain_message import MAXIMUM_IDENTITY
 from transport.typestore import REGIONS, message_class
 
-VERSION_MAJOR, VERSION_MINOR = 1, 0
 MAXIMUM_REGIONS, MAXIMUM_CORNERS = 1000, 256
 # By so much a half-plane's normal may differ from length 1, and a corner may lie outside of it or off the plane [m].
 TOLERANCE = 1e-6
@@ -68,57 +66,27 @@ class RegionMessage:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class RegionsMessage:
+class RegionsMessage(MapOrigin):
     """All steppable regions of a map.
 
     Attributes:
-        robot: instance name.
-        sequence: of the map that they are of.
-        step: number of the stance pause.
-        stamp, scan_end: [ns] since the epoch, as of the map.
-        valid_for: [s] after `scan_end`; may be infinite.
-        valid_pauses: pauses after `step` for which they may be used.
         regions: in the order in which they were found.
-        run, epoch: identity of the node's run and of the walk; empty when it tells none.
-        scan_end_clock: end of the scan by a clock of the node that never steps [s]; None when it tells none.
-        provisional, withdrawn: as of the map.
-        frame_id: frame of the regions.
-        version: (major, minor) of the message.
     """
 
     # Judged as grids are; of this kind, not of the map's.
     extent: ClassVar[str] = "regions"
 
-    robot: str
-    sequence: int
-    step: int
-    stamp: int
-    scan_end: int
-    valid_for: float
-    valid_pauses: int
     regions: tuple[RegionMessage, ...]
-    run: str = ""
-    epoch: str = ""
-    scan_end_clock: float | None = None
-    provisional: bool = False
-    withdrawn: bool = False
-    frame_id: str = "base_footprint"
-    version: tuple[int, int] = (VERSION_MAJOR, VERSION_MINOR)
 
     def __post_init__(self) -> None:
         """Check what others rely on."""
-        check_name(self.robot)
+        # Without arguments `super` would look in the class that `slots` replaced.
+        super(RegionsMessage, self).__post_init__()
         object.__setattr__(self, "regions", tuple(self.regions))
         if len(self.regions) > MAXIMUM_REGIONS:
             raise MessageError(f"{len(self.regions)} regions; allowed: up to {MAXIMUM_REGIONS}")
         if self.withdrawn and self.regions:
             raise MessageError(f"withdrawn, and yet {len(self.regions)} regions; allowed: none")
-        if math.isnan(self.valid_for) or self.valid_for < 0:
-            raise MessageError(f"valid_for is {self.valid_for} s; allowed: 0 or more")
-        if self.scan_end_clock is not None:
-            finite(self.scan_end_clock, "scan_end_clock")
-        if max(len(self.run), len(self.epoch)) > MAXIMUM_IDENTITY:
-            raise MessageError(f"run or epoch is longer than {MAXIMUM_IDENTITY} characters")
 
 
 def encode_regions(message: RegionsMessage) -> bytearray:
@@ -127,25 +95,8 @@ def encode_regions(message: RegionsMessage) -> bytearray:
     Raises:
         MessageError: a field does not fit its ROS 2 type.
     """
-    return encode(
-        message_class(REGIONS)(
-            header=make_header(message.stamp, message.frame_id),
-            version_major=message.version[0],
-            version_minor=message.version[1],
-            robot=message.robot,
-            run=message.run,
-            epoch=message.epoch,
-            sequence=message.sequence,
-            step=message.step,
-            scan_end=make_time(message.scan_end),
-            scan_end_clock=math.nan if message.scan_end_clock is None else message.scan_end_clock,
-            valid_for=float(message.valid_for),
-            valid_pauses=message.valid_pauses,
-            provisional=message.provisional,
-            withdrawn=message.withdrawn,
-            regions=[_make_region(region) for region in message.regions],
-        )
-    )
+    kind = message_class(REGIONS)
+    return encode(kind(**make_origin(message), regions=[_make_region(region) for region in message.regions]))
 
 
 def decode_regions(payload: bytes | bytearray | memoryview) -> RegionsMessage:
@@ -156,29 +107,9 @@ def decode_regions(payload: bytes | bytearray | memoryview) -> RegionsMessage:
         MessageError: the payload is damaged, or a length or number is not what the message allows.
     """
     message = decode(payload, REGIONS)
-    if message.version_major != VERSION_MAJOR:
-        raise VersionError(
-            f"regions of version {message.version_major}.{message.version_minor}; this package speaks version "
-            f"{VERSION_MAJOR}: install the node's version here, or this one on the node"
-        )
+    check_version(message, "regions")
     try:
-        return RegionsMessage(
-            robot=message.robot,
-            sequence=message.sequence,
-            step=message.step,
-            stamp=read_time(message.header.stamp),
-            scan_end=read_time(message.scan_end),
-            valid_for=message.valid_for,
-            valid_pauses=message.valid_pauses,
-            regions=tuple(_read_region(region) for region in message.regions),
-            run=message.run,
-            epoch=message.epoch,
-            scan_end_clock=None if math.isnan(message.scan_end_clock) else message.scan_end_clock,
-            provisional=bool(message.provisional),
-            withdrawn=bool(message.withdrawn),
-            frame_id=message.header.frame_id,
-            version=(message.version_major, message.version_minor),
-        )
+        return RegionsMessage(**read_origin(message), regions=tuple(_read_region(region) for region in message.regions))
     except KeyNameError as error:
         raise MessageError(f"regions refused: {error}") from error
 

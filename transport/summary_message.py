@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -10,15 +9,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from transport.arrays import Array
-from transport.codec import decode, encode, make_header, make_time, read_time
-from transport.exceptions import MessageError, VersionError
-from transport.keys import check_name
+from transport.codec import decode, encode
+from transport.exceptions import MessageError
+from transport.map_origin import MapOrigin, check_version, make_origin, read_origin
 from transport.shuffle import compress, decompress
 from transport.submessages import finite
-from transport.terrain_message import MAXIMUM_CELLS, MAXIMUM_IDENTITY
+from transport.terrain_message import MAXIMUM_CELLS
 from transport.typestore import SUMMARY, message_class
 
-VERSION_MAJOR, VERSION_MINOR = 1, 0
 # [mm] In `heights`: not known.
 UNKNOWN_HEIGHT = -32768
 # Dtype of each layer on the wire, little endian.
@@ -30,54 +28,30 @@ LAYERS: Mapping[str, np.dtype[Any]] = {
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class SummaryMessage:
+class SummaryMessage(MapOrigin):
     """The fused map made small: heights, flags and traversability of every cell.
 
     Attributes:
-        robot: instance name.
-        sequence: of the map that it is made of.
-        step: number of the stance pause.
-        stamp, scan_end: [ns] since the epoch, as of the map.
-        valid_for: [s] after `scan_end`; may be infinite.
-        valid_pauses: pauses after `step` for which it may be used.
         resolution: [m] edge of a cell.
         origin: [m] (x, y) of the corner of cell (0, 0) in `frame_id`.
         heights: (ny, nx) int16 [mm], `UNKNOWN_HEIGHT` where not known.
         hazard: (ny, nx) uint16 flags.
         traversability: (ny, nx) uint8 [1/255], 0 never.
-        run, epoch: identity of the node's run and of the walk; empty when it tells none.
-        scan_end_clock: end of the scan by a clock of the node that never steps [s]; None when it tells none.
-        provisional, withdrawn: as of the map.
-        frame_id: frame of the grid.
-        version: (major, minor) of the message.
     """
 
     # Judged as grids are; of this kind, not of the map's.
     extent: ClassVar[str] = "summary"
 
-    robot: str
-    sequence: int
-    step: int
-    stamp: int
-    scan_end: int
-    valid_for: float
-    valid_pauses: int
     resolution: float
     origin: tuple[float, float]
     heights: Array
     hazard: Array
     traversability: Array
-    run: str = ""
-    epoch: str = ""
-    scan_end_clock: float | None = None
-    provisional: bool = False
-    withdrawn: bool = False
-    frame_id: str = "base_footprint"
-    version: tuple[int, int] = (VERSION_MAJOR, VERSION_MINOR)
 
     def __post_init__(self) -> None:
         """Check what others rely on, and make the arrays read-only."""
-        check_name(self.robot)
+        # Without arguments `super` would look in the class that `slots` replaced.
+        super(SummaryMessage, self).__post_init__()
         shape = self.heights.shape
         if len(shape) != 2 or 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
             raise MessageError(f"summary has shape {shape}; allowed: (ny, nx) with 1 to {MAXIMUM_CELLS} cells")
@@ -94,12 +68,6 @@ class SummaryMessage:
         finite(self.origin[1], "origin y")
         if not finite(self.resolution, "resolution") > 0:
             raise MessageError(f"resolution is {self.resolution} m; allowed: above 0")
-        if math.isnan(self.valid_for) or self.valid_for < 0:
-            raise MessageError(f"valid_for is {self.valid_for} s; allowed: 0 or more")
-        if self.scan_end_clock is not None:
-            finite(self.scan_end_clock, "scan_end_clock")
-        if max(len(self.run), len(self.epoch)) > MAXIMUM_IDENTITY:
-            raise MessageError(f"run or epoch is longer than {MAXIMUM_IDENTITY} characters")
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -120,20 +88,7 @@ def encode_summary(summary: SummaryMessage) -> bytearray:
         for name, dtype in LAYERS.items()
     }
     message = message_class(SUMMARY)(
-        header=make_header(summary.stamp, summary.frame_id),
-        version_major=summary.version[0],
-        version_minor=summary.version[1],
-        robot=summary.robot,
-        run=summary.run,
-        epoch=summary.epoch,
-        sequence=summary.sequence,
-        step=summary.step,
-        scan_end=make_time(summary.scan_end),
-        scan_end_clock=math.nan if summary.scan_end_clock is None else summary.scan_end_clock,
-        valid_for=float(summary.valid_for),
-        valid_pauses=summary.valid_pauses,
-        provisional=summary.provisional,
-        withdrawn=summary.withdrawn,
+        **make_origin(summary),
         resolution=summary.resolution,
         origin_x=summary.origin[0],
         origin_y=summary.origin[1],
@@ -152,33 +107,19 @@ def decode_summary(payload: bytes | bytearray | memoryview) -> SummaryMessage:
         MessageError: the payload is damaged, or a length or number is not what the message allows.
     """
     message = decode(payload, SUMMARY)
-    if message.version_major != VERSION_MAJOR:
-        raise VersionError(
-            f"summary of version {message.version_major}.{message.version_minor}; this package speaks version "
-            f"{VERSION_MAJOR}: install the node's version here, or this one on the node"
-        )
+    check_version(message, "summary")
     shape = (int(message.ny), int(message.nx))
     if 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
         raise MessageError(f"summary of {shape[0]} x {shape[1]} cells; allowed: 1 to {MAXIMUM_CELLS} cells")
     try:
+        layers: dict[str, Any] = {
+            name: _unpack(getattr(message, name), name, dtype, shape) for name, dtype in LAYERS.items()
+        }
         return SummaryMessage(
-            robot=message.robot,
-            sequence=message.sequence,
-            step=message.step,
-            stamp=read_time(message.header.stamp),
-            scan_end=read_time(message.scan_end),
-            valid_for=message.valid_for,
-            valid_pauses=message.valid_pauses,
+            **read_origin(message),
             resolution=message.resolution,
             origin=(message.origin_x, message.origin_y),
-            run=message.run,
-            epoch=message.epoch,
-            scan_end_clock=None if math.isnan(message.scan_end_clock) else message.scan_end_clock,
-            provisional=bool(message.provisional),
-            withdrawn=bool(message.withdrawn),
-            frame_id=message.header.frame_id,
-            version=(message.version_major, message.version_minor),
-            **{name: _unpack(getattr(message, name), name, dtype, shape) for name, dtype in LAYERS.items()},
+            **layers,
         )
     except MessageError:
         raise

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.questions.steppable import SteppableRegion
 from transport import TerrainMessage
+from transport.map_origin import origin_of
 from transport.regions_message import RegionMessage, RegionsMessage
 
 
@@ -42,13 +43,7 @@ def regions_message(terrain: TerrainGrid, message: TerrainMessage) -> RegionsMes
     """
     regions = () if message.withdrawn else terrain.steppable_regions()
     return RegionsMessage(
-        robot=message.robot,
-        sequence=message.sequence,
-        step=message.step,
-        stamp=message.stamp,
-        scan_end=message.scan_end,
-        valid_for=message.valid_for,
-        valid_pauses=message.valid_pauses,
+        **origin_of(message),
         regions=tuple(
             RegionMessage(
                 halfspaces=region.halfspaces,
@@ -59,12 +54,6 @@ def regions_message(terrain: TerrainGrid, message: TerrainMessage) -> RegionsMes
             )
             for region in regions
         ),
-        run=message.run,
-        epoch=message.epoch,
-        scan_end_clock=message.scan_end_clock,
-        provisional=message.provisional,
-        withdrawn=message.withdrawn,
-        frame_id=message.frame_id,
     )
 
 

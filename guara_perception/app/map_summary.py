@@ -17,6 +17,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.invariant import check_safe
 from guara_perception.terrain.layers.layered_grid import coordinates
 from transport import TerrainMessage
+from transport.map_origin import origin_of
 from transport.summary_message import UNKNOWN_HEIGHT, SummaryMessage
 
 # [mm] Highest and lowest that the summary can say.
@@ -128,24 +129,12 @@ def summary_message(terrain: TerrainMessage) -> SummaryMessage:
     unknown = (hazard & UNKNOWN_MASK) != 0
     steps[hazard != 0] = 0
     return SummaryMessage(
-        robot=terrain.robot,
-        sequence=terrain.sequence,
-        step=terrain.step,
-        stamp=terrain.stamp,
-        scan_end=terrain.scan_end,
-        valid_for=terrain.valid_for,
-        valid_pauses=terrain.valid_pauses,
+        **origin_of(terrain),
         resolution=terrain.resolution,
         origin=terrain.origin,
         heights=np.where(unknown, UNKNOWN_HEIGHT, millimetres).astype("<i2"),
         hazard=hazard.astype("<u2"),
         traversability=steps,
-        run=terrain.run,
-        epoch=terrain.epoch,
-        scan_end_clock=terrain.scan_end_clock,
-        provisional=terrain.provisional,
-        withdrawn=terrain.withdrawn,
-        frame_id=terrain.frame_id,
     )
 
 
