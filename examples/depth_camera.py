@@ -37,7 +37,8 @@ def cloud_of(depth: np.ndarray) -> np.ndarray:
     row, column = np.nonzero(np.isfinite(depth))
     z = depth[row, column]
     x, y = (np.column_stack((column, row)) - MIDDLE_PX).T * z / FOCAL_PX
-    return np.column_stack((x, y, z)) @ ROTATION.T + CAMERA_IN_FOOTPRINT
+    points: np.ndarray = np.column_stack((x, y, z)) @ ROTATION.T + CAMERA_IN_FOOTPRINT
+    return points
 
 
 def main(grid: str) -> None:
