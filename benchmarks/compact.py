@@ -20,7 +20,7 @@ from guara_perception.app.messages import terrain_to_message
 from kinematics import load_robot
 from tests.truth import truth_calibration
 from transport import decode_terrain, encode_terrain
-from transport.compact import encode_compact
+from transport.messages.compact import encode_compact
 
 DATA = Path(__file__).parents[1] / "tests" / "data"
 SCANS = ("paper", "dark", "tilt")

@@ -26,8 +26,8 @@ import numpy as np
 from benchmarks.growth import fit
 from benchmarks.machine import machine
 from benchmarks.peers import Peer, free_endpoint, free_port, peers
-from transport.router_folder import make_router
-from transport.security import CONFIGURATION
+from transport.security.folder import CONFIGURATION
+from transport.security.router_folder import make_router
 
 SIZES = (1, 5, 20, 50, 100)
 # Robots, or planners, of one process.

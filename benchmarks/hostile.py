@@ -236,7 +236,7 @@ def _load_camera(path: Path) -> None:
 
 
 def _open_keys(path: Path) -> None:
-    from transport.security import load_configuration
+    from transport.security.folder import load_configuration
 
     load_configuration(path)
 
@@ -335,7 +335,7 @@ def _imports() -> None:
 
     import guara_perception as gp  # noqa: F401
     from kinematics import load_robot
-    from transport.typestore import warm_up
+    from transport.messages.typestore import warm_up
 
     load_robot("guara")
     warm_up()

@@ -251,7 +251,7 @@ class EndToEnd:
 def end_to_end(recording: scenes.Recording) -> EndToEnd:
     """Stripes arrive in emulated time; each is worked on, in turn, for as long as this machine's processor took."""
     from guara_perception.app.messages import terrain_to_message
-    from transport.terrain_codec import encode_terrain
+    from transport.messages.terrain_codec import encode_terrain
 
     angles = {stripe.index: stripe.mirror_angle for stripe in recording.calibration.stripes}
     pattern = [(index, angles[index]) for index, _, _ in recording.frames]

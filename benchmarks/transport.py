@@ -22,7 +22,7 @@ from benchmarks.peers import free_endpoint, free_port, peers
 from benchmarks.transport_peer import is_whole, make_terrain
 from tests.slow_link import SlowLink
 from transport import keys
-from transport.scan_messages import (
+from transport.messages.scan_messages import (
     decode_query_request,
     decode_refusal,
     decode_scan_reply,

@@ -39,7 +39,7 @@ from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.walk import simulate_walk
 from guara_perception.simulation.world_file import load_world
-from transport.terrain_codec import encode_terrain
+from transport.messages.terrain_codec import encode_terrain
 
 # Pictures of 80 kB fit into a socket's buffer whole: a machine that is busy with other things loses none of them.
 SIZE = (320, 256)

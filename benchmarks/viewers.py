@@ -26,7 +26,7 @@ import transport
 from benchmarks.peers import Peer, free_endpoint, peers
 from benchmarks.transport_peer import SHAPE, make_terrain, say
 from tests.slow_link import SlowLink
-from transport.security import init_security
+from transport.security.folder import init_security
 
 # [Mbit/s] of the viewer's link; 0 stands for no viewer.
 RATES = (0.0, 2.0, 5.0, 20.0)

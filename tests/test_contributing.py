@@ -14,13 +14,14 @@ def test_ten_files_are_named_and_there():
 
 
 def test_rooms_of_the_picture_are_the_folders_there_are():
-    """Every folder of perception is drawn, and nothing else."""
+    """Every folder of perception and of the transport is drawn, and nothing else."""
     picture = TEXT.partition("```text\nguara_perception/\n")[2].partition("```")[0]
     drawn = set(re.findall(r"(\w+)/(?=\s)", picture))
-    folders = (path.parent for path in (ROOT / "guara_perception").rglob("*/__init__.py"))
-    assert drawn == {folder.name for folder in folders} - {"paper"}
+    packages = (ROOT / "guara_perception", ROOT / "transport")
+    folders = (path.parent for package in packages for path in package.rglob("*/__init__.py"))
+    assert drawn == {*(folder.name for folder in folders), "transport"} - {"paper"}
     files = set(re.findall(r"\b(\w+\.py)\b", picture))
-    assert all(list((ROOT / "guara_perception").rglob(name)) for name in files), files
+    assert all(any(list(package.rglob(name)) for package in packages) for name in files), files
 
 
 def test_makers_of_the_forms_are_there():

@@ -101,7 +101,27 @@ def test_rooms_import_in_one_direction(graph: dict[str, set[str]]):
 
 
 @pytest.mark.parametrize(
-    "path", sorted((ROOT / "guara_perception").rglob("*/__init__.py")), ids=lambda p: p.parent.name
+    ("room", "beside"),
+    [
+        ("messages", {"arrays", "exceptions", "keys"}),
+        (
+            "security",
+            {"configuration", "exceptions", "fetcher", "keys", "publisher", "session", "zenoh_api", "messages"},
+        ),
+    ],
+)
+def test_rooms_of_the_transport_import_little(graph: dict[str, set[str]], room: str, beside: set[str]):
+    """Messages know no Zenoh; security opens no session."""
+    for name, used in graph.items():
+        if name.startswith(f"transport.{room}."):
+            outside = {other.split(".")[1] for other in used} - {room}
+            assert outside <= beside, f"{name} imports {sorted(outside - beside)}"
+
+
+@pytest.mark.parametrize(
+    "path",
+    sorted(path for package in ("guara_perception", "transport") for path in (ROOT / package).rglob("*/__init__.py")),
+    ids=lambda p: p.parent.name,
 )
 def test_each_folder_says_what_lives_there_and_who_imports_it(path: Path):
     """One line for what, then who imports it, or what it imports; at most six lines in all."""

@@ -94,7 +94,7 @@ def test_robot_loads_from_the_wheel(unpacked: Path, tmp_path: Path):
 
 def test_messages_encode_from_the_wheel(unpacked: Path, tmp_path: Path):
     """The message definitions are found where the wheel puts them."""
-    code = "import transport.typestore as t; print(t.__file__); print(t.message_class(t.TERRAIN).__msgtype__)"
+    code = "import transport.messages.typestore as t; print(t.__file__); print(t.message_class(t.TERRAIN).__msgtype__)"
     module, name = from_wheel(unpacked, tmp_path, "-c", code).split()
     assert Path(module).is_relative_to(unpacked) and name == "guara_msgs/msg/Terrain"
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from transport.camera_info import camera_info_message
 from transport.client import PerceptionClient
-from transport.codec import decode, encode
 from transport.configuration import DEFAULT_ENDPOINT
 from transport.exceptions import (
     ConfigurationError,
@@ -26,33 +24,35 @@ from transport.exceptions import (
     UnknownPhase,
     VersionError,
 )
-from transport.frames import frames_message
-from transport.grids import grid_map_message, occupancy_message
 from transport.keys import DEFAULT_ROBOT
 from transport.liveliness import AliveToken, AliveWatcher
-from transport.markers import markers_message
+from transport.messages.camera_info import camera_info_message
+from transport.messages.codec import decode, encode
+from transport.messages.frames import frames_message
+from transport.messages.grids import grid_map_message, occupancy_message
+from transport.messages.markers import markers_message
+from transport.messages.point_cloud import point_cloud_message
+from transport.messages.scan_messages import QueryRequest, Refusal, ScanReply, ScanRequest, ScanState
+from transport.messages.stance_pause import PausePhase, StancePause, decode_stance_pause, encode_stance_pause
+from transport.messages.status_message import Status, StatusItem, decode_status, encode_status
+from transport.messages.submessages import GroundPatch, ObstacleMessage, StanceMessage, TransformMessage
+from transport.messages.terrain_codec import decode_terrain, encode_terrain
+from transport.messages.terrain_message import LAYERS, Health, TerrainMessage
+from transport.messages.text import text_message
 from transport.outbox import Outbox
-from transport.point_cloud import point_cloud_message
 from transport.publisher import Publisher
 from transport.query import QueryServer, query_terrain
 from transport.received import Received
 from transport.receiver import NewestReceiver
 from transport.ros2 import Ros2Mirror
 from transport.scan_client import request_scan
-from transport.scan_messages import QueryRequest, Refusal, ScanReply, ScanRequest, ScanState
 from transport.scan_server import ScanJob, ScanServer
-from transport.security import init_security
+from transport.security.folder import init_security
 from transport.security_check import Permission, check_security, format_matrix
 from transport.server import PerceptionServer
 from transport.session import Session, open_client, open_node
 from transport.stance_link import StancePublisher, StanceReceiver
-from transport.stance_pause import PausePhase, StancePause, decode_stance_pause, encode_stance_pause
-from transport.status_message import Status, StatusItem, decode_status, encode_status
 from transport.status_reporter import StatusReporter
-from transport.submessages import GroundPatch, ObstacleMessage, StanceMessage, TransformMessage
-from transport.terrain_codec import decode_terrain, encode_terrain
-from transport.terrain_message import LAYERS, Health, TerrainMessage
-from transport.text import text_message
 
 __all__ = [
     "DEFAULT_ENDPOINT",

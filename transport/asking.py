@@ -57,7 +57,7 @@ def ask(
         timeout: [s] after which the caller no longer waits. Ctrl-C works.
         is_alive: tells whether the other side still lives; asked while waiting.
         priority: on congested links, of the query and its replies.
-        encoding: of the payload, as in `transport.encodings`.
+        encoding: of the payload, as in `transport.messages.encodings`.
 
     Raises:
         SessionClosed: the session is closed.

@@ -12,19 +12,19 @@ from transport import clock
 from transport.exceptions import MessageError, ReceiveTimeout, ScannerGone, ScannerUnavailable, StaleTerrain
 from transport.grid_judge import G, GridJudge
 from transport.keys import DEFAULT_ROBOT, check_encoding, query_key, regions_key, summary_key, terrain_key
+from transport.messages.regions_message import RegionsMessage, decode_regions
+from transport.messages.scan_messages import ScanReply
+from transport.messages.status_message import Status
+from transport.messages.summary_message import SummaryMessage, decode_summary
+from transport.messages.terrain_codec import decode_terrain
+from transport.messages.terrain_message import EXTENTS, TerrainMessage
 from transport.node_clock import ClockOffset
 from transport.query import query_terrain
 from transport.received import Received
 from transport.receiver import NewestReceiver
-from transport.regions_message import RegionsMessage, decode_regions
 from transport.scan_client import request_grid
-from transport.scan_messages import ScanReply
 from transport.seldom import Seldom
 from transport.session import Session
-from transport.status_message import Status
-from transport.summary_message import SummaryMessage, decode_summary
-from transport.terrain_codec import decode_terrain
-from transport.terrain_message import EXTENTS, TerrainMessage
 
 # [s] After subscribing, the last grid and the node's sign of life are there within this time: measured below 0.1 s on
 # a free machine, the rest is for a busy one. Only who asks in vain waits so long.
@@ -54,7 +54,7 @@ class PerceptionClient:
         Args:
             session: open session; closing the client closes it.
             robot: instance name.
-            encoding: of the grids: "lossless", or "compact" (`transport.compact`); KeyNameError for others.
+            encoding: of the grids: "lossless", or "compact" (`transport.messages.compact`); KeyNameError for others.
         """
         self.robot = robot
         self._encoding = check_encoding(encoding)

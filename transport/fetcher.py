@@ -9,9 +9,9 @@ from collections.abc import Callable
 from typing import Any
 
 from transport import zenoh_api
-from transport.codec import MAXIMUM_PAYLOAD
 from transport.exceptions import SessionClosed, TransportError
 from transport.last_message import MAXIMUM_PIECE, PIECE, announcement_key, pieces_key
+from transport.messages.codec import MAXIMUM_PAYLOAD
 from transport.patience import Patience
 from transport.session import Session
 

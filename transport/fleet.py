@@ -11,9 +11,9 @@ from functools import partial
 from transport import zenoh_api
 from transport.exceptions import MessageError, ScannerUnavailable
 from transport.keys import FLEET_ALIVE, FLEET_STATUS, alive_key, robot_of, status_key
+from transport.messages.status_message import STATUS_NAME, Status, decode_status, whole_number
+from transport.messages.terrain_message import Health
 from transport.session import Session
-from transport.status_message import STATUS_NAME, Status, decode_status, whole_number
-from transport.terrain_message import Health
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,12 +12,12 @@ from transport import clock
 from transport.exceptions import MessageError, StaleTerrain
 from transport.keys import alive_key, run_key, status_key
 from transport.liveliness import AliveWatcher, TokenWatcher
+from transport.messages.status_message import STATUS_NAME, Status, decode_status, whole_number
 from transport.node_clock import NodeClock
 from transport.received import Received
 from transport.receiver import NewestReceiver
 from transport.seldom import Seldom
 from transport.session import Session
-from transport.status_message import STATUS_NAME, Status, decode_status, whole_number
 
 NS = 1e-9
 # The only frame that grids of this major version are in.

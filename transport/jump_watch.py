@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 
 from transport import clock
-from transport.status_message import StatusItem
-from transport.terrain_message import Health
+from transport.messages.status_message import StatusItem
+from transport.messages.terrain_message import Health
 
 logger = logging.getLogger(__name__)
 # [s] How long a jump of the clock stands in the status.

@@ -16,13 +16,13 @@ from functools import partial
 from typing import Any
 
 from transport import zenoh_api
-from transport.encodings import cdr
 from transport.exceptions import SessionClosed, TransportError
+from transport.messages.encodings import cdr
+from transport.messages.scan_messages import Refusal, encode_refusal
+from transport.messages.typestore import REFUSAL
 from transport.outbox import Outbox
 from transport.payload import MadeOnce
-from transport.scan_messages import Refusal, encode_refusal
 from transport.session import Session
-from transport.typestore import REFUSAL
 
 logger = logging.getLogger(__name__)
 # [s] The number of the last message is repeated this often, so that its loss is noticed though nothing follows it.

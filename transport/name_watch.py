@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 from transport.keys import claim_key, run_key
 from transport.liveliness import TokenWatcher
+from transport.messages.status_message import StatusItem
+from transport.messages.terrain_message import Health
 from transport.session import Session
-from transport.status_message import StatusItem
-from transport.terrain_message import Health
 
 
 class NameWatch:

@@ -11,9 +11,9 @@ from transport import clock
 from transport.asking import ask
 from transport.exceptions import MessageError, SessionClosed, TransportError
 from transport.keys import status_key
+from transport.messages.status_message import STATUS_NAME, Status, decode_status
 from transport.resource import Resource
 from transport.session import Session
-from transport.status_message import STATUS_NAME, Status, decode_status
 
 logger = logging.getLogger(__name__)
 # [s] Between two questions, and between attempts while nobody answers.

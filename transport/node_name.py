@@ -15,7 +15,7 @@ from transport.configuration import DEFAULT_ENDPOINT
 from transport.exceptions import ConnectionFailed, NameTaken, TransportError
 from transport.keys import DEFAULT_ROBOT, NODE_ROLE, alive_key, claim_key, run_key
 from transport.liveliness import AliveToken
-from transport.security import configured_endpoints, role_folder
+from transport.security.folder import configured_endpoints, role_folder
 from transport.session import Session, open_client, open_node
 
 logger = logging.getLogger(__name__)

@@ -8,14 +8,12 @@ from typing import Any
 
 from transport import zenoh_api
 from transport.asking import ask
-from transport.compact import encode_compact
-from transport.crop import crop_terrain
-from transport.encodings import cdr, compact
 from transport.exceptions import MessageError, ReceiveTimeout, ScannerUnavailable, StaleTerrain, TransportError
 from transport.keys import DEFAULT_ROBOT, check_encoding, query_key
-from transport.outbox import Outbox
-from transport.resource import Resource
-from transport.scan_messages import (
+from transport.messages.compact import encode_compact
+from transport.messages.crop import crop_terrain
+from transport.messages.encodings import cdr, compact
+from transport.messages.scan_messages import (
     QueryRequest,
     Refusal,
     decode_query_request,
@@ -23,10 +21,12 @@ from transport.scan_messages import (
     encode_query_request,
     encode_refusal,
 )
+from transport.messages.terrain_codec import decode_terrain, encode_terrain
+from transport.messages.terrain_message import TerrainMessage
+from transport.messages.typestore import QUERY_REQUEST, REFUSAL, TERRAIN
+from transport.outbox import Outbox
+from transport.resource import Resource
 from transport.session import Session
-from transport.terrain_codec import decode_terrain, encode_terrain
-from transport.terrain_message import TerrainMessage
-from transport.typestore import QUERY_REQUEST, REFUSAL, TERRAIN
 
 # Questions that are answered at a time; more are dropped.
 MAXIMUM_ANSWERS = 16

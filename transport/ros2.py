@@ -6,14 +6,14 @@ import struct
 import threading
 import time
 
-from transport.encodings import cdr
 from transport.exceptions import ConfigurationError
 from transport.keys import DEFAULT_ROBOT, check_name
 from transport.liveliness import AliveToken
+from transport.messages.encodings import cdr
+from transport.messages.typestore import GRID_MAP, OCCUPANCY, dds_type_name, type_hash
 from transport.publisher import Publisher
 from transport.resource import Resource
 from transport.session import Session
-from transport.typestore import GRID_MAP, OCCUPANCY, dds_type_name, type_hash
 from transport.xxh3 import xxh3_128
 
 # Name of the node as ROS 2 tools show it.

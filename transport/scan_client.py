@@ -8,7 +8,6 @@ from collections.abc import Callable
 from typing import NoReturn
 
 from transport.asking import ask
-from transport.encodings import cdr
 from transport.exceptions import (
     MessageError,
     ScanBusy,
@@ -18,9 +17,8 @@ from transport.exceptions import (
     ScanTimeout,
 )
 from transport.keys import DEFAULT_ROBOT, scan_key
-from transport.received import Received
-from transport.receiver import NewestReceiver
-from transport.scan_messages import (
+from transport.messages.encodings import cdr
+from transport.messages.scan_messages import (
     Refusal,
     ScanReply,
     ScanRequest,
@@ -29,9 +27,11 @@ from transport.scan_messages import (
     decode_scan_reply,
     encode_scan_request,
 )
+from transport.messages.terrain_message import TerrainMessage
+from transport.messages.typestore import SCAN_REQUEST
+from transport.received import Received
+from transport.receiver import NewestReceiver
 from transport.session import Session
-from transport.terrain_message import TerrainMessage
-from transport.typestore import SCAN_REQUEST
 
 # [s] A process that died is known to be gone within this time.
 GONE_WITHIN = 0.5

@@ -11,12 +11,10 @@ from dataclasses import replace
 from typing import Any
 
 from transport import zenoh_api
-from transport.encodings import cdr
 from transport.exceptions import MessageError, ScanFailed
 from transport.keys import DEFAULT_ROBOT, scan_key
-from transport.outbox import MAXIMUM_PENDING, Outbox
-from transport.resource import Resource
-from transport.scan_messages import (
+from transport.messages.encodings import cdr
+from transport.messages.scan_messages import (
     Refusal,
     ScanReply,
     ScanRequest,
@@ -25,9 +23,11 @@ from transport.scan_messages import (
     encode_refusal,
     encode_scan_reply,
 )
+from transport.messages.terrain_message import TerrainMessage
+from transport.messages.typestore import REFUSAL, SCAN_REPLY
+from transport.outbox import MAXIMUM_PENDING, Outbox
+from transport.resource import Resource
 from transport.session import Session
-from transport.terrain_message import TerrainMessage
-from transport.typestore import REFUSAL, SCAN_REPLY
 
 logger = logging.getLogger(__name__)
 # Finished requests whose result a repeated request gets.

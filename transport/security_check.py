@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from transport import zenoh_api
-from transport.access_rules import FLEET, ROLES, ROUTER
 from transport.configuration import client_configuration
 from transport.exceptions import ConnectionFailed, SecurityError
 from transport.fetcher import Fetcher
 from transport.keys import FLEET_STATUS, scan_key, stance_key, status_key, terrain_key
-from transport.members import Members, open_members
 from transport.publisher import Publisher
-from transport.security import load_configuration, role_folder
+from transport.security.access_rules import FLEET, ROLES, ROUTER
+from transport.security.folder import load_configuration, role_folder
+from transport.security.members import Members, open_members
 from transport.session import Session, connect_with, listen_with, open_node
 
 # What is tried, in the order of the matrix.

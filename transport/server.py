@@ -13,11 +13,7 @@ import numpy as np
 
 from transport import clock
 from transport.arrays import Percent
-from transport.codec import encode
-from transport.compact import encode_compact
-from transport.encodings import cdr, compact
 from transport.exceptions import MessageError, ReceiveTimeout
-from transport.grids import grid_map_message, occupancy_message
 from transport.jump_watch import JumpWatch
 from transport.keys import (
     DEFAULT_ROBOT,
@@ -30,22 +26,26 @@ from transport.keys import (
     terrain_key,
 )
 from transport.liveliness import AliveToken
+from transport.messages.codec import encode
+from transport.messages.compact import encode_compact
+from transport.messages.encodings import cdr, compact
+from transport.messages.grids import grid_map_message, occupancy_message
+from transport.messages.regions_message import RegionsMessage, encode_regions
+from transport.messages.status_message import STATUS_NAME, StatusItem
+from transport.messages.summary_message import SummaryMessage, encode_summary
+from transport.messages.terrain_codec import encode_terrain
+from transport.messages.terrain_message import EXTENTS, LAYERS, Health, TerrainMessage
+from transport.messages.typestore import GRID_MAP, OCCUPANCY, REGIONS, STATUS, SUMMARY, TERRAIN
 from transport.name_watch import NameWatch
 from transport.node_name import NAME_TIMEOUT, claim_name
 from transport.outbox import Outbox
 from transport.publisher import LARGE, LARGEST, SMALL, Publisher
 from transport.query import QueryServer
-from transport.regions_message import RegionsMessage, encode_regions
 from transport.resource import Resource
 from transport.ros2 import Ros2Mirror
 from transport.scan_server import Admission, Handler, ScanJob, ScanServer
 from transport.session import Session
-from transport.status_message import STATUS_NAME, StatusItem
 from transport.status_reporter import StatusReporter
-from transport.summary_message import SummaryMessage, encode_summary
-from transport.terrain_codec import encode_terrain
-from transport.terrain_message import EXTENTS, LAYERS, Health, TerrainMessage
-from transport.typestore import GRID_MAP, OCCUPANCY, REGIONS, STATUS, SUMMARY, TERRAIN
 from transport.views import ViewSender
 
 logger = logging.getLogger(__name__)

@@ -19,8 +19,8 @@ from transport.configuration import (
 )
 from transport.exceptions import ConfigurationError, ConnectionFailed, SessionClosed, TransportError
 from transport.exit_watcher import Closable
-from transport.security import configured_endpoints, load_configuration, role_folder
-from transport.typestore import warm_up
+from transport.messages.typestore import warm_up
+from transport.security.folder import configured_endpoints, load_configuration, role_folder
 
 logger = logging.getLogger(__name__)
 # [s] Between two attempts to connect; short, so that Ctrl-C is answered at once.

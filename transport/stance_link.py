@@ -7,16 +7,16 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
-from transport.encodings import cdr
 from transport.exceptions import MessageError
 from transport.keys import DEFAULT_ROBOT, stance_key
+from transport.messages.encodings import cdr
+from transport.messages.stance_pause import PausePhase, StancePause, decode_stance_pause, encode_stance_pause
+from transport.messages.typestore import STANCE_PAUSE
 from transport.outbox import Outbox
 from transport.publisher import URGENT, Publisher
 from transport.receiver import NewestReceiver
 from transport.resource import Resource
 from transport.session import Session
-from transport.stance_pause import PausePhase, StancePause, decode_stance_pause, encode_stance_pause
-from transport.typestore import STANCE_PAUSE
 
 logger = logging.getLogger(__name__)
 # Announcements that may wait for whoever follows them; of more, the oldest but BEGIN and END are dropped.

@@ -9,15 +9,15 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from transport import zenoh_api
-from transport.encodings import cdr
 from transport.exceptions import TransportError
 from transport.keys import DEFAULT_ROBOT, status_key
+from transport.messages.encodings import cdr
+from transport.messages.status_message import Status, StatusItem, encode_status
+from transport.messages.typestore import STATUS
 from transport.outbox import MAXIMUM_PENDING, Outbox
 from transport.publisher import SMALL, Publisher
 from transport.resource import Resource
 from transport.session import Session
-from transport.status_message import Status, StatusItem, encode_status
-from transport.typestore import STATUS
 
 logger = logging.getLogger(__name__)
 # [s] Between two messages without change.

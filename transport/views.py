@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from transport.codec import encode
-from transport.encodings import cdr
 from transport.keys import DEFAULT_ROBOT, picture_key, points_key
+from transport.messages.codec import encode
+from transport.messages.encodings import cdr
+from transport.messages.typestore import COMPRESSED_IMAGE, POINT_CLOUD
 from transport.outbox import Outbox
 from transport.publisher import LARGEST, Publisher
 from transport.resource import Resource
 from transport.session import Session
-from transport.typestore import COMPRESSED_IMAGE, POINT_CLOUD
 
 
 class ViewSender(Resource):

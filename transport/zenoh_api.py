@@ -78,7 +78,7 @@ def declare_publisher(session: Any, key: str, priority: str, encoding: str | Non
         session: raw Zenoh session.
         key: where to publish.
         priority: name of one of Zenoh's; each has a queue of its own on each link.
-        encoding: of all payloads, see `transport.encodings`; None says nothing.
+        encoding: of all payloads, see `transport.messages.encodings`; None says nothing.
     """
     zenoh = _zenoh()
     return session.declare_publisher(

@@ -226,7 +226,7 @@ def check_certificates(folder: Path | None) -> Finding:
     if folder is None:
         return Finding("certificates", SKIP, "not checked: give --security DIR")
     from transport import Health, TransportError
-    from transport.certificates import judge_security
+    from transport.security.certificates import judge_security
 
     try:
         level, message = judge_security(folder)

@@ -22,11 +22,11 @@ from guara_perception.view.moment import Moment
 from kinematics import KinematicsError
 from transport import TerrainMessage, open_client
 from transport.client import PerceptionClient
-from transport.codec import decode, read_time
 from transport.keys import check_name, picture_key, points_key
+from transport.messages.codec import decode, read_time
+from transport.messages.typestore import COMPRESSED_IMAGE, POINT_CLOUD
 from transport.receiver import NewestReceiver
 from transport.seldom import Seldom
-from transport.typestore import COMPRESSED_IMAGE, POINT_CLOUD
 
 if TYPE_CHECKING:
     from kinematics import RobotModel

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.questions.steppable import SteppableRegion
 from transport import TerrainMessage
-from transport.map_origin import origin_of
-from transport.regions_message import RegionMessage, RegionsMessage
+from transport.messages.map_origin import origin_of
+from transport.messages.regions_message import RegionMessage, RegionsMessage
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,8 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.invariant import check_safe
 from guara_perception.terrain.layers.layered_grid import coordinates
 from transport import TerrainMessage
-from transport.map_origin import origin_of
-from transport.summary_message import UNKNOWN_HEIGHT, SummaryMessage
+from transport.messages.map_origin import origin_of
+from transport.messages.summary_message import UNKNOWN_HEIGHT, SummaryMessage
 
 # [mm] Highest and lowest that the summary can say.
 TALLEST = 32767

@@ -17,7 +17,7 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import parse_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.view.moment import Moment
-from transport.codec import read_time
+from transport.messages.codec import read_time
 
 if TYPE_CHECKING:
     from collections.abc import Callable

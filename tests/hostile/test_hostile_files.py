@@ -18,9 +18,9 @@ from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.world_file import load_world
 from kinematics import KinematicsError, load_robot
 from transport import TransportError
+from transport.messages.submessages import StanceMessage
 from transport.recording import RecordingWriter, ScanRecord, recover_recording
-from transport.security import init_security, load_configuration
-from transport.submessages import StanceMessage
+from transport.security.folder import init_security, load_configuration
 
 ROOT = Path(__file__).resolve().parents[2]
 OURS = (gp.PerceptionError, KinematicsError, TransportError)

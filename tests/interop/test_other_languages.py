@@ -19,7 +19,7 @@ from tests.interop.conftest import INSTALL
 from tests.interop.ros_environment import environment
 from tests.ports import free_endpoint
 from transport import PerceptionServer, decode_terrain, open_node
-from transport.summary_message import encode_summary
+from transport.messages.summary_message import encode_summary
 
 pytestmark = pytest.mark.interop
 PLACES = ((0.7, 0.0), (0.62, -0.21), (0.502, 0.262), (0.9, 0.1), (3.0, 0.0))

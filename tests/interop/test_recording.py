@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from transport.typestore import message_files, type_hash
+from transport.messages.typestore import message_files, type_hash
 
 pytestmark = pytest.mark.interop
 TOPICS = 20

@@ -12,7 +12,7 @@ from transport import Health, zenoh_api
 from transport.fleet import robot_states
 from transport.keys import alive_key, status_key
 from transport.liveliness import AliveToken
-from transport.status_message import STATUS_NAME, Status, StatusItem, encode_status
+from transport.messages.status_message import STATUS_NAME, Status, StatusItem, encode_status
 
 
 @pytest.mark.slow

@@ -9,9 +9,9 @@ import pytest
 
 import transport
 from transport import keys
-from transport.codec import decode, encode
+from transport.messages.codec import decode, encode
+from transport.messages.stance_pause import make_stance_pause
 from transport.publisher import Publisher
-from transport.stance_pause import make_stance_pause
 
 
 def _client(endpoint: str) -> transport.PerceptionClient:

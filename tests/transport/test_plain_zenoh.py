@@ -10,9 +10,9 @@ import zenoh
 
 import transport
 from transport import decode, keys
+from transport.messages.scan_messages import QueryRequest, ScanRequest, encode_query_request, encode_scan_request
 from transport.publisher import Publisher
-from transport.scan_messages import QueryRequest, ScanRequest, encode_query_request, encode_scan_request
-from transport.security import load_configuration
+from transport.security.folder import load_configuration
 
 PATIENCE = 30.0
 PREFIX = "guara/perception/v1"

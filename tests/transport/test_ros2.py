@@ -9,7 +9,7 @@ import zenoh.ext
 
 import transport
 from transport import ConfigurationError, zenoh_api
-from transport.codec import decode
+from transport.messages.codec import decode
 from transport.ros2 import (
     data_key,
     make_attachment,

@@ -8,7 +8,7 @@ import pytest
 
 import transport
 from transport import keys, zenoh_api
-from transport.scan_messages import decode_refusal, encode_scan_request
+from transport.messages.scan_messages import decode_refusal, encode_scan_request
 
 
 def _client(endpoint: str) -> transport.PerceptionClient:

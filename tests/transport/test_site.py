@@ -13,12 +13,12 @@ import pytest
 import transport
 from tests.ports import free_port
 from transport import PerceptionClient, open_client
-from transport.certificates import add
 from transport.fleet import robot_states
 from transport.keys import terrain_key
 from transport.publisher import Publisher
-from transport.router_folder import make_router
-from transport.security import CONFIGURATION, init_security
+from transport.security.certificates import add
+from transport.security.folder import CONFIGURATION, init_security
+from transport.security.router_folder import make_router
 
 pytestmark = pytest.mark.soak
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import transport
-from transport.security import init_security
+from transport.security.folder import init_security
 
 SCANS = 25
 

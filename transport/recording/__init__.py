@@ -1,4 +1,7 @@
-"""Scans, grids and the calibration in MCAP files: written while the robot walks, read back, mended when cut."""
+"""Scans, grids and the calibration in MCAP files: written while the robot walks, read back, mended when cut.
+
+Imported by the programs that write, show and replay them; it imports the messages.
+"""
 
 from __future__ import annotations
 

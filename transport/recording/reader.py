@@ -7,15 +7,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self, cast
 
-from transport.codec import decode, read_time
 from transport.exceptions import RecordingError
+from transport.messages.codec import decode, read_time
+from transport.messages.stance_pause import StancePause, decode_stance_pause
+from transport.messages.submessage_codec import read_stance
+from transport.messages.terrain_codec import decode_terrain
+from transport.messages.terrain_message import EXTENTS, TerrainMessage
 from transport.recording.limits import MAXIMUM_CHUNK, BoundedFile, Unpacker
 from transport.recording.records import FrameRecord, FrameReference, ScanRecord, StripeRecord, read_frame
 from transport.recording.topics import CALIBRATION_NAME, TYPES, short_name
-from transport.stance_pause import StancePause, decode_stance_pause
-from transport.submessage_codec import read_stance
-from transport.terrain_codec import decode_terrain
-from transport.terrain_message import EXTENTS, TerrainMessage
 
 SCAN_PARTS = ("scan/start", "scan/stripe", "scan/end")
 CAMERAS = ("camera/on", "camera/off", "camera/on/compressed", "camera/off/compressed")

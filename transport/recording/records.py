@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from transport.arrays import Array
-from transport.codec import make_header
 from transport.exceptions import MessageError
-from transport.submessages import StanceMessage, finite
-from transport.terrain_message import MODES
-from transport.typestore import COMPRESSED_IMAGE, IMAGE, message_class
+from transport.messages.codec import make_header
+from transport.messages.submessages import StanceMessage, finite
+from transport.messages.terrain_message import MODES
+from transport.messages.typestore import COMPRESSED_IMAGE, IMAGE, message_class
 
 CAMERA_FRAME = "camera_optical_frame"
 COMPRESSED_FORMATS = ("jpeg", "png")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from transport.keys import check_name
-from transport.typestore import (
+from transport.messages.typestore import (
     CAMERA_INFO,
     COMPRESSED_IMAGE,
     FRAMES,

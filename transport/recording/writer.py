@@ -10,9 +10,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast
 
-from transport.codec import encode, make_header, make_time
 from transport.exceptions import RecordingError
 from transport.keys import DEFAULT_ROBOT
+from transport.messages.codec import encode, make_header, make_time
+from transport.messages.stance_pause import StancePause, encode_stance_pause
+from transport.messages.submessage_codec import make_stance
+from transport.messages.submessages import StanceMessage
+from transport.messages.terrain_codec import encode_terrain
+from transport.messages.terrain_message import TerrainMessage
+from transport.messages.typestore import message_class, message_definition
 from transport.recording.growing_file import GrowingFile
 from transport.recording.records import CAMERA_FRAME, FrameRecord, FrameReference, ScanRecord, make_frame
 from transport.recording.topics import (
@@ -24,12 +30,6 @@ from transport.recording.topics import (
     Topics,
     quality_of_service,
 )
-from transport.stance_pause import StancePause, encode_stance_pause
-from transport.submessage_codec import make_stance
-from transport.submessages import StanceMessage
-from transport.terrain_codec import encode_terrain
-from transport.terrain_message import TerrainMessage
-from transport.typestore import message_class, message_definition
 
 # [byte] Larger chunks compress no better, and a killed process loses the last one.
 CHUNK_SIZE = 1024 * 1024

@@ -35,7 +35,7 @@ def init(folder: Path, robots: tuple[str, ...], hosts: tuple[str, ...]) -> None:
       guara security init keys --host robot.local
       guara security init site --robot rex --host rex.local --robot ada --host ada.local
     """
-    from transport.security import init_security
+    from transport.security.folder import init_security
 
     made = init_security(folder, robot=robots, hosts=hosts)
     folders = "ca, node, gait, planner, viewer" if len(robots) == 1 else f"ca, {', '.join(robots)}"
@@ -53,7 +53,7 @@ def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
     Example:
       guara security robot site bob --host bob.local
     """
-    from transport.certificates import add_robot as add_to
+    from transport.security.certificates import add_robot as add_to
 
     made = add_to(folder, name, hosts=hosts)
     click.echo(f"{made}: node, gait, planner, viewer; give each machine only its own folder")
@@ -89,8 +89,8 @@ def router(
       guara security router site --robot rex --robot ada --host site.local
       guara security router site --name room --robot rex --uplink router
     """
-    from transport.members import open_members
-    from transport.router_folder import make_router
+    from transport.security.members import open_members
+    from transport.security.router_folder import make_router
 
     before = set(open_members(folder).robots) if folder.exists() else set()
     made = make_router(
@@ -125,7 +125,7 @@ def check(context: click.Context, folder: Path, robot: str | None) -> None:
       guara security check keys
       guara security check site --robot rex
     """
-    from transport.members import open_members
+    from transport.security.members import open_members
     from transport.security_check import check_router, check_security, format_matrix
 
     members = open_members(folder)
@@ -153,7 +153,7 @@ def renew(folder: Path, names: tuple[str, ...]) -> None:
     Example:
       guara security renew keys
     """
-    from transport.certificates import renew as renew_certificates
+    from transport.security.certificates import renew as renew_certificates
 
     done = renew_certificates(folder, names)
     click.echo(f"renewed: {', '.join(done)}; copy each folder to its machine again and restart what runs there")
@@ -174,7 +174,7 @@ def add(folder: Path, name: str, role: str) -> None:
       guara security add site rex.planner-2
       guara security add site desk --role fleet
     """
-    from transport.certificates import add as add_member
+    from transport.security.certificates import add as add_member
 
     made = add_member(folder, name, role)
     if role == "fleet":
@@ -195,7 +195,7 @@ def revoke(folder: Path, name: str) -> None:
       guara security revoke keys planner
       guara security revoke site rex.planner
     """
-    from transport.certificates import revoke as revoke_member
+    from transport.security.certificates import revoke as revoke_member
 
     changed = ", ".join(map(str, revoke_member(folder, name)))
     if changed:
@@ -205,7 +205,7 @@ def revoke(folder: Path, name: str) -> None:
 
 
 def _tell_of_routers(folder: Path) -> None:
-    from transport.members import open_members
+    from transport.security.members import open_members
 
     routers = open_members(folder).routers
     if routers:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from guara_perception.calibration.drift import DRIFTING, UNKNOWN, Drift
 from guara_perception.calibration.drift_watch import DriftWatch
 from transport import Health, StatusItem, TransportError
-from transport.certificates import judge_security
+from transport.security.certificates import judge_security
 
 if TYPE_CHECKING:
     from guara_perception.app.node.live_scan import LiveScan

@@ -12,7 +12,7 @@ import guara_perception as gp
 from guara_perception.app.map_summary import message_to_summary, summary_message
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
-from transport.summary_message import decode_summary, encode_summary
+from transport.messages.summary_message import decode_summary, encode_summary
 
 PATIENCE = 60.0
 

@@ -8,9 +8,9 @@ import pytest
 
 from guara_perception.app.node.node_status import certificates_item
 from transport import Health, init_security, open_client
-from transport.authority import Credentials, make_certificate
 from transport.client import PerceptionClient
-from transport.security import CONFIGURATION
+from transport.security.authority import Credentials, make_certificate
+from transport.security.folder import CONFIGURATION
 
 GUARA = ("-m", "guara_perception.app.main")
 PATIENCE = 180.0

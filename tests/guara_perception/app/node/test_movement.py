@@ -11,8 +11,8 @@ from kinematics import Stance
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, wait_until
 from tests.guara_perception.app.node.test_node_faults import bad_end
 from transport import GroundPatch, PausePhase, StanceMessage, StancePause
-from transport.codec import encode
-from transport.stance_pause import make_stance_pause
+from transport.messages.codec import encode
+from transport.messages.stance_pause import make_stance_pause
 
 pytestmark = pytest.mark.slow
 

@@ -24,11 +24,11 @@ from kinematics import RobotModel, Stance
 from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, wait_until
 from transport import Health, PausePhase
-from transport.codec import decode, read_time
 from transport.keys import picture_key, points_key
+from transport.messages.codec import decode, read_time
+from transport.messages.typestore import COMPRESSED_IMAGE, POINT_CLOUD
 from transport.receiver import NewestReceiver
 from transport.recording import open_recording
-from transport.typestore import COMPRESSED_IMAGE, POINT_CLOUD
 
 pytestmark = pytest.mark.slow
 

@@ -22,8 +22,8 @@ from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, running, wait_until
 from tests.recorded_view import RecordedView
 from transport import Health, PausePhase, StancePause
-from transport.codec import encode
-from transport.stance_pause import make_stance_pause
+from transport.messages.codec import encode
+from transport.messages.stance_pause import make_stance_pause
 
 pytestmark = pytest.mark.slow
 

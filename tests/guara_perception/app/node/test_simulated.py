@@ -17,7 +17,7 @@ from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
 from guara_perception.app.node.simulated_walk import walk_until_stopped
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from transport import Session, open_client, open_node
-from transport.codec import read_time
+from transport.messages.codec import read_time
 from transport.recording import open_recording
 from transport.server import PerceptionServer
 from transport.stance_link import StancePublisher, StanceReceiver

@@ -13,7 +13,7 @@ from guara_perception.app.scene.clouds import cloud_points
 from guara_perception.app.scene.live_view import PICTURE_WIDTH_PX, THINNED, LiveView
 from guara_perception.process import run_scan
 from kinematics import RobotModel
-from transport.codec import read_time
+from transport.messages.codec import read_time
 
 
 class Sender:

@@ -17,7 +17,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, RobotModel
 from transport import PerceptionServer, open_client, open_node, zenoh_api
-from transport.codec import decode
+from transport.messages.codec import decode
 
 pytestmark = pytest.mark.slow
 PATIENCE = 180.0

@@ -9,7 +9,7 @@ import transport
 from guara_perception.settings import MODES
 from guara_perception.terrain.layers.layered_grid import EXTENTS
 from guara_perception.terrain.layers.layers import LAYERS
-from transport import terrain_message
+from transport.messages import terrain_message
 
 DOCS = Path(__file__).parents[4] / "docs"
 

@@ -17,7 +17,7 @@ from guara_perception.terrain.layers.rounding import rounding_of
 from kinematics import RobotModel
 from tests.truth import truth_calibration
 from transport import decode_terrain
-from transport.compact import ROUNDING, encode_compact
+from transport.messages.compact import ROUNDING, encode_compact
 
 PROPERTY = settings(max_examples=16, deadline=None, derandomize=True)
 SHARED = Path(__file__).parents[5] / "shared" / "data"

@@ -1,0 +1,143 @@
+"""Steppable regions on the wire: round trip, a reader of its own, and what is refused."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from transport import MessageError, VersionError
+from transport.messages.codec import decode, encode
+from transport.messages.regions_message import RegionMessage, RegionsMessage, decode_regions, encode_regions
+from transport.messages.typestore import REGIONS
+
+
+def _region(seed: int, corners: int = 5) -> RegionMessage:
+    """A polygon on a circle, on any plane."""
+    rng = np.random.default_rng(seed)
+    angle = np.sort(np.arange(corners) + rng.uniform(0, 0.5, corners)) * 2 * np.pi / corners
+    xy = rng.uniform(-1, 1, 2) + 0.1 * np.column_stack((np.cos(angle), np.sin(angle)))
+    edge = np.roll(xy, -1, 0) - xy
+    normal = np.column_stack((edge[:, 1], -edge[:, 0])) / np.hypot(*edge.T)[:, None]
+    plane = np.append(rng.uniform(-0.5, 0.5, 2), rng.uniform(-0.1, 0.1))
+    return RegionMessage(
+        halfspaces=np.column_stack((normal, (normal * xy).sum(axis=1))),
+        vertices=np.column_stack((xy, xy @ plane[:2] + plane[2])),
+        plane=plane,
+        sigma=0.001,
+        area=0.02,
+    )
+
+
+def _make(**changes: object) -> RegionsMessage:
+    fields: dict[str, object] = {
+        "robot": "rex",
+        "sequence": 7,
+        "step": 12,
+        "stamp": 1_700_000_000_000_000_001,
+        "scan_end": 1_700_000_000_000_000_000,
+        "valid_for": math.inf,
+        "valid_pauses": 4,
+        "regions": (_region(1), _region(2, 3)),
+        "run": "abc",
+        "epoch": "walk",
+        "scan_end_clock": 12.5,
+        "provisional": True,
+    }
+    return RegionsMessage(**(fields | changes))
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    shapes=st.lists(st.tuples(st.integers(0, 1000), st.integers(3, 12)), max_size=6),
+    clock=st.none() | st.floats(0, 1e9),
+    provisional=st.booleans(),
+)
+def test_what_is_sent_is_what_arrives(shapes: list[tuple[int, int]], clock: float | None, provisional: bool) -> None:
+    """Every field; planes to a nanometre, as they go as a pose; arrays are read-only."""
+    regions = tuple(_region(*shape) for shape in shapes)
+    sent = _make(regions=regions, scan_end_clock=clock, provisional=provisional)
+    got = decode_regions(encode_regions(sent))
+    for name in RegionsMessage.__slots__:
+        if name != "regions":
+            assert getattr(sent, name) == getattr(got, name), name
+    assert len(got.regions) == len(regions)
+    for ours, theirs in zip(regions, got.regions, strict=True):
+        np.testing.assert_array_equal(ours.halfspaces, theirs.halfspaces)
+        np.testing.assert_array_equal(ours.vertices, theirs.vertices)
+        np.testing.assert_allclose(ours.plane, theirs.plane, atol=1e-9)
+        assert (ours.sigma, ours.area) == (theirs.sigma, theirs.area)
+        assert not theirs.halfspaces.flags.writeable and not theirs.vertices.flags.writeable
+
+
+def test_the_form_is_as_the_definition_says() -> None:
+    """Read by the .msg files alone: the normal from the quaternion, the half-planes in threes."""
+    sent = _make()
+    message = decode(encode_regions(sent), REGIONS)
+    for ours, theirs in zip(sent.regions, message.regions, strict=True):
+        q, p = theirs.plane_parameters.orientation, theirs.plane_parameters.position
+        normal = np.array([2 * (q.x * q.z + q.w * q.y), 2 * (q.y * q.z - q.w * q.x), 1 - 2 * (q.x * q.x + q.y * q.y)])
+        assert normal[2] > 0
+        for corner in theirs.boundary:
+            assert abs(normal @ [corner.x - p.x, corner.y - p.y, corner.z - p.z]) < 1e-12
+        for k in range(len(theirs.halfspaces) // 3):
+            a, b, c = theirs.halfspaces[3 * k : 3 * k + 3]
+            assert a * p.x + b * p.y < c
+        assert theirs.area == ours.area
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"vertices": _region(1).vertices + [0, 0, 0.001]}, "off its plane"),
+        ({"vertices": _region(1).vertices + [0.2, 0, 0.2 * _region(1).plane[0]]}, "outside of one of its half-planes"),
+        ({"halfspaces": _region(1).halfspaces + [0, 0, 0.05]}, "hold more than its corners do"),
+        ({"halfspaces": _region(1).halfspaces[:4]}, "hold more than its corners do"),
+        ({"vertices": _region(1).vertices[[0, 1, 0]]}, "hold more than its corners do"),
+        ({"vertices": _region(1).vertices[::-1]}, "these run clockwise"),
+        ({"halfspaces": 2 * _region(1).halfspaces}, "whose length is not 1"),
+        ({"halfspaces": _region(1).halfspaces[:2]}, "region of 2 half-planes"),
+        ({"vertices": np.zeros((0, 3))}, "region of 0 corners"),
+        ({"plane": [0.0, math.nan, 0.0]}, "NaN"),
+        ({"sigma": -1.0}, "sigma of a region is -1.0"),
+    ],
+)
+def test_a_region_that_contradicts_itself_is_refused(change: dict[str, object], words: str) -> None:
+    """Whoever reads half-planes and whoever reads corners sets feet in the same places, or nobody does."""
+    with pytest.raises(MessageError, match=words):
+        dataclasses.replace(_region(1), **change)
+
+
+def test_impossible_messages_are_refused() -> None:
+    """Of another version, cut, damaged, withdrawn and yet with regions."""
+    with pytest.raises(MessageError, match="withdrawn, and yet 2 regions"):
+        _make(withdrawn=True)
+    with pytest.raises(MessageError, match="1001 regions"):
+        _make(regions=(_region(1),) * 1001)
+    with pytest.raises(MessageError, match="valid_for"):
+        _make(valid_for=math.nan)
+    with pytest.raises(MessageError, match="longer than"):
+        _make(run="x" * 1000)
+    payload = encode_regions(_make())
+    for length in (0, 3, 40, len(payload) - 9):
+        with pytest.raises(MessageError):
+            decode_regions(payload[:length])
+    message = decode(payload, REGIONS)
+    message.version_major = 2
+    with pytest.raises(VersionError, match="regions of version 2.0"):
+        decode_regions(encode(message))
+    message.version_major = 1
+    message.regions[0].halfspaces = message.regions[0].halfspaces[:-1]
+    with pytest.raises(MessageError, match="numbers; allowed: 3 for each"):
+        decode_regions(encode(message))
+    message = decode(payload, REGIONS)
+    message.robot = "no/name"
+    with pytest.raises(MessageError, match="regions refused: robot name 'no/name'"):
+        decode_regions(encode(message))
+    message = decode(payload, REGIONS)
+    turn = message.regions[0].plane_parameters.orientation
+    turn.x, turn.y, turn.z, turn.w = 1.0, 0.0, 0.0, 0.0
+    with pytest.raises(MessageError, match="does not look upwards"):
+        decode_regions(encode(message))

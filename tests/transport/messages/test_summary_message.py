@@ -1,0 +1,128 @@
+"""The summary of a map on the wire: round trip, a reader of its own, and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+import zstandard
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from transport import MessageError, VersionError
+from transport.messages.codec import decode, encode
+from transport.messages.summary_message import LAYERS, UNKNOWN_HEIGHT, SummaryMessage, decode_summary, encode_summary
+from transport.messages.typestore import SUMMARY
+
+
+def _make(seed: int = 0, shape: tuple[int, int] = (140, 320), **changes: object) -> SummaryMessage:
+    rng = np.random.default_rng(seed)
+    limits = {name: np.iinfo(dtype) for name, dtype in LAYERS.items()}
+    layers = {
+        name: rng.integers(limits[name].min, limits[name].max, shape, dtype, endpoint=True)
+        for name, dtype in LAYERS.items()
+    }
+    layers["heights"][0, 0] = UNKNOWN_HEIGHT
+    fields = {
+        "robot": "rex",
+        "sequence": 7,
+        "step": 12,
+        "stamp": 1_700_000_000_000_000_001,
+        "scan_end": 1_700_000_000_000_000_000,
+        "valid_for": math.inf,
+        "valid_pauses": 4,
+        "resolution": 0.005,
+        "origin": (-0.6, -0.35),
+        "run": "abc",
+        "epoch": "walk",
+        "scan_end_clock": 12.5,
+        "provisional": True,
+    }
+    return SummaryMessage(**(fields | layers | changes))
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    shape=st.tuples(st.integers(1, 40), st.integers(1, 40)),
+    clock=st.none() | st.floats(0, 1e9),
+    flags=st.tuples(st.booleans(), st.booleans()),
+)
+def test_what_is_sent_is_what_arrives(seed: int, shape: tuple[int, int], clock: float | None, flags) -> None:
+    """Every field and every bit of the layers; the arrays are read-only."""
+    sent = _make(seed, shape, scan_end_clock=clock, provisional=flags[0], withdrawn=flags[1])
+    got = decode_summary(encode_summary(sent))
+    for name in SummaryMessage.__slots__:
+        ours, theirs = getattr(sent, name), getattr(got, name)
+        if name in LAYERS:
+            assert ours.dtype == theirs.dtype and np.array_equal(ours, theirs) and not theirs.flags.writeable
+        else:
+            assert ours == theirs, name
+
+
+def test_the_form_is_as_the_definition_says() -> None:
+    """Read with zstd and a loop over bytes alone, as somebody with the .msg file would."""
+    sent = _make(shape=(3, 5))
+    message = decode(encode_summary(sent), SUMMARY)
+    for name, dtype in LAYERS.items():
+        plain = zstandard.ZstdDecompressor().decompress(getattr(message, name).tobytes())
+        count = message.nx * message.ny
+        values = [sum(plain[byte * count + i] << (8 * byte) for byte in range(dtype.itemsize)) for i in range(count)]
+        signed = [value - 2**16 if name == "heights" and value >= 2**15 else value for value in values]
+        assert signed == getattr(sent, name).ravel().tolist()
+
+
+def _broken(change) -> bytes:
+    message = decode(encode_summary(_make(shape=(4, 6))), SUMMARY)
+    change(message)
+    return bytes(encode(message))
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda m: setattr(m, "nx", 7), "has 48 bytes; 56 are|of 56 bytes|bytes"),
+        (lambda m: setattr(m, "nx", 0), "summary of 4 x 0 cells"),
+        (lambda m: setattr(m, "nx", 4_000_000), "summary of 4 x 4000000 cells"),
+        (lambda m: setattr(m, "hazard", m.hazard[:-3]), "no whole zstd frame"),
+        (lambda m: setattr(m, "heights", np.zeros(0, np.uint8)), "no whole zstd frame"),
+        (lambda m: setattr(m, "resolution", 0.0), "resolution is 0"),
+        (lambda m: setattr(m, "origin_x", math.nan), "origin x"),
+        (lambda m: setattr(m, "valid_for", math.nan), "valid_for is nan"),
+        (lambda m: setattr(m, "scan_end_clock", math.inf), "scan_end_clock"),
+        (lambda m: setattr(m, "robot", "a/b"), "a/b"),
+        (lambda m: setattr(m, "run", "r" * 101), "longer than 100"),
+    ],
+)
+def test_what_is_not_as_it_must_be_is_refused(change, told: str) -> None:
+    """In words, and as an error of messages or of names."""
+    from transport import TransportError
+
+    with pytest.raises(TransportError, match=told):
+        decode_summary(_broken(change))
+
+
+def test_another_version_is_told() -> None:
+    """A later major version is refused; a bomb is not opened."""
+    with pytest.raises(VersionError, match="summary of version 2.0"):
+        decode_summary(_broken(lambda m: setattr(m, "version_major", 2)))
+    bomb = np.frombuffer(zstandard.ZstdCompressor().compress(bytes(10_000_000)), np.uint8)
+    with pytest.raises(MessageError, match="a compressed message of 10000000 bytes refused; allowed: 48"):
+        decode_summary(_broken(lambda m: setattr(m, "heights", bomb)))
+    with pytest.raises(MessageError, match="layer 'hazard' of a summary is int16"):
+        _make(hazard=np.zeros((140, 320), np.int16))
+
+
+@settings(max_examples=100, deadline=None)
+@given(data=st.data())
+def test_damage_ends_in_words(data) -> None:
+    """Cut anywhere, or with bytes changed: a summary that is whole, or one of our errors."""
+    from transport import TransportError
+
+    payload = bytearray(encode_summary(_make(shape=(6, 8))))
+    for _ in range(data.draw(st.integers(0, 4))):
+        payload[data.draw(st.integers(0, len(payload) - 1))] = data.draw(st.integers(0, 255))
+    cut = payload[: data.draw(st.integers(0, len(payload)))]
+    try:
+        decode_summary(cut)
+    except TransportError:
+        pass

@@ -1,0 +1,121 @@
+"""What each message made of a fused map says of that map: of which robot, pause and walk, and how long it holds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+from transport.exceptions import MessageError, VersionError
+from transport.keys import check_name
+from transport.messages.codec import make_header, make_time, read_time
+from transport.messages.submessages import finite
+from transport.messages.terrain_message import MAXIMUM_IDENTITY, TerrainMessage
+
+VERSION_MAJOR, VERSION_MINOR = 1, 0
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MapOrigin:
+    """The map that a message is made of.
+
+    Attributes:
+        robot: instance name.
+        sequence: of the map.
+        step: number of the stance pause.
+        stamp, scan_end: [ns] since the epoch, as in the map.
+        valid_for: [s] after `scan_end`; may be infinite.
+        valid_pauses: pauses after `step` for which it may be used.
+        run, epoch: identity of the node's run and of the walk; empty when it tells none.
+        scan_end_clock: end of the scan by a clock of the node that never steps [s]; None when it tells none.
+        provisional, withdrawn: as in the map.
+        frame_id: frame of what the message holds.
+        version: (major, minor) of the message.
+    """
+
+    robot: str
+    sequence: int
+    step: int
+    stamp: int
+    scan_end: int
+    valid_for: float
+    valid_pauses: int
+    run: str = ""
+    epoch: str = ""
+    scan_end_clock: float | None = None
+    provisional: bool = False
+    withdrawn: bool = False
+    frame_id: str = "base_footprint"
+    version: tuple[int, int] = (VERSION_MAJOR, VERSION_MINOR)
+
+    def __post_init__(self) -> None:
+        """Check what others rely on."""
+        check_name(self.robot)
+        if math.isnan(self.valid_for) or self.valid_for < 0:
+            raise MessageError(f"valid_for is {self.valid_for} s; allowed: 0 or more")
+        if self.scan_end_clock is not None:
+            finite(self.scan_end_clock, "scan_end_clock")
+        if max(len(self.run), len(self.epoch)) > MAXIMUM_IDENTITY:
+            raise MessageError(f"run or epoch is longer than {MAXIMUM_IDENTITY} characters")
+
+
+def origin_of(terrain: TerrainMessage) -> dict[str, Any]:
+    """The fields of `MapOrigin`, from the map's own message; the version is that of the new message."""
+    return {field.name: getattr(terrain, field.name) for field in fields(MapOrigin) if field.name != "version"}
+
+
+def make_origin(origin: MapOrigin) -> dict[str, Any]:
+    """The fields of a message on the wire that say of which map it is made.
+
+    Raises:
+        MessageError: a field does not fit its ROS 2 type.
+    """
+    return {
+        "header": make_header(origin.stamp, origin.frame_id),
+        "version_major": origin.version[0],
+        "version_minor": origin.version[1],
+        "robot": origin.robot,
+        "run": origin.run,
+        "epoch": origin.epoch,
+        "sequence": origin.sequence,
+        "step": origin.step,
+        "scan_end": make_time(origin.scan_end),
+        "scan_end_clock": math.nan if origin.scan_end_clock is None else origin.scan_end_clock,
+        "valid_for": float(origin.valid_for),
+        "valid_pauses": origin.valid_pauses,
+        "provisional": origin.provisional,
+        "withdrawn": origin.withdrawn,
+    }
+
+
+def read_origin(message: Any) -> dict[str, Any]:
+    """The fields of `MapOrigin` from a message on the wire."""
+    return {
+        "robot": message.robot,
+        "sequence": message.sequence,
+        "step": message.step,
+        "stamp": read_time(message.header.stamp),
+        "scan_end": read_time(message.scan_end),
+        "valid_for": message.valid_for,
+        "valid_pauses": message.valid_pauses,
+        "run": message.run,
+        "epoch": message.epoch,
+        "scan_end_clock": None if math.isnan(message.scan_end_clock) else message.scan_end_clock,
+        "provisional": bool(message.provisional),
+        "withdrawn": bool(message.withdrawn),
+        "frame_id": message.header.frame_id,
+        "version": (message.version_major, message.version_minor),
+    }
+
+
+def check_version(message: Any, name: str) -> None:
+    """Refuse a message of another major version.
+
+    Raises:
+        VersionError: it is one.
+    """
+    if message.version_major != VERSION_MAJOR:
+        raise VersionError(
+            f"{name} of version {message.version_major}.{message.version_minor}; this package speaks version "
+            f"{VERSION_MAJOR}: install the node's version here, or this one on the node"
+        )

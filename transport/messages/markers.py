@@ -1,0 +1,116 @@
+"""Obstacles and footholds as the message type that ROS 2 tools draw: visualization_msgs/MarkerArray."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from transport.messages.codec import make_header
+from transport.messages.submessage_codec import make_point
+from transport.messages.submessages import ObstacleMessage, Point
+from transport.messages.typestore import MARKERS, message_class
+
+CUBE, LINE_LIST, TEXT_VIEW_FACING = 1, 5, 9
+ADD, DELETE_ALL = 0, 3
+# Red, green, blue; the colours of steps and of footholds in pictures and in the browser.
+OBSTACLE_COLOUR, FOOTHOLD_COLOUR = (0.835, 0.369, 0.0), (0.0, 0.447, 0.698)
+# [m]
+LINE_WIDTH, TEXT_HEIGHT, SOLE_THICKNESS = 0.003, 0.018, 0.004
+
+
+def markers_message(
+    obstacles: Sequence[ObstacleMessage],
+    footholds: Mapping[str, Point],
+    sole: tuple[float, float],
+    frame_id: str,
+    stamp: int,
+) -> Any:
+    """A visualization_msgs/MarkerArray message object: it replaces whatever was drawn before.
+
+    Namespaces are `obstacles` (edges of each, from its surroundings to its top, or down to the bottom of a hole),
+    `heights` (their heights in millimetres) and `footholds` (a sole for each leg).
+
+    Args:
+        obstacles: what stands out of the terrain.
+        footholds: (x, y, z) [m] by leg.
+        sole: length (x) and width (y) [m].
+        frame_id: frame of both.
+        stamp: [ns] since the epoch.
+    """
+    header = make_header(stamp, frame_id)
+    markers = [_marker(header, "", 0, action=DELETE_ALL)]
+    if obstacles:
+        edges = [make_point(*point) for item in obstacles for point in _edges(item)]
+        markers.append(_marker(header, "obstacles", 0, kind=LINE_LIST, scale=(LINE_WIDTH, 0.0, 0.0), points=edges))
+    for number, item in enumerate(obstacles):
+        x, y, z = item.position
+        words = f"{1000.0 * item.height:+.0f} mm"
+        place = (x, y, max(z, z - item.height) + TEXT_HEIGHT)
+        markers.append(
+            _marker(
+                header, "heights", number, kind=TEXT_VIEW_FACING, place=place, scale=(0.0, 0.0, TEXT_HEIGHT), text=words
+            )
+        )
+    for number, (x, y, z) in enumerate(footholds.values()):
+        scale, place = (*sole, SOLE_THICKNESS), (x, y, z + 0.5 * SOLE_THICKNESS)
+        markers.append(
+            _marker(header, "footholds", number, kind=CUBE, place=place, scale=scale, colour=FOOTHOLD_COLOUR)
+        )
+    return message_class(MARKERS)(markers)
+
+
+def _edges(item: ObstacleMessage) -> list[Point]:
+    """Pairs of points: the outline above, the outline below, and what joins them at the corners."""
+    top, bottom = item.position[2], item.position[2] - item.height
+    corners = np.asarray(item.outline)
+    points: list[Point] = []
+    for (x, y), (next_x, next_y) in zip(corners.tolist(), np.roll(corners, -1, axis=0).tolist(), strict=True):
+        for z in (top, bottom):
+            points += [(x, y, z), (next_x, next_y, z)]
+        points += [(x, y, top), (x, y, bottom)]
+    return points
+
+
+def _marker(
+    header: Any,
+    namespace: str,
+    number: int,
+    *,
+    kind: int = CUBE,
+    action: int = ADD,
+    place: Point = (0.0, 0.0, 0.0),
+    scale: Point = (1.0, 1.0, 1.0),
+    colour: Point = OBSTACLE_COLOUR,
+    points: Sequence[Any] = (),
+    text: str = "",
+) -> Any:
+    time_class = message_class("builtin_interfaces/msg/Time")
+    empty_picture = message_class("sensor_msgs/msg/CompressedImage")(
+        message_class("std_msgs/msg/Header")(time_class(0, 0), ""), "", np.zeros(0, np.uint8)
+    )
+    marker: Any = message_class("visualization_msgs/msg/Marker")
+    return marker(
+        header=header,
+        ns=namespace,
+        id=number,
+        type=kind,
+        action=action,
+        pose=message_class("geometry_msgs/msg/Pose")(
+            make_point(*place), message_class("geometry_msgs/msg/Quaternion")(0.0, 0.0, 0.0, 1.0)
+        ),
+        scale=message_class("geometry_msgs/msg/Vector3")(*map(float, scale)),
+        color=message_class("std_msgs/msg/ColorRGBA")(*colour, 1.0),
+        lifetime=message_class("builtin_interfaces/msg/Duration")(0, 0),
+        frame_locked=False,
+        points=list(points),
+        colors=[],
+        texture_resource="",
+        texture=empty_picture,
+        uv_coordinates=[],
+        text=text,
+        mesh_resource="",
+        mesh_file=message_class("visualization_msgs/msg/MeshFile")("", np.zeros(0, np.uint8)),
+        mesh_use_embedded_materials=False,
+    )

@@ -1,0 +1,159 @@
+"""The steppable regions of a fused map, as a message and as its CDR payload."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from transport.arrays import Float
+from transport.exceptions import KeyNameError, MessageError
+from transport.messages.codec import decode, encode
+from transport.messages.map_origin import MapOrigin, check_version, make_origin, read_origin
+from transport.messages.rotation import matrix_from_quaternion, quaternion_from_matrix
+from transport.messages.submessage_codec import make_point
+from transport.messages.submessages import checked_array, finite
+from transport.messages.typestore import REGIONS, message_class
+
+MAXIMUM_REGIONS, MAXIMUM_CORNERS = 1000, 256
+# By so much a half-plane's normal may differ from length 1, and a corner may lie outside of it or off the plane [m].
+TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RegionMessage:
+    """A convex area in which a sole may be centred, in the frame of the message that carries it.
+
+    Attributes:
+        halfspaces: (n, 3) a, b, c of a x + b y <= c, (a, b) of length 1 [m].
+        vertices: (m, 3) corners on the plane, counter-clockwise [m].
+        plane: (3,) p of z = p[0] x + p[1] y + p[2].
+        sigma: standard deviation of the ground about the plane [m].
+        area: seen from above [m^2].
+    """
+
+    halfspaces: Float
+    vertices: Float
+    plane: Float
+    sigma: float
+    area: float
+
+    def __post_init__(self) -> None:
+        """Copy and check: a region that says two things about where a sole may go is refused."""
+        halfspaces = checked_array(self.halfspaces, (None, 3), "half-planes of a region")
+        vertices = checked_array(self.vertices, (None, 3), "corners of a region")
+        for name, count in (("half-planes", len(halfspaces)), ("corners", len(vertices))):
+            if not 3 <= count <= MAXIMUM_CORNERS:
+                raise MessageError(f"region of {count} {name}; allowed: 3 to {MAXIMUM_CORNERS}")
+        plane = checked_array(self.plane, (3,), "plane of a region")
+        if np.abs(np.hypot(halfspaces[:, 0], halfspaces[:, 1]) - 1.0).max() > TOLERANCE:
+            raise MessageError("a half-plane of a region has a normal whose length is not 1")
+        if (vertices[:, :2] @ halfspaces[:, :2].T - halfspaces[:, 2]).max() > TOLERANCE:
+            raise MessageError("a corner of a region lies outside of one of its half-planes")
+        if np.abs(vertices[:, :2] @ plane[:2] + plane[2] - vertices[:, 2]).max() > TOLERANCE:
+            raise MessageError("a corner of a region lies off its plane")
+        if not _is_outlined(halfspaces, vertices[:, :2]):
+            raise MessageError("the half-planes of a region hold more than its corners do, or these run clockwise")
+        for name in ("sigma", "area"):
+            value = finite(getattr(self, name), f"{name} of a region")
+            if value < 0:
+                raise MessageError(f"{name} of a region is {value}; allowed: 0 or more")
+            object.__setattr__(self, name, value)
+        for name, array in (("halfspaces", halfspaces), ("vertices", vertices), ("plane", plane)):
+            object.__setattr__(self, name, array)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RegionsMessage(MapOrigin):
+    """All steppable regions of a map.
+
+    Attributes:
+        regions: in the order in which they were found.
+    """
+
+    # Judged as grids are; of this kind, not of the map's.
+    extent: ClassVar[str] = "regions"
+
+    regions: tuple[RegionMessage, ...]
+
+    def __post_init__(self) -> None:
+        """Check what others rely on."""
+        # Without arguments `super` would look in the class that `slots` replaced.
+        super(RegionsMessage, self).__post_init__()
+        object.__setattr__(self, "regions", tuple(self.regions))
+        if len(self.regions) > MAXIMUM_REGIONS:
+            raise MessageError(f"{len(self.regions)} regions; allowed: up to {MAXIMUM_REGIONS}")
+        if self.withdrawn and self.regions:
+            raise MessageError(f"withdrawn, and yet {len(self.regions)} regions; allowed: none")
+
+
+def encode_regions(message: RegionsMessage) -> bytearray:
+    """The CDR payload of regions, a guara_msgs/SteppableRegions.
+
+    Raises:
+        MessageError: a field does not fit its ROS 2 type.
+    """
+    kind = message_class(REGIONS)
+    return encode(kind(**make_origin(message), regions=[_make_region(region) for region in message.regions]))
+
+
+def decode_regions(payload: bytes | bytearray | memoryview) -> RegionsMessage:
+    """Regions from their CDR payload.
+
+    Raises:
+        VersionError: another major version.
+        MessageError: the payload is damaged, or a length or number is not what the message allows.
+    """
+    message = decode(payload, REGIONS)
+    check_version(message, "regions")
+    try:
+        return RegionsMessage(**read_origin(message), regions=tuple(_read_region(region) for region in message.regions))
+    except KeyNameError as error:
+        raise MessageError(f"regions refused: {error}") from error
+
+
+def _is_outlined(halfspaces: Float, corners: Float) -> bool:
+    """Whether what the half-planes hold ends at the edges between corners (m, 2) that lie in all of them.
+
+    It does when every edge lies on the line of a half-plane and the edges go round something: a closed way along the
+    border of a convex area of which a side is open only goes there and back.
+    """
+    on_line = np.abs(corners @ halfspaces[:, :2].T - halfspaces[:, 2]) <= TOLERANCE
+    on_border = (on_line & np.roll(on_line, -1, axis=0)).any(axis=1)
+    x, y = (corners - corners[0]).T
+    return bool(on_border.all() and (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() > 0.0)
+
+
+def _make_region(region: RegionMessage) -> Any:
+    """A guara_msgs/SteppableRegion; x of the plane's frame points along x, as far as the plane lets it."""
+    x, y = region.vertices[:, :2].mean(axis=0)
+    a, b, c = region.plane
+    normal = np.array([-a, -b, 1.0]) / math.sqrt(a * a + b * b + 1.0)
+    ahead = np.array([1.0, 0.0, a]) / math.hypot(1.0, a)
+    rotation = np.column_stack((ahead, np.cross(normal, ahead), normal))
+    pose = message_class("geometry_msgs/msg/Pose")(
+        make_point(x, y, a * x + b * y + c),
+        message_class("geometry_msgs/msg/Quaternion")(*quaternion_from_matrix(rotation)),
+    )
+    corners = [make_point(*corner) for corner in region.vertices.tolist()]
+    kind = message_class("guara_msgs/msg/SteppableRegion")
+    return kind(pose, corners, region.halfspaces.ravel().copy(), region.sigma, region.area)
+
+
+def _read_region(message: Any) -> RegionMessage:
+    at, turn = message.plane_parameters.position, message.plane_parameters.orientation
+    normal = matrix_from_quaternion((turn.x, turn.y, turn.z, turn.w), "plane_parameters of a region")[:, 2]
+    if not normal[2] > TOLERANCE:
+        raise MessageError("the plane of a region does not look upwards")
+    a, b = -normal[:2] / normal[2]
+    if len(message.halfspaces) % 3:
+        raise MessageError(f"half-planes of a region have {len(message.halfspaces)} numbers; allowed: 3 for each")
+    return RegionMessage(
+        halfspaces=message.halfspaces.reshape(-1, 3),
+        vertices=np.array([(p.x, p.y, p.z) for p in message.boundary], np.float64).reshape(-1, 3),
+        plane=np.array([a, b, at.z - a * at.x - b * at.y]),
+        sigma=message.sigma,
+        area=message.area,
+    )

@@ -1,0 +1,196 @@
+"""Requests to the scanner and its answers: messages in Python, and their CDR payloads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from transport.exceptions import MessageError
+from transport.messages.codec import decode, encode, make_time, read_time
+from transport.messages.submessages import finite
+from transport.messages.terrain_message import EXTENTS, MODES
+from transport.messages.typestore import QUERY_REQUEST, REFUSAL, SCAN_REPLY, SCAN_REQUEST, message_class
+
+# [characters] Longest id of a request.
+MAXIMUM_ID = 200
+
+
+class ScanState(IntEnum):
+    """What a ScanReply says."""
+
+    ACCEPTED = 1
+    PROGRESS = 2
+    DONE = 3
+    FAILED = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanRequest:
+    """A planner asks for a scan.
+
+    Attributes:
+        id: unique per request; the same id again returns the same scan.
+        mode: "coarse" or "standard".
+        timeout: [s] from the arrival of the request until the scanner drops the work.
+    """
+
+    id: str
+    mode: str
+    timeout: float
+
+    def __post_init__(self) -> None:
+        """Check.
+
+        Raises:
+            MessageError: a field is not what the message allows.
+        """
+        if not 0 < len(self.id) <= MAXIMUM_ID:
+            raise MessageError(f"id of the request has {len(self.id)} characters; allowed: 1 to {MAXIMUM_ID}")
+        if self.mode not in MODES:
+            raise MessageError(f"mode is {self.mode!r}; allowed: {', '.join(map(repr, MODES))}")
+        if finite(self.timeout, "timeout") <= 0.0:
+            raise MessageError(f"timeout is {self.timeout} s; allowed: more than 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanReply:
+    """What the scanner answers to a ScanRequest.
+
+    Attributes:
+        id: of the request.
+        state: ACCEPTED, PROGRESS, or one of the terminal DONE and FAILED.
+        stripes_done: stripes taken so far.
+        stripes_total: stripes of the pattern.
+        step: DONE: number of the pause.
+        sequence: DONE: sequence of the terrain message, published before.
+        stamp: [ns] DONE: stamp of the terrain message.
+        code: FAILED: short name of the cause.
+        message: FAILED: the cause in words.
+    """
+
+    id: str
+    state: ScanState
+    stripes_done: int = 0
+    stripes_total: int = 0
+    step: int = 0
+    sequence: int = 0
+    stamp: int = 0
+    code: str = ""
+    message: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """Why a request was not taken up.
+
+    Attributes:
+        id: of the request, empty when it could not be read.
+        code: "busy", "denied", "bad_request", "not_stationary", "expired" or "no_terrain".
+        message: the cause in words.
+    """
+
+    id: str
+    code: str
+    message: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class QueryRequest:
+    """A planner asks for the newest grid, or a region of it.
+
+    Attributes:
+        extent: "footprint" or "map".
+        region: [m] (x_min, x_max, y_min, y_max) in the frame of the grid; None for all of it.
+    """
+
+    extent: str = "footprint"
+    region: tuple[float, float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check.
+
+        Raises:
+            MessageError: a field is not what the message allows.
+        """
+        if self.extent not in EXTENTS:
+            raise MessageError(f"extent is {self.extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
+        if self.region is None:
+            return
+        if len(self.region) != 4:
+            raise MessageError(f"region has {len(self.region)} numbers; allowed: x_min, x_max, y_min, y_max")
+        x_min, x_max, y_min, y_max = (finite(limit, "limit of the region") for limit in self.region)
+        if x_min >= x_max or y_min >= y_max:
+            raise MessageError(f"region {self.region} is empty; x_min < x_max and y_min < y_max are needed")
+        object.__setattr__(self, "region", (x_min, x_max, y_min, y_max))
+
+
+def encode_scan_request(request: ScanRequest) -> bytearray:
+    """CDR payload of a ScanRequest."""
+    return encode(message_class(SCAN_REQUEST)(request.id, request.mode, float(request.timeout)))
+
+
+def decode_scan_request(payload: bytes) -> ScanRequest:
+    """ScanRequest from its CDR payload; MessageError when it is damaged or not allowed."""
+    message = decode(payload, SCAN_REQUEST)
+    return ScanRequest(id=message.id, mode=message.mode, timeout=message.timeout)
+
+
+def encode_scan_reply(reply: ScanReply) -> bytearray:
+    """CDR payload of a ScanReply."""
+    return encode(
+        message_class(SCAN_REPLY)(
+            id=reply.id,
+            state=int(reply.state),
+            stripes_done=reply.stripes_done,
+            stripes_total=reply.stripes_total,
+            step=reply.step,
+            sequence=reply.sequence,
+            stamp=make_time(reply.stamp),
+            code=reply.code,
+            message=reply.message,
+        )
+    )
+
+
+def decode_scan_reply(payload: bytes) -> ScanReply:
+    """ScanReply from its CDR payload; MessageError when it is damaged or its state is unknown."""
+    message = decode(payload, SCAN_REPLY)
+    try:
+        state = ScanState(message.state)
+    except ValueError as error:
+        raise MessageError(f"state of a scan reply is {message.state}; allowed: 1 to 4") from error
+    return ScanReply(
+        id=message.id,
+        state=state,
+        stripes_done=message.stripes_done,
+        stripes_total=message.stripes_total,
+        step=message.step,
+        sequence=message.sequence,
+        stamp=read_time(message.stamp),
+        code=message.code,
+        message=message.message,
+    )
+
+
+def encode_refusal(refusal: Refusal) -> bytearray:
+    """CDR payload of a Refusal."""
+    return encode(message_class(REFUSAL)(refusal.id, refusal.code, refusal.message))
+
+
+def decode_refusal(payload: bytes) -> Refusal:
+    """Refusal from its CDR payload; MessageError when it is damaged."""
+    message = decode(payload, REFUSAL)
+    return Refusal(id=message.id, code=message.code, message=message.message)
+
+
+def encode_query_request(request: QueryRequest) -> bytearray:
+    """CDR payload of a QueryRequest."""
+    limits = request.region or (0.0, 0.0, 0.0, 0.0)
+    return encode(message_class(QUERY_REQUEST)(request.extent, request.region is None, *limits))
+
+
+def decode_query_request(payload: bytes) -> QueryRequest:
+    """QueryRequest from its CDR payload; MessageError when it is damaged or not allowed."""
+    message = decode(payload, QUERY_REQUEST)
+    limits = (message.x_min, message.x_max, message.y_min, message.y_max)
+    return QueryRequest(extent=message.extent, region=None if message.whole else limits)

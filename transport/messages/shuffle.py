@@ -1,0 +1,75 @@
+"""Arrays of numbers made small for slow links: bytes of one significance side by side, then zstd.
+
+The shuffle is that of HDF5 and Blosc: of elements of `itemsize` bytes first all first bytes, then all second bytes, and
+so on; bytes beyond the last whole element stay at the end as they are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from transport.arrays import Bytes
+from transport.exceptions import MessageError
+from transport.messages.codec import MAXIMUM_PAYLOAD
+
+# Every zstd frame begins with this, and no CDR payload does.
+FRAME_MAGIC = b"\x28\xb5\x2f\xfd"
+# Of zstd; a higher one gains a few per cent here and costs several times as long.
+LEVEL = 3
+
+
+def compress(data: bytes | bytearray | memoryview, itemsize: int = 4) -> bytes:
+    """Shuffle and compress; one zstd frame with its length and a checksum.
+
+    Args:
+        data: elements one after the other.
+        itemsize: [byte] of an element.
+    """
+    import zstandard
+
+    parameters = zstandard.ZstdCompressionParameters.from_level(
+        LEVEL, source_size=len(data), write_content_size=True, write_checksum=True
+    )
+    return zstandard.ZstdCompressor(compression_params=parameters).compress(
+        _transposed(data, itemsize, encode=True).tobytes()
+    )
+
+
+def decompress(data: bytes | bytearray | memoryview, itemsize: int = 4, *, maximum: int = MAXIMUM_PAYLOAD) -> bytes:
+    """What `compress` was given.
+
+    Args:
+        data: one zstd frame, whole.
+        itemsize: [byte] of an element, as it was compressed.
+        maximum: [byte] of the result; a frame that says more is refused before anything is decompressed.
+
+    Raises:
+        MessageError: the frame is damaged, cut, too large, does not tell its length, or bytes are left over.
+    """
+    import zstandard
+
+    try:
+        frame = zstandard.get_frame_parameters(data)
+        if frame.content_size == zstandard.CONTENTSIZE_UNKNOWN:
+            raise MessageError("a zstd frame that does not tell its length refused")
+        if frame.content_size > maximum:
+            raise MessageError(f"a compressed message of {frame.content_size} bytes refused; allowed: {maximum} bytes")
+        plain = zstandard.ZstdDecompressor().decompress(data, allow_extra_data=False)
+    except zstandard.ZstdError as error:
+        raise MessageError(f"{len(data)} bytes are no whole zstd frame: {error}") from error
+    return _transposed(plain, itemsize, encode=False).tobytes()
+
+
+def _transposed(data: bytes | bytearray | memoryview, itemsize: int, *, encode: bool) -> Bytes:
+    """The bytes of the whole elements by significance, or the other way round."""
+    flat = np.frombuffer(data, np.uint8)
+    count = len(flat) // itemsize
+    whole = count * itemsize
+    result = np.empty_like(flat)
+    # Strides in one argument of a copy: a transposed array takes numpy five times as long.
+    for byte in range(itemsize):
+        together, apart = slice(byte * count, (byte + 1) * count), slice(byte, whole, itemsize)
+        here, there = (together, apart) if encode else (apart, together)
+        result[here] = flat[there]
+    result[whole:] = flat[whole:]
+    return result

@@ -1,0 +1,114 @@
+"""Status of the node: message in Python, and its CDR payload as diagnostic_msgs/DiagnosticArray."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+from transport.exceptions import MessageError
+from transport.messages.codec import decode, encode, make_header, read_time
+from transport.messages.terrain_message import Health
+from transport.messages.typestore import STATUS, message_class
+
+# Name of the item that the transport itself adds; its values hold the number of the stance pause as `step`.
+STATUS_NAME = "transport"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatusItem:
+    """Status of one part of the node.
+
+    Attributes:
+        name: part, for example "scanner".
+        level: OK, WARN, ERROR or STALE.
+        message: one line for a person.
+        hardware_id: device or robot, empty when none.
+        values: figures as text by name, with the unit in the name.
+    """
+
+    name: str
+    level: Health
+    message: str = ""
+    hardware_id: str = ""
+    values: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Freeze the figures as text."""
+        values = {str(key): str(value) for key, value in self.values.items()}
+        object.__setattr__(self, "values", MappingProxyType(values))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Status:
+    """Status of the node: one item per item.
+
+    Attributes:
+        stamp: [ns] since the epoch.
+        items: parts of the node.
+    """
+
+    stamp: int
+    items: tuple[StatusItem, ...]
+
+    @property
+    def level(self) -> Health:
+        """The worst level of all items; STALE when there are none."""
+        return max((item.level for item in self.items), default=Health.STALE)
+
+    def item(self, name: str) -> StatusItem | None:
+        """The item of one part, or None."""
+        return next((item for item in self.items if item.name == name), None)
+
+
+def whole_number(text: str) -> int | None:
+    """The whole number that a figure of a status says, None where it says none."""
+    try:
+        return int(text)
+    except ValueError:
+        return None
+
+
+def encode_status(status: Status) -> bytearray:
+    """CDR payload of a status, a diagnostic_msgs/DiagnosticArray.
+
+    Raises:
+        MessageError: a field does not fit its ROS 2 type.
+    """
+    pair = message_class("diagnostic_msgs/msg/KeyValue")
+    item_class: Any = message_class("diagnostic_msgs/msg/DiagnosticStatus")
+    items = [
+        item_class(
+            level=int(item.level),
+            name=item.name,
+            message=item.message,
+            hardware_id=item.hardware_id,
+            values=[pair(key, value) for key, value in item.values.items()],
+        )
+        for item in status.items
+    ]
+    return encode(message_class(STATUS)(make_header(status.stamp, ""), items))
+
+
+def decode_status(payload: bytes | bytearray | memoryview) -> Status:
+    """Status from its CDR payload.
+
+    Raises:
+        MessageError: the payload is damaged or a level is unknown.
+    """
+    message = decode(payload, STATUS)
+    try:
+        items = tuple(
+            StatusItem(
+                name=item.name,
+                level=Health(item.level),
+                message=item.message,
+                hardware_id=item.hardware_id,
+                values={pair.key: pair.value for pair in item.values},
+            )
+            for item in message.status
+        )
+    except ValueError as error:
+        raise MessageError(f"status refused: {error}; allowed levels are 0 to 3") from error
+    return Status(stamp=read_time(message.header.stamp), items=items)

@@ -1,0 +1,135 @@
+"""The summary of a fused map: three layers in small numbers, as a message and as its CDR payload."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from transport.arrays import Array
+from transport.exceptions import MessageError
+from transport.messages.codec import decode, encode
+from transport.messages.map_origin import MapOrigin, check_version, make_origin, read_origin
+from transport.messages.shuffle import compress, decompress
+from transport.messages.submessages import finite
+from transport.messages.terrain_message import MAXIMUM_CELLS
+from transport.messages.typestore import SUMMARY, message_class
+
+# [mm] In `heights`: not known.
+UNKNOWN_HEIGHT = -32768
+# Dtype of each layer on the wire, little endian.
+LAYERS: Mapping[str, np.dtype[Any]] = {
+    "heights": np.dtype("<i2"),
+    "hazard": np.dtype("<u2"),
+    "traversability": np.dtype("u1"),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SummaryMessage(MapOrigin):
+    """The fused map made small: heights, flags and traversability of every cell.
+
+    Attributes:
+        resolution: [m] edge of a cell.
+        origin: [m] (x, y) of the corner of cell (0, 0) in `frame_id`.
+        heights: (ny, nx) int16 [mm], `UNKNOWN_HEIGHT` where not known.
+        hazard: (ny, nx) uint16 flags.
+        traversability: (ny, nx) uint8 [1/255], 0 never.
+    """
+
+    # Judged as grids are; of this kind, not of the map's.
+    extent: ClassVar[str] = "summary"
+
+    resolution: float
+    origin: tuple[float, float]
+    heights: Array
+    hazard: Array
+    traversability: Array
+
+    def __post_init__(self) -> None:
+        """Check what others rely on, and make the arrays read-only."""
+        # Without arguments `super` would look in the class that `slots` replaced.
+        super(SummaryMessage, self).__post_init__()
+        shape = self.heights.shape
+        if len(shape) != 2 or 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
+            raise MessageError(f"summary has shape {shape}; allowed: (ny, nx) with 1 to {MAXIMUM_CELLS} cells")
+        for name, dtype in LAYERS.items():
+            array = getattr(self, name)
+            if array.shape != shape or array.dtype != dtype:
+                raise MessageError(
+                    f"layer {name!r} of a summary is {array.dtype} {array.shape}; allowed: {dtype} {shape}"
+                )
+            checked = array if not array.flags.writeable and array.flags.c_contiguous else np.array(array, order="C")
+            checked.setflags(write=False)
+            object.__setattr__(self, name, checked)
+        finite(self.origin[0], "origin x")
+        finite(self.origin[1], "origin y")
+        if not finite(self.resolution, "resolution") > 0:
+            raise MessageError(f"resolution is {self.resolution} m; allowed: above 0")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(ny, nx)."""
+        ny, nx = self.heights.shape
+        return ny, nx
+
+
+def encode_summary(summary: SummaryMessage) -> bytearray:
+    """The CDR payload of a summary, a guara_msgs/TerrainSummary.
+
+    Raises:
+        MessageError: a field does not fit its ROS 2 type.
+    """
+    ny, nx = summary.shape
+    packed = {
+        name: np.frombuffer(compress(getattr(summary, name).tobytes(), dtype.itemsize), np.uint8)
+        for name, dtype in LAYERS.items()
+    }
+    message = message_class(SUMMARY)(
+        **make_origin(summary),
+        resolution=summary.resolution,
+        origin_x=summary.origin[0],
+        origin_y=summary.origin[1],
+        nx=nx,
+        ny=ny,
+        **packed,
+    )
+    return encode(message)
+
+
+def decode_summary(payload: bytes | bytearray | memoryview) -> SummaryMessage:
+    """A summary from its CDR payload.
+
+    Raises:
+        VersionError: another major version.
+        MessageError: the payload is damaged, or a length or number is not what the message allows.
+    """
+    message = decode(payload, SUMMARY)
+    check_version(message, "summary")
+    shape = (int(message.ny), int(message.nx))
+    if 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
+        raise MessageError(f"summary of {shape[0]} x {shape[1]} cells; allowed: 1 to {MAXIMUM_CELLS} cells")
+    try:
+        layers: dict[str, Any] = {
+            name: _unpack(getattr(message, name), name, dtype, shape) for name, dtype in LAYERS.items()
+        }
+        return SummaryMessage(
+            **read_origin(message),
+            resolution=message.resolution,
+            origin=(message.origin_x, message.origin_y),
+            **layers,
+        )
+    except MessageError:
+        raise
+    except (ValueError, OverflowError) as error:
+        raise MessageError(f"summary refused: {error}") from error
+
+
+def _unpack(packed: Array, name: str, dtype: np.dtype[Any], shape: tuple[int, int]) -> Array:
+    size = shape[0] * shape[1] * dtype.itemsize
+    plain = decompress(packed.tobytes(), dtype.itemsize, maximum=size)
+    if len(plain) != size:
+        raise MessageError(f"layer {name!r} of a summary has {len(plain)} bytes; {size} are ny * nx values")
+    return np.frombuffer(plain, dtype).reshape(shape)

@@ -1,0 +1,172 @@
+"""TerrainMessage to the CDR payload of a guara_msgs/Terrain, and back with every check."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from transport.arrays import Array
+from transport.exceptions import MessageError, TransportError, VersionError
+from transport.messages.codec import decode, encode, make_header, make_time, read_time
+from transport.messages.shuffle import FRAME_MAGIC, decompress
+from transport.messages.submessage_codec import (
+    make_obstacle,
+    make_stance,
+    make_transform,
+    read_obstacle,
+    read_stance,
+    read_transform,
+)
+from transport.messages.terrain_message import LAYERS, MAXIMUM_CELLS, VERSION_MAJOR, Health, TerrainMessage
+from transport.messages.typestore import TERRAIN, message_class
+
+FIELDS = ("float32_values", "uint16_values", "uint8_values")
+EMPTY = tuple(np.zeros(0, dtype) for dtype in (np.float32, np.uint16, np.uint8))
+TYPES = {np.dtype(np.float32): 1, np.dtype(np.uint16): 2, np.dtype(np.uint8): 3}
+
+
+def encode_terrain(terrain: TerrainMessage) -> bytearray:
+    """The CDR payload of one TerrainMessage.
+
+    Raises:
+        MessageError: a field does not fit its ROS 2 type, for example a stamp past 2038.
+    """
+    return encode(make_terrain(terrain))
+
+
+def decode_terrain(payload: bytes | bytearray | memoryview) -> TerrainMessage:
+    """Read and check the payload of a guara_msgs/Terrain: CDR, or its compact form (`transport.messages.compact`).
+
+    Layers that this version does not know are ignored. The arrays are read-only views of the CDR payload.
+
+    Raises:
+        VersionError: another major version.
+        MessageError: the payload is damaged, or a length, name or number is not what the message allows.
+    """
+    if bytes(payload[:4]) == FRAME_MAGIC:
+        payload = decompress(payload)
+    message = decode(payload, TERRAIN)
+    try:
+        return read_terrain(message)
+    except MessageError:
+        raise
+    except (TransportError, ValueError, OverflowError) as error:
+        raise MessageError(f"terrain message refused: {error}") from error
+
+
+def _make_layer(name: str, array: Array) -> Any:
+    number = TYPES[array.dtype]
+    values = list(EMPTY)
+    values[number - 1] = array.ravel()
+    return message_class("guara_msgs/msg/TerrainLayer")(name, LAYERS[name].unit, number, *values)
+
+
+def make_terrain(terrain: TerrainMessage) -> Any:
+    """The guara_msgs/Terrain message object of one TerrainMessage."""
+    ny, nx = terrain.shape
+    return message_class(TERRAIN)(
+        header=make_header(terrain.stamp, terrain.frame_id),
+        version_major=terrain.version[0],
+        version_minor=terrain.version[1],
+        robot=terrain.robot,
+        extent=terrain.extent,
+        sequence=terrain.sequence,
+        step=terrain.step,
+        scan_start=make_time(terrain.scan_start),
+        scan_end=make_time(terrain.scan_end),
+        valid_for=float(terrain.valid_for),
+        valid_pauses=terrain.valid_pauses,
+        mode=terrain.mode,
+        method=terrain.method,
+        calibration_hash=terrain.calibration_hash,
+        resolution=terrain.resolution,
+        origin_x=terrain.origin[0],
+        origin_y=terrain.origin[1],
+        nx=nx,
+        ny=ny,
+        layers=[_make_layer(name, array) for name, array in terrain.layers.items()],
+        stance=make_stance(terrain.stance),
+        attitude_source=terrain.attitude_source,
+        transforms=[make_transform(transform) for transform in terrain.transforms],
+        obstacles=[make_obstacle(obstacle) for obstacle in terrain.obstacles],
+        point_count_names=list(terrain.point_counts),
+        point_count_values=np.array(list(terrain.point_counts.values()), dtype=np.uint64),
+        stage_names=list(terrain.stage_ms),
+        stage_ms=np.array(list(terrain.stage_ms.values()), dtype=np.float64),
+        coverage=float(terrain.coverage),
+        health=int(terrain.health),
+        health_reasons=list(terrain.health_reasons),
+        metadata=terrain.metadata,
+    )
+
+
+def _read_layers(message: Any) -> dict[str, Array]:
+    shape = (int(message.ny), int(message.nx))
+    if 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
+        raise MessageError(f"grid of {shape[0]} x {shape[1]} cells; allowed: 1 to {MAXIMUM_CELLS} cells")
+    layers: dict[str, Array] = {}
+    for layer in message.layers:
+        if layer.name not in LAYERS:
+            continue
+        if layer.name in layers:
+            raise MessageError(f"layer {layer.name!r} comes twice")
+        kind = LAYERS[layer.name]
+        number = TYPES[kind.dtype]
+        if layer.type != number or layer.unit != kind.unit:
+            raise MessageError(
+                f"layer {layer.name!r} has type {layer.type} and unit {layer.unit!r}; "
+                f"allowed: type {number} ({kind.dtype}) and unit {kind.unit!r}"
+            )
+        lengths = [len(getattr(layer, name)) for name in FIELDS]
+        if lengths[number - 1] != shape[0] * shape[1] or sum(lengths) != lengths[number - 1]:
+            raise MessageError(
+                f"layer {layer.name!r} has {lengths} values in its three arrays; allowed: "
+                f"{shape[0] * shape[1]} = ny * nx in {FIELDS[number - 1]} and none in the others"
+            )
+        layers[layer.name] = getattr(layer, FIELDS[number - 1]).reshape(shape)
+    return layers
+
+
+def _pairs(names: list[str], values: Array, what: str) -> dict[str, Any]:
+    if len(names) != len(values) or len(set(names)) != len(names):
+        raise MessageError(f"{what} has {len(set(names))} different names and {len(values)} values")
+    return dict(zip(names, values.tolist(), strict=True))
+
+
+def read_terrain(message: Any) -> TerrainMessage:
+    """A checked TerrainMessage from a guara_msgs/Terrain message object; errors as in `decode_terrain`."""
+    if message.version_major != VERSION_MAJOR:
+        raise VersionError(
+            f"terrain message of version {message.version_major}.{message.version_minor}; this package "
+            f"speaks version {VERSION_MAJOR}: install the node's version here, or this one on the node"
+        )
+    return TerrainMessage(
+        robot=message.robot,
+        extent=message.extent,
+        sequence=message.sequence,
+        step=message.step,
+        stamp=read_time(message.header.stamp),
+        scan_start=read_time(message.scan_start),
+        scan_end=read_time(message.scan_end),
+        valid_for=message.valid_for,
+        valid_pauses=message.valid_pauses,
+        mode=message.mode,
+        method=message.method,
+        calibration_hash=message.calibration_hash,
+        resolution=message.resolution,
+        origin=(message.origin_x, message.origin_y),
+        layers=_read_layers(message),
+        stance=read_stance(message.stance),
+        attitude_source=message.attitude_source,
+        transforms=tuple(read_transform(transform) for transform in message.transforms),
+        obstacles=tuple(read_obstacle(obstacle) for obstacle in message.obstacles),
+        point_counts=_pairs(message.point_count_names, message.point_count_values, "point counts"),
+        stage_ms=_pairs(message.stage_names, message.stage_ms, "stage times"),
+        coverage=message.coverage,
+        health=Health(message.health),
+        health_reasons=tuple(message.health_reasons),
+        metadata=message.metadata,
+        frame_id=message.header.frame_id,
+        version=(message.version_major, message.version_minor),
+    )

@@ -1,0 +1,253 @@
+"""The Terrain message in Python: all layers of one scan with geometry, posture and validity."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from transport.arrays import Array
+from transport.exceptions import MessageError
+from transport.keys import check_name
+from transport.messages.submessages import ObstacleMessage, StanceMessage, TransformMessage, finite, texts
+
+VERSION_MAJOR = 1
+VERSION_MINOR = 0
+EXTENTS = ("footprint", "map")
+MODES = ("coarse", "standard")
+ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
+# Characters of the identity of a walk or of a run.
+MAXIMUM_IDENTITY = 100
+# Largest grid; the default map has 44,800 cells.
+MAXIMUM_CELLS = 4_000_000
+
+
+class LayerKind(NamedTuple):
+    """What a layer holds: dtype of its array and unit of its values."""
+
+    dtype: np.dtype[Any]
+    unit: str
+
+
+FLOAT = np.dtype(np.float32)
+# Every layer of a Terrain message of this major version; all must be there, others are ignored.
+LAYERS: Mapping[str, LayerKind] = MappingProxyType(
+    {
+        "elevation": LayerKind(FLOAT, "m"),
+        "variance": LayerKind(FLOAT, "m^2"),
+        "elevation_min": LayerKind(FLOAT, "m"),
+        "elevation_max": LayerKind(FLOAT, "m"),
+        "slope": LayerKind(FLOAT, "rad"),
+        "step_height": LayerKind(FLOAT, "m"),
+        "roughness": LayerKind(FLOAT, "m"),
+        "clearance": LayerKind(FLOAT, "m"),
+        "traversability": LayerKind(FLOAT, "1"),
+        "hazard": LayerKind(np.dtype(np.uint16), "flags"),
+        "age": LayerKind(np.dtype(np.uint8), "pauses"),
+        "looks": LayerKind(np.dtype(np.uint8), "scans"),
+    }
+)
+
+
+class Health(IntEnum):
+    """Health of a scan or of the node, with the numbers of diagnostic_msgs/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+def _check_layer(name: str, array: Array, shape: tuple[int, int]) -> Array:
+    kind = LAYERS[name]
+    if not isinstance(array, np.ndarray) or array.dtype != kind.dtype:
+        given = array.dtype if isinstance(array, np.ndarray) else type(array).__name__
+        raise MessageError(f"layer {name!r} is {given}; allowed: {kind.dtype}")
+    if array.shape != shape:
+        raise MessageError(f"layer {name!r} has shape {array.shape}; allowed: (ny, nx) = {shape}")
+    contiguous = array.flags.c_contiguous and array.flags.aligned and not array.flags.writeable
+    checked = array if contiguous else np.array(array, order="C")
+    checked.setflags(write=False)
+    return checked
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TerrainMessage:
+    """One scan of the terrain (extent "footprint"), or a snapshot of the fused map (extent "map").
+
+    Cell (0, 0) is the corner at minimum x and y; the centre of cell (iy, ix) is
+    `origin + (ix + 0.5, iy + 0.5) * resolution` in `frame_id`.
+
+    Attributes:
+        robot: instance name.
+        extent: "footprint" or "map".
+        sequence: counts the messages of this extent since the node started, from 1.
+        step: number of the stance pause.
+        stamp: [ns] since the epoch; the time for which the grid holds.
+        scan_start: [ns] first frame.
+        scan_end: [ns] last frame.
+        valid_for: [s] after `scan_end`; may be infinite.
+        valid_pauses: pauses after `step` for which the grid may be used.
+        mode: "coarse" or "standard".
+        method: stripe extraction that was used.
+        calibration_hash: of the calibration that was used.
+        resolution: [m] edge of a cell.
+        origin: [m] (x, y) of the corner of cell (0, 0).
+        layers: read-only arrays of shape (ny, nx) with the dtype of `LAYERS`; NaN where unknown.
+        stance: posture during the scan.
+        attitude_source: "imu", "odometry", "support_plane" or "level".
+        transforms: transforms at the time of the scan.
+        obstacles: what stands out of the terrain.
+        point_counts: points in, used, rejected by cause.
+        stage_ms: [ms] processing time by stage.
+        coverage: share of cells that are known, 0 ... 1.
+        health: health of this scan.
+        health_reasons: why it is not OK.
+        metadata: JSON text of an object.
+        frame_id: frame of the grid.
+        version: (major, minor) of the message.
+        epoch: from the metadata: identity of the walk; empty when it does not say.
+        run: from the metadata: identity of the run of the node that sent it; empty when it does not say.
+        provisional: from the metadata: whether the pause has yet to confirm that the robot stood still.
+        withdrawn: from the metadata: whether it takes another grid back; then nothing is known in it.
+        scan_end_clock: from the metadata: the end of the scan by a clock of the node that never steps [s]; None when
+            it does not say.
+    """
+
+    robot: str
+    extent: str
+    sequence: int
+    step: int
+    stamp: int
+    scan_start: int
+    scan_end: int
+    valid_for: float
+    valid_pauses: int
+    mode: str
+    method: str
+    calibration_hash: str
+    resolution: float
+    origin: tuple[float, float]
+    layers: Mapping[str, Array]
+    stance: StanceMessage
+    attitude_source: str
+    transforms: tuple[TransformMessage, ...] = ()
+    obstacles: tuple[ObstacleMessage, ...] = ()
+    point_counts: Mapping[str, int] = field(default_factory=dict)
+    stage_ms: Mapping[str, float] = field(default_factory=dict)
+    coverage: float = 0.0
+    health: Health = Health.OK
+    health_reasons: tuple[str, ...] = ()
+    metadata: str = "{}"
+    frame_id: str = "base_footprint"
+    version: tuple[int, int] = (VERSION_MAJOR, VERSION_MINOR)
+    epoch: str = field(init=False, default="")
+    run: str = field(init=False, default="")
+    provisional: bool = field(init=False, default=False)
+    withdrawn: bool = field(init=False, default=False)
+    scan_end_clock: float | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        """Check every field, and copy what could still be changed from outside.
+
+        Raises:
+            MessageError: a field is not what the message allows; the text names it.
+        """
+        check_name(self.robot)
+        for name, allowed in (("extent", EXTENTS), ("mode", MODES), ("attitude_source", ATTITUDE_SOURCES)):
+            if getattr(self, name) not in allowed:
+                raise MessageError(f"{name} is {getattr(self, name)!r}; allowed: {', '.join(map(repr, allowed))}")
+        for name, bits in (("sequence", 64), ("valid_pauses", 32)):
+            if not 0 <= getattr(self, name) < 2**bits:
+                raise MessageError(f"{name} is {getattr(self, name)}; allowed: 0 to 2^{bits} - 1")
+        if self.scan_end < self.scan_start:
+            raise MessageError(f"scan_end {self.scan_end} ns lies before scan_start {self.scan_start} ns")
+        if math.isnan(self.valid_for) or self.valid_for < 0.0:
+            raise MessageError(f"valid_for is {self.valid_for} s; allowed: 0 or more")
+        self._check_grid()
+        if not 0.0 <= self.coverage <= 1.0:
+            raise MessageError(f"coverage is {self.coverage}; allowed: 0 to 1")
+        self._freeze_details()
+
+    def _check_grid(self) -> None:
+        resolution = finite(self.resolution, "resolution")
+        if not 1e-4 <= resolution <= 10.0:
+            raise MessageError(f"resolution is {resolution} m; allowed: 0.0001 to 10 m")
+        if len(self.origin) != 2:
+            raise MessageError(f"origin has {len(self.origin)} numbers; allowed: 2, x and y")
+        origin = (finite(self.origin[0], "origin x"), finite(self.origin[1], "origin y"))
+        missing = [name for name in LAYERS if name not in self.layers]
+        if missing:
+            raise MessageError(f"layers {', '.join(missing)} are missing; needed are {', '.join(LAYERS)}")
+        shape = np.shape(self.layers["elevation"])
+        if len(shape) != 2 or 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
+            raise MessageError(
+                f"layer 'elevation' has shape {shape}; allowed: (ny, nx) with 1 to {MAXIMUM_CELLS} cells"
+            )
+        layers = {name: _check_layer(name, self.layers[name], (shape[0], shape[1])) for name in LAYERS}
+        object.__setattr__(self, "resolution", resolution)
+        object.__setattr__(self, "origin", origin)
+        object.__setattr__(self, "layers", MappingProxyType(layers))
+
+    def _freeze_details(self) -> None:
+        for name in ("transforms", "obstacles"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        object.__setattr__(self, "health_reasons", texts(self.health_reasons, "health_reasons"))
+        counts = {str(name): int(count) for name, count in self.point_counts.items()}
+        if any(not 0 <= count < 2**64 for count in counts.values()):
+            raise MessageError(f"point_counts holds a negative count: {counts}")
+        stages = {str(name): finite(ms, f"time of stage {name!r}") for name, ms in self.stage_ms.items()}
+        object.__setattr__(self, "point_counts", MappingProxyType(counts))
+        object.__setattr__(self, "stage_ms", MappingProxyType(stages))
+        try:
+            object.__setattr__(self, "health", Health(self.health))
+        except ValueError as error:
+            raise MessageError(f"health is {self.health}; allowed: 0 to 3") from error
+        try:
+            data = json.loads(self.metadata)
+        except (TypeError, ValueError, RecursionError) as error:
+            raise MessageError(f"metadata is not JSON text: {error}") from error
+        if not isinstance(data, dict):
+            raise MessageError("metadata is JSON, but not an object; write it as {...}")
+        self._take_from(data)
+
+    def _take_from(self, data: Mapping[str, Any]) -> None:
+        """Read what the metadata tells of origin and state; old readers find it there and leave it alone."""
+        for name in ("epoch", "run"):
+            text = data.get(name, "")
+            if not isinstance(text, str) or len(text) > MAXIMUM_IDENTITY:
+                raise MessageError(
+                    f"{name} in the metadata is {text!r}; allowed: text up to {MAXIMUM_IDENTITY} characters"
+                )
+            object.__setattr__(self, name, text)
+        for name in ("provisional", "withdrawn"):
+            flag = data.get(name, False)
+            if not isinstance(flag, bool):
+                raise MessageError(f"{name} in the metadata is {flag!r}; allowed: true and false")
+            object.__setattr__(self, name, flag)
+        if data.get("scan_end_clock") is not None:
+            object.__setattr__(self, "scan_end_clock", finite(data["scan_end_clock"], "scan_end_clock in the metadata"))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(ny, nx) of every layer."""
+        ny, nx = self.layers["elevation"].shape
+        return ny, nx
+
+    def transform(self, source_frame: str, destination_frame: str) -> TransformMessage:
+        """The transform between two frames at the time of the scan.
+
+        Raises:
+            MessageError: the message does not hold it.
+        """
+        for transform in self.transforms:
+            if (transform.source_frame, transform.destination_frame) == (source_frame, destination_frame):
+                return transform
+        held = ", ".join(f"{t.source_frame} to {t.destination_frame}" for t in self.transforms) or "none"
+        raise MessageError(f"no transform from {source_frame!r} to {destination_frame!r}; held are: {held}")

@@ -1,0 +1,305 @@
+"""The security folder: a CA, and per role a folder with certificate, key and Zenoh configuration."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from transport import zenoh_api
+from transport.configuration import (
+    PATIENT_WAIT_US,
+    WAIT_BEFORE_DROP_US,
+    check_encrypted,
+    check_tls,
+    client_configuration,
+    dialling,
+    node_configuration,
+    tls_endpoint,
+)
+from transport.exceptions import SecurityError
+from transport.keys import DEFAULT_ROBOT, check_name
+from transport.security.access_rules import ROLES, access_control
+from transport.security.authority import Credentials, make_authority, make_certificate
+from transport.security.whole_folder import make_whole, write_file
+
+# Name of the Zenoh configuration in a role's folder.
+CONFIGURATION = "zenoh.json5"
+
+# Where a secured node listens: on all of its networks, because nobody gets in without a certificate.
+DEFAULT_LISTEN = "tls/0.0.0.0:7447"
+
+# [byte] and levels: ours has 3 kB and six. Zenoh's reader ends the process where nesting takes all of its stack.
+LARGEST_CONFIGURATION = 256 * 1024
+DEEPEST_CONFIGURATION = 32
+
+# A certificate's common name has 64 characters at most, and `.planner` or the name of a member comes after the robot's.
+LONGEST_NAME = 31
+# Folders in a security folder that are no robot's.
+RESERVED = (*ROLES, "ca")
+
+TLS = "transport/link/tls"
+WAIT = "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments"
+FILES = (
+    "root_ca_certificate",
+    "listen_private_key",
+    "listen_certificate",
+    "connect_private_key",
+    "connect_certificate",
+)
+
+
+def tls_links(name: str, *, listens: bool, place: str = "") -> dict[str, Any]:
+    """What TLS adds to `transport/link` of who is called `name`; `place` is what its files' names begin with."""
+    files = {
+        "root_ca_certificate": f"{place}ca.pem",
+        "connect_private_key": f"{place}{name}.key",
+        "connect_certificate": f"{place}{name}.pem",
+    }
+    if listens:
+        files |= {"listen_private_key": f"{place}{name}.key", "listen_certificate": f"{place}{name}.pem"}
+    tls = {**files, "enable_mtls": True, "close_link_on_expiration": True}
+    return {"protocols": ["tls"], "tls": tls}
+
+
+def _role_configuration(role: str, robot: str, listen: str, connect: str) -> dict[str, Any]:
+    if role == "node":
+        configuration = node_configuration([listen])
+        configuration["adminspace"] = {"enabled": False}
+        configuration["access_control"] = access_control(robot, {name: [f"{robot}.{name}"] for name in ROLES})
+    else:
+        configuration = client_configuration(connect)
+    configuration["transport"]["link"] |= tls_links(role, listens=role == "node")
+    return configuration
+
+
+def init_security(
+    folder: str | Path,
+    *,
+    robot: str | Sequence[str] = DEFAULT_ROBOT,
+    hosts: Sequence[str] = (),
+    listen: str = DEFAULT_LISTEN,
+) -> Path:
+    """Make a CA and the folders of all roles: `ca`, `node`, `gait`, `planner`, `viewer`.
+
+    The common name of a certificate is `<robot>.<role>`. With several robots there is one CA, and the folders of the
+    roles stand in a folder per robot. Give each machine only the folders of its roles, and keep `ca` off the robot.
+    The folder appears whole or not at all.
+
+    Args:
+        folder: new folder.
+        robot: instance name, or several; the access rules hold for its keys.
+        hosts: names and addresses by which clients reach the node, beside localhost and this machine's name; of
+            several robots each has one of the same number, or none is given.
+        listen: where the node will listen.
+
+    Returns:
+        The folder.
+
+    Raises:
+        SecurityError: the folder exists and is not empty, or cannot be written; a robot twice.
+        ConfigurationError: `listen` is no TLS endpoint.
+    """
+    robots = [robot] if isinstance(robot, str) else list(robot)
+    for name in robots:
+        check_robot(name)
+    if len(set(robots)) != len(robots) or not robots:
+        raise SecurityError(f"robots are {', '.join(robots) or 'none'}; give each robot once")
+    if len(robots) > 1 and hosts and len(hosts) != len(robots):
+        raise SecurityError(
+            f"{len(hosts)} hosts are given for {len(robots)} robots; give one per robot in the same order, or none"
+        )
+    target = Path(folder)
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise SecurityError(f"{target} exists and is not empty; give a new folder, or remove it first")
+    authority = make_authority(f"{robots[0]} CA")
+
+    def write(staging: Path) -> None:
+        (staging / "ca").mkdir()
+        write_file(staging / "ca" / "ca.pem", authority.certificate)
+        write_file(staging / "ca" / "ca.key", authority.key, private=True)
+        for number, name in enumerate(robots):
+            own = hosts if len(robots) == 1 else hosts[number : number + 1]
+            place = staging if len(robots) == 1 else staging / name
+            place.mkdir(exist_ok=True)
+            write_roles(place, authority, name, hosts=own, listen=listen)
+
+    check_tls(listen)
+    make_whole(target, write)
+    return target
+
+
+def check_robot(name: str) -> str:
+    """`name` if it can be a robot's and the first part of a certificate's name.
+
+    Raises:
+        KeyNameError: it cannot be part of a key.
+        SecurityError: it is too long, or the name of something else in a security folder.
+    """
+    check_name(name)
+    if len(name) > LONGEST_NAME or name in RESERVED:
+        raise SecurityError(
+            f"robot name {name!r} cannot be in a certificate; allowed: {LONGEST_NAME} characters at most, and none "
+            f"of {', '.join(RESERVED)}"
+        )
+    return name
+
+
+def write_roles(place: Path, authority: Credentials, robot: str, *, hosts: Sequence[str], listen: str) -> None:
+    """Write the folders of a robot's roles below `place`."""
+    for role in ROLES:
+        own = place / role
+        own.mkdir()
+        names = own_hosts(hosts) if role == "node" else [f"{robot}.{role}"]
+        connect = tls_endpoint(hosts[0] if hosts else "localhost", listen.rpartition(":")[2])
+        write_member(own, authority, f"{robot}.{role}", names, _role_configuration(role, robot, listen, connect))
+
+
+def own_hosts(hosts: Sequence[str]) -> list[str]:
+    """Names and addresses of a machine that listens: those given, localhost, and this machine's name."""
+    return list(dict.fromkeys([*hosts, "localhost", "127.0.0.1", "::1", socket.gethostname()]))
+
+
+def write_member(
+    own: Path, authority: Credentials, common_name: str, hosts: Sequence[str], configuration: dict[str, Any]
+) -> None:
+    """Write certificate, key and configuration of one member into its new, empty folder; files bear its name."""
+    credentials = make_certificate(authority, common_name, hosts)
+    write_file(own / "ca.pem", authority.certificate)
+    write_file(own / f"{own.name}.pem", credentials.certificate)
+    write_file(own / f"{own.name}.key", credentials.key, private=True)
+    write_file(own / CONFIGURATION, (json.dumps(configuration, indent=2) + "\n").encode())
+
+
+def role_folder(folder: str | Path, role: str) -> Path:
+    """The folder of one role, given itself or the folder that `init_security` made.
+
+    Raises:
+        SecurityError: there is no Zenoh configuration in either.
+    """
+    path = Path(folder)
+    for candidate in (path, path / role):
+        if (candidate / CONFIGURATION).is_file():
+            return candidate
+    raise SecurityError(
+        f"{path} holds no {CONFIGURATION}, nor does {path / role}; give the folder of a role, "
+        f"made by `guara security init`"
+    )
+
+
+def _configuration_text(folder: Path) -> str:
+    """The text of a role's Zenoh configuration; ValueError when it nests so deep that Zenoh's reader would crash."""
+    with (folder / CONFIGURATION).open("rb") as file:
+        content = file.read(LARGEST_CONFIGURATION + 1)
+    if len(content) > LARGEST_CONFIGURATION:
+        raise ValueError(f"it has more than {LARGEST_CONFIGURATION} bytes")
+    depth = 0
+    for character in content:
+        depth += (character in b"[{") - (character in b"]}")
+        if depth > DEEPEST_CONFIGURATION:
+            raise ValueError(f"it nests more than {DEEPEST_CONFIGURATION} deep")
+    return content.decode()
+
+
+def load_configuration(
+    folder: Path,
+    *,
+    listen: Sequence[str] = (),
+    connect: str | None = None,
+    uplink: str | None = None,
+    shared_memory: bool = True,
+    local: bool = False,
+) -> str:
+    """The Zenoh configuration of a role's folder, with the paths of its files made absolute.
+
+    Args:
+        folder: folder of a role.
+        listen: endpoints instead of the configured ones.
+        connect: endpoint instead of the configured one; a node then is a client of that router.
+        uplink: endpoint of a further router that a node dials, and again whenever the link is gone.
+        shared_memory: let Zenoh pass large payloads through /dev/shm between processes of one machine.
+        local: take the files that lie in the folder, wherever the configuration says that they will lie, and dial
+            nobody but `connect` and `uplink`.
+
+    Raises:
+        SecurityError: the configuration cannot be read, or a file that it names is missing.
+        ConfigurationError: an endpoint without encryption.
+    """
+    for endpoint in (*listen, *(endpoint for endpoint in (connect, uplink) if endpoint is not None)):
+        check_encrypted(endpoint)
+    try:
+        text = _configuration_text(folder)
+        values: dict[str, Any] = {}
+        for name in FILES:
+            value = zenoh_api.configuration_value(text, f"{TLS}/{name}")
+            if value is not None:
+                value = Path(value).name if local else value
+                values[f"{TLS}/{name}"] = str(_existing(folder, value, is_key=name.endswith("private_key")))
+    except (OSError, ValueError, zenoh_api.zenoh_error()) as error:
+        raise SecurityError(f"cannot use {folder / CONFIGURATION}: {error}") from error
+    values["transport/shared_memory/enabled"] = shared_memory
+    if local:
+        values["connect/endpoints"] = []
+    if listen:
+        values["listen/endpoints"] = list(listen)
+    if connect is not None:
+        values |= {"connect/endpoints": [connect], "mode": "client", "connect/timeout_ms": 0}
+        values |= {"access_control/enabled": False, "listen/endpoints": []}
+        if zenoh_api.configuration_value(text, WAIT) == WAIT_BEFORE_DROP_US:
+            values[WAIT] = PATIENT_WAIT_US
+    if uplink is not None:
+        values["connect"] = dialling(uplink)
+    return zenoh_api.with_values(text, values)
+
+
+def _existing(folder: Path, name: str, *, is_key: bool) -> Path:
+    path = (folder / name).resolve()
+    with path.open("rb") as file:
+        mode = os.fstat(file.fileno()).st_mode & 0o777
+    if is_key and mode & 0o077:
+        raise SecurityError(
+            f"{path} has mode {mode:03o}: others on this machine can read the key and act as its owner. "
+            f"chmod 600 it; if it was so for long, `guara security renew` makes a new one"
+        )
+    return path
+
+
+def read_configuration(folder: Path, key: str) -> Any:
+    """One value of a role's Zenoh configuration, None where it is not set; `key` is a path with slashes.
+
+    Raises:
+        SecurityError: the configuration cannot be read.
+    """
+    try:
+        return zenoh_api.configuration_value(_configuration_text(folder), key)
+    except (OSError, ValueError, zenoh_api.zenoh_error()) as error:
+        raise SecurityError(f"cannot use {folder / CONFIGURATION}: {error}") from error
+
+
+def configured_robot(folder: Path) -> str:
+    """The instance name for which the access rules of a node's folder were made.
+
+    Raises:
+        SecurityError: the configuration cannot be read, or holds no rules.
+    """
+    try:
+        rules = read_configuration(folder, "access_control/rules") or []
+        return str(rules[0]["key_exprs"][0]).partition("/")[0]
+    except (LookupError, TypeError) as error:
+        raise SecurityError(f"cannot find the access rules in {folder / CONFIGURATION}: {error}") from error
+
+
+def configured_endpoints(folder: Path, kind: str) -> tuple[str, ...]:
+    """The endpoints of a role's folder; kind is "listen" or "connect".
+
+    Raises:
+        SecurityError: the configuration cannot be read.
+    """
+    found = read_configuration(folder, f"{kind}/endpoints")
+    # Zenoh writes endpoints either as one list, or as one list per mode of a session.
+    if isinstance(found, dict):
+        found = [endpoint for endpoints in found.values() for endpoint in endpoints]
+    return tuple(found or ())

@@ -1,0 +1,311 @@
+"""Who has a certificate of one CA, and the access rules that follow from it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from transport.exceptions import SecurityError
+from transport.security.access_rules import FLEET, ROLES, ROUTER, Neighbours, access_control, router_access_control
+from transport.security.authority import Credentials
+from transport.security.folder import CONFIGURATION, configured_robot, read_configuration
+from transport.security.whole_folder import make_whole
+
+# In `ca`: the role of each member that was added, the routers, and who was shut out.
+MEMBERS = "members.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """The members of one robot.
+
+    Attributes:
+        place: folder that holds the folders of its roles.
+        added: role of each member beyond one per role.
+        revoked: who was shut out.
+    """
+
+    place: Path
+    added: Mapping[str, str] = field(default_factory=dict)
+    revoked: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All members, those that were shut out too."""
+        return (*ROLES, *self.added)
+
+
+@dataclass(frozen=True, slots=True)
+class Router:
+    """A router of a site.
+
+    Attributes:
+        robots: instance names of those that it serves.
+        uplink: name of the router that it dials, empty for none.
+        scans: whether who reads from above, and whoever reads at robots that dial it, may request scans through it.
+        summary_only: whether the router above gets summaries, status and signs of life and nothing else.
+    """
+
+    robots: tuple[str, ...]
+    uplink: str = ""
+    scans: bool = False
+    summary_only: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Members:
+    """A security folder with its CA.
+
+    Attributes:
+        root: the folder.
+        robots: by instance name.
+        routers: by name, which is that of the folder too.
+        fleet: names of those who see which robots live.
+        revoked: routers and fleet members that were shut out.
+    """
+
+    root: Path
+    robots: Mapping[str, Robot]
+    routers: Mapping[str, Router] = field(default_factory=dict)
+    fleet: tuple[str, ...] = ()
+    revoked: tuple[str, ...] = ()
+
+    @property
+    def everybody(self) -> dict[str, Path]:
+        """The folder of each member by the name that commands take; of a single robot that is the role alone."""
+        found = {
+            (name if len(self.robots) == 1 else f"{robot}.{name}"): own.place / name
+            for robot, own in self.robots.items()
+            for name in own.names
+        }
+        found |= {f"{name}.{ROUTER}": self.root / name for name in self.routers}
+        return found | {f"{name}.{FLEET}": self.root / name for name in self.fleet}
+
+    @property
+    def shut_out(self) -> frozenset[str]:
+        """Names of those of `everybody` that were shut out."""
+        gone = {own.place / name for own in self.robots.values() for name in own.revoked}
+        gone |= {self.root / name for name in self.revoked}
+        return frozenset(name for name, place in self.everybody.items() if place in gone)
+
+    def find(self, name: str) -> tuple[str, Path]:
+        """The whole name of a member and its folder; one of a single robot may be given with the robot's name too.
+
+        Raises:
+            SecurityError: there is no such member.
+        """
+        everybody = self.everybody
+        robots = "" if len(self.robots) != 1 else next(iter(self.robots))
+        for candidate in (name, name.removeprefix(f"{robots}."), f"{name}.{ROUTER}", f"{name}.{FLEET}"):
+            if candidate in everybody:
+                return candidate, everybody[candidate]
+        raise SecurityError(f"{self.root} has no member {name!r}; members: {', '.join(everybody)}")
+
+    def names_of(self, robot: str) -> dict[str, list[str]]:
+        """The common names that have each role of a robot, without those that were shut out."""
+        own = self.robots[robot]
+        roles = {**{role: role for role in ROLES}, **own.added}
+        named: dict[str, list[str]] = {role: [] for role in ROLES}
+        for name, role in roles.items():
+            if name not in own.revoked:
+                named[role].append(common_name(own.place / name / f"{name}.pem"))
+        return named
+
+    def routers_of(self, robot: str, *, scanning: bool = False) -> list[str]:
+        """Common names of the routers that serve a robot, or of those through which scans may be requested."""
+        return [
+            f"{name}.{ROUTER}"
+            for name, router in self.routers.items()
+            if robot in router.robots and name not in self.revoked and (router.scans or not scanning)
+        ]
+
+    def _rules_of_node(self, robot: str) -> dict[str, Any]:
+        return access_control(
+            robot,
+            self.names_of(robot),
+            routers=self.routers_of(robot),
+            scanning_routers=self.routers_of(robot, scanning=True),
+        )
+
+    def rules_of_router(self, name: str) -> dict[str, Any]:
+        """The access rules of a router."""
+        router = self.routers[name]
+        above = [f"{router.uplink}.{ROUTER}"] if router.uplink and router.uplink not in self.revoked else []
+        below = {
+            f"{other}.{ROUTER}": found.robots
+            for other, found in self.routers.items()
+            if found.uplink == name and other not in self.revoked
+        }
+        return router_access_control(
+            {robot: self.names_of(robot) for robot in router.robots},
+            neighbours=Neighbours(above, below, scans=router.scans, summary_only=router.summary_only),
+            fleet=[f"{member}.{FLEET}" for member in self.fleet if member not in self.revoked],
+        )
+
+    def save(self) -> tuple[Path, ...]:
+        """Write the rules of nodes and routers, then the list of members.
+
+        The rules come first: a list that says more than the rules do would be a promise not kept.
+
+        Returns:
+            The folders that changed and must be copied again.
+
+        Raises:
+            SecurityError: a configuration is not as it was made, or cannot be written.
+        """
+        rules = {own.place / "node": self._rules_of_node(robot) for robot, own in self.robots.items()}
+        rules |= {self.root / name: self.rules_of_router(name) for name in self.routers}
+        # All are read before the first is written: one that cannot be changed stops the others too.
+        for place in rules:
+            edit_configuration(place / CONFIGURATION, lambda _: False)
+            read_configuration(place, "mode")
+        changed = [place for place, section in rules.items() if _put_rules(place / CONFIGURATION, section)]
+        data = {
+            "robots": {
+                robot: {"added": dict(own.added), "revoked": list(own.revoked)} for robot, own in self.robots.items()
+            },
+            "routers": {
+                name: {**dataclasses.asdict(router), "robots": list(router.robots)}
+                for name, router in self.routers.items()
+            },
+            "fleet": list(self.fleet),
+            "revoked": list(self.revoked),
+        }
+        path = self.root / "ca" / MEMBERS
+        try:
+            replace_file(path, (json.dumps(data, indent=2) + "\n").encode())
+        except OSError as error:
+            raise SecurityError(f"cannot write {path}: {error.strerror}") from error
+        return tuple(changed)
+
+    def with_robot(self, robot: str, own: Robot) -> Members:
+        """The same with a robot's members replaced, or a robot more."""
+        return replace(self, robots={**self.robots, robot: own})
+
+
+def open_members(folder: str | Path) -> Members:
+    """The members of a folder that `init_security` made.
+
+    Raises:
+        SecurityError: there is no list of members that can be read.
+    """
+    root = Path(folder)
+    places = sorted(path.parent.parent for path in root.glob(f"*/node/{CONFIGURATION}"))
+    if (root / "node" / CONFIGURATION).is_file():
+        places.insert(0, root)
+    robots = {configured_robot(place / "node"): Robot(place) for place in places}
+    path = root / "ca" / MEMBERS
+    try:
+        found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+        lists = found.get("robots")
+        if lists is None:
+            # As an earlier version wrote it: of the one robot.
+            lists, found = dict.fromkeys(robots, found), {}
+        members = {
+            robot: Robot(
+                own.place,
+                dict(lists.get(robot, {}).get("added", {})),
+                tuple(lists.get(robot, {}).get("revoked", [])),
+            )
+            for robot, own in robots.items()
+        }
+        routers = {
+            str(name): Router(
+                tuple(router["robots"]),
+                str(router["uplink"]),
+                scans=bool(router["scans"]),
+                summary_only=bool(router.get("summary_only", False)),
+            )
+            for name, router in found.get("routers", {}).items()
+        }
+        return Members(root, members, routers, tuple(found.get("fleet", [])), tuple(found.get("revoked", [])))
+    except (OSError, ValueError, AttributeError, TypeError, KeyError) as error:
+        raise SecurityError(f"cannot read {path}: {error}") from error
+
+
+def take_in(place: Path, write: Callable[[Path], None], larger: Callable[[], Members]) -> Path:
+    """Make the folder of who is new by `write`, then save the members with it; where that fails the folder goes again.
+
+    Raises:
+        SecurityError: the folder cannot be written, or as in `Members.save`.
+    """
+    make_whole(place, write)
+    try:
+        larger().save()
+    except SecurityError:
+        shutil.rmtree(place, ignore_errors=True)
+        raise
+    return place
+
+
+def open_authority(folder: str | Path) -> Credentials:
+    """The CA of a security folder.
+
+    Raises:
+        SecurityError: it is not there.
+    """
+    root = Path(folder)
+    try:
+        return Credentials((root / "ca" / "ca.pem").read_bytes(), (root / "ca" / "ca.key").read_bytes())
+    except OSError as error:
+        raise SecurityError(
+            f"cannot read the CA of {root}: {error.strerror}; it is where `guara security init` was run"
+        ) from error
+
+
+def common_name(certificate: Path) -> str:
+    """The common name in a certificate, by which the access rules know its owner.
+
+    Raises:
+        SecurityError: it cannot be read, or has none.
+    """
+    from cryptography import x509
+    from cryptography.x509.oid import NameOID
+
+    try:
+        subject = x509.load_pem_x509_certificate(certificate.read_bytes()).subject
+        return str(subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
+    except (OSError, ValueError, IndexError) as error:
+        raise SecurityError(f"cannot read {certificate}: {error}") from error
+
+
+def _put_rules(path: Path, rules: dict[str, Any]) -> bool:
+    def change(configuration: dict[str, Any]) -> bool:
+        is_news: bool = configuration.get("access_control") != rules
+        configuration["access_control"] = rules
+        return is_news
+
+    return edit_configuration(path, change)
+
+
+def edit_configuration(path: Path, change: Callable[[dict[str, Any]], bool]) -> bool:
+    """Read a member's configuration, let `change` alter it, and write it when that says that something is new.
+
+    Raises:
+        SecurityError: it is not as it was made, or cannot be written.
+    """
+    try:
+        configuration = json.loads(path.read_text(encoding="utf-8"))
+        if change(configuration):
+            replace_file(path, (json.dumps(configuration, indent=2) + "\n").encode())
+            return True
+        return False
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise SecurityError(f"cannot change {path}: {error}; it must be as `guara security` made it") from error
+
+
+def replace_file(path: Path, data: bytes, mode: int = 0o644) -> None:
+    """Write a file whole or not at all, in the place of the one that is there."""
+    temporary = path.with_name(f".{path.name}.part")
+    temporary.unlink(missing_ok=True)
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(data)
+        os.fsync(file.fileno())
+    temporary.replace(path)

@@ -1,0 +1,122 @@
+"""The folder of a router that serves several robots: certificate, and a whole configuration for a stock `zenohd`."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+from transport.configuration import check_tls, router_configuration, tls_endpoint
+from transport.exceptions import SecurityError
+from transport.keys import check_name
+from transport.security.access_rules import ROUTER
+from transport.security.certificates import add_robot, check_free, hosts_of
+from transport.security.folder import (
+    DEFAULT_LISTEN,
+    LONGEST_NAME,
+    check_robot,
+    configured_endpoints,
+    init_security,
+    own_hosts,
+    tls_links,
+    write_member,
+)
+from transport.security.members import Members, Router, open_authority, open_members, take_in
+
+
+def make_router(
+    folder: str | Path,
+    robots: Sequence[str],
+    *,
+    name: str = ROUTER,
+    hosts: Sequence[str] = (),
+    listen: str = DEFAULT_LISTEN,
+    uplink: str = "",
+    uplink_host: str = "",
+    scans: bool = False,
+    summary_only: bool = False,
+    place: str | None = None,
+) -> Path:
+    """Make a router's folder, and let the nodes of its robots and the router above take it in.
+
+    The rules give it no more than it needs: at a node it reads, as a viewer does; what it brings to the router above
+    are the grids of its own robots. A router's certificate speaks for all behind it.
+
+    Args:
+        folder: made by `init_security`; a new one is made with all its robots.
+        robots: instance names of those that it serves; the folders of those that are new are made too.
+        name: of the router; its folder is `folder/name`, its certificate's common name `<name>.router`.
+        hosts: names and addresses by which robots, clients and routers below reach it.
+        listen: where it listens.
+        uplink: name of a router in the same folder that it dials; empty for none.
+        uplink_host: name or address by which it reaches that one; empty takes the first of that one's hosts.
+        scans: let planners that read through this router from a node's uplink, or from above it, request scans too.
+        summary_only: give the router above summaries, status and signs of life and nothing else: for a thin link, and
+            for a router of very many robots, which then need not know of every key.
+        place: folder in which its files will lie where it runs; None takes where they are made.
+
+    Returns:
+        The new folder. Those of the nodes of its robots and of the router above change and must be copied again.
+
+    Raises:
+        SecurityError: a name is taken or unknown, no robot is given, or a robot is not served by the router above.
+        ConfigurationError: `listen` is no TLS endpoint.
+    """
+    check_tls(listen)
+    for robot in robots:
+        check_robot(robot)
+    if not Path(folder).exists() and robots:
+        init_security(folder, robot=list(dict.fromkeys(robots)))
+    authority, members = open_authority(folder), open_members(folder)
+    target = members.root / check_name(name, ROUTER)
+    check_free(members, name, target)
+    _check(members, name, robots, uplink, summary_only=summary_only)
+    for robot in dict.fromkeys(robots):
+        if robot not in members.robots:
+            add_robot(folder, robot)
+    members = open_members(folder)
+    above = _endpoint_of(members, uplink, uplink_host) if uplink else None
+    configuration = router_configuration([listen], uplink=above)
+    configuration["adminspace"] = {"enabled": False}
+    lies_in = str(target.resolve()) if place is None else place.rstrip("/")
+    configuration["transport"]["link"] |= tls_links(name, listens=True, place=f"{lies_in}/")
+    larger = dataclasses.replace(
+        members,
+        routers={
+            **members.routers,
+            name: Router(tuple(dict.fromkeys(robots)), uplink, scans=scans, summary_only=summary_only),
+        },
+    )
+    configuration["access_control"] = larger.rules_of_router(name)
+    names = own_hosts(hosts)
+    return take_in(
+        target,
+        lambda made: write_member(made, authority, f"{name}.{ROUTER}", names, configuration),
+        lambda: larger,
+    )
+
+
+def _check(members: Members, name: str, robots: Sequence[str], uplink: str, *, summary_only: bool) -> None:
+    if len(name) > LONGEST_NAME:
+        raise SecurityError(f"router name {name!r} is too long for a certificate; allowed: {LONGEST_NAME} characters")
+    if not robots:
+        raise SecurityError("a router serves robots: give at least one")
+    if summary_only and not uplink:
+        raise SecurityError(
+            "summary_only says what the router above gets: give the router that this one dials (uplink)"
+        )
+    if not uplink:
+        return
+    if uplink not in members.routers or uplink in members.revoked:
+        known = ", ".join(other for other in members.routers if other not in members.revoked) or "none"
+        raise SecurityError(f"{members.root} has no router {uplink!r} to dial; routers: {known}")
+    missing = [robot for robot in robots if robot not in members.routers[uplink].robots]
+    if missing:
+        raise SecurityError(
+            f"router {uplink!r} does not serve {', '.join(missing)}: what a router brings the one above must serve too"
+        )
+
+
+def _endpoint_of(members: Members, router: str, host: str) -> str:
+    port = configured_endpoints(members.root / router, "listen")[0].rpartition(":")[2]
+    return tls_endpoint(host or hosts_of(members.root / router / f"{router}.pem")[0], port)
