@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from guara_perception.app.board_options import board_options
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
@@ -22,16 +23,7 @@ RULER_MM = 150.0
 @click.option("--robot", default="guara", show_default=True, help="name or folder of the robot")
 @click.option("--camera", help="as `guara cameras` lists it, or a GStreamer pipeline; default: that of --devices, or 0")
 @click.option("--trigger", metavar="LINE", help="line that the board will trigger in scans, kept in devices.toml")
-@click.option("--board", default="9x7", show_default=True, help="inner corners of the board, COLUMNSxROWS")
-@click.option(
-    "--pattern",
-    type=click.Choice(["checkerboard", "charuco"]),
-    default="checkerboard",
-    show_default=True,
-    help="of the board; a charuco board need not be wholly in the picture",
-)
-@click.option("--square", type=float, default=0.030, show_default=True, help="edge of its squares as drawn [m]")
-@click.option("--plates", default="0,0.04,0.08", show_default=True, help="measured heights of the plates [m]")
+@board_options
 @click.option(
     "--crosses",
     type=click.Path(path_type=Path),

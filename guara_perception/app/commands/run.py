@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from guara_perception.app.device_options import DeviceOptions, device_options
+
 if TYPE_CHECKING:
     from guara_perception.terrain.grid import TerrainGrid
 
@@ -18,7 +20,7 @@ JPEG_QUALITY = 90
 
 
 @click.command(name="run")
-@click.option("-c", "--calibration", type=click.Path(path_type=Path), help="calibration.json of this rangefinder")
+@device_options
 @click.option("--simulated", is_flag=True, help="simulated robot, world and devices; walks by itself")
 @click.option("--record", type=click.Path(path_type=Path), help="record every scan into this new .mcap file")
 @click.option(
@@ -42,16 +44,9 @@ JPEG_QUALITY = 90
 @click.option("--uplink", help="dial a further router too, for readers elsewhere; planner and gait stay on this one")
 @click.option("--security", type=click.Path(path_type=Path), help="folder made by `guara security init`")
 @click.option("--allow-insecure", is_flag=True, help="listen beyond this machine without security")
-@click.option("--robot", help="name or folder of the robot; default: the calibration's")
 @click.option("--name", help="instance name in the keys; default: the robot's")
 @click.option("--mode", type=click.Choice(["adaptive", "standard", "coarse"]), default="adaptive", show_default=True)
-@click.option("--devices", type=click.Path(path_type=Path), help="devices.toml as `guara record` writes it")
-@click.option("--camera", help="as `guara cameras` lists it, or a GStreamer pipeline; default: that of --devices, or 0")
-@click.option("--trigger", metavar="LINE", help="line of the camera that the board triggers: it sweeps by itself")
-@click.option("--fps", type=click.FloatRange(min=0.1), help="frames per second to ask of the camera")
-@click.option("--off-frames", type=click.Choice(["one", "per stripe", "none"]), default="one", show_default=True)
 def command(
-    calibration: Path | None,
     simulated: bool,
     record: Path | None,
     jpeg: int | None,
@@ -65,14 +60,9 @@ def command(
     uplink: str | None,
     security: Path | None,
     allow_insecure: bool,
-    robot: str | None,
     name: str | None,
     mode: str,
-    devices: Path | None,
-    camera: str | None,
-    trigger: str | None,
-    fps: float | None,
-    off_frames: str,
+    chosen: DeviceOptions,
 ) -> None:
     """Scan at each stance pause that the gait announces, and publish, until Ctrl-C; one line per scan.
 
@@ -101,17 +91,7 @@ def command(
     quality = None if lossless else jpeg or JPEG_QUALITY
     with ExitStack() as stack:
         stop = stack.enter_context(stop_event())
-        rig = choose_rig(
-            simulated=simulated,
-            calibration=calibration,
-            robot=robot,
-            camera=camera,
-            trigger=trigger,
-            fps=fps,
-            off_frames=off_frames,
-            devices=devices,
-            on_the_move=True,
-        )
+        rig = choose_rig(chosen, simulated=simulated, on_the_move=True)
         instance = name or rig.robot.name
         stack.enter_context(closed_within(rig.rangefinder))
         session = stack.enter_context(

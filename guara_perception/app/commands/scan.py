@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from guara_perception.app.device_options import DeviceOptions, device_options
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
@@ -18,32 +19,20 @@ if TYPE_CHECKING:
 
 @click.command(name="scan")
 @click.argument("folder", required=False, type=click.Path(path_type=Path))
-@click.option("-c", "--calibration", type=click.Path(path_type=Path), help="calibration.json of this rangefinder")
+@device_options
 @click.option("-o", "--out", type=click.Path(path_type=Path), help="the same as FOLDER")
 @click.option("--simulated", is_flag=True, help="simulated robot, world and devices")
 @click.option("--mode", type=click.Choice(["standard", "coarse"]), default="standard", show_default=True)
 @click.option("--stance", type=click.Path(path_type=Path), help="JSON with the stance; default: the scan posture")
-@click.option("--robot", help="name or folder of the robot; default: the calibration's")
-@click.option("--devices", type=click.Path(path_type=Path), help="devices.toml as `guara record` writes it")
-@click.option("--camera", help="as `guara cameras` lists it, or a GStreamer pipeline; default: that of --devices, or 0")
-@click.option("--trigger", metavar="LINE", help="line of the camera that the board triggers: it sweeps by itself")
-@click.option("--fps", type=click.FloatRange(min=0.1), help="frames per second to ask of the camera")
-@click.option("--off-frames", type=click.Choice(["one", "per stripe", "none"]), default="one", show_default=True)
 @click.option("--no-calibration", is_flag=True, help="only record, in robot.toml's pattern: a plate to calibrate with")
 def command(
     folder: Path | None,
-    calibration: Path | None,
     out: Path | None,
     simulated: bool,
     mode: str,
     stance: Path | None,
-    robot: str | None,
-    devices: Path | None,
-    camera: str | None,
-    trigger: str | None,
-    fps: float | None,
-    off_frames: str,
     no_calibration: bool,
+    chosen: DeviceOptions,
 ) -> None:
     """Scan once, with the robot standing still, into FOLDER (default: scan), with pictures in FOLDER-figures.
 
@@ -70,20 +59,10 @@ def command(
 
     if folder is not None and out is not None:
         raise InvalidInput(f"FOLDER is {folder} and --out is {out}: give one of them")
-    if no_calibration and calibration is not None:
+    if no_calibration and chosen.calibration is not None:
         raise InvalidInput("--no-calibration and --calibration contradict one another: give one of them")
     target = folder or out or Path("scan")
-    rig = choose_rig(
-        simulated=simulated,
-        calibration=calibration,
-        robot=robot,
-        camera=camera,
-        trigger=trigger,
-        fps=fps,
-        off_frames=off_frames,
-        devices=devices,
-        needs_calibration=not no_calibration,
-    )
+    rig = choose_rig(chosen, simulated=simulated, needs_calibration=not no_calibration)
     model = rig.robot
     if stance is not None:
         standing = Stance.from_dict(read_json(stance).data)

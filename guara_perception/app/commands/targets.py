@@ -6,21 +6,14 @@ from pathlib import Path
 
 import click
 
+from guara_perception.app.board_options import board_options
+
 
 @click.command(name="targets")
 @click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="PDF to write")
 @click.option("--robot", default="guara", show_default=True, help="name or folder of the robot that stands on the mat")
 @click.option("--paper", type=click.Choice(["a4", "letter", "a3"]), default="a4", show_default=True)
-@click.option("--board", default="9x7", show_default=True, help="inner corners of the board, COLUMNSxROWS")
-@click.option(
-    "--pattern",
-    type=click.Choice(["checkerboard", "charuco"]),
-    default="checkerboard",
-    show_default=True,
-    help="of the board; a charuco board need not be wholly in the picture",
-)
-@click.option("--square", type=float, default=0.030, show_default=True, help="edge of its squares [m]")
-@click.option("--plates", default="0,0.04,0.08", show_default=True, help="nominal heights of the plates [m]")
+@board_options
 def command(out: Path, robot: str, paper: str, board: str, pattern: str, square: float, plates: str) -> None:
     """Print to scale what a calibration looks at: ruler, board, crosses, floor mat, labels of plates.
 

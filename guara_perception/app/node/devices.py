@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers import AcquireOptions, LaserBoard, OffFrames
+from guara_perception.app.device_options import DeviceOptions
 from guara_perception.app.devices_file import Devices, load_devices
 from guara_perception.app.node.rangefinder import STRIPES_TOGETHER, Rangefinder
 from guara_perception.calibration.calibration import Calibration
@@ -47,29 +47,13 @@ class Rig:
 
 
 def choose_rig(
-    *,
-    simulated: bool,
-    calibration: Path | None,
-    robot: str | None,
-    camera: str | None,
-    fps: float | None,
-    off_frames: str,
-    trigger: str | None = None,
-    devices: Path | None = None,
-    needs_calibration: bool = True,
-    on_the_move: bool = False,
+    chosen: DeviceOptions, *, simulated: bool, needs_calibration: bool = True, on_the_move: bool = False
 ) -> Rig:
     """Make the rig that the options of a command ask for.
 
     Args:
+        chosen: what the command was told.
         simulated: simulated robot, world and devices.
-        calibration: file; needed unless simulated.
-        robot: name or folder; None = the calibration's, or the Guara.
-        camera: as `Devices.source`; None = that of `devices`, or 0.
-        fps: frames per second to ask for; None = those of `devices`, or the camera's own.
-        off_frames: "one", "per stripe" or "none".
-        trigger: line of the camera that the board triggers; None = that of `devices`, or none.
-        devices: devices.toml as `guara record` writes it.
         needs_calibration: False for a scan to calibrate with.
         on_the_move: feet will be set by the grids: values of robot.toml that concern safety must have been measured.
 
@@ -79,24 +63,34 @@ def choose_rig(
         kinematics.KinematicsError: the robot cannot be loaded.
     """
     if simulated:
-        if devices is not None:
+        if chosen.devices is not None:
             raise InvalidInput("--simulated brings its own devices: leave --devices out")
         from guara_perception.app.node.simulated import SimulatedRobot
 
-        made = SimulatedRobot(robot or "guara", calibration)
+        made = SimulatedRobot(chosen.robot or "guara", chosen.calibration)
         return Rig(made.robot, made.calibration, made.rangefinder, made)
-    known = Devices() if devices is None else load_devices(devices)
-    chosen = replace(known, source=camera or known.source, fps=fps or known.fps, trigger=trigger or known.trigger)
+    devices = devices_of(chosen)
     if not needs_calibration:
-        return Rig(load_robot(robot or "guara"), None, rangefinder_of(chosen, off_frames), None)
-    if calibration is None:
+        return Rig(load_robot(chosen.robot or "guara"), None, rangefinder_of(devices, chosen.off_frames), None)
+    if chosen.calibration is None:
         raise InvalidInput("no calibration: give -c calibration.json (`guara calibrate` makes it), or --simulated")
-    calibrated = load_calibration(calibration)
-    model = load_robot(robot or calibrated.robot)
+    calibration = load_calibration(chosen.calibration)
+    model = load_robot(chosen.robot or calibration.robot)
     if on_the_move:
         _refuse_assumed(model)
-    chosen = replace(chosen, size=calibrated.camera.size)
-    return Rig(model, calibrated, rangefinder_of(chosen, off_frames), None)
+    devices = replace(devices, size=calibration.camera.size)
+    return Rig(model, calibration, rangefinder_of(devices, chosen.off_frames), None)
+
+
+def devices_of(chosen: DeviceOptions) -> Devices:
+    """The file of devices, if one was named, with what the options say otherwise."""
+    known = Devices() if chosen.devices is None else load_devices(chosen.devices)
+    return replace(
+        known,
+        source=chosen.camera or known.source,
+        fps=chosen.fps or known.fps,
+        trigger=chosen.trigger or known.trigger,
+    )
 
 
 # Tables and keys of robot.toml by which a foot is set. The mounts of camera and laser are not among them: the

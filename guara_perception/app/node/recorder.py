@@ -6,7 +6,6 @@ import dataclasses
 import logging
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Self
 import cv2
 
 from guara_perception.app.messages import stance_to_message
+from guara_perception.app.node.writer_thread import WriterThread
 from guara_perception.app.scene.scene import Scene
 from guara_perception.arrays import Image
 from guara_perception.calibration.calibration import Calibration
@@ -67,14 +67,10 @@ class ScanRecorder:
         self._path = Path(path)
         self._writer = RecordingWriter(path, robot=robot, calibration=to_json(calibration).encode())
         self._scene = scene
-        self._changed = threading.Condition()
-        self._tasks: deque[tuple[int, Callable[[], None]]] = deque()
-        self._waiting = 0
-        self._is_busy = self._is_closing = False
+        self._counted = threading.Lock()
         self._recorded = self._lost = 0
         self._problem = ""
-        self._thread = threading.Thread(target=self._run, name="guara-recorder", daemon=True)
-        self._thread.start()
+        self._thread = WriterThread("guara-recorder", MAXIMUM_WAITING)
         if scene is not None:
             now = time.time_ns()
             self._add_later("the robot", lambda: self._writer.add_messages(scene.unchanging(now)))
@@ -87,15 +83,10 @@ class ScanRecorder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Write what waits, and the index."""
-        is_done = self.flush(CLOSE_TIMEOUT_S)
-        with self._changed:
-            self._is_closing = True
-            self._changed.notify_all()
-        if not is_done:
+        if self._thread.close(CLOSE_TIMEOUT_S):
+            self._writer.close()
+        else:
             logger.error("%s: the disk is too slow, what waited is lost; `guara recover` restores the rest", self._path)
-            return
-        self._thread.join()
-        self._writer.close()
 
     def begin(self, step: int, mode: str, stance: Stance) -> ScanRecording:
         """Start a scan."""
@@ -152,12 +143,11 @@ class ScanRecorder:
 
     def flush(self, timeout: float) -> bool:
         """Wait until all that was handed over is written or lost; False when `timeout` [s] passed before."""
-        with self._changed:
-            return self._changed.wait_for(lambda: not self._tasks and not self._is_busy, timeout)
+        return self._thread.flush(timeout)
 
     def status_item(self) -> StatusItem:
         """How many scans were recorded and how many lost, and why the last."""
-        with self._changed:
+        with self._counted:
             return StatusItem(
                 name="recording",
                 level=Health.ERROR if self._problem else Health.OK,
@@ -165,23 +155,17 @@ class ScanRecorder:
                 values={
                     "recorded": str(self._recorded),
                     "lost": str(self._lost),
-                    "waiting_mb": f"{self._waiting / 1e6:.1f}",
+                    "waiting_mb": f"{self._thread.waiting / 1e6:.1f}",
                 },
             )
 
     def post(self, size: int, task: Callable[[], None]) -> bool:
         """Hand over a task that takes `size` bytes of memory; False when too much waits already."""
-        with self._changed:
-            if self._is_closing or (size and self._waiting + size > MAXIMUM_WAITING):
-                return False
-            self._tasks.append((size, task))
-            self._waiting += size
-            self._changed.notify_all()
-            return True
+        return self._thread.post(size, task)
 
     def ended(self, step: int, problem: str) -> None:
         """Count a scan as recorded, or as lost when there is a problem."""
-        with self._changed:
+        with self._counted:
             self._recorded += not problem
             self._lost += bool(problem)
             self._problem = problem and f"step {step} is not, or not wholly, recorded: {problem}"
@@ -198,23 +182,6 @@ class ScanRecorder:
                 logger.error("not recorded: %s: %s", what, error)
 
         self.post(0, guarded)
-
-    def _run(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._tasks or self._is_closing)
-                if not self._tasks:
-                    return
-                size, task = self._tasks.popleft()
-                self._is_busy = True
-            try:
-                task()
-            except Exception:
-                logger.exception("recording failed")
-            with self._changed:
-                self._waiting -= size
-                self._is_busy = False
-                self._changed.notify_all()
 
 
 class ScanRecording:

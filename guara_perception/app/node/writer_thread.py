@@ -1,0 +1,77 @@
+"""A thread that writes for others: what it is given waits in memory up to a limit, and whoever gives never waits."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable
+
+logger = logging.getLogger(__name__)
+
+
+class WriterThread:
+    """Runs tasks one after the other, in the order in which they came, until it is closed."""
+
+    def __init__(self, name: str, limit: int) -> None:
+        """Start.
+
+        Args:
+            name: of the thread.
+            limit: what may wait, in bytes; tasks that hold none are always taken.
+        """
+        self._limit = limit
+        self._changed = threading.Condition()
+        self._tasks: deque[tuple[int, Callable[[], None]]] = deque()
+        self._waiting = 0
+        self._is_busy = self._is_closing = False
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that wait."""
+        with self._changed:
+            return self._waiting
+
+    def post(self, size: int, task: Callable[[], None]) -> bool:
+        """Hand over a task that holds `size` bytes of memory; False when too much waits already, or it is closed."""
+        with self._changed:
+            if self._is_closing or (size and self._waiting + size > self._limit):
+                return False
+            self._tasks.append((size, task))
+            self._waiting += size
+            self._changed.notify_all()
+            return True
+
+    def flush(self, timeout: float) -> bool:
+        """Wait until all that was handed over is done; False when `timeout` [s] passed before."""
+        with self._changed:
+            return self._changed.wait_for(lambda: not self._tasks and not self._is_busy, timeout)
+
+    def close(self, timeout: float) -> bool:
+        """Take nothing more, and end when all is done; False when `timeout` [s] passed before, and it goes on alone."""
+        is_done = self.flush(timeout)
+        with self._changed:
+            self._is_closing = True
+            self._changed.notify_all()
+        if is_done:
+            self._thread.join()
+        return is_done
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._tasks or self._is_closing)
+                if not self._tasks:
+                    return
+                size, task = self._tasks.popleft()
+                self._is_busy = True
+            try:
+                task()
+            except Exception:
+                logger.exception("writing failed")
+            with self._changed:
+                self._waiting -= size
+                self._is_busy = False
+                self._changed.notify_all()
