@@ -1,4 +1,4 @@
-"""Options by which commands are told of the board and the plates that a calibration looks at."""
+"""Options of the board and the plates that a calibration looks at."""
 
 from __future__ import annotations
 

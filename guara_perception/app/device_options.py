@@ -1,4 +1,4 @@
-"""Options by which the live commands are told which devices to use."""
+"""Options of the live commands: which devices to use."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import click
 
 @dataclass(frozen=True, slots=True)
 class DeviceOptions:
-    """What a live command was told of its devices.
+    """What the options of a live command say of its devices.
 
     Attributes:
         calibration: file; needed unless simulated, or to calibrate with.

@@ -52,7 +52,7 @@ def choose_rig(
     """Make the rig that the options of a command ask for.
 
     Args:
-        chosen: what the command was told.
+        chosen: what the options say.
         simulated: simulated robot, world and devices.
         needs_calibration: False for a scan to calibrate with.
         on_the_move: feet will be set by the grids: values of robot.toml that concern safety must have been measured.
