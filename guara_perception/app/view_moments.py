@@ -72,33 +72,38 @@ def _processed(scan: Scan, robot: RobotModel, calibration: Calibration) -> Momen
 
 
 def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) -> list[Moment]:
-    """Moments of a recording: its grids by step; scans without grids are processed."""
+    """Moments of a recording: its grids by walk and step; scans without grids are processed."""
     from guara_perception.app.files.open_scan import open_scans
     from transport import TransportError
     from transport.recording import open_recording
 
     try:
         with open_recording(path) as recording:
-            grids: dict[int, dict[str, TerrainGrid]] = {}
+            # Walks by their epoch, in the order of their first grids, with the first frame of each.
+            walks: dict[str, int] = {}
+            grids: dict[tuple[int, int], dict[str, TerrainGrid]] = {}
             for extent in ("footprint", "map"):
                 for message in recording.terrains(extent):
-                    grids.setdefault(message.step, {})[extent] = message_to_terrain(message)
+                    walks.setdefault(message.epoch, message.scan_start)
+                    place = list(walks).index(message.epoch), message.step
+                    grids.setdefault(place, {})[extent] = message_to_terrain(message)
             clouds = {read_time(cloud.header.stamp): cloud_points(cloud) for cloud in recording.messages("scan/points")}
             if calibration is None and recording.calibration is not None:
                 calibration = parse_calibration(recording.calibration, f"{path}: calibration.json")
     except TransportError as error:
         raise FileFormatError(str(error)) from None
-    scans = {scan.step: scan for scan in open_scans(path)}
+    begins = list(walks.values())
+    scans = {(_walk_of(scan.end, begins), scan.step): scan for scan in open_scans(path)}
     if not grids and calibration is None and scans:
         raise InvalidInput(f"{path} holds scans but no grids: give the calibration that belongs to it with -c")
     if not grids and not scans:
         raise FileFormatError(f"{path} holds neither grids nor scans: there is nothing to show")
     moments = []
-    for step in sorted({*grids, *(scans if calibration is not None else ())}):
-        if step not in grids and calibration is not None:
-            moments.append(_processed(scans[step], robot, calibration))
+    for place in sorted({*grids, *(scans if calibration is not None else ())}):
+        if place not in grids and calibration is not None:
+            moments.append(_processed(scans[place], robot, calibration))
             continue
-        scan, terrain = scans.get(step), grids[step].get("footprint") or grids[step]["map"]
+        scan, terrain = scans.get(place), grids[place].get("footprint") or grids[place]["map"]
         parts: dict[str, Any] = {}
         if terrain.stamp in clouds:
             parts["stripes"] = _given(clouds[terrain.stamp])
@@ -106,9 +111,14 @@ def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) ->
             parts["stripes"] = _measured(scan, robot, calibration)
         if scan is not None:
             parts["picture"] = _picture(scan)
-        planned = planned_footholds(robot, grids[step].get("map") or terrain)
-        moments.append(Moment(grids[step], footholds=planned, **parts))
+        planned = planned_footholds(robot, grids[place].get("map") or terrain)
+        moments.append(Moment(grids[place], footholds=planned, **parts))
     return moments
+
+
+def _walk_of(stamp: int, begins: list[int]) -> int:
+    """Number of the walk that a scan belongs to: the last whose first frame came before the end of the scan."""
+    return max((number for number, begin in enumerate(begins) if begin <= stamp), default=0)
 
 
 def _given(points: Float32) -> Callable[[], list[Float]]:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from guara_perception.exceptions import InvalidInput
+
 if TYPE_CHECKING:
     from guara_perception.view.moment import Moment
     from kinematics import RobotModel
@@ -52,6 +54,10 @@ def command(
       guara view --rerun out/demo/walk.mcap
     """
     if rerun or save is not None:
+        if calibration is not None:
+            raise InvalidInput(
+                "-c is for the browser's view; --rerun shows what the recording holds: leave one of them out"
+            )
         show_in_rerun(file, rerun, save)
         return
     from guara_perception.app.until_stopped import stop_event
@@ -75,7 +81,6 @@ def command(
 def show_in_rerun(file: Path | None, rerun: bool, save: Path | None) -> None:
     """Open a recording in Rerun, or write what Rerun opens."""
     from guara_perception.app.scene.rerun_scene import open_in_rerun, save_rerun_scene
-    from guara_perception.exceptions import InvalidInput
 
     if not rerun:
         raise InvalidInput("--save goes with --rerun: guara view --rerun FILE --save OUT.rrd")

@@ -15,14 +15,14 @@ import guara_perception as gp
 from drivers import StripeCapture, StripeVerdict
 from guara_perception.app.commands.view import show_live
 from guara_perception.app.live_moments import LiveMoments
-from guara_perception.app.messages import terrain_to_message
+from guara_perception.app.messages import stance_to_message, terrain_to_message
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.view_moments import load_moments
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.view.moment import Moment, no_stripes
 from kinematics import RobotModel, load_robot
 from transport import point_cloud_message
-from transport.recording import RecordingWriter
+from transport.recording import FrameRecord, RecordingWriter, ScanRecord
 
 pytestmark = pytest.mark.slow
 
@@ -74,6 +74,36 @@ def test_a_recording_shows_its_grids_in_order(
         pass
     with pytest.raises(FileFormatError, match="holds neither grids nor scans: there is nothing to show"):
         load_moments(empty, robot)
+
+
+def test_two_walks_of_one_recording_stay_apart(
+    tmp_path: Path, robot: RobotModel, paper_terrain: gp.TerrainGrid, paper_scan: gp.Scan, calibration: gp.Calibration
+) -> None:
+    """A gait that counts anew gives other moments: grids and scans of a step go with the walk that they are of."""
+    path = tmp_path / "walks.mcap"
+    with RecordingWriter(path, robot="guara") as writer:
+        stamp = 0
+        for walk in ("first", "second"):
+            for step in (1, 2):
+                stamp += 10
+                stance = stance_to_message(paper_scan.stance)
+                record = ScanRecord(robot="guara", mode="coarse", stamp=stamp - 5, step=step, stance=stance)
+                writer.begin_scan(record)
+                frame = FrameRecord(pixels=np.full((4, 4), stamp, np.uint8), stamp=stamp - 1)
+                writer.add_stripe(0, 0.0, writer.add_frame(frame, laser_on=True), None, stamp=stamp - 1)
+                writer.end_scan(stamp=stamp)
+                metadata = {**paper_terrain.metadata, "epoch": walk}
+                for extent in ("footprint", "map"):
+                    scan = dataclasses.replace(
+                        paper_terrain, step=step, stamp=stamp, pictures={}, metadata=metadata, extent=extent
+                    )
+                    writer.add_terrain(terrain_to_message(scan, robot="guara", sequence=stamp, scan_start=stamp - 5))
+    moments = load_moments(path, robot)
+    assert [moment.step for moment in moments] == [1, 2, 1, 2]
+    grids = [grid for moment in moments for grid in moment.grids.values()]
+    assert [grid.stamp for grid in grids] == [10, 10, 20, 20, 30, 30, 40, 40]
+    pictures = [moment.picture() for moment in moments]
+    assert [picture is not None and int(picture[0, 0]) for picture in pictures] == [10, 20, 30, 40]
 
 
 def test_recorded_points_are_shown_as_they_were_measured(

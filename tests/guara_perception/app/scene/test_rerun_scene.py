@@ -128,6 +128,8 @@ def test_what_is_no_scene_is_refused(tmp_path: Path, walk: Path, capsys: pytest.
     ):
         assert run(["view", "--rerun", *words]) == 2, words
         assert told in capsys.readouterr().err
+    assert run(["view", "--rerun", "-c", "calibration.json", str(walk)]) == 2
+    assert "-c is for the browser's view" in capsys.readouterr().err
     assert run(["view", str(walk), "--save", out]) == 2
     assert "--save goes with --rerun" in capsys.readouterr().err
     assert not Path(out).exists()
