@@ -67,9 +67,9 @@ def truth_of(
 ) -> Truth:
     """Truth at 1 mm, a[iy, ix], gathered into cells of `cell_mm`."""
     kernel = np.ones((3, 3), np.uint8)
-    spread = cv2.dilate(elevation, kernel) - cv2.erode(elevation, kernel)
+    relief = cv2.dilate(elevation, kernel) - cv2.erode(elevation, kernel)
     side = 2 * INTERIOR_MARGIN_MM + 1
-    near_jump = cv2.dilate((spread > JUMP_M).astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+    near_jump = cv2.dilate((relief > JUMP_M).astype(np.uint8), np.ones((side, side), np.uint8)) > 0
 
     def cells(layer: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
         ny, nx = (n // cell_mm for n in layer.shape)

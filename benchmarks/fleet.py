@@ -136,7 +136,7 @@ def measure(fleet: Fleet, seconds: float) -> dict[str, Any]:
 
 
 def bursts(fleet: Fleet, count: int) -> dict[str, Any]:
-    """All robots publish at the same moment, so many times."""
+    """All robots publish at the same moment, `count` times."""
     first = fleet.reports()
     for _ in range(count):
         fleet.publish(once=True)

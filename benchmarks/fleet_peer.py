@@ -144,7 +144,7 @@ class Planners:
         """What came since the last report, and what did not."""
         receivers = [client.receiver(extent) for client in self._clients for extent in ("footprint", "map")]
         with self._lock:
-            told = {
+            report = {
                 "delays_ms": self._delays,
                 "bytes": self._bytes,
                 "newest": self._newest,
@@ -153,7 +153,7 @@ class Planners:
                 "superseded": sum(receiver.superseded for receiver in receivers),
             }
             self._delays, self._bytes, self._newest = {"footprint": [], "map": []}, 0, {}
-        return told
+        return report
 
 
 def run_planners(endpoint: str, security: str, *names: str) -> None:

@@ -61,7 +61,7 @@ class Effect:
     Attributes:
         near, far: by how much points of the area move, at the middle of its near edge and at its far left corner [m].
         height: median change of the floor's height in the grid [m].
-        spread: half of the range of that change over 90 % of the floor [m].
+        scatter: half of the range of that change over 90 % of the floor [m].
         verdict: of the calibration.
         reason: the first of its reasons, empty when there is none.
     """
@@ -69,7 +69,7 @@ class Effect:
     near: float
     far: float
     height: float
-    spread: float
+    scatter: float
     verdict: str
     reason: str
 
@@ -116,9 +116,9 @@ def main() -> None:
     print("|---|---|---|---|---|")
     for name, change in CASES.items():
         found = effect(session, scan, robot, known, change)
-        near, far, height, spread = (1e3 * value for value in (found.near, found.far, found.height, found.spread))
+        near, far, height, scatter = (1e3 * value for value in (found.near, found.far, found.height, found.scatter))
         words = f"{found.verdict}{': ' if found.reason else ''}{found.reason}"
-        print(f"| {name} | {near:.1f} mm | {far:.1f} mm | {height:+.1f} mm, +-{spread:.1f} mm | {words} |", flush=True)
+        print(f"| {name} | {near:.1f} mm | {far:.1f} mm | {height:+.1f} mm, +-{scatter:.1f} mm | {words} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -56,7 +56,7 @@ class Cost:
 
 
 class Checkout:
-    """A process that scans with the code of one checkout whenever it is told to."""
+    """A process that scans with the code of one checkout when asked."""
 
     def __init__(self, folder: Path, scan: Path) -> None:
         """Start it.

@@ -63,8 +63,8 @@ def main_of_peer(scan: Path) -> None:
         ours(recording, "precise")
         seconds = time.process_time() - start
         cheap, strong = by_path or (None, None)
-        told = {"scan": seconds, "stripes": len(recording.frames), "cheap": cheap, "strong": strong}
-        print(json.dumps(told), flush=True)
+        report = {"scan": seconds, "stripes": len(recording.frames), "cheap": cheap, "strong": strong}
+        print(json.dumps(report), flush=True)
 
 
 if __name__ == "__main__":

@@ -95,9 +95,9 @@ def height_errors(world: World, size: tuple[int, int]) -> tuple[Float, float]:
     (x0, y0), (ny, nx) = terrain.origin, terrain.shape
     heights, _ = world.raster((x0, x0 + nx * 0.005), (y0, y0 + ny * 0.005), 0.001)
     kernel = np.ones((3, 3), np.uint8)
-    spread = cv2.dilate(heights, kernel) - cv2.erode(heights, kernel)
+    relief = cv2.dilate(heights, kernel) - cv2.erode(heights, kernel)
     side = 2 * INTERIOR_MARGIN_MM + 1
-    flat = cv2.dilate((spread > JUMP_M).astype(np.uint8), np.ones((side, side), np.uint8)) == 0
+    flat = cv2.dilate((relief > JUMP_M).astype(np.uint8), np.ones((side, side), np.uint8)) == 0
     seen = flat & _in_sight(world, calibration, heights, (x0, y0))
 
     def cells(layer: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:

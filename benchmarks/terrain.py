@@ -210,13 +210,13 @@ def one_walk(robot: RobotModel, seed: int, cycles: int) -> WalkFigures:
             errors.append(error)
             sigmas.append(sigma)
         watch_occluded(watched, pause.step, terrain, fused, np.array(fused.metadata["transform_footprint_to_odom"]))
-    every, spread = 1e3 * np.concatenate(errors), 1e3 * np.concatenate(sigmas)
+    every, claimed = 1e3 * np.concatenate(errors), 1e3 * np.concatenate(sigmas)
     seen = [shares for _, shares in watched.values() if len(shares) > 12]
     occluded = [float(np.mean([shares[i] for shares in seen])) for i in (0, 4, 8, 12)]
     return WalkFigures(
         rms=float(np.sqrt(np.mean(every**2))),
         bias=float(every.mean()),
-        claimed=float(np.sqrt(np.mean(spread**2))),
+        claimed=float(np.sqrt(np.mean(claimed**2))),
         sole=float(np.sqrt(np.mean(np.square(soles)))),
         raw=float(np.sqrt(np.mean(np.square(raw)))),
         occluded=occluded,

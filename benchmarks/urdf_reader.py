@@ -30,8 +30,8 @@ def worst_difference(robot: RobotModel, source: Path) -> float:
     rng = np.random.default_rng(0)
     worst = 0.0
     for number in range(POSES):
-        spread = 0.0 if number == 0 else JOINT_SIGMA
-        joints = _joints(robot, spread, rng)
+        sigma = 0.0 if number == 0 else JOINT_SIGMA
+        joints = _joints(robot, sigma, rng)
         down = np.array([0.0, 0.0, -1.0]) + (TILT_SIGMA * rng.standard_normal(3) if number else 0.0)
         down /= np.linalg.norm(down)
         other.update_cfg(joints)
@@ -48,13 +48,13 @@ def worst_difference(robot: RobotModel, source: Path) -> float:
     return worst
 
 
-def _joints(robot: RobotModel, spread: float, rng: np.random.Generator) -> dict[str, float]:
+def _joints(robot: RobotModel, sigma: float, rng: np.random.Generator) -> dict[str, float]:
     tree = robot.tree
     posture = robot.posture(robot.config.scan_posture)
     return {
         joint: float(
             np.clip(
-                posture[joint] + spread * rng.standard_normal(),
+                posture[joint] + sigma * rng.standard_normal(),
                 tree.lower_limits[tree.joint_index(joint)],
                 tree.upper_limits[tree.joint_index(joint)],
             )

@@ -107,7 +107,7 @@ def run_planner(endpoint: str, security: str) -> None:
 
 
 def run_viewer(_: str, security: str) -> None:
-    """A viewer; joins at each endpoint that it is told, and leaves when it is told none."""
+    """A viewer; joins at each endpoint that it reads, and leaves when it reads none."""
     counts = {"received": 0, "missed": 0}
     client: transport.PerceptionClient | None = None
     say(ready=True)
@@ -159,10 +159,10 @@ def measure(scans: int, folders: dict[str, str]) -> tuple[dict[float, Delays], d
                     viewers[rate].tell(endpoint=links[rate].endpoint)
                     viewers[rate].hear()
                 planner.tell(scans=turn)
-                told = planner.hear()
-                found[rate].footprint_ms += told["footprint_ms"]
-                found[rate].map_ms += told["map_ms"]
-                found[rate].failed += told["failed"]
+                report = planner.hear()
+                found[rate].footprint_ms += report["footprint_ms"]
+                found[rate].map_ms += report["map_ms"]
+                found[rate].failed += report["failed"]
                 if rate:
                     viewers[rate].tell(endpoint="")
                     seen[rate] = viewers[rate].hear()

@@ -70,8 +70,8 @@ class Ground:
             for (px, py), length, amplitude in zip(
                 self.phases, (0.05, 0.08, 0.13), (0.0006, 0.001, 0.0015), strict=True
             ):
-                way_x, way_y = 2 * np.pi * x[rough] / length, 2 * np.pi * y[rough] / length
-                height[rough] += amplitude * np.sin(way_x + px) * np.sin(way_y + py)
+                phase_x, phase_y = 2 * np.pi * x[rough] / length, 2 * np.pi * y[rough] / length
+                height[rough] += amplitude * np.sin(phase_x + px) * np.sin(phase_y + py)
         for bx, by, length, width, top in self.boxes:
             height[(np.abs(x - bx) < length / 2) & (np.abs(y - by) < width / 2)] += top
         return np.where((x > 2.2) & (x < 2.26) & (np.abs(y) < 0.12), height - 0.05, height)
@@ -145,9 +145,9 @@ def scan(robot: RobotModel, ground: Ground, pause: Pause, seed: int) -> gp.Terra
     heights = np.array([height for height, _ in samples])
     world = samples[0][1]
     hidden = np.zeros(x.size, dtype=bool)
-    for eye in (CAMERA_IN_BASE, LASER_IN_BASE):
-        eye_in_world = pause.transform_base_to_world[:3, :3] @ eye + pause.transform_base_to_world[:3, 3]
-        hidden |= _hidden(ground, world, eye_in_world)
+    for origin in (CAMERA_IN_BASE, LASER_IN_BASE):
+        origin_in_world = pause.transform_base_to_world[:3, :3] @ origin + pause.transform_base_to_world[:3, 3]
+        hidden |= _hidden(ground, world, origin_in_world)
     sigma = np.interp(x, settings.footprint_x, SENSOR_SIGMA_M)
     top = heights.max(axis=0)
     on_top = heights > top - 0.004
@@ -247,10 +247,10 @@ def seen_height(ground: Ground, to_world: Float, x: Float, y: Float) -> tuple[Fl
     return z, world
 
 
-def _hidden(ground: Ground, points: Float, eye: Float) -> npt.NDArray[np.bool_]:
-    """Whether the true ground stands between points (n, 3) and an eye."""
+def _hidden(ground: Ground, points: Float, origin: Float) -> npt.NDArray[np.bool_]:
+    """Whether the true ground stands between points (n, 3) and a sensor's origin."""
     hidden = np.zeros(len(points), dtype=bool)
     for share in np.linspace(0.005, 0.35, 60):
-        at = points + share * (eye - points)
+        at = points + share * (origin - points)
         hidden |= ground.height_at(at[:, 0], at[:, 1]) > at[:, 2] + 0.001
     return hidden

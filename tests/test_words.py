@@ -31,7 +31,7 @@ ALLOWED = {"colour-blind eyes"}
 
 def texts() -> list[Path]:
     """Every file of the packages, examples and documents that a user may read."""
-    folders = (*PACKAGES, "examples", "docs")
+    folders = (*PACKAGES, "benchmarks", "examples", "docs")
     found = [
         path for folder in folders for path in (ROOT / folder).rglob("*") if path.suffix in (".py", ".md", ".toml")
     ]
