@@ -23,13 +23,21 @@ def modules() -> dict[str, Path]:
 
 def imported(text: str, known: set[str]) -> Iterator[str]:
     """Files that a text imports: at once, when a function is called, or for type checkers alone."""
-    for node in ast.walk(ast.parse(text)):
+    for node in statements(ast.parse(text)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if alias.name in known)
         elif isinstance(node, ast.ImportFrom) and node.module in known:
             for alias in node.names:
                 inner = f"{node.module}.{alias.name}"
                 yield inner if inner in known else node.module
+
+
+def statements(node: ast.AST) -> Iterator[ast.AST]:
+    """Every statement below a node; nothing is imported inside an expression, and those are most of a file."""
+    for child in ast.iter_child_nodes(node):
+        if not isinstance(child, ast.expr):
+            yield child
+            yield from statements(child)
 
 
 @pytest.fixture(scope="module")

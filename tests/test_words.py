@@ -68,8 +68,11 @@ def test_phrases_are_found():
 
 def aliases(path: Path) -> list[str]:
     """Names that a file gives to types of arrays."""
-    named = []
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    named: list[str] = []
+    text = path.read_text(encoding="utf-8")
+    if "NDArray[" not in text:
+        return named
+    for node in ast.parse(text).body:
         if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None and "NDArray[" in ast.unparse(node):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             named += [ast.unparse(target) for target in targets]

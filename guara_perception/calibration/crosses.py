@@ -28,6 +28,10 @@ SCORE_WEIGHT_M = 0.02
 # Pixels of one mark share blur and floor texture, so the fit knows less than it thinks.
 SIGMA_FACTOR = 2.0
 SIGMA_FLOOR_PX = 0.02
+# A cross is fitted in 10 to 30 steps; what takes more is texture of the floor.
+MOST_FITS = 100
+# Of a bar, in arms: sharper ones are fitted as if they had this blur.
+LEAST_BLUR = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +160,15 @@ def _refine(grey: Grey, camera: CameraModel, transform: Float, start: Float) -> 
     def residual(q: Float) -> Float:
         return _cross_model(first + q * scale, position) - grey_level
 
-    fit = least_squares(residual, np.zeros(11), method="trf", loss="soft_l1", f_scale=max(0.05 * contrast, 1.0))
+    def derivatives(q: Float) -> Float:
+        return _cross_derivatives(first + q * scale, position) * scale
+
+    misfit = max(0.05 * contrast, 1.0)
+    fit = least_squares(
+        residual, np.zeros(11), derivatives, method="trf", loss="soft_l1", f_scale=misfit, max_nfev=MOST_FITS
+    )
+    if not fit.success:
+        return None
     p = first + fit.x * scale
     if np.hypot(p[0], p[1]) > 0.5 or not 0.6 < p[4] < 1.5 or p[7] <= 0.3 * contrast:
         return None
@@ -172,16 +184,57 @@ def _refine(grey: Grey, camera: CameraModel, transform: Float, start: Float) -> 
 
 def _cross_model(p: Float, position: Float) -> Float:
     """Grey level of a dark cross; lengths in arms: centre, two bar angles, half length, half width, blur, contrast."""
+    one, other = _profiles(p, position, p[2]), _profiles(p, position, p[3] + np.pi / 2)
+    ink = 1 - (1 - one[0] * one[1]) * (1 - other[0] * other[1])
+    return np.asarray(p[8] + p[9] * position[:, 0] + p[10] * position[:, 1] - p[7] * ink)
+
+
+def _profiles(p: Float, position: Float, angle: float) -> tuple[Float, Float]:
+    """Share of ink of a bar at this angle, by its length and by its width."""
     from scipy.special import ndtr
 
+    (along, across), blur = _along_and_across(p, position, angle), _blur(p)
+    length = ndtr((along + p[4]) / blur) - ndtr((along - p[4]) / blur)
+    return length, ndtr((across + p[5]) / blur) - ndtr((across - p[5]) / blur)
+
+
+def _cross_derivatives(p: Float, position: Float) -> Float:
+    """Derivatives (n, 11) of `_cross_model` by its parameters."""
+    derivatives = np.zeros((len(position), 11))
+    one, other = _profiles(p, position, p[2]), _profiles(p, position, p[3] + np.pi / 2)
+    bars = one[0] * one[1], other[0] * other[1]
+    for column, angle, (length, width), beside in ((2, p[2], one, bars[1]), (3, p[3] + np.pi / 2, other, bars[0])):
+        (along, across), (c, s) = _along_and_across(p, position, angle), (np.cos(angle), np.sin(angle))
+        by_along, by_length, by_blur = _slopes(along, p[4], _blur(p))
+        by_across, by_width, by_blur_across = _slopes(across, p[5], _blur(p))
+        by_bar = -p[7] * (1 - beside)
+        by_along, by_across = by_bar * by_along * width, by_bar * by_across * length
+        derivatives[:, 0] += by_across * s - by_along * c
+        derivatives[:, 1] -= by_across * c + by_along * s
+        derivatives[:, column] = by_along * across - by_across * along
+        derivatives[:, 4] += by_bar * by_length * width
+        derivatives[:, 5] += by_bar * by_width * length
+        derivatives[:, 6] += by_bar * (by_blur * width + by_blur_across * length)
+    derivatives[:, 6] *= np.sign(p[6]) * (abs(p[6]) > LEAST_BLUR)
+    derivatives[:, 7] = (1 - bars[0]) * (1 - bars[1]) - 1
+    derivatives[:, 8] = 1
+    derivatives[:, 9:] = position
+    return derivatives
+
+
+def _along_and_across(p: Float, position: Float, angle: float) -> tuple[Float, Float]:
+    """Coordinates from the cross's centre along a bar and across it."""
     x, y = position[:, 0] - p[0], position[:, 1] - p[1]
-    blur = max(abs(p[6]), 1e-3)
+    c, s = np.cos(angle), np.sin(angle)
+    return x * c + y * s, y * c - x * s
 
-    def bar(angle: float) -> Float:
-        along, across = x * np.cos(angle) + y * np.sin(angle), -x * np.sin(angle) + y * np.cos(angle)
-        length = ndtr((along + p[4]) / blur) - ndtr((along - p[4]) / blur)
-        width = ndtr((across + p[5]) / blur) - ndtr((across - p[5]) / blur)
-        return np.asarray(length * width)
 
-    ink = 1 - (1 - bar(p[2])) * (1 - bar(p[3] + np.pi / 2))
-    return np.asarray(p[8] + p[9] * position[:, 0] + p[10] * position[:, 1] - p[7] * ink)
+def _blur(p: Float) -> float:
+    return max(abs(float(p[6])), LEAST_BLUR)
+
+
+def _slopes(t: Float, half: float, blur: float) -> tuple[Float, Float, Float]:
+    """Derivatives of ndtr((t + half) / blur) - ndtr((t - half) / blur) by t, half and blur."""
+    first, last = (t + half) / blur, (t - half) / blur
+    at_first, at_last = (np.exp(-0.5 * z**2) / (blur * np.sqrt(2 * np.pi)) for z in (first, last))
+    return at_first - at_last, at_first + at_last, last * at_last - first * at_first

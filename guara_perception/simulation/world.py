@@ -94,8 +94,8 @@ class World:
         """Heights and materials at the centres of a fine grid a[iy, ix] over an area; quick for many features."""
         cx = np.arange(x[0] + cell / 2, x[1], cell)
         cy = np.arange(y[0] + cell / 2, y[1], cell)
-        every_x, every_y = np.meshgrid(cx, cy)
-        heights, materials = self._evaluate(every_x, every_y, ())
+        heights = self._undulated(cx, cy)
+        materials = np.full(heights.shape, material_index(self.material), dtype=np.uint8)
         for feature, base in zip(self.features, self._bases, strict=True):
             x0, x1, y0, y1 = feature.bounds
             if isinstance(feature, Step):
@@ -116,15 +116,28 @@ class World:
         c, s = np.cos(yaw), np.sin(yaw)
         return float(self.height(x + c * u - s * v, y + s * u + c * v).max())
 
+    def _undulated(self, cx: Float, cy: Float) -> Float:
+        """Heights (ny, nx) of the bare ground; by the sine of a sum, thousands of sines in place of millions."""
+        if self.undulation <= 0:
+            return np.zeros((cy.size, cx.size))
+        cx, cy = np.clip(cx, *self.x), np.clip(cy, *self.y)
+        kx, ky, phase = self._waves.T
+        row, column = cx[:, None] * kx + phase, cy[:, None] * ky
+        waves = np.cos(column) @ np.sin(row).T + np.sin(column) @ np.cos(row).T
+        return np.asarray(waves * self._amplitude(cx))
+
+    def _amplitude(self, x: Float) -> Float:
+        """What each wave is multiplied by: nothing where the ground is flat."""
+        rise = np.clip((x - self.flat_until) / 0.2, 0, 1)
+        return np.asarray(self.undulation * np.sqrt(2 / len(self._waves)) * rise**2 * (3 - 2 * rise))
+
     def _evaluate(self, x: Float, y: Float, features: tuple[AnyFeature, ...]) -> tuple[Float, Codes]:
         x, y = np.clip(x, *self.x), np.clip(y, *self.y)
         heights = np.zeros(x.shape)
         if self.undulation > 0:
             for kx, ky, phase in self._waves:
                 heights += np.sin(kx * x + ky * y + phase)
-            heights *= self.undulation * np.sqrt(2 / len(self._waves))
-            rise = np.clip((x - self.flat_until) / 0.2, 0, 1)
-            heights *= rise**2 * (3 - 2 * rise)
+            heights *= self._amplitude(x)
         materials = np.full(x.shape, material_index(self.material), dtype=np.uint8)
         for feature, base in zip(features, self._bases, strict=False):
             heights, mask = feature.shape(x, y, heights, base)

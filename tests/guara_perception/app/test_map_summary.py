@@ -42,6 +42,7 @@ def test_a_scanned_grid_is_small_and_close(paper_terrain: gp.TerrainGrid) -> Non
     assert np.isnan(small.height_at(9.0, 9.0)) and not small.is_traversable(9.0, 9.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), share=st.floats(0, 0.4), tall=st.integers(0, 3))
 def test_no_cell_becomes_safer(seed: int, share: float, tall: int) -> None:

@@ -59,6 +59,7 @@ def pictures(targets) -> list[np.ndarray]:
     return [targets.board(BOARD, pose_of(targets, *pose)) for pose in POSES]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(POSES)))
 def test_corners_are_where_the_lens_puts_them(targets, pictures, number):
     """Each corner that is found is the one that it is said to be, to a tenth of a pixel; of cut boards a part is."""
@@ -71,6 +72,7 @@ def test_corners_are_where_the_lens_puts_them(targets, pictures, number):
     assert np.allclose(view.points(BOARD), BOARD.points[view.corners])
 
 
+@pytest.mark.slow
 def test_a_covered_board_counts(targets, pictures):
     """A hand over its middle takes away what it covers and nothing else."""
     picture = pictures[0].copy()
@@ -81,6 +83,7 @@ def test_a_covered_board_counts(targets, pictures):
     assert np.abs(error).max() < 0.35
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kept", range(20, 64, 4))
 def test_what_is_cut_away_is_never_made_up(targets, pictures, kept):
     """The same corners as in the whole picture, or fewer, however much of the board the rim cuts."""
@@ -96,6 +99,7 @@ def test_what_is_cut_away_is_never_made_up(targets, pictures, kept):
         assert "show more of the board" in view.reason or "no marker" in view.reason
 
 
+@pytest.mark.slow
 def test_markers_that_lie_about_do_not_matter(targets, pictures):
     """One of the board's own markers on a card beside it: every corner is where it was."""
     picture = pictures[1].copy()
@@ -109,6 +113,7 @@ def test_markers_that_lie_about_do_not_matter(targets, pictures):
     assert np.abs(view.corners_px - before.corners_px[np.isin(before.corners, view.corners)]).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_reasons(pictures):
     """What cannot be used says why."""
     whole = pictures[0]
@@ -129,6 +134,7 @@ def test_reasons(pictures):
     assert not find_board(pictures[4], checkerboard).is_usable
 
 
+@pytest.mark.slow
 def test_the_edge_width_is_that_of_a_checkerboard(targets):
     """Blurred by the same amount, both patterns are said to be about as sharp."""
     pose = pose_of(targets, 0.5, 0.5, 0.3, 0.1, 0.1)
@@ -153,6 +159,7 @@ def test_ink_is_opencvs_own_pattern():
         board_ink(BoardSpec(44, 44, 0.01, CHARUCO))
 
 
+@pytest.mark.slow
 def test_a_lens_from_parts_of_a_board(targets):
     """Views none of which shows the whole board give the lens, near the picture's corners too."""
     places = [(u, v) for u in (0.15, 0.5, 0.85) for v in (0.15, 0.5, 0.85)]

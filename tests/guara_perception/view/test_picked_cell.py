@@ -12,13 +12,15 @@ from guara_perception.view.picked_cell import met_by_ray
 from guara_perception.view.terrain_mesh import drawn_heights
 
 
+LEVEL = gp.assess_terrain(np.zeros((108, 140)), 0.005, origin=(0.0, -0.27))
+
+
 @settings(max_examples=60, deadline=None)
 @given(x=st.floats(0.02, 0.6), y=st.floats(-0.25, 0.25), eye_x=st.floats(-1, 1), eye_y=st.floats(-1, 1))
 def test_on_level_ground_a_ray_meets_what_it_aims_at(x: float, y: float, eye_x: float, eye_y: float) -> None:
     """From any side, at half a cell."""
-    terrain = gp.assess_terrain(np.zeros((108, 140)), 0.005, origin=(0.0, -0.27))
     eye = np.array([eye_x, eye_y, 0.8])
-    met = met_by_ray(terrain, eye, 3.0 * (np.array([x, y, 0.0]) - eye))
+    met = met_by_ray(LEVEL, eye, 3.0 * (np.array([x, y, 0.0]) - eye))
     assert met is not None
     np.testing.assert_allclose(met, (x, y, 0.0), atol=0.004)
 

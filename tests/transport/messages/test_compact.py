@@ -28,6 +28,7 @@ def layer(elements: st.SearchStrategy[float]) -> st.SearchStrategy[np.ndarray]:
     return hnp.arrays(np.float32, st.tuples(st.integers(1, 4), st.integers(1, 5)), elements=elements)
 
 
+@pytest.mark.slow
 @given(layer(ANY), layer(POSITIVE))
 def test_no_value_goes_to_the_wrong_side(any_values: np.ndarray, positive: np.ndarray) -> None:
     """Whatever floats there are; what is not known stays so, and rounded again nothing changes."""

@@ -178,6 +178,7 @@ def test_an_uplink_serves_readers_elsewhere_too(free_endpoint: str) -> None:
     assert printed.splitlines()[1] == f"guara: uplink to {site}, dialled again whenever it is gone"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "told"),
     [

@@ -65,6 +65,7 @@ def test_legs_are_those_written_by_hand(made: tuple[RobotModel, RobotModel]) -> 
         assert (sole[1] > 0) == leg.startswith("l") and (sole[0] > 0) == leg.endswith("f")
 
 
+@pytest.mark.slow
 def test_soles_lie_under_the_feet(made: tuple[RobotModel, RobotModel]) -> None:
     """In the scan posture each sole frame is the lowest point of its foot, level, below the joint that swings it."""
     robot, _ = made
@@ -75,6 +76,7 @@ def test_soles_lie_under_the_feet(made: tuple[RobotModel, RobotModel]) -> None:
         np.testing.assert_allclose(state.position_in_base(leg.sole)[:2], state.position_in_base(leg.hip)[:2], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_every_value_has_its_reason(made: tuple[RobotModel, RobotModel]) -> None:
     """Each line of robot.toml below [stance] that gives a number says why; each assumed key names a value."""
     robot, _ = made
@@ -92,6 +94,7 @@ def test_every_value_has_its_reason(made: tuple[RobotModel, RobotModel]) -> None
     assert all(f"| `{key}` |" in readme for key in content["assumed"])
 
 
+@pytest.mark.slow
 def test_the_pattern_sweeps_the_area_and_the_camera_sees_it(made: tuple[RobotModel, RobotModel]) -> None:
     """By the rule that the hand-written folders are tested with: just before the area to just past it."""
     robot, _ = made

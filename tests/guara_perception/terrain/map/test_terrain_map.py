@@ -573,6 +573,7 @@ def test_cells_seen_by_another_clock_are_stale(robot: RobotModel, make_scan: Mak
     assert old.any() and ((later.hazard[old] & Hazard.STALE) != 0).all()
 
 
+@pytest.mark.slow
 def test_declared_ground_in_the_metadata_does_not_grow_without_end(robot: RobotModel, make_scan: MakeScan) -> None:
     """Declared at each pause: of those that filled nothing only the newest is named, none past its validity."""
     terrain_map, pauses = gp.TerrainMap(robot), 2 * Settings.of(robot).validity_pauses

@@ -177,6 +177,7 @@ def test_no_question_is_answered_better_than_on_the_computed_grid(terrain: gp.Te
     check_places(terrain, received, rng, None)
 
 
+@pytest.mark.slow
 @PROPERTY
 @given(worlds())
 def test_no_distance_is_larger_and_coarser_grids_keep_to_it(terrain: gp.TerrainGrid) -> None:
