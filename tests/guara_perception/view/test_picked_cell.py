@@ -11,7 +11,6 @@ import guara_perception as gp
 from guara_perception.view.picked_cell import met_by_ray
 from guara_perception.view.terrain_mesh import drawn_heights
 
-
 LEVEL = gp.assess_terrain(np.zeros((108, 140)), 0.005, origin=(0.0, -0.27))
 
 
