@@ -58,8 +58,10 @@ def edge_cells(
         return under_sole(bad | reaches(read, np.ones((side, side), np.uint8)), (0, 0))
     result = np.zeros(flags.shape, dtype=bool)
     beside = np.maximum(drift - kernel.shape[0] // 2, LEAST_MARGIN_CELLS)
-    for pair in np.unique(beside.reshape(-1, 2), axis=0).tolist():
-        result |= (beside == pair).all(axis=-1) & under_sole(bad | read, tuple(pair))
+    wide = int(beside.max(initial=0)) + 1
+    pairs = beside[..., 0] * wide + beside[..., 1]
+    for pair in np.flatnonzero(np.bincount(pairs.ravel())).tolist():
+        result |= (pairs == pair) & under_sole(bad | read, divmod(pair, wide))
     return result
 
 
