@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import numpy.typing as npt
 
@@ -53,8 +55,9 @@ def assess_terrain(
     return TerrainGrid(layers=layers, geometry=geometry, metadata={"limits": limits_to_dict(limits)})
 
 
+@cache
 def default_limits() -> TraversabilityLimits:
-    """The limits of the Guara."""
+    """The limits of the Guara; read once, for they take longer to read than a grid to judge."""
     from guara_perception.settings import Settings
 
     return Settings.of(load_robot("guara")).limits
