@@ -271,7 +271,7 @@ def test_a_node_killed_while_it_publishes_leaves_no_partial_grid(start, endpoint
         for _ in range(3):
             node = start("node", endpoint, "connect")
             before = receiver.received
-            node.tell("stream 60 0 250")
+            node.tell("stream 12 0 250")
             deadline = time.monotonic() + 30.0
             while receiver.received < before + 2 and time.monotonic() < deadline:
                 time.sleep(0.001)
