@@ -23,7 +23,7 @@ from kinematics import RobotModel
 
 @dataclass(frozen=True)
 class ScannedPause:
-    """One pause and the scan that was taken there."""
+    """One pause and the scan that was taken there, of the wide area, as the map takes it."""
 
     pause: WalkPause
     scan: gp.TerrainGrid
@@ -44,7 +44,7 @@ def scanned_walk(
         kept: folder with walks of earlier runs, written where missing; None = scan now.
     """
     world = random_world(seed)
-    file = None if kept is None else kept / f"walk-{seed}-{mode}-{cycles}.pickle"
+    file = None if kept is None else kept / f"wide-{seed}-{mode}-{cycles}.pickle"
     if file is not None and file.is_file():
         return world, pickle.loads(file.read_bytes())
     pauses = list(_scan(robot, world, seed, mode, cycles))
@@ -84,4 +84,4 @@ def _scan(robot: RobotModel, world: World, seed: int, mode: str, cycles: int) ->
         processor = gp.ScanProcessor(calibration, robot, pause.stance, mode, step=pause.step)
         for index, on, off in rangefinder.frames(Settings.of(robot).pattern(mode)):
             processor.add(index, on, off)
-        yield ScannedPause(pause, processor.finish())
+        yield ScannedPause(pause, processor.finish("wide"))

@@ -160,7 +160,7 @@ class _Walker:
         pose = self._odometry.update(pause.stance)
         scan = processor.finish()
         self._terrain = self._map.update(
-            scan, pose.transform_footprint_to_odom, pose.covariance, known_ground=pause.known_ground
+            processor.finish("wide"), pose.transform_footprint_to_odom, pose.covariance, known_ground=pause.known_ground
         )
         self.figures.grids += 1
         for terrain in (scan, self._terrain):

@@ -18,6 +18,7 @@ from guara_perception.scan import FrameReader, Scan
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.scan.scan_area import check_area
 from kinematics import KinematicsError, RobotModel
 from kinematics.pause import check_camera_still
 
@@ -34,6 +35,7 @@ def process_scan(
     method: str = "precise",
     resolution: float | None = None,
     *,
+    area: str = "footprint",
     pictures: bool = True,
     strict: bool = False,
     progress: Progress | None = None,
@@ -47,6 +49,8 @@ def process_scan(
         robot: model of the robot that carried it, or its name or folder; None = the one that the scan names.
         method: one of `guara_perception.methods.METHODS`.
         resolution: cell edge [m]; None = the robot's default.
+        area: "footprint", or "wide": as far along y as the robot's map, for `TerrainMap.update`, which knows more
+            ground with it.
         pictures: also draw the range images (`terrain.pictures`).
         strict: refuse a scan with a frame that cannot be used; otherwise such a stripe is left unknown.
         progress: called with (stripes done, stripes in all).
@@ -56,19 +60,20 @@ def process_scan(
 
     Raises:
         CalibrationMismatch: robot, stripes or picture size of scan and calibration do not belong together.
-        InvalidInput: no calibration; unknown method, bad resolution, a stance or a stripe index that does not fit the
-            robot; a scan whose grid the node withdrew; with `strict` a frame that cannot be used.
+        InvalidInput: no calibration; unknown method or area, bad resolution, a stance or a stripe index that does not
+            fit the robot; a scan whose grid the node withdrew; with `strict` a frame that cannot be used.
         MissingFile, FileFormatError: a file of the three is not there or not valid; a frame cannot be read, with
             `strict`; otherwise only when none can.
         kinematics.KinematicsError: no such robot.
     """
+    check_area(area)
     if not isinstance(calibration, Calibration):
         calibration = _calibration(scan, calibration)
     if not isinstance(scan, Scan):
         scan = _scan(scan)
     robot = robot_model(scan.robot if robot is None else robot)
     processor = run_scan(scan, calibration, robot, method, resolution, strict=strict, progress=progress)
-    terrain = processor.finish()
+    terrain = processor.finish(area)
     return with_pictures(terrain, processor) if pictures else terrain
 
 

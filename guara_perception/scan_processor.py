@@ -29,12 +29,11 @@ from guara_perception.scan_report import scan_report
 from guara_perception.settings import Settings
 from guara_perception.stripe_finder import StripeFinder
 from guara_perception.stripes.profile import StripeProfile, bad_frame
-from guara_perception.terrain.assessment.assess import assess_layers
-from guara_perception.terrain.assessment.causes import LookPlan, unknown_causes
-from guara_perception.terrain.assessment.lost_cells import lost_cells
+from guara_perception.terrain.assessment.causes import LookPlan
 from guara_perception.terrain.assessment.raster import pool, pool_flags
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.scan.scan_area import check_area, scan_areas
 from kinematics import Stance, StancePose
 
 # Finer than this the raster need not be; coarser grids are pooled from it, so a lost stripe always leaves a gap.
@@ -98,19 +97,16 @@ class ScanProcessor:
         self._method = method
         self._stamp, self._step = int(stamp), int(step)
         cell = self._settings.resolution if resolution is None else float(resolution)
-        self._grid = GridGeometry.over(self._settings.footprint_x, self._settings.footprint_y, cell)
         self._pooling = max(int(np.ceil(cell / FINEST_CELL_M - 1e-9)), 1)
         self._geometry = scan_geometry(calibration, self._pose.transform_base_to_footprint, self._settings, mode)
         if not self._geometry.stripes:
             raise CalibrationMismatch(
                 f"the calibration holds no stripe of the {mode} pattern; it holds {format_indices(calibration.indices)}"
             )
-        self._plan = LookPlan(
-            self._grid,
-            self._geometry.planes_in_footprint,
-            partial(self._geometry.pixels, calibration),
-            calibration.camera.size,
-        )
+        planes, size = self._geometry.planes_in_footprint, calibration.camera.size
+        project = partial(self._geometry.pixels, calibration)
+        self._areas = scan_areas(self._settings, cell, lambda grid: LookPlan(grid, planes, project, size))
+        self._grid, self._plan = self._areas["footprint"].grid, self._areas["footprint"].plan
         self._locator = locator(
             METHODS[method].literal,
             calibration.camera,
@@ -125,7 +121,9 @@ class ScanProcessor:
         self._profiles: dict[int, StripeProfile] = {}
         self._glances = Glances(self._order, calibration.camera.size[0])
         self._light = LightLooks(self._order, calibration.camera.size[1])
-        self._surface = SurfaceRaster(self._grid.refined(self._pooling), self._pattern, self._settings.join_height)
+        self._surface = SurfaceRaster(
+            self._areas["wide"].grid.refined(self._pooling), self._pattern, self._settings.join_height
+        )
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
 
     @property
@@ -276,26 +274,28 @@ class ScanProcessor:
         standard._seconds.update(self._seconds)
         return standard
 
-    def finish(self) -> TerrainGrid:
+    def finish(self, area: str = "footprint") -> TerrainGrid:
         """The terrain of what was added so far; at any time, and again after more stripes.
 
+        Args:
+            area: "footprint", or "wide": as far along y as the robot's map, of which the camera sees more the farther
+                away it is. `TerrainMap.update` knows more ground with it.
+
         Raises:
+            InvalidInput: another area.
             UnsafeGrid: the safety invariant is broken (a defect of this program, never of the data).
         """
+        check_area(area)
+        asked = self._areas[area]
         start = time.perf_counter()
         raster = pool(self._surface.raster(), self._pooling)
         marks = pool_flags(self._surface.marks(), self._pooling)
-        elevation = raster.elevation
         points = self.points
         usable = np.array([index in points for index in self._order])
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
-        causes = unknown_causes(
-            elevation, self._plan, pair_usable, marks, self._geometry.sensor_origins, self._grid, self._body.hides
+        layers = asked.layers(
+            raster, marks, pair_usable, self._geometry.sensor_origins, self._body.hides, self._settings
         )
-        layers = assess_layers(raster, causes, self._grid.resolution, self._settings.limits)
-        seen = np.isfinite(elevation)
-        layers["age"] = np.where(seen, 0, 255).astype(np.uint8)
-        layers["looks"] = seen.astype(np.uint8)
         seconds = {**self._seconds, "finish": time.perf_counter() - start}
         report = scan_report(
             calibration=self._calibration,
@@ -314,15 +314,10 @@ class ScanProcessor:
             light=self._light,
         )
         is_lost = np.array([index in self._profiles and self._profiles[index].is_frame_bad for index in self._order])
-        report["lost_cells"] = []
-        if is_lost.any():
-            in_view = self._plan.in_view(np.arange(self._grid.size)).reshape(self._grid.shape)
-            report["lost_cells"] = lost_cells(
-                elevation, layers["hazard"], in_view, self._geometry.planes_in_footprint, is_lost, self._grid
-            )
+        report["lost_cells"] = asked.lost(layers, is_lost)
         return TerrainGrid(
             layers=layers,
-            geometry=self._grid,
+            geometry=asked.grid,
             stamp=self._stamp,
             step=self._step,
             extent="footprint",

@@ -60,7 +60,7 @@ def command(
     from guara_perception.app.files.scan_calibration import calibration_for
     from guara_perception.app.node.walk_map import WalkMap
     from guara_perception.app.summary import summary
-    from guara_perception.process import process_scan
+    from guara_perception.process import run_scan
     from guara_perception.terrain.layers.layered_grid import EXTENTS
     from guara_perception.terrain.questions.save import save_terrain
     from kinematics import load_robot
@@ -93,8 +93,9 @@ def command(
                 walk_map = WalkMap(model, calibrated)
             last = scan.step
             with progress(f"Step {scan.step}") as show:
-                terrain = process_scan(scan, calibrated, model, method, pictures=False, progress=show)
-            grids = {"footprint": terrain, "map": walk_map.update(scan.step, scan.stance, terrain)}
+                processor = run_scan(scan, calibrated, model, method, progress=show)
+            fused = walk_map.update(scan.step, scan.stance, processor.finish("wide"))
+            grids = {"footprint": processor.finish(), "map": fused}
             if send is not None and number:
                 time.sleep(interval)
             for name in extents:

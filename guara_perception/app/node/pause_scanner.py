@@ -123,11 +123,12 @@ class PauseScanner:
         )
         self._view.begin()
         try:
-            terrain, scan, processor = self._sweeper.sweep(mode, job)
+            swept = self._sweeper.sweep(mode, job)
+            scan, processor = swept.scan, swept.processor
             self.settle()
             if pause.broken and pause.still_until < scan.last_frame:
                 raise CameraMoved(pause.broken)
-            terrain = dataclasses.replace(with_problems(terrain, scan), stamp=scan.end)
+            terrain = dataclasses.replace(with_problems(swept.terrain, scan), stamp=scan.end)
         except BaseException:
             if recording is not None:
                 recording.abandon()
@@ -157,7 +158,12 @@ class PauseScanner:
             raise
         try:
             published.fused = fused = self._map.update(
-                pause.step, pause.stance, terrain, pause.known_ground, epoch=pause.epoch, time=end_of(scan)
+                pause.step,
+                pause.stance,
+                swept.wide(terrain),
+                pause.known_ground,
+                epoch=pause.epoch,
+                time=end_of(scan),
             )
         except BaseException:
             self._finish(recording, (message,), pause.end_stance)

@@ -49,6 +49,35 @@ class SweepJob:
     look: Callable[[StripeCapture], None] | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class Swept:
+    """What came of a sweep.
+
+    Attributes:
+        terrain: its grid.
+        scan: how the devices did.
+        processor: what the grid was made with.
+        coarse: what the coarse stripes were processed with, where some of those between were fired as well.
+    """
+
+    terrain: TerrainGrid
+    scan: LiveScan
+    processor: ScanProcessor
+    coarse: ScanProcessor | None = None
+
+    def wide(self, terrain: TerrainGrid) -> TerrainGrid:
+        """The same scan with what it saw beside the footprint, for the map.
+
+        Args:
+            terrain: as it was published; the wide grid says the same of the scan.
+        """
+        wide = self.processor.finish("wide")
+        if self.coarse is not None:
+            wide = refined(self.coarse.finish("wide"), wide)
+        metadata = {**terrain.metadata, "lost_cells": wide.metadata["lost_cells"]}
+        return dataclasses.replace(wide, stamp=terrain.stamp, metadata=metadata)
+
+
 class Sweeper:
     """Sweeps pause after pause; remembers how long the way has been clear."""
 
@@ -61,28 +90,28 @@ class Sweeper:
         """Calibrated stripes among `indices` with their mirror angles, in firing order."""
         return [(index, self._angles[index]) for index in sorted(indices) if index in self._angles]
 
-    def sweep(self, mode: str, job: SweepJob) -> tuple[TerrainGrid, LiveScan, ScanProcessor]:
-        """Sweep once in a mode of SWEEPS; the grid, how the devices did, and what the grid was made with."""
+    def sweep(self, mode: str, job: SweepJob) -> Swept:
+        """Sweep once in a mode of SWEEPS."""
         if mode == ADAPTIVE:
             return self._adaptive(job)
         processor = job.processor(mode)
         scan = self._run(processor, self.firing_order(self._settings.pattern(mode)), job)
-        return processor.finish(), scan, processor
+        return Swept(processor.finish(), scan, processor)
 
-    def _adaptive(self, job: SweepJob) -> tuple[TerrainGrid, LiveScan, ScanProcessor]:
+    def _adaptive(self, job: SweepJob) -> Swept:
         start = time.monotonic()
-        processor = job.processor("coarse")
+        processor = first_processor = job.processor("coarse")
         firing_order = self.firing_order(self._policy.first_stripes)
         first = self._run(processor, firing_order, job)
         coarse = processor.finish()
         if first.stopped_early or first.failed:
-            return coarse, first, processor
+            return Swept(coarse, first, processor)
         spent = time.monotonic() - start
         left = None if job.time_available <= 0 else max(job.time_available - spent, 0.0)
         decision = self._policy.decide(coarse, processor.pairs, time_left=left, stripe_time=spent / len(firing_order))
         between = self.firing_order(decision.stripes)
         if not between:
-            return coarse, first, processor
+            return Swept(coarse, first, processor)
         logger.info("stripes between: %s", "; ".join(decision.reasons) or "the way was not clear of late")
         if job.recording is not None:
             job.recording.extend("standard" if decision.is_whole else None)
@@ -91,7 +120,7 @@ class Sweeper:
         both = dataclasses.replace(
             second, start=first.start, problems=tuple(dict.fromkeys((*first.problems, *second.problems)))
         )
-        return refined(coarse, processor.finish()), both, processor
+        return Swept(refined(coarse, processor.finish()), both, processor, first_processor)
 
     def _run(self, processor: ScanProcessor, firing_order: FiringOrder, job: SweepJob) -> LiveScan:
         done = len(processor.profiles)

@@ -123,7 +123,7 @@ class _Counts:
             pose = odometry.update(pause.stance)
             to_footprint = np.array(terrain.metadata["transform_base_to_footprint"], dtype=np.float64)
             self._map = fused.update(
-                terrain,
+                processor.finish("wide"),
                 pose.transform_base_to_odom @ np.linalg.inv(to_footprint),
                 pose.covariance,
                 covariance_since_last=pose.covariance_since_last,
