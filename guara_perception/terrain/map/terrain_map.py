@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +16,11 @@ from guara_perception.robot_model import RobotLike, robot_model
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
-from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.map.checked_pose import checked_covariance, checked_pose
-from guara_perception.terrain.map.fuse_heights import OdometryDrift, forget_heights, fuse_heights
+from guara_perception.terrain.map.fuse_heights import OdometryDrift
+from guara_perception.terrain.map.fuse_scan import check_scan, fuse_known_ground, fuse_scan
 from guara_perception.terrain.map.height_anchor import HeightAnchor
-from guara_perception.terrain.map.known_ground import KnownGround, declared_heights
-from guara_perception.terrain.map.look import LOOKED_AT, look_at
+from guara_perception.terrain.map.known_ground import KnownGround
 from guara_perception.terrain.map.map_file import read_map, write_map
 from guara_perception.terrain.map.map_report import map_report
 from guara_perception.terrain.map.odom_cells import OdomCells
@@ -143,7 +141,7 @@ class TerrainMap:
             metadata: more fields for the metadata of the result.
             covariance_since_last: (6, 6) of the motion since the last pause (`OdometryPose.covariance_since_last`): the
                 scan is laid onto the map first, which takes sideways drift off where the ground shows it. None = the
-                walk is taken as odometry gives it.
+                walk is taken as odometry gives it; at every pause of a walk or at none.
             time: of the scan by a clock that never steps [s], by which cells grow old; None takes the grid's stamp.
                 Time that runs backwards makes all that was seen before STALE: how old it is, is not known.
 
@@ -154,19 +152,16 @@ class TerrainMap:
         Raises:
             InvalidInput: a grid of another extent or cell size, in the compact encoding, or of an earlier pause; a
                 transform that is not rigid or tilts by more than 0.2 rad; a covariance that is not (6, 6) with a
-                positive diagonal.
+                positive diagonal; covariance_since_last at some pauses and not at others.
         """
-        transform, pose_covariance = self._checked(terrain, transform_footprint_to_odom, covariance)
+        check_scan(terrain, self._grid.resolution, self._step)
+        transform, pose_covariance = checked_pose(transform_footprint_to_odom, covariance)
         since_last = None if covariance_since_last is None else checked_covariance(covariance_since_last)
+        if self._scans:
+            self._walk.check_kind(is_registered=since_last is not None, step=terrain.step)
         self._pause += 1 if self._step is None else terrain.step - self._step
         self._step = terrain.step
         if since_last is not None:
-            if not self._scans:
-                # What led to the first pause moved nothing in the map.
-                since_last = np.zeros_like(since_last)
-            elif self._walk.last is None:
-                # Pauses that were taken as odometry gave them have gone before.
-                self._walk = replace(self._walk, shift=self._drift.shift, turn=self._drift.turn)
             self._walk = self._walk.after(self._cells, terrain, transform, self._anchor.offset, since_last)
         transform = self._walk.transform @ transform
         clock = self._ticked(terrain.stamp if time is None else round(time * 1e9))
@@ -188,14 +183,13 @@ class TerrainMap:
         growth = self._walk.growth if by_odometry is None else np.diag([shift, shift, turn])
         self._sideways = self._sideways.after(self._pause, growth, transform[:2, 3])
         now = MapPause(self._pause, clock, self._drift, self._sideways, transform)
-        rejected = self._look(terrain, now)
+        rejected = fuse_scan(self._cells, terrain, now)
         for foot in feet:
             fill_under_foot(self._cells, foot.raised(correction), self._drift, self._pause, clock)
         # Of patches declared earlier those are named that gave the map cells which may still stand.
         oldest = terrain.step - self._settings.validity_pauses
         self._ground = [patch for patch in self._ground if patch["cells"] and patch["step"] >= oldest]
-        for ground in known_ground:
-            self._declare(ground, now)
+        self._ground += [fuse_known_ground(self._cells, ground, now, terrain.step) for ground in known_ground]
         self._scans += 1
         residuals = {leg: None if error is None else error.residual for leg, error in errors.items()}
         return self._snapshot(terrain, now, pose_covariance, rejected, residuals, metadata)
@@ -213,7 +207,8 @@ class TerrainMap:
 
         Arguments and errors as in `update`; of `terrain` only stamp, step and metadata count.
         """
-        transform, pose_covariance = self._checked(terrain, transform_footprint_to_odom, covariance)
+        check_scan(terrain, self._grid.resolution, self._step)
+        transform, pose_covariance = checked_pose(transform_footprint_to_odom, covariance)
         transform = self._walk.transform @ transform
         transform[2, 3] += self._anchor.offset
         pause = self._pause + (1 if self._step is None else terrain.step - self._step)
@@ -322,50 +317,3 @@ class TerrainMap:
             extent="map",
             metadata={**report, **self._walk.report(), **(metadata or {})},
         )
-
-    def _look(self, terrain: TerrainGrid, now: MapPause) -> int:
-        """Fuse the scan; return the number of heights that disagreed with what was known."""
-        look = look_at(self._cells, terrain, now.transform_footprint_to_odom)
-        accepted = fuse_heights(self._cells, look.heights, now.drift, look.distance, now.pause, now.stamp)
-        forget_heights(self._cells, look.empty, look.empty_cause)
-        memory = self._cells.memory
-        # A cause says more than "never looked at", and a look without return more than no look.
-        cause = memory["cause"][look.unseen]
-        is_unknown = np.isnan(memory["height"][look.unseen])
-        better = is_unknown & ((cause & LOOKED_AT) == 0) & (look.unseen_cause != np.uint16(Hazard.UNSCANNED))
-        memory["cause"][look.unseen[better]] = look.unseen_cause[better] & UNKNOWN_MASK
-        return int((~accepted).sum())
-
-    def _declare(self, ground: KnownGround, now: MapPause) -> None:
-        heights, distance = declared_heights(self._cells, ground, now.transform_footprint_to_odom)
-        fuse_heights(self._cells, heights, now.drift, distance, now.pause, now.stamp, is_look=False)
-        self._ground.append(
-            {
-                "step": self._step,
-                "outline": ground.outline.tolist(),
-                "height": ground.height,
-                "sigma": ground.sigma,
-                "cells": int(heights.slot.size),
-            }
-        )
-
-    def _checked(
-        self, terrain: TerrainGrid, transform: npt.ArrayLike, covariance: npt.ArrayLike
-    ) -> tuple[Float, Float]:
-        if terrain.extent != "footprint":
-            raise InvalidInput(f"a grid of extent {terrain.extent!r} cannot be fused, it must be a scan's: 'footprint'")
-        if terrain.metadata.get("rounding") is not None:
-            raise InvalidInput(
-                "a grid in the compact encoding cannot be fused: the map would not say how its heights were rounded. "
-                "Ask for it lossless, or for the node's map (extent 'map')"
-            )
-        if abs(terrain.resolution - self._grid.resolution) > 1e-9:
-            raise InvalidInput(
-                f"the scan's cells are {terrain.resolution} m, the map's {self._grid.resolution} m: they must be alike"
-            )
-        if self._step is not None and terrain.step <= self._step:
-            raise InvalidInput(
-                f"step {terrain.step} comes after step {self._step}: scans must come in the order of their pauses; "
-                "begin a new map for another walk"
-            )
-        return checked_pose(transform, covariance)

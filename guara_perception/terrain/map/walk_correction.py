@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from guara_perception.arrays import Float
+from guara_perception.exceptions import InvalidInput
 from guara_perception.fields import Fields
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
@@ -52,6 +53,20 @@ class WalkCorrection:
     def none() -> WalkCorrection:
         """Before the first pause."""
         return WalkCorrection(np.eye(4), np.zeros((3, 3)))
+
+    def check_kind(self, *, is_registered: bool, step: int) -> None:
+        """Refuse a pause that is of another kind than those before: of the motion between nobody could tell the drift.
+
+        Raises:
+            InvalidInput: the covariance of the motion is given now and was not before, or the other way round.
+        """
+        if is_registered == (self.last is not None):
+            return
+        now, before = ("given", "not given") if is_registered else ("not given", "given")
+        raise InvalidInput(
+            f"covariance_since_last is {now} at step {step} and was {before} at the pauses before: give it at every "
+            "pause of a walk or at none"
+        )
 
     def drift(self, last: OdometryDrift, rise: float, covariance: Float | None) -> OdometryDrift:
         """How far the walk may have drifted by now, never less than before.
@@ -109,17 +124,8 @@ class WalkCorrection:
             since_last: (6, 6) covariance of the motion since the last pause, in the last footprint.
         """
         if self.last is None:
-            # Where the last pause lay is not known: a bound of the motion that holds for every heading.
-            shift = float(np.linalg.eigvalsh(since_last[:2, :2])[-1])
-            bound = 2 * np.diag([shift, shift, float(since_last[5, 5])])
-            return replace(
-                self,
-                covariance=self.covariance + bound,
-                last=odometry.copy(),
-                growth=bound,
-                shift=self.shift + float(bound[0, 0]),
-                turn=self.turn + float(bound[2, 2]),
-            )
+            # What led to the first pause moved nothing in the map.
+            return replace(self, last=odometry.copy())
         here, before = self.transform @ odometry, self.transform @ self.last
         rotation = np.kron(np.eye(2), before[:3, :3])
         growth = rotation @ since_last @ rotation.T

@@ -79,24 +79,21 @@ def test_what_an_overlap_takes_off_is_taken_off_where_it_tells(seed: int) -> Non
     np.testing.assert_allclose(scalar, np.diag([1e-6, 1e-6, 1e-6]), atol=1e-15)
 
 
-def test_a_walk_that_begins_by_odometry_alone_loses_no_motion(robot: RobotModel, make_scan: Callable[..., Any]) -> None:
-    """From the first pause whose scan is laid onto the map on the motion that led there counts, at any heading."""
-    since = np.zeros((6, 6))
-    since[np.ix_([0, 1, 5], [0, 1, 5])] = [[4e-5, 1e-5, 1e-6], [1e-5, 2e-5, 0.0], [1e-6, 0.0, 1e-6]]
-    total = np.diag([1e-4, 1e-4, 1e-12, 1e-12, 1e-12, 1e-5])
+@pytest.mark.parametrize("is_first_given", [True, False])
+def test_a_walk_is_laid_onto_the_map_at_every_pause_or_at_none(
+    robot: RobotModel, make_scan: Callable[..., Any], *, is_first_given: bool
+) -> None:
+    """Whichever comes first: the other is refused in words and changes nothing; the walk then goes on as it began."""
+    since = 1e-6 * np.eye(6)
+    kinds = [{"covariance_since_last": since}, {}] if is_first_given else [{}, {"covariance_since_last": since}]
     terrain_map = gp.TerrainMap(robot)
-    terrain_map.update(make_scan(0.0), np.eye(4), total)
-    terrain_map.update(make_scan(0.0, step=1), np.eye(4), total + since, covariance_since_last=since)
-    drift = terrain_map.sideways_drift
-    added = drift.total[1] - drift.total[0]
-    for heading in np.linspace(0, 2 * np.pi, 9):
-        turned = np.eye(3)
-        turned[:2, :2] = [[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]]
-        motion = turned @ since[np.ix_([0, 1, 5], [0, 1, 5])] @ turned.T
-        assert np.linalg.eigvalsh(added - motion)[0] > -1e-12
-    terrain_map.update(make_scan(flags=4, step=2), np.eye(4), total + 2 * since, covariance_since_last=since)
-    assert (np.diff(drift.total, axis=0).diagonal(axis1=1, axis2=2) >= 0).all()
-    assert terrain_map._drift.shift >= 1e-4 + 4e-5 and terrain_map._drift.turn >= 1e-5 + 1e-6
+    terrain_map.update(make_scan(0.0), np.eye(4), since, **kinds[0])
+    words = "is not given at step 1 and was given" if is_first_given else "is given at step 1 and was not given"
+    with pytest.raises(gp.InvalidInput, match=f"covariance_since_last {words} at the pauses before: give it at every"):
+        terrain_map.update(make_scan(0.0, step=1), np.eye(4), 2 * since, **kinds[1])
+    assert terrain_map.pause == 1
+    terrain_map.update(make_scan(0.0, step=1), np.eye(4), 2 * since, **kinds[0])
+    assert terrain_map.pause == 2 and len(terrain_map.sideways_drift.pauses) == 2
 
 
 @pytest.mark.parametrize("change", [{"pauses": [2, 1]}, {"total": [np.eye(3).tolist(), np.zeros((3, 3)).tolist()]}])
