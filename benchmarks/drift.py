@@ -166,7 +166,7 @@ def analytic(
     ground = Ground.random(seed)
     if level:
         ground = LevelGround(ground.boxes[:0], ground.dark[:0], ground.phases)
-    file = None if kept is None else kept / f"{'level' if level else 'mixed'}-{seed}-{cycles}.pickle"
+    file = None if kept is None else kept / f"{'level' if level else 'mixed'}-wide-{seed}-{cycles}.pickle"
     if file is not None and file.is_file():
         items = pickle.loads(file.read_bytes())
     else:

@@ -28,6 +28,8 @@ PAUSE_NS = 4_675_000_000
 CAMERA_IN_BASE = np.array([0.400, 0.0, 0.140])
 LASER_IN_BASE = np.array([0.600, 0.0, 0.110])
 SENSOR_SIGMA_M = (0.0001, 0.0002)
+# How far aside the camera sees the ground at the near and at the far end of the scanned area.
+SEEN_ASIDE_M = (0.26, 0.38)
 # Share of cells without a return, as of 18 coarse scans by simulated frames over random worlds: where heights change by
 # more than EDGE_M from a cell to those beside it, beside such cells, and within two cells of dark ground.
 EDGE_M = 0.008
@@ -132,9 +134,9 @@ def walk(robot: RobotModel, ground: Ground, cycles: int, seed: int, *, has_gravi
 
 
 def scan(robot: RobotModel, ground: Ground, pause: Pause, seed: int) -> gp.TerrainGrid:
-    """The grid that a scan of this pause would give: true heights with noise, hidden and dark cells unknown."""
+    """The wide grid that a scan of this pause would give: true heights with noise, hidden and dark cells unknown."""
     settings = Settings.of(robot)
-    grid = GridGeometry.over(settings.footprint_x, settings.footprint_y, settings.resolution)
+    grid = GridGeometry.over(settings.footprint_x, settings.map_y, settings.resolution)
     pose = robot.stance_pose(pause.stance)
     rng = np.random.default_rng(5000 + 100 * seed + pause.step)
     x, y = (a.ravel() for a in np.meshgrid(*grid.centres()))
@@ -154,8 +156,10 @@ def scan(robot: RobotModel, ground: Ground, pause: Pause, seed: int) -> gp.Terra
     mean = np.where(on_top, heights, 0).sum(axis=0) / on_top.sum(axis=0) + rng.normal(0, sigma)
     dark = ground.is_dark(world[:, 0], world[:, 1])
     dropped = dark | _clusters(rng, np.ptp(heights, axis=0).reshape(grid.shape), top, dark).ravel()
-    unknown = hidden | dropped
-    flags = np.where(hidden, gp.Hazard.OCCLUDED, np.where(dropped, gp.Hazard.DROPOUT, 0)).astype(np.uint16)
+    beside = np.abs(y) > np.interp(x, settings.footprint_x, SEEN_ASIDE_M)
+    unknown = hidden | dropped | beside
+    causes = [gp.Hazard.UNSCANNED, gp.Hazard.OCCLUDED, gp.Hazard.DROPOUT]
+    flags = np.select([beside, hidden, dropped], causes, 0).astype(np.uint16)
 
     def layer(values: Float) -> Float:
         return np.where(unknown, np.nan, values).reshape(grid.shape)
