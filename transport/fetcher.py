@@ -124,7 +124,9 @@ class Fetcher:
                 del self._heard[next(iter(self._heard))]
             while len(self._announced) > REMEMBERED:
                 del self._announced[next(iter(self._announced))]
-            self._changed.notify_all()
+            # Most announcements repeat what is known: the thread need not wake for them.
+            if number > self._newest.get(source, -1):
+                self._changed.notify_all()
 
     def _wanted(self) -> tuple[str, int] | None:
         for source, number in self._announced.items():

@@ -16,7 +16,7 @@ from functools import partial
 from typing import Any
 
 from transport import zenoh_api
-from transport.exceptions import SessionClosed, TransportError
+from transport.exceptions import TransportError
 from transport.messages.encodings import cdr
 from transport.messages.scan_messages import Refusal, encode_refusal
 from transport.messages.typestore import REFUSAL
@@ -25,8 +25,6 @@ from transport.payload import MadeOnce
 from transport.session import Session
 
 logger = logging.getLogger(__name__)
-# [s] The number of the last message is repeated this often, so that its loss is noticed though nothing follows it.
-HEARTBEAT = 0.5
 # Questions that are answered at a time; more are dropped, and asked again.
 MAXIMUM_ANSWERS = 16
 # [byte] Largest piece; it fits into the queue of a link (`configuration.QUEUES`).
@@ -34,7 +32,6 @@ MAXIMUM_PIECE = 768 * 1024
 # Messages kept beyond the last for readers in the middle of fetching them, and [s] for how long after a question.
 KEPT = 3
 KEPT_FOR = 10.0
-CLOSE_TIMEOUT = 2.0
 # In place of a message while there is none.
 NOTHING: tuple[MadeOnce, bytes | None, float] = (MadeOnce(bytes), None, 0.0)
 
@@ -74,8 +71,7 @@ class LastMessage:
         self._last = -1
         self._questions = 0
         self._outbox = Outbox()
-        self._closing = threading.Event()
-        self._news = threading.Event()
+        self._is_closing = False
         raw = session.raw
         self._raw: list[Any] = [
             zenoh_api.declare_queryable(raw, self._place, self._on_history),
@@ -86,8 +82,8 @@ class LastMessage:
             self._raw.append(zenoh_api.declare_queryable(raw, key, self._on_get))
         self._beat = zenoh_api.declare_publisher(raw, self._place, "INTERACTIVE_LOW")
         self._raw.append(self._beat)
-        self._thread = threading.Thread(target=self._run, name=f"transport-heartbeat {key}", daemon=True)
-        self._thread.start()
+        # Repeated, so that the loss of a message is noticed though nothing follows it.
+        session.pulse.add(self, self._repeat)
 
     def keep(self, number: int, payload: MadeOnce, attachment: bytes | None) -> None:
         """The last message is now this one."""
@@ -102,8 +98,23 @@ class LastMessage:
                 del self._kept[other]
 
     def announce(self) -> None:
-        """Tell the number of the last message now, not with the next heartbeat."""
-        self._news.set()
+        """Tell the number of the last message, if there is one.
+
+        Raises:
+            SessionClosed: the session is closed.
+            TransportError: it cannot be sent.
+        """
+        if self._last < 0 or self._is_closing:
+            return
+        number = (self._last & 0xFFFFFFFF).to_bytes(4, "little")
+        self._session.attempt(partial(self._beat.put, number), f"cannot announce what is on {self._key!r}")
+
+    def _repeat(self) -> None:
+        try:
+            self.announce()
+        except TransportError as error:
+            if not self._is_closing and not self._session.is_closed:
+                logger.error("%s", error)
 
     def _on_history(self, query: Any) -> None:
         self._hand_over(query, self._answer_history)
@@ -122,7 +133,7 @@ class LastMessage:
         with self._lock:
             self._questions += 1
             lane = str(self._questions)
-        if self._closing.is_set() or self._outbox.pending >= MAXIMUM_ANSWERS:
+        if self._is_closing or self._outbox.pending >= MAXIMUM_ANSWERS:
             query.drop()
         else:
             self._outbox.post(self._key, lambda: answer(query), lane=lane)
@@ -160,25 +171,10 @@ class LastMessage:
             query.reply(self._pieces, piece, attachment=PIECE.pack(number, len(whole), begin))
         query.drop()
 
-    def _run(self) -> None:
-        while not self._closing.is_set():
-            self._news.wait(HEARTBEAT)
-            self._news.clear()
-            if self._last < 0 or self._closing.is_set():
-                continue
-            number = (self._last & 0xFFFFFFFF).to_bytes(4, "little")
-            try:
-                self._session.attempt(partial(self._beat.put, number), "cannot send a heartbeat")
-            except SessionClosed:
-                return
-            except TransportError as error:
-                logger.error("%s: %s", self._key, error)
-
     def close(self) -> None:
         """Take all back."""
-        self._closing.set()
-        self._news.set()
-        self._thread.join(CLOSE_TIMEOUT)
+        self._is_closing = True
+        self._session.pulse.remove(self)
         self._outbox.close()
         if not self._session.raw_is_closed:
             for part in self._raw:

@@ -7,6 +7,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,7 @@ from transport.messages.typestore import GRID_MAP, OCCUPANCY, REGIONS, STATUS, S
 from transport.name_watch import NameWatch
 from transport.node_name import NAME_TIMEOUT, claim_name
 from transport.outbox import Outbox
+from transport.payload import MadeOnce
 from transport.publisher import LARGE, LARGEST, SMALL, Publisher
 from transport.query import QueryServer
 from transport.resource import Resource
@@ -228,21 +230,22 @@ class PerceptionServer(Resource):
     def _post_derived(self, terrain: TerrainMessage, occupancy: Percent) -> None:
         geometry = (terrain.resolution, terrain.origin, terrain.frame_id, terrain.stamp)
 
-        def send_occupancy() -> None:
-            payload = encode(occupancy_message(occupancy, *geometry))
-            self._occupancy.put(payload)
-            if self._mirror is not None and self._draw is None:
-                self._mirror.put("occupancy", OCCUPANCY, payload)
+        mirror = self._mirror if self._draw is None else None
 
-        def send_grid_map() -> None:
+        def make_occupancy() -> bytearray:
+            return encode(occupancy_message(occupancy, *geometry))
+
+        def make_grid_map() -> bytearray:
             layers = {name: terrain.layers[name] for name in GRID_MAP_LAYERS}
-            payload = encode(grid_map_message(layers, *geometry))
-            self._grid_map.put(payload)
-            if self._mirror is not None and self._draw is None:
-                self._mirror.put("grid_map", GRID_MAP, payload)
+            return encode(grid_map_message(layers, *geometry))
 
-        self._outbox.post(self._occupancy.key, send_occupancy, lane=terrain.extent)
-        self._outbox.post(self._grid_map.key, send_grid_map, lane=terrain.extent)
+        # Made when somebody reads them: planners do not.
+        sent = (
+            (self._occupancy, MadeOnce(make_occupancy), "occupancy", OCCUPANCY),
+            (self._grid_map, MadeOnce(make_grid_map), "grid_map", GRID_MAP),
+        )
+        for publisher, made, name, kind in sent:
+            self._outbox.post(publisher.key, partial(_send, publisher, made, mirror, name, kind), lane=terrain.extent)
 
     def flush(self, timeout: float = SEND_TIMEOUT) -> None:
         """Wait until all grids are sent; ReceiveTimeout when that takes longer than `timeout` [s]."""
@@ -342,3 +345,10 @@ class PerceptionServer(Resource):
         for resource in resources:
             if resource is not None:
                 resource.close()
+
+
+def _send(publisher: Publisher, made: MadeOnce, mirror: Ros2Mirror | None, name: str, kind: str) -> None:
+    """Put on the own key, and on a topic of ROS 2 where that is mirrored."""
+    publisher.put(made)
+    if mirror is not None:
+        mirror.put(name, kind, made())

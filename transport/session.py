@@ -20,6 +20,7 @@ from transport.configuration import (
 from transport.exceptions import ConfigurationError, ConnectionFailed, SessionClosed, TransportError
 from transport.exit_watcher import Closable
 from transport.messages.typestore import warm_up
+from transport.pulse import Pulse
 from transport.security.folder import configured_endpoints, load_configuration, role_folder
 
 logger = logging.getLogger(__name__)
@@ -46,6 +47,10 @@ class Session:
 
     Open one with `open_node` or `open_client`. Whatever is declared through this package is closed with
     it, at the end of the main thread at the latest, so that a script that crashes does not hang.
+
+    Attributes:
+        endpoints: where it listens or connects.
+        pulse: repeats what is to be sent again and again.
     """
 
     def __init__(self, configuration: Configuration, endpoints: tuple[str, ...]) -> None:
@@ -56,6 +61,7 @@ class Session:
         self._resources: list[Closable] = []
         self._closed = False
         self.endpoints = endpoints
+        self.pulse = Pulse()
         exit_watcher.watch(self)
 
     def __enter__(self) -> Self:
@@ -141,6 +147,7 @@ class Session:
                 resource.close()
             except Exception:
                 logger.exception("closing %r failed", resource)
+        self.pulse.close()
         try:
             self._raw.close()
         finally:

@@ -20,13 +20,13 @@ from transport.resource import Resource
 from transport.session import Session
 
 logger = logging.getLogger(__name__)
-# [s] Between two messages without change.
-PERIOD = 1.0
+# Beats of the session's pulse, half a second each, between two messages without change.
+BEATS = 2
 CLOSE_TIMEOUT = 2.0
 
 
 class StatusReporter(Resource):
-    """Sends what `collect` returns, on a thread of its own."""
+    """Sends what `collect` returns: once a second with the session's pulse, changes at once on a thread of its own."""
 
     def __init__(
         self,
@@ -34,11 +34,11 @@ class StatusReporter(Resource):
         collect: Callable[[], Sequence[StatusItem]],
         *,
         robot: str = DEFAULT_ROBOT,
-        period: float = PERIOD,
     ) -> None:
-        """Start reporting; `collect` runs on the reporter's thread and must be quick."""
+        """Start reporting; `collect` runs on either thread, one at a time, and must be quick."""
         self._collect = collect
-        self._period = period
+        self._beats = 0
+        self._reporting = threading.Lock()
         self._publisher = Publisher(session, status_key(robot), latched=False, priority=SMALL, encoding=cdr(STATUS))
         self._outbox = Outbox()
         self._questions, self._is_stopped = 0, False
@@ -50,7 +50,9 @@ class StatusReporter(Resource):
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name="transport-status", daemon=True)
         super().__init__(session)
+        self._wake.set()
         self._thread.start()
+        session.pulse.add(self, self._on_beat, first=True)
 
     def changed(self) -> None:
         """Report now; returns at once."""
@@ -62,9 +64,14 @@ class StatusReporter(Resource):
 
     def _run(self) -> None:
         while not self._is_closed:
+            self._wake.wait()
             self._wake.clear()
             self._report()
-            self._wake.wait(self._period)
+
+    def _on_beat(self) -> None:
+        self._beats += 1
+        if self._beats % BEATS == 0:
+            self._report()
 
     def _on_query(self, query: Any) -> None:
         # Zenoh's thread: only hand over. One lane for each, so that no asker waits for another's link.
@@ -84,8 +91,10 @@ class StatusReporter(Resource):
 
     def _report(self) -> None:
         try:
-            payload = self._status()
-            self._publisher.put(payload)
+            # What was collected later must not be sent earlier.
+            with self._reporting:
+                payload = self._status()
+                self._publisher.put(payload)
             for take in list(self._followers):
                 take(payload)
         except TransportError as error:
@@ -96,6 +105,7 @@ class StatusReporter(Resource):
 
     def _release(self) -> None:
         self._is_stopped = True
+        self._session.pulse.remove(self)
         self._wake.set()
         if not self._session.raw_is_closed:
             self._raw.undeclare()

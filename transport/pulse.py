@@ -1,0 +1,62 @@
+"""What a session repeats twice a second, on one thread: the small messages of many publishers leave together."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+
+logger = logging.getLogger(__name__)
+# [s] Between two beats.
+PERIOD = 0.5
+CLOSE_TIMEOUT = 2.0
+
+
+class Pulse:
+    """Calls what was added at each beat, on a thread that lives from the first that is added until it is closed.
+
+    A message of its own wakes its sender, the router and the reader; several that are sent at once wake each of them
+    once.
+    """
+
+    def __init__(self) -> None:
+        """Nothing is to be done yet."""
+        self._lock = threading.Lock()
+        self._actions: dict[object, Callable[[], None]] = {}
+        self._closing = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def add(self, owner: object, action: Callable[[], None], *, first: bool = False) -> None:
+        """Call `action` at each beat from now on, until `owner` is removed; it must be quick.
+
+        Args:
+            owner: whose action it is, one of each.
+            action: sends something small.
+            first: before those that are there, as one that takes time to make its message.
+        """
+        with self._lock:
+            self._actions = {owner: action, **self._actions} if first else {**self._actions, owner: action}
+            if self._thread is None and not self._closing.is_set():
+                self._thread = threading.Thread(target=self._run, name="transport-pulse", daemon=True)
+                self._thread.start()
+
+    def remove(self, owner: object) -> None:
+        """No longer call what `owner` added, but for a call that runs just now; safe to call twice."""
+        with self._lock:
+            self._actions = {other: action for other, action in self._actions.items() if other is not owner}
+
+    def close(self) -> None:
+        """Stop; safe to call twice."""
+        self._closing.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(CLOSE_TIMEOUT)
+
+    def _run(self) -> None:
+        while not self._closing.wait(PERIOD):
+            with self._lock:
+                actions = list(self._actions.values())
+            for action in actions:
+                try:
+                    action()
+                except Exception:
+                    logger.exception("what is repeated failed")
