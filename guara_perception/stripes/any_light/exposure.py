@@ -11,6 +11,8 @@ from guara_perception.stripes.any_light.laser_colour import CLIPPED
 # Rounds of the fit of the gain between laser off and on, deviations from which on a pixel is left out, and the share
 # of the plain difference to which the fit must bring it down, or it is not used.
 GAIN_ROUNDS, TRIM_DEVIATIONS, MOST_LEFT = 6, 2.5, 0.7
+# A gain shows where the scene is bright, which may be a small part of it: in this brightest share.
+BRIGHT_SHARE = 0.1
 # Beyond this ratio of exposures noise, clipping and the camera's own curve differ too: more of the scene is left than a
 # gain can take away.
 MOST_GAIN = 1.6
@@ -37,10 +39,17 @@ def subtract(on: Float32, off: Float32) -> tuple[Float32, str]:
         dark, bright = dark[is_good], bright[is_good]
         if not dark.size:
             continue
+        is_bright = dark >= np.quantile(dark, 1 - BRIGHT_SHARE)
         gain, offset = 1.0, float(np.median(bright - dark))
-        plain = float(np.median(np.abs(bright - dark - offset)))
-        fitted_gain, fitted_offset, fitted_left = _fitted(dark, bright)
-        if fitted_left < MOST_LEFT * plain:
+        fitted_gain, fitted_offset = _fitted(dark, bright)
+        left, plain = (
+            float(np.median(deviation) + np.median(deviation[is_bright]))
+            for deviation in (
+                np.abs(bright - fitted_gain * dark - fitted_offset),
+                np.abs(bright - dark - offset),
+            )
+        )
+        if left < MOST_LEFT * plain:
             gain, offset = fitted_gain, fitted_offset
             light[:, :, channel] = on[:, :, channel] - np.float32(gain) * off[:, :, channel]
         if not 1 / MOST_GAIN <= gain <= MOST_GAIN:
@@ -58,10 +67,10 @@ def _contrast(picture: Float32) -> float:
     return float(np.median(np.abs(blocks - np.median(blocks))))
 
 
-def _fitted(dark: Float32, bright: Float32) -> tuple[float, float, float]:
-    """Gain and offset that make the dark values the bright ones, and the median deviation that is left."""
+def _fitted(dark: Float32, bright: Float32) -> tuple[float, float]:
+    """Gain and offset that make the dark values the bright ones."""
     use = np.ones(dark.size, dtype=bool)
-    gain, offset, left = 1.0, 0.0, np.inf
+    gain, offset = 1.0, 0.0
     for _ in range(GAIN_ROUNDS):
         x, y = dark[use], bright[use]
         from_mean = x - x.mean()
@@ -73,4 +82,4 @@ def _fitted(dark: Float32, bright: Float32) -> tuple[float, float, float]:
         deviation = np.abs(bright - gain * dark - offset)
         left = float(np.median(deviation))
         use = deviation <= TRIM_DEVIATIONS * max(left, 0.5)
-    return gain, offset, left
+    return gain, offset

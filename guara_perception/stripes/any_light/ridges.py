@@ -22,6 +22,9 @@ TEXTURE_QUANTILE, TEXTURE_SIGMAS = 0.99, 3.0
 # Evidence is zero at the first of these strengths of a ridge, grows in proportion up to the second, then with the
 # logarithm times the gain.
 ZERO_SIGMAS, LINEAR_SIGMAS, LOG_GAIN = 3.2, 8.0, 3.0
+# Parts of a scene by brightness, as large as each other, in which noise is measured, and how much less it may be than
+# is usual.
+LEVEL_PARTS, MOST_QUIET = 8, 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +55,7 @@ class Ridges:
         )
 
 
-def ridges(light: Float32, elsewhere: Mask | None = None) -> Ridges:
+def ridges(light: Float32, elsewhere: Mask | None = None, scene: Float32 | None = None) -> Ridges:
     """The ridges along the columns of a picture.
 
     A step of brightness, which a second derivative takes for a line, has a higher side and is no ridge here.
@@ -60,13 +63,37 @@ def ridges(light: Float32, elsewhere: Mask | None = None) -> Ridges:
     Args:
         light: (rows, columns) float32 grey levels.
         elsewhere: (rows, columns) where there is no stripe: the texture there is noise too.
+        scene: (rows, columns) float32 levels of 0 to 255 without the laser, where known: bright light is noisy.
     """
     heights = tuple(ridge_of_width(light, sigma) for sigma in SIGMAS_PX)
     noises = tuple(_noise(height, elsewhere) for height in heights)
     strength = heights[0] * np.float32(1 / noises[0])
     for height, noise in zip(heights[1:], noises[1:], strict=True):
         np.maximum(strength, height * np.float32(1 / noise), out=strength)
+    if scene is not None:
+        strength *= _quietness(heights[0], noises[0], scene)
     return Ridges(strength, heights, noises)
+
+
+def _quietness(height: Float32, noise: float, scene: Float32) -> Float32:
+    """How many times less noisy than usual a scene (rows, columns) is at each of its levels.
+
+    The variance of a camera's noise grows in proportion to the light (photon transfer, EMVA standard 1288).
+
+    Args:
+        height: (rows, columns) of ridges of one width.
+        noise: what is usual of it.
+        scene: levels, 0 to 255.
+    """
+    some, level = height[::3, ::7].ravel(), scene[::3, ::7].ravel()
+    parts = np.array_split(level.argsort(), LEVEL_PARTS)
+    levels = np.array([np.median(level[part]) for part in parts])
+    variances = np.array([robust_sigma(some[part]) ** 2 for part in parts])
+    apart = levels - levels.mean()
+    slope = max(float(apart @ variances) / max(float(apart @ apart), 1.0), 0.0)
+    variance = variances.mean() + slope * (np.arange(256) - levels.mean())
+    quietness = noise / np.sqrt(np.maximum(variance, (noise / MOST_QUIET) ** 2))
+    return np.asarray(cv2.LUT(cv2.convertScaleAbs(scene), quietness.astype(np.float32)))
 
 
 def _noise(height: Float32, elsewhere: Mask | None) -> float:

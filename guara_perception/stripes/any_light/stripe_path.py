@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Float32, Image, Index, Mask
 from guara_perception.stripes.any_light.exposure import subtract
 from guara_perception.stripes.any_light.follow_stripe import follow_stripe
 from guara_perception.stripes.any_light.laser_colour import (
-    CLIPPED,
     core_colour,
     covariance,
     details,
@@ -20,6 +20,7 @@ from guara_perception.stripes.any_light.laser_colour import (
     relative_colour,
     rim_colour,
 )
+from guara_perception.stripes.any_light.pieces import of_laser_colour, of_laser_speckle, pieces, strong_pieces
 from guara_perception.stripes.any_light.ridges import SIGMAS_PX, Ridges, ridge_of_width, ridges
 
 # Columns from one to the next in the first look, which finds the laser's channel, and width of a picture from which
@@ -29,16 +30,8 @@ FIRST_LOOK_COLUMNS, FIRST_LOOK_FROM = 4, 160
 HOPEFUL = 0.2
 # The stripe and its halo lie within this many rows of its path; the scene is what is further away.
 NEAR_PEAK_PX, NEAR_PATH_PX = 10, 12
-# A piece of the path ends where it moves by more rows than this from one column to the next.
-PIECE_JUMP_PX = 4
-# Pieces that are shorter, or weaker than this share of the strong ones, are no stripe. Without colour nothing else
-# tells a weak stripe from texture.
-LEAST_COLUMNS, LEAST_SHARE, LEAST_SHARE_MONO = 12, 0.15, 0.5
-STRONG_PERCENTILE = 75
 # A second clipped ridge of this share of the strength may as well be the stripe.
 TWIN_OF_RIDGE = 0.5
-# A laser keeps the ratio of its channels on any surface; what is not of it deviates by more.
-MOST_COLOUR_DEVIATION = 0.9
 # Least share of what a stripe adds to the laser-off picture that is a ridge of the laser-on picture, and least share
 # of a piece's columns in which it must be: beside the scene's edges it need not. A moved edge is no ridge anywhere.
 LEAST_OWN_RIDGE, LEAST_OWN_COLUMNS = 0.4, 0.25
@@ -117,12 +110,13 @@ def find_path(on: Image, off: Image | None) -> StripePath:
         off: the same with the laser off, or None.
     """
     frame = levels(on)
-    light, remark = (frame, "") if off is None else subtract(frame, levels(off))
+    dark = None if off is None else levels(off)
+    light, remark = (frame, "") if dark is None else subtract(frame, dark)
     if remark:
-        off = None
+        dark = None
     detail = details(light)
-    firsts = _first_looks(light, frame, detail)
-    seen = [_laser_of(light, frame, detail, first) for first in firsts]
+    firsts = _first_looks(light, frame, dark, detail)
+    seen = [_laser_of(light, frame, dark, detail, first) for first in firsts]
     # All at once: most of the time of following one is the same for several.
     evidence = np.stack([each.found.evidence() for each in seen])
     rows, is_stripe, _ = follow_stripe(evidence.transpose(0, 2, 1))
@@ -130,16 +124,19 @@ def find_path(on: Image, off: Image | None) -> StripePath:
         _path_of(light, frame, detail, *each) for each in zip(firsts, seen, evidence, rows, is_stripe, strict=True)
     ]
     best = replace(max(tried, key=lambda each: each[1])[0], remark=remark)
-    return best if off is None else _without_moved_edges(best, frame)
+    return best if dark is None else _without_moved_edges(best, frame)
 
 
-def _laser_of(light: Float32, frame: Float32, detail: Float32, first: FirstLook) -> LaserOfChannel:
+def _laser_of(
+    light: Float32, frame: Float32, dark: Float32 | None, detail: Float32, first: FirstLook
+) -> LaserOfChannel:
     """The picture as a laser of one channel lights it."""
     elsewhere = _away(first.row, first.is_stripe, frame.shape, NEAR_PATH_PX)
     scene = covariance(detail, elsewhere)
     colour = relative_colour(rim_colour(light, frame, first.row, first.is_stripe, first.channel), first.channel)
     laser, core = in_laser_colour(light, frame, scene, colour, first.channel)
-    return LaserOfChannel(colour, laser_weights(scene, colour), laser, core, ridges(laser, elsewhere))
+    level = None if dark is None else _level(dark, first.channel)
+    return LaserOfChannel(colour, laser_weights(scene, colour), laser, core, ridges(laser, elsewhere, level))
 
 
 def _path_of(
@@ -157,8 +154,12 @@ def _path_of(
     columns = np.arange(rows.size)
     is_core = seen.core[rows, columns]
     height, sigma = found.along(rows, columns)
-    is_good = _good_pieces(height, rows, is_stripe, is_core, has_colour=frame.shape[2] == 3)
-    is_good = _of_laser_colour(frame, detail, rows, is_good, seen.colour, channel)
+    has_colour = frame.shape[2] == 3
+    is_good = strong_pieces(height, rows, is_stripe, is_core, has_colour=has_colour)
+    if has_colour:
+        is_good = of_laser_colour(frame, detail, rows, is_good, seen.colour, channel)
+    else:
+        is_good = of_laser_speckle(seen.laser, rows, is_good, is_core, sigma)
     has_twin = _has_twin(found, seen.core, rows, columns)
     score = float(evidence[rows, columns][is_good].sum())
     path = StripePath(
@@ -186,7 +187,12 @@ def levels(frame: Image) -> Float32:
     return picture.reshape(*frame.shape[:2], -1)
 
 
-def _first_looks(light: Float32, frame: Float32, detail: Float32) -> list[FirstLook]:
+def _level(dark: Float32, channel: int) -> Float32:
+    """Brightness (rows, columns) of a scene in one channel, its noise smoothed away."""
+    return np.asarray(cv2.blur(np.ascontiguousarray(dark[:, :, channel]), (5, 5)))
+
+
+def _first_looks(light: Float32, frame: Float32, dark: Float32 | None, detail: Float32) -> list[FirstLook]:
     """What some columns show of the paths in the channels that may be the laser's.
 
     Two looks: the second, in which texture counts as noise and the colour is that of the first, decides for channels.
@@ -195,6 +201,7 @@ def _first_looks(light: Float32, frame: Float32, detail: Float32) -> list[FirstL
     interval = FIRST_LOOK_COLUMNS if columns >= FIRST_LOOK_FROM else 1
     looked_at = np.arange(interval // 2, columns, interval)
     light, frame, detail = (np.ascontiguousarray(picture[:, looked_at]) for picture in (light, frame, detail))
+    dark = None if dark is None else np.ascontiguousarray(dark[:, looked_at])
     every = np.ones(looked_at.size, dtype=bool)
     shape = light.shape[:2]
     away = [_away(detail[:, :, channel].argmax(axis=0), every, shape, NEAR_PEAK_PX) for channel in range(channels)]
@@ -205,7 +212,8 @@ def _first_looks(light: Float32, frame: Float32, detail: Float32) -> list[FirstL
         evidence = []
         for channel in range(channels):
             laser, _ = in_laser_colour(light, frame, covariance(detail, away[channel]), colours[channel], channel)
-            evidence.append(ridges(laser, away[channel] if look else None).evidence().T)
+            level = None if dark is None else _level(dark, channel)
+            evidence.append(ridges(laser, away[channel] if look else None, level).evidence().T)
         rows, is_stripe, scores = follow_stripe(np.stack(evidence))
         if not look:
             between = (np.rint(np.interp(np.arange(columns), looked_at, row)).astype(np.intp) for row in rows)
@@ -234,27 +242,6 @@ def _away(rows: Index, is_stripe: Mask, shape: tuple[int, ...], reach: int) -> M
     return away
 
 
-def _pieces(rows: Index, is_stripe: Mask) -> list[slice]:
-    """The unbroken pieces of a path."""
-    cut = is_stripe[1:] != is_stripe[:-1]
-    cut |= (np.abs(np.diff(rows)) > PIECE_JUMP_PX) & is_stripe[1:] & is_stripe[:-1]
-    edges = np.flatnonzero(np.concatenate(([True], cut, [True])))
-    return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if is_stripe[a]]
-
-
-def _good_pieces(height: Float32, rows: Index, is_stripe: Mask, is_core: Mask, *, has_colour: bool) -> Mask:
-    """Columns of the pieces that are long and strong enough."""
-    good = np.zeros_like(is_stripe)
-    if not is_stripe.any():
-        return good
-    strong = np.percentile(height[is_stripe], STRONG_PERCENTILE)
-    height = np.where(is_core, np.maximum(height, strong), height)
-    share = LEAST_SHARE if has_colour else LEAST_SHARE_MONO
-    for piece in _pieces(rows, is_stripe):
-        good[piece] = piece.stop - piece.start >= LEAST_COLUMNS and np.median(height[piece]) > share * strong
-    return good
-
-
 def _has_twin(found: Ridges, core: Mask, rows: Index, columns: Index) -> Mask:
     """Columns (n,) in which a clipped ridge elsewhere is as strong or nearly so.
 
@@ -265,26 +252,6 @@ def _has_twin(found: Ridges, core: Mask, rows: Index, columns: Index) -> Mask:
     return np.asarray(clipped.max(axis=0) > TWIN_OF_RIDGE * found.strength[rows, columns])
 
 
-def _of_laser_colour(
-    frame: Float32, detail: Float32, rows: Index, is_stripe: Mask, colour: Float, channel: int
-) -> Mask:
-    """Columns of the pieces that have the laser's colour, as far as they are not clipped."""
-    good = is_stripe.copy()
-    if detail.shape[2] == 1:
-        return good
-    columns = np.arange(rows.size)
-    is_clear = frame[rows, columns].max(axis=1) < CLIPPED
-    added = detail[rows, columns]
-    for piece in _pieces(rows, is_stripe):
-        clear = is_clear[piece]
-        if clear.sum() < max(LEAST_COLUMNS // 2, 0.5 * clear.size):
-            continue
-        mean = added[piece][clear].mean(axis=0)
-        deviation = np.abs(mean / max(float(mean[channel]), 1e-6) - colour).max()
-        good[piece] = mean[channel] > 0 and deviation < MOST_COLOUR_DEVIATION
-    return good
-
-
 def _without_moved_edges(found: StripePath, frame: Float32) -> StripePath:
     """Only the pieces that are ridges of the laser-on picture too: an edge that moved between both is no ridge."""
     own = np.asarray(frame @ found.weights.astype(np.float32))
@@ -292,6 +259,6 @@ def _without_moved_edges(found: StripePath, frame: Float32) -> StripePath:
     height = np.max([ridge_of_width(own, sigma)[found.row, columns] for sigma in SIGMAS_PX], axis=0)
     is_ridge = (height > LEAST_OWN_RIDGE * found.height) | found.is_core
     good = found.is_stripe.copy()
-    for piece in _pieces(found.row, found.is_stripe):
+    for piece in pieces(found.row, found.is_stripe):
         good[piece] = bool(is_ridge[piece].mean() > LEAST_OWN_COLUMNS)
     return replace(found, is_stripe=good, is_core=found.is_core & good)

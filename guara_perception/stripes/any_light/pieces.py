@@ -1,0 +1,110 @@
+"""The unbroken pieces of a stripe's path, and which are the laser's: strong, of its colour, grainy as its light."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from guara_perception.arrays import Float, Float32, Index, Mask
+from guara_perception.stripes.any_light.laser_colour import CLIPPED
+from guara_perception.stripes.median import robust_sigma
+
+# A piece of the path ends where it moves by more rows than this from one column to the next.
+PIECE_JUMP_PX = 4
+# Pieces that are shorter, also if their columns are counted by their strength, or weaker than this share of the strong
+# ones, are no stripe. Without colour little else tells a weak stripe from texture.
+LEAST_COLUMNS, LEAST_STRONG_COLUMNS = 12, 6
+LEAST_SHARE, LEAST_SHARE_MONO = 0.15, 0.5
+STRONG_PERCENTILE = 75
+# A laser keeps the ratio of its channels on any surface; what is not of it deviates by more.
+MOST_COLOUR_DEVIATION = 0.9
+# Laser light is coherent and grains every rough surface, ambient light does not. In pieces of so many columns the grain
+# is measured, as what a running mean over GRAIN_COLUMNS leaves of the light across the stripe; so many times that of
+# the noise beside it shows, and a piece that has less than this share of the others' is lit by something else.
+GRAINED_COLUMNS, GRAIN_COLUMNS, CLEAR_GRAIN, LEAST_GRAIN = 24, 9, 2.0, 1 / 3
+# From this share of clipped columns on a piece is too bright to show it.
+MOST_CLIPPED = 0.25
+
+
+def pieces(rows: Index, is_stripe: Mask) -> list[slice]:
+    """The unbroken pieces of a path."""
+    cut = is_stripe[1:] != is_stripe[:-1]
+    cut |= (np.abs(np.diff(rows)) > PIECE_JUMP_PX) & is_stripe[1:] & is_stripe[:-1]
+    edges = np.flatnonzero(np.concatenate(([True], cut, [True])))
+    return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if is_stripe[a]]
+
+
+def strong_pieces(height: Float32, rows: Index, is_stripe: Mask, is_core: Mask, *, has_colour: bool) -> Mask:
+    """Columns of the pieces that are long and strong enough."""
+    good = np.zeros_like(is_stripe)
+    if not is_stripe.any():
+        return good
+    strong = np.percentile(height[is_stripe], STRONG_PERCENTILE)
+    height = np.where(is_core, np.maximum(height, strong), height)
+    share = LEAST_SHARE if has_colour else LEAST_SHARE_MONO
+    for piece in pieces(rows, is_stripe):
+        length, strength = piece.stop - piece.start, float(np.median(height[piece]) / strong)
+        is_long = length >= LEAST_COLUMNS and length * strength >= LEAST_STRONG_COLUMNS
+        good[piece] = is_long and strength > share
+    return good
+
+
+def of_laser_colour(frame: Float32, detail: Float32, rows: Index, is_stripe: Mask, colour: Float, channel: int) -> Mask:
+    """Columns of the pieces that have the laser's colour, as far as they are not clipped."""
+    good = is_stripe.copy()
+    columns = np.arange(rows.size)
+    is_clear = frame[rows, columns].max(axis=1) < CLIPPED
+    added = detail[rows, columns]
+    for piece in pieces(rows, is_stripe):
+        clear = is_clear[piece]
+        if clear.sum() < max(LEAST_COLUMNS // 2, 0.5 * clear.size):
+            continue
+        mean = added[piece][clear].mean(axis=0)
+        deviation = np.abs(mean / max(float(mean[channel]), 1e-6) - colour).max()
+        good[piece] = mean[channel] > 0 and deviation < MOST_COLOUR_DEVIATION
+    return good
+
+
+def of_laser_speckle(light: Float32, rows: Index, is_stripe: Mask, is_core: Mask, sigma: Float32) -> Mask:
+    """Columns of the pieces that are as grainy as laser light, as far as that can be told.
+
+    Speckle (Goodman: Some fundamental properties of speckle, JOSA 66, 1976) depends on camera and laser more than on
+    the surface: the pieces are compared with each other. Nothing is said of those whose grain is lost in clipped light
+    or in noise, and of none where no piece shows it.
+
+    Args:
+        light: (rows, columns) float32.
+        rows, is_stripe, is_core: (columns,) where the path runs, and where it is clipped.
+        sigma: (columns,) width of its ridge [px].
+    """
+    good = is_stripe.copy()
+    long = [
+        piece
+        for piece in pieces(rows, is_stripe)
+        if piece.stop - piece.start >= GRAINED_COLUMNS and is_core[piece].mean() < MOST_CLIPPED
+    ]
+    grains = [_grain(light, rows, piece, sigma) for piece in long]
+    shown = [(piece, own) for piece, (own, noise) in zip(long, grains, strict=True) if own > CLEAR_GRAIN * noise]
+    if not shown:
+        return good
+    least = LEAST_GRAIN * float(np.median(np.repeat([own for _, own in shown], [p.stop - p.start for p, _ in shown])))
+    for piece, (own, noise) in zip(long, grains, strict=True):
+        good[piece] = noise > least or own**2 - noise**2 > least**2
+    return good
+
+
+def _grain(light: Float32, rows: Index, piece: slice, sigma: Float32) -> tuple[float, float]:
+    """How much the light of a piece varies from column to column, and how much of that is noise; 1 is all of it."""
+    size = 2 * int(np.ceil(2 * np.median(sigma[piece]))) + 1
+    across = rows[piece] + np.arange(3 * size)[:, None] - 3 * size // 2
+    seen = light[np.clip(across, 0, len(light) - 1), np.arange(piece.start, piece.stop)]
+    above, here, below = seen.reshape(3, size, -1).sum(axis=1)
+    added = here - np.float32(0.5) * (above + below)
+    level = max(float(added.mean()), 1e-6)
+    return _unevenness(added) / level, float(np.sqrt(0.75)) * _unevenness(above - below) / level
+
+
+def _unevenness(values: Float32) -> float:
+    """Standard deviation of values (n,) from their running mean."""
+    smooth = cv2.blur(values[None], (GRAIN_COLUMNS, 1), borderType=cv2.BORDER_REFLECT_101)[0]
+    return robust_sigma(values - smooth)
