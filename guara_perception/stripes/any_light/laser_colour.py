@@ -6,11 +6,14 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Float32, Index, Mask
+from guara_perception.stripes.median import upper_median, upper_medians
 
 # Grey level, of 255, from which a pixel may be clipped: JPEG and demosaicing keep it from reaching the end.
 CLIPPED = 245.0
 # A clipped core and the halo in which it lies are narrower than this.
 WIDEST_CORE_PX = 25
+# Rows and columns from one sample of a covariance to the next, and number of columns that tell a colour.
+COVARIANCE_ROWS, COVARIANCE_COLUMNS, COLOUR_COLUMNS = 2, 5, 200
 # Background and rim of the stripe, in rows from its middle.
 BACKGROUND_PX, RIM_PX = 12, 6
 # No camera sees a line laser in another channel by more than this share of its own.
@@ -30,8 +33,9 @@ def details(picture: Float32) -> Float32:
 
 def covariance(detail: Float32, elsewhere: Mask) -> Float:
     """Covariance (channels, channels) of the details of a scene away from the stripe."""
-    some = detail[::2, ::3][elsewhere[::2, ::3]].astype(np.float64)
-    seen = some.T @ some / max(len(some), 1)
+    use = elsewhere[::COVARIANCE_ROWS, ::COVARIANCE_COLUMNS]
+    some = (detail[::COVARIANCE_ROWS, ::COVARIANCE_COLUMNS] * use[:, :, None]).reshape(-1, detail.shape[2])
+    seen = (some.T @ some).astype(np.float64) / max(int(use.sum()), 1)
     return np.asarray(seen + np.eye(len(seen)) * (LEAST_DEVIATION**2 + UNKNOWN_SHARE * np.trace(seen)))
 
 
@@ -82,16 +86,17 @@ def rim_colour(picture: Float32, frame: Float32, row: Index, is_stripe: Mask, ch
         row, is_stripe: (columns,) where it runs.
         channel: in which it is the brighter half of the columns.
     """
-    columns, rows, last = np.flatnonzero(is_stripe), row[is_stripe], len(picture) - 1
+    columns, last = _some(np.flatnonzero(is_stripe)), len(picture) - 1
     if not columns.size:
         return np.zeros(picture.shape[2])
+    rows = row[columns]
     sides = [picture[np.clip(rows + side, 0, last), columns] for side in (-BACKGROUND_PX, BACKGROUND_PX)]
     beside = np.float32(0.5) * (sides[0] + sides[1])
     at = np.clip(rows + np.arange(-RIM_PX, RIM_PX + 1)[:, None], 0, last)
-    brightest = np.maximum.reduce([frame[:, :, i][at, columns] for i in range(frame.shape[2])])
-    added = np.where((brightest < CLIPPED)[..., None], picture[at, columns] - beside, np.float32(0)).sum(axis=0)
-    bright = added[added[:, channel] >= np.median(added[:, channel])]
-    return np.asarray(np.median(bright, axis=0), dtype=np.float64)
+    is_clear = frame[at, columns].max(axis=2, keepdims=True) < CLIPPED
+    added = ((picture[at, columns] - beside) * is_clear).sum(axis=0)
+    bright = added[added[:, channel] >= upper_median(added[:, channel])]
+    return upper_medians(bright.T).astype(np.float64)
 
 
 def core_colour(detail: Float32, frame: Float32, row: Index, is_stripe: Mask, channel: int) -> Float:
@@ -103,11 +108,16 @@ def core_colour(detail: Float32, frame: Float32, row: Index, is_stripe: Mask, ch
         row, is_stripe: (columns,) where it runs.
         channel: the laser's own: clipped, it is still a lower bound.
     """
-    columns = np.flatnonzero(is_stripe)
+    columns = _some(np.flatnonzero(is_stripe))
     rows = row[columns]
     is_clear = np.delete(frame[rows, columns], channel, axis=1).max(axis=1, initial=0) < CLIPPED
     added = detail[rows, columns][is_clear]
-    return np.asarray(np.median(added, axis=0), np.float64) if len(added) else np.zeros(detail.shape[2])
+    return upper_medians(added.T).astype(np.float64) if len(added) else np.zeros(detail.shape[2])
+
+
+def _some(columns: Index) -> Index:
+    """COLOUR_COLUMNS or fewer of them, evenly distributed."""
+    return columns[:: max(-(-columns.size // COLOUR_COLUMNS), 1)]
 
 
 def relative_colour(added: Float, channel: int) -> Float:

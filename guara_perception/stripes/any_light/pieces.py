@@ -11,10 +11,8 @@ from guara_perception.stripes.median import robust_sigma
 
 # A piece of the path ends where it moves by more rows than this from one column to the next.
 PIECE_JUMP_PX = 4
-# Pieces that are shorter, also if their columns are counted by their strength, or weaker than this share of the strong
-# ones, are no stripe. Without colour little else tells a weak stripe from texture.
+# Pieces that are shorter, also if their columns are counted by their strength, are no stripe.
 LEAST_COLUMNS, LEAST_STRONG_COLUMNS = 12, 6
-LEAST_SHARE, LEAST_SHARE_MONO = 0.15, 0.5
 STRONG_PERCENTILE = 75
 # A laser keeps the ratio of its channels on any surface; what is not of it deviates by more.
 MOST_COLOUR_DEVIATION = 0.9
@@ -34,18 +32,17 @@ def pieces(rows: Index, is_stripe: Mask) -> list[slice]:
     return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if is_stripe[a]]
 
 
-def strong_pieces(height: Float32, rows: Index, is_stripe: Mask, is_core: Mask, *, has_colour: bool) -> Mask:
-    """Columns of the pieces that are long and strong enough."""
+def strong_pieces(height: Float32, rows: Index, is_stripe: Mask, is_core: Mask, least_share: float) -> Mask:
+    """Columns of the pieces that are long enough and have this share of the height of the strong ones."""
     good = np.zeros_like(is_stripe)
     if not is_stripe.any():
         return good
     strong = np.percentile(height[is_stripe], STRONG_PERCENTILE)
     height = np.where(is_core, np.maximum(height, strong), height)
-    share = LEAST_SHARE if has_colour else LEAST_SHARE_MONO
     for piece in pieces(rows, is_stripe):
         length, strength = piece.stop - piece.start, float(np.median(height[piece]) / strong)
         is_long = length >= LEAST_COLUMNS and length * strength >= LEAST_STRONG_COLUMNS
-        good[piece] = is_long and strength > share
+        good[piece] = is_long and strength > least_share
     return good
 
 

@@ -27,9 +27,12 @@ from guara_perception.stripes.any_light.ridges import SIGMAS_PX, Ridges, ridge_o
 # on any are left out.
 FIRST_LOOK_COLUMNS, FIRST_LOOK_FROM = 4, 160
 # Channels whose score reaches this share of the best are looked at in full.
-HOPEFUL = 0.2
+HOPEFUL = 0.4
 # The stripe and its halo lie within this many rows of its path; the scene is what is further away.
 NEAR_PEAK_PX, NEAR_PATH_PX = 10, 12
+# Least share of the height of the strong pieces: a line's dimmest parts have a tenth of its brightest; without a
+# laser-off picture, and more so without colour, there is texture as strong.
+LEAST_SHARE, LEAST_SHARE_ALONE, LEAST_SHARE_MONO = 0.1, 0.15, 0.5
 # A second clipped ridge of this share of the strength may as well be the stripe.
 TWIN_OF_RIDGE = 0.5
 # Least share of what a stripe adds to the laser-off picture that is a ridge of the laser-on picture, and least share
@@ -66,6 +69,32 @@ class StripePath:
     laser: Float32
     light: Float32
     remark: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Pictures:
+    """What is known of a band; all (rows, columns, channels) float32.
+
+    Attributes:
+        frame: laser on as delivered, 0 to 255.
+        dark: the same with the laser off, None without such a picture.
+        light: `frame`, `dark` removed.
+        detail: of the light, what changes across the columns within a few pixels.
+    """
+
+    frame: Float32
+    dark: Float32 | None
+    light: Float32
+    detail: Float32
+
+    def thinned(self, columns: Index) -> Pictures:
+        """Some columns (n,) of them."""
+        frame, light, detail = (np.ascontiguousarray(one[:, columns]) for one in (self.frame, self.light, self.detail))
+        return Pictures(frame, None if self.dark is None else self.dark[:, columns], light, detail)
+
+    def level(self, channel: int) -> Float32 | None:
+        """Brightness (rows, columns) of the scene in one channel, its noise smoothed away, where it is known."""
+        return None if self.dark is None else np.asarray(cv2.blur(self.dark[:, :, channel], (5, 5)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,57 +138,45 @@ def find_path(on: Image, off: Image | None) -> StripePath:
         on: (rows, columns[, channels]) uint8 or uint16, laser on.
         off: the same with the laser off, or None.
     """
-    frame = levels(on)
-    dark = None if off is None else levels(off)
+    frame, dark = levels(on), None if off is None else levels(off)
     light, remark = (frame, "") if dark is None else subtract(frame, dark)
-    if remark:
-        dark = None
-    detail = details(light)
-    firsts = _first_looks(light, frame, dark, detail)
-    seen = [_laser_of(light, frame, dark, detail, first) for first in firsts]
+    pictures = Pictures(frame, None if remark else dark, light, details(light))
+    firsts = _first_looks(pictures)
+    seen = [_laser_of(pictures, first) for first in firsts]
     # All at once: most of the time of following one is the same for several.
     evidence = np.stack([each.found.evidence() for each in seen])
     rows, is_stripe, _ = follow_stripe(evidence.transpose(0, 2, 1))
-    tried = [
-        _path_of(light, frame, detail, *each) for each in zip(firsts, seen, evidence, rows, is_stripe, strict=True)
-    ]
+    tried = [_path_of(pictures, *each) for each in zip(firsts, seen, evidence, rows, is_stripe, strict=True)]
     best = replace(max(tried, key=lambda each: each[1])[0], remark=remark)
-    return best if dark is None else _without_moved_edges(best, frame)
+    return best if pictures.dark is None else _without_moved_edges(best, frame)
 
 
-def _laser_of(
-    light: Float32, frame: Float32, dark: Float32 | None, detail: Float32, first: FirstLook
-) -> LaserOfChannel:
+def _laser_of(pictures: Pictures, first: FirstLook) -> LaserOfChannel:
     """The picture as a laser of one channel lights it."""
+    light, frame, channel = pictures.light, pictures.frame, first.channel
     elsewhere = _away(first.row, first.is_stripe, frame.shape, NEAR_PATH_PX)
-    scene = covariance(detail, elsewhere)
-    colour = relative_colour(rim_colour(light, frame, first.row, first.is_stripe, first.channel), first.channel)
-    laser, core = in_laser_colour(light, frame, scene, colour, first.channel)
-    level = None if dark is None else _level(dark, first.channel)
-    return LaserOfChannel(colour, laser_weights(scene, colour), laser, core, ridges(laser, elsewhere, level))
+    scene = covariance(pictures.detail, elsewhere)
+    colour = relative_colour(rim_colour(light, frame, first.row, first.is_stripe, channel), channel)
+    laser, core = in_laser_colour(light, frame, scene, colour, channel)
+    found = ridges(laser, elsewhere, pictures.level(channel))
+    return LaserOfChannel(colour, laser_weights(scene, colour), laser, core, found)
 
 
 def _path_of(
-    light: Float32,
-    frame: Float32,
-    detail: Float32,
-    first: FirstLook,
-    seen: LaserOfChannel,
-    evidence: Float32,
-    rows: Index,
-    is_stripe: Mask,
+    pictures: Pictures, first: FirstLook, seen: LaserOfChannel, evidence: Float32, rows: Index, is_stripe: Mask
 ) -> tuple[StripePath, float]:
     """The stripe of a laser of one channel, and how much speaks for it."""
     channel, found = first.channel, seen.found
     columns = np.arange(rows.size)
     is_core = seen.core[rows, columns]
     height, sigma = found.along(rows, columns)
-    has_colour = frame.shape[2] == 3
-    is_good = strong_pieces(height, rows, is_stripe, is_core, has_colour=has_colour)
-    if has_colour:
-        is_good = of_laser_colour(frame, detail, rows, is_good, seen.colour, channel)
-    else:
+    if pictures.frame.shape[2] == 1:
+        is_good = strong_pieces(height, rows, is_stripe, is_core, LEAST_SHARE_MONO)
         is_good = of_laser_speckle(seen.laser, rows, is_good, is_core, sigma)
+    else:
+        least_share = LEAST_SHARE_ALONE if pictures.dark is None else LEAST_SHARE
+        is_good = strong_pieces(height, rows, is_stripe, is_core, least_share)
+        is_good = of_laser_colour(pictures.frame, pictures.detail, rows, is_good, seen.colour, channel)
     has_twin = _has_twin(found, seen.core, rows, columns)
     score = float(evidence[rows, columns][is_good].sum())
     path = StripePath(
@@ -173,9 +190,9 @@ def _path_of(
         channel=channel,
         weights=seen.weights,
         laser=seen.laser,
-        light=light,
+        light=pictures.light,
     )
-    return path, score * _purity(light, frame, detail, rows, is_good, channel)
+    return path, score * _purity(pictures, rows, is_good, channel)
 
 
 def levels(frame: Image) -> Float32:
@@ -187,21 +204,16 @@ def levels(frame: Image) -> Float32:
     return picture.reshape(*frame.shape[:2], -1)
 
 
-def _level(dark: Float32, channel: int) -> Float32:
-    """Brightness (rows, columns) of a scene in one channel, its noise smoothed away."""
-    return np.asarray(cv2.blur(np.ascontiguousarray(dark[:, :, channel]), (5, 5)))
-
-
-def _first_looks(light: Float32, frame: Float32, dark: Float32 | None, detail: Float32) -> list[FirstLook]:
+def _first_looks(pictures: Pictures) -> list[FirstLook]:
     """What some columns show of the paths in the channels that may be the laser's.
 
     Two looks: the second, in which texture counts as noise and the colour is that of the first, decides for channels.
     """
-    columns, channels = light.shape[1:]
+    columns, channels = pictures.light.shape[1:]
     interval = FIRST_LOOK_COLUMNS if columns >= FIRST_LOOK_FROM else 1
     looked_at = np.arange(interval // 2, columns, interval)
-    light, frame, detail = (np.ascontiguousarray(picture[:, looked_at]) for picture in (light, frame, detail))
-    dark = None if dark is None else np.ascontiguousarray(dark[:, looked_at])
+    pictures = pictures.thinned(looked_at)
+    light, frame, detail = pictures.light, pictures.frame, pictures.detail
     every = np.ones(looked_at.size, dtype=bool)
     shape = light.shape[:2]
     away = [_away(detail[:, :, channel].argmax(axis=0), every, shape, NEAR_PEAK_PX) for channel in range(channels)]
@@ -212,8 +224,8 @@ def _first_looks(light: Float32, frame: Float32, dark: Float32 | None, detail: F
         evidence = []
         for channel in range(channels):
             laser, _ = in_laser_colour(light, frame, covariance(detail, away[channel]), colours[channel], channel)
-            level = None if dark is None else _level(dark, channel)
-            evidence.append(ridges(laser, away[channel] if look else None, level).evidence().T)
+            found = ridges(laser, away[channel] if look else None, pictures.level(channel))
+            evidence.append(found.evidence().T)
         rows, is_stripe, scores = follow_stripe(np.stack(evidence))
         if not look:
             between = (np.rint(np.interp(np.arange(columns), looked_at, row)).astype(np.intp) for row in rows)
@@ -223,14 +235,15 @@ def _first_looks(light: Float32, frame: Float32, dark: Float32 | None, detail: F
         seen = [rim_colour(light, frame, rows[c], is_stripe[c], c) for c in range(channels)]
         away = [_away(rows[c], is_stripe[c], shape, NEAR_PATH_PX) for c in range(channels)]
         colours = [relative_colour(seen[c], c) for c in range(channels)]
-    scores *= [_purity(light, frame, detail, rows[c], is_stripe[c], c) for c in range(channels)]
+    scores *= [_purity(pictures, rows[c], is_stripe[c], c) for c in range(channels)]
     return [first[c] for c in range(channels) if scores[c] >= HOPEFUL * scores.max()]
 
 
-def _purity(light: Float32, frame: Float32, detail: Float32, rows: Index, is_stripe: Mask, channel: int) -> float:
+def _purity(pictures: Pictures, rows: Index, is_stripe: Mask, channel: int) -> float:
     """How clearly a path has the colour of a laser: of its rim where the core is white, of its core else."""
-    rim = rim_colour(light, frame, rows, is_stripe, channel)
-    return max(purity(rim, channel), purity(core_colour(detail, frame, rows, is_stripe, channel), channel))
+    rim = rim_colour(pictures.light, pictures.frame, rows, is_stripe, channel)
+    core = core_colour(pictures.detail, pictures.frame, rows, is_stripe, channel)
+    return max(purity(rim, channel), purity(core, channel))
 
 
 def _away(rows: Index, is_stripe: Mask, shape: tuple[int, ...], reach: int) -> Mask:
@@ -247,6 +260,8 @@ def _has_twin(found: Ridges, core: Mask, rows: Index, columns: Index) -> Mask:
 
     One of the two is a reflection, and where light is clipped no level says which.
     """
+    if not core.any():
+        return np.zeros(rows.size, dtype=bool)
     clipped = np.where(core, found.strength, np.float32(0))
     clipped[np.clip(rows + np.arange(-NEAR_PATH_PX, NEAR_PATH_PX + 1)[:, None], 0, len(core) - 1), columns] = 0
     return np.asarray(clipped.max(axis=0) > TWIN_OF_RIDGE * found.strength[rows, columns])

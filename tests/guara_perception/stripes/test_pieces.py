@@ -110,5 +110,5 @@ def test_a_piece_that_is_short_and_weak_is_no_stripe() -> None:
     columns = np.arange(200)
     rows = np.select([columns < 100, columns < 113], [50, 20], 80)
     height = np.select([columns < 100, columns < 113], [40, 10], 12).astype(np.float32)
-    good = strong_pieces(height, rows, np.ones(200, bool), np.zeros(200, bool), has_colour=True)
+    good = strong_pieces(height, rows, np.ones(200, bool), np.zeros(200, bool), 0.15)
     assert [(piece.start, piece.stop) for piece in pieces(rows, good)] == [(0, 100), (113, 200)]
