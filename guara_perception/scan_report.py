@@ -121,8 +121,8 @@ def scan_report(
     if unused:
         index, why = next(iter(unused.items()))
         reasons.append(
-            f"flicker: {len(unused)} of {len(profiles)} laser-off pictures do not fit and were not used "
-            f"(stripe {index}: {why}): {STEADY}"
+            f"flicker: for {len(unused)} of {len(profiles)} stripes the laser-off picture does not fit and "
+            f"was not used (stripe {index}: {why}): {STEADY}"
         )
     if not expected.any():
         reasons.append("no part of the area was scanned")

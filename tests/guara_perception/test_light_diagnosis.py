@@ -68,7 +68,9 @@ def test_pictures_that_were_not_used_are_told_by_stripe() -> None:
         recording = simulated(SIZE, STRIPES, light)
         processor = recording.processor()
         recording.add_to(processor)
-        unused = processor.finish().metadata["off_pictures_unused"]
+        data = processor.finish().metadata
+        unused, told = data["off_pictures_unused"], f"flicker: for {count} of {STRIPES} stripes the laser-off picture"
+        assert any(reason.startswith(told) for reason in data["health"]["reasons"]) == (count > 0)
         assert len(unused) == count
         assert [int(index) for index in unused] == sorted(int(index) for index in unused)
         assert all("laser-off picture" in why or "brightness" in why for why in unused.values())

@@ -26,6 +26,8 @@ from transport.stance_link import StancePublisher, StanceReceiver
 
 # A scan of 70 stripes takes 1.2 s at the demo's frame rate (two frames a stripe); a busy machine takes many times that.
 GRID_TIMEOUT_S = 60.0
+# The robot stands until the four grids that are waited for at a pause have come.
+PAUSE_S = 4 * GRID_TIMEOUT_S
 FPS = 120.0
 # Keeps the recording of a whole walk near 100 MB; costs about 0.02 px.
 JPEG_QUALITY = 85
@@ -111,7 +113,8 @@ def demo_walk(
             )
         )
         StanceReceiver(session, robot=instance, on_pause=node.on_pause, on_refused=node.on_refused)
-        gait = SimulatedGait(StancePublisher(stack.enter_context(open_client(endpoint)), robot=instance), instance)
+        publisher = StancePublisher(stack.enter_context(open_client(endpoint)), robot=instance)
+        gait = SimulatedGait(publisher, instance, time_available=PAUSE_S)
         client = stack.enter_context(TerrainClient(endpoint, robot=instance))
         planner = stack.enter_context(PlannerProcess(endpoint, instance))
         choices: dict[int, Choice] = {}

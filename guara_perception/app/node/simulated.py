@@ -89,13 +89,14 @@ class SimulatedRobot:
 class SimulatedGait:
     """Announces the pauses of a simulated walk as a gait controller would."""
 
-    def __init__(self, publisher: StancePublisher, instance: str) -> None:
-        """Send through `publisher` as the robot `instance`."""
+    def __init__(self, publisher: StancePublisher, instance: str, time_available: float = 0.0) -> None:
+        """Send through `publisher` as the robot `instance`, which stands for so long [s]; 0 when that is not known."""
         self._publisher, self._instance, self._epoch = publisher, instance, uuid.uuid4().hex
+        self._time_available = time_available
 
     def begin(self, pause: WalkPause) -> None:
         """The robot stands."""
-        self._say(pause, PausePhase.BEGIN)
+        self._say(pause, PausePhase.BEGIN, self._time_available)
 
     def hold(self, pause: WalkPause) -> None:
         """The robot still stands; after the last frame of a scan this confirms it."""
@@ -105,7 +106,7 @@ class SimulatedGait:
         """The robot moves on."""
         self._say(pause, PausePhase.END)
 
-    def _say(self, pause: WalkPause, phase: PausePhase) -> None:
+    def _say(self, pause: WalkPause, phase: PausePhase, time_available: float = 0.0) -> None:
         self._publisher.publish(
             StancePause(
                 robot=self._instance,
@@ -118,5 +119,6 @@ class SimulatedGait:
                     for ground in pause.known_ground
                 ),
                 epoch=self._epoch,
+                time_available=time_available,
             )
         )

@@ -22,9 +22,8 @@ TEXTURE_QUANTILE, TEXTURE_SIGMAS = 0.99, 3.0
 # Evidence is zero at the first of these strengths of a ridge, grows in proportion up to the second, then with the
 # logarithm times the gain.
 ZERO_SIGMAS, LINEAR_SIGMAS, LOG_GAIN = 3.2, 8.0, 3.0
-# Parts of a scene by brightness, as large as each other, in which noise is measured, and how much less it may be than
-# is usual.
-LEVEL_PARTS, MOST_QUIET = 8, 3.0
+# Parts of a scene by brightness, as large as each other, in which noise is measured.
+LEVEL_PARTS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +75,10 @@ def ridges(light: Float32, elsewhere: Mask | None = None, scene: Float32 | None 
 
 
 def _quietness(height: Float32, noise: float, scene: Float32) -> Float32:
-    """How many times less noisy than usual a scene (rows, columns) is at each of its levels.
+    """Usual noise of a scene (rows, columns) over that at each of its levels, 1 at the most.
 
-    The variance of a camera's noise grows in proportion to the light (photon transfer, EMVA standard 1288).
+    The variance of a camera's noise grows in proportion to the light (photon transfer, EMVA standard 1288). What is
+    darker than usual gets no credit: there a halo alone would count as a stripe.
 
     Args:
         height: (rows, columns) of ridges of one width.
@@ -92,7 +92,7 @@ def _quietness(height: Float32, noise: float, scene: Float32) -> Float32:
     apart = levels - levels.mean()
     slope = max(float(apart @ variances) / max(float(apart @ apart), 1.0), 0.0)
     variance = variances.mean() + slope * (np.arange(256) - levels.mean())
-    quietness = noise / np.sqrt(np.maximum(variance, (noise / MOST_QUIET) ** 2))
+    quietness = noise / np.sqrt(np.maximum(variance, noise**2))
     return np.asarray(cv2.LUT(cv2.convertScaleAbs(scene), quietness.astype(np.float32)))
 
 

@@ -92,9 +92,14 @@ class Pictures:
         frame, light, detail = (np.ascontiguousarray(one[:, columns]) for one in (self.frame, self.light, self.detail))
         return Pictures(frame, None if self.dark is None else self.dark[:, columns], light, detail)
 
-    def level(self, channel: int) -> Float32 | None:
-        """Brightness (rows, columns) of the scene in one channel, its noise smoothed away, where it is known."""
-        return None if self.dark is None else np.asarray(cv2.blur(self.dark[:, :, channel], (5, 5)))
+    def level(self) -> Float32 | None:
+        """Brightness (rows, columns) of the scene of a mono camera, its noise smoothed away, where it is known.
+
+        Of several channels the covariance says already what is noise.
+        """
+        if self.dark is None or self.dark.shape[2] != 1:
+            return None
+        return np.asarray(cv2.blur(self.dark, (5, 5)), np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +163,7 @@ def _laser_of(pictures: Pictures, first: FirstLook) -> LaserOfChannel:
     scene = covariance(pictures.detail, elsewhere)
     colour = relative_colour(rim_colour(light, frame, first.row, first.is_stripe, channel), channel)
     laser, core = in_laser_colour(light, frame, scene, colour, channel)
-    found = ridges(laser, elsewhere, pictures.level(channel))
+    found = ridges(laser, elsewhere, pictures.level())
     return LaserOfChannel(colour, laser_weights(scene, colour), laser, core, found)
 
 
@@ -224,7 +229,7 @@ def _first_looks(pictures: Pictures) -> list[FirstLook]:
         evidence = []
         for channel in range(channels):
             laser, _ = in_laser_colour(light, frame, covariance(detail, away[channel]), colours[channel], channel)
-            found = ridges(laser, away[channel] if look else None, pictures.level(channel))
+            found = ridges(laser, away[channel] if look else None, pictures.level())
             evidence.append(found.evidence().T)
         rows, is_stripe, scores = follow_stripe(np.stack(evidence))
         if not look:

@@ -91,20 +91,6 @@ def test_the_gain_of_a_scene_that_is_mostly_dark_is_fitted() -> None:
     assert (np.abs(profile.position_px - rows)[found] < 1.5).mean() > 0.99
 
 
-def test_a_weak_line_on_dark_ground_is_found_beside_noisy_bright_ground() -> None:
-    """Photons make bright ground noisy; what is no more than noise there is a stripe where it is dark."""
-    scene = np.full((ROWS, COLUMNS), 8.0)
-    scene[:, COLUMNS // 2 :] = 180.0
-    rng = np.random.default_rng(11)
-
-    def taken(light: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
-        return eight_bits(light + rng.normal(0, 1, light.shape) * np.sqrt(0.4 + 0.02 * light))
-
-    light = 3 * ridge(110, 1.5, slice(0, COLUMNS // 2)) + 8 * ridge(110, 1.5, slice(COLUMNS // 2, COLUMNS))
-    profile = gp.extract_stripe(taken(scene + light), taken(scene))
-    assert (np.abs(profile.position_px[: COLUMNS // 2] - 110) < 1.5).mean() > 0.9
-
-
 def test_a_piece_that_is_short_and_weak_is_no_stripe() -> None:
     """Either alone is allowed."""
     columns = np.arange(200)

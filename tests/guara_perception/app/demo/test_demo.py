@@ -1,5 +1,6 @@
 """The demo as a user runs it, and its own check, which must be able to fail."""
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -74,6 +75,29 @@ def test_a_robot_outside_of_the_package_walks_too(tmp_path: Path) -> None:
     assert {grid.metadata["robot"] for grid in grids} == {"mine"}
     # The grid carries the robot: its legs are known to whoever has the recording alone.
     assert grids[0].check_foothold(0.7, 0.0, leg="lf").reasons is not None
+
+
+@pytest.mark.heavy
+def test_a_walk_in_the_sun_keeps_its_promises_however_slow_the_machine(tmp_path: Path) -> None:
+    """`--world sunlit`; the pauses outlast by far what the robot allows those whose end is not announced."""
+    robot = tmp_path / "guara"
+    shutil.copytree(Path(__file__).parents[4] / "robots" / "guara", robot)
+    text = (robot / "robot.toml").read_text()
+    assert "time_limit = 30.0 " in text
+    (robot / "robot.toml").write_text(text.replace("time_limit = 30.0 ", "time_limit = 0.1 "))
+    program = [sys.executable, "-m", "guara_perception.app.main", "demo", "--world", "sunlit", "--cycles", "1"]
+    done = subprocess.run(
+        [*program, "--robot", str(robot), "--out", str(tmp_path / "out")],
+        capture_output=True,
+        text=True,
+        timeout=2 * PATIENCE,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    said = done.stdout.splitlines()
+    assert "grids: 5 published, 5 received by the planner" in said
+    assert "unknown cells called traversable: 0" in said
+    assert said[-1] == "the demo's check passed"
 
 
 def foothold(**changes: object) -> CheckedFoothold:
