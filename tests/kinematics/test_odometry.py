@@ -65,7 +65,7 @@ def test_error_of_a_long_crawl(guara: RobotModel, crawl: Crawl, gravity: tuple |
     assert np.median(errors) <= 0.01 * 1.68
 
 
-SAMPLES = 150
+SAMPLES = 100
 
 
 @pytest.fixture(scope="module")
@@ -83,13 +83,13 @@ def sampled(guara: RobotModel, crawl: Crawl) -> tuple[list[tuple], list[list[Odo
 
 @pytest.mark.slow
 def test_covariance_agrees_with_sampling(sampled: tuple[list[tuple], list[list[OdometryPose]]]) -> None:
-    """Sigmas of x, y, z and heading after 8 pauses agree with the sampled walks (within what 150 can tell)."""
+    """Sigmas of x, y, z and heading after 8 pauses agree with the sampled walks (within what 100 can tell)."""
     walk, found = sampled
     expected = inverse(footprint(walk[0][0])) @ footprint(walk[-1][0])
     offs = [inverse(expected) @ results[-1].transform_footprint_to_odom for results in found]
     spread = np.std([[*off[:3, 3], heading(off)] for off in offs], axis=0)
     predicted = np.sqrt(np.diag(found[-1][-1].covariance))[[0, 1, 2, 5]]
-    # The standard error of a sigma from 150 samples is 6 %.
+    # The standard error of a sigma from 100 samples is 7 %.
     np.testing.assert_allclose(predicted[[0, 1, 3]], spread[[0, 1, 3]], rtol=0.20)
     assert predicted[2] == pytest.approx(spread[2], rel=0.5)
 

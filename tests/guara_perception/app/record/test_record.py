@@ -33,6 +33,8 @@ from tests.made_once import made_once
 
 pytestmark = pytest.mark.slow
 
+# A whole session takes as long as the demo: what needs one is heavy.
+
 
 def record_by_command(folder: Path, *words: str) -> None:
     """Record with the command, in the simulated workshop."""
@@ -64,11 +66,11 @@ def unfinished(recorded: Path, tmp_path: Path) -> Path:
     return folder
 
 
-# A second whole session, as long as the demo.
-WITH_CHARUCO = pytest.param("recorded_with_charuco", marks=pytest.mark.heavy)
+SESSIONS = ["recorded", "recorded_with_charuco"]
 
 
-@pytest.mark.parametrize("session", ["recorded", WITH_CHARUCO])
+@pytest.mark.heavy
+@pytest.mark.parametrize("session", SESSIONS)
 def test_recorded_session_calibrates_as_good(session: str, request: pytest.FixtureRequest):
     """It ends with a good calibration; the mount is the workshop's to a millimetre and a fifth of a degree."""
     folder = request.getfixturevalue(session)
@@ -90,6 +92,7 @@ def test_parts_of_a_charuco_board_were_taken(recorded_with_charuco: Path):
     assert sum(len(view.corners) < 63 for view in views) >= 3
 
 
+@pytest.mark.heavy
 def test_devices_are_measured_and_kept(recorded: Path):
     """The exposure was metered and the lag is that of the emulated camera: exposure and transfer."""
     devices = load_devices(recorded / "devices.toml")
@@ -98,8 +101,9 @@ def test_devices_are_measured_and_kept(recorded: Path):
     assert exposure <= devices.lag <= exposure + 1.5 / 60
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("session", ["recorded", WITH_CHARUCO])
+@pytest.mark.parametrize("session", SESSIONS)
 def test_the_way_from_the_box_to_the_first_grid(session: str, guara, tmp_path: Path, request: pytest.FixtureRequest):
     """The commands of docs/first-grid.md, one after the other, with emulated devices."""
     folder: Path = request.getfixturevalue(session)
@@ -139,6 +143,7 @@ def devices_of_the_session(recorded: Path, tmp_path: Path, monkeypatch: pytest.M
     return tmp_path / "devices.toml"
 
 
+@pytest.mark.heavy
 @pytest.mark.usefixtures("undrawn")
 def test_doctor_checks_camera_and_board_of_the_session(
     recorded: Path, devices_of_the_session: Path, guara, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
@@ -173,6 +178,7 @@ def record_with(workshop: SimulatedWorkshop, session: Path) -> SessionWriter:
     return writer
 
 
+@pytest.mark.heavy
 def test_an_interrupted_recording_goes_on(unfinished: Path):
     """Only what is missing is taken; what was there stays, to the byte."""
     before = {path: path.stat().st_mtime_ns for path in unfinished.rglob("*.png") if path.parent.name != "report"}
@@ -181,6 +187,7 @@ def test_an_interrupted_recording_goes_on(unfinished: Path):
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
 
 
+@pytest.mark.heavy
 def test_a_session_that_goes_on_is_locked_as_it_was_begun(unfinished: Path):
     """The metered exposure and the lag come from its file; a plate is refused when the camera does not hold them."""
     devices = load_devices(unfinished / "devices.toml")
@@ -206,6 +213,7 @@ def test_a_plate_in_light_that_clips_is_told(tmp_path: Path):
     assert any("of the picture is clipped without the laser" in problem for problem in told)
 
 
+@pytest.mark.heavy
 def test_crosses_that_are_not_there_are_asked_for_again(
     recorded: Path, unfinished: Path, monkeypatch: pytest.MonkeyPatch
 ):
