@@ -14,24 +14,24 @@ pytestmark = pytest.mark.slow
 NODE = Path(__file__).parent.parent / "publishing_node.py"
 
 
-@pytest.fixture
-def node(start, free_endpoint: str, terrain_file: Path):
-    """A node that has published both grids of step 5."""
-    process = start(NODE, free_endpoint, "guara", terrain_file)
+@pytest.fixture(scope="module")
+def node(start, module_endpoint: str, terrain_file: Path):
+    """A node that has published both grids of step 5; planners do it no harm."""
+    process = start(NODE, module_endpoint, "guara", terrain_file)
     assert process.line() == "ready"
     process.tell("publish 5")
     process.tell("map 5")
     return process
 
 
-def test_foothold_is_that_of_the_grid(node, free_endpoint: str, paper_terrain: gp.TerrainGrid):
+def test_foothold_is_that_of_the_grid(node, module_endpoint: str, paper_terrain: gp.TerrainGrid):
     """The planner answers what the grid itself answers, over Zenoh and from another process.
 
     A foot swings from where it stands, which a single scan has not seen: there is a foothold and no way to it.
     """
     x, y = 0.72, 0.0
     expected = plan_step(paper_terrain, "lf", (x, y))
-    with PlannerProcess(free_endpoint, "guara") as planner:
+    with PlannerProcess(module_endpoint, "guara") as planner:
         reply = planner.choose(step=5, leg="lf", x=x, y=y)
         far = planner.choose(step=5, leg="lf", x=5.0, y=5.0)
     assert reply["step"] == 5 and reply["leg"] == "lf" and reply["received"] >= 1
@@ -50,9 +50,9 @@ def test_no_node_is_told_and_nothing_is_left_behind(free_endpoint: str, capfd):
     assert said.startswith("planner: cannot connect to") and "Traceback" not in said
 
 
-def test_planner_that_died_is_told(node, free_endpoint: str):
+def test_planner_that_died_is_told(node, module_endpoint: str):
     """Asking a dead planner is an error at once, and closing it twice is none."""
-    planner = PlannerProcess(free_endpoint, "guara")
+    planner = PlannerProcess(module_endpoint, "guara")
     planner._process.kill()
     planner._process.wait(60)
     with pytest.raises(PlannerFailed, match="the planner process ended"):
@@ -61,9 +61,9 @@ def test_planner_that_died_is_told(node, free_endpoint: str):
     planner.close()
 
 
-def test_closing_ends_the_process(node, free_endpoint: str):
+def test_closing_ends_the_process(node, module_endpoint: str):
     """Leaving the block ends the planner by itself, without a signal; asking it afterwards is an error."""
-    with PlannerProcess(free_endpoint, "guara") as planner:
+    with PlannerProcess(module_endpoint, "guara") as planner:
         process = planner._process
     assert process.returncode == 0
     with pytest.raises(PlannerFailed):

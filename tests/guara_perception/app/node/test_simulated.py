@@ -25,6 +25,8 @@ from transport.stance_link import StancePublisher, StanceReceiver
 pytestmark = pytest.mark.slow
 
 TIMEOUT = 180.0
+# A quarter of the usual pixels: what is tested here does not depend on them.
+SIZE = (320, 256)
 FLAT = """
 x = [-1.0, 3.0]
 y = [-0.8, 0.8]
@@ -50,7 +52,7 @@ def test_clear_ground_is_scanned_coarsely(free_endpoint: str, tmp_path: Path) ->
     """With no obstacle in the corridor 35 stripes do."""
     world = tmp_path / "flat.toml"
     world.write_text(FLAT)
-    robot = SimulatedRobot(world=world, fps=120.0)
+    robot = SimulatedRobot(world=world, size=SIZE, fps=120.0)
     with walking(robot, free_endpoint) as (_, gait, client, _):
         gait.begin(next(robot.walk(cycles=0)))
         terrain = client.wait_for_step(0, timeout=TIMEOUT)
@@ -60,7 +62,7 @@ def test_clear_ground_is_scanned_coarsely(free_endpoint: str, tmp_path: Path) ->
 
 def test_an_obstacle_brings_the_stripes_between_within_the_pause(free_endpoint: str, tmp_path: Path) -> None:
     """The dark patch of the demo's terrain: 70 stripes, heights as in the world, the recording holds all of them."""
-    robot = SimulatedRobot(fps=120.0)
+    robot = SimulatedRobot(size=SIZE, fps=120.0)
     path = tmp_path / "walk.mcap"
     recorder = ScanRecorder(path, robot="guara", calibration=robot.calibration)
     pause = next(robot.walk(cycles=0))
@@ -83,7 +85,7 @@ def test_an_obstacle_brings_the_stripes_between_within_the_pause(free_endpoint: 
 def test_the_simulated_walk_goes_on_until_it_is_stopped(free_endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pause after pause is published, and the walk ends when told to."""
     monkeypatch.setattr("guara_perception.app.node.simulated_walk.REST_S", 0.0)
-    robot = SimulatedRobot(fps=120.0)
+    robot = SimulatedRobot(size=SIZE, fps=120.0)
     stop = threading.Event()
     with walking(robot, free_endpoint) as (node, _, client, session):
         walk = threading.Thread(target=lambda: walk_until_stopped(robot, node, session, "guara", stop), daemon=True)
