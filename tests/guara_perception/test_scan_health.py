@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import re
-import struct
-from collections.abc import Callable
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,11 +11,9 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from benchmarks.accuracy import figures, load_truth
-from guara_perception.app.files.scan_folder import read_picture
 from guara_perception.methods import METHODS
 from guara_perception.own_body import OwnBody
 from guara_perception.scan_report import advice, regional_coverage
-from guara_perception.simulation.specimen import rotation
 from kinematics import RobotModel, Stance
 
 
@@ -211,140 +205,3 @@ def test_own_body_is_asked_in_the_footprint_frame(paper_scan: gp.Scan, robot: Ro
     body = OwnBody(state, transform, (eye,))
     np.testing.assert_array_equal(body.contains(np.array([sole, [0.7, 0, 0], [np.nan] * 3])), [True, False, False])
     np.testing.assert_array_equal(body.hides(np.array([[0.0, 0.0, 0.0], [3.0, 0, 0]])), [True, False])
-
-
-def spoiled(scan: gp.Scan, change: Callable[[int, np.ndarray], np.ndarray]) -> gp.Scan:
-    """The scan with every frame changed; `change` gets its place, that of a shared laser-off frame is -1."""
-    places = {stripe.off: -1 for stripe in scan.stripes} | {stripe.on: k for k, stripe in enumerate(scan.stripes)}
-    return dataclasses.replace(scan, read_frame=lambda name: change(places[name], scan.read_frame(name)))
-
-
-def renamed(scan: gp.Scan, frames: list[str]) -> gp.Scan:
-    """The scan whose stripes, as many as frames, have these frames."""
-    stripes = tuple(dataclasses.replace(s, on=on) for s, on in zip(scan.stripes[-len(frames) :], frames, strict=True))
-    return dataclasses.replace(scan, stripes=stripes)
-
-
-def raw_bayer(frame: np.ndarray) -> np.ndarray:
-    """What a sensor behind a colour filter delivers of a picture."""
-    raw = frame[:, :, 1].copy()
-    raw[::2, ::2], raw[1::2, 1::2] = frame[::2, ::2, 0], frame[1::2, 1::2, 2]
-    return raw
-
-
-def reasons(scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel) -> tuple[gp.TerrainGrid, str]:
-    terrain = gp.process_scan(scan, calibration, robot, pictures=False)
-    assert terrain.metadata["health"]["level"] == "degraded"
-    return terrain, terrain.metadata["health"]["reasons"][-1]
-
-
-@pytest.mark.slow
-def test_orientation_order_and_pattern_are_told_before_the_laser_is_blamed(paper_scan, calibration, robot) -> None:
-    """A good scan, spoiled in one way each: the reason names that way, and no stronger laser."""
-    frames = [stripe.on for stripe in paper_scan.stripes]
-    every_second = dataclasses.replace(paper_scan, stripes=paper_scan.stripes[::2])
-    cases = {
-        "the frames are turned by 180 degrees": spoiled(paper_scan, lambda k, frame: cv2.rotate(frame, cv2.ROTATE_180)),
-        "the frames are flipped top to bottom": spoiled(paper_scan, lambda k, frame: frame[::-1].copy()),
-        r"\d+ of \d+ frames looked at are flipped top to bottom": spoiled(
-            paper_scan, lambda k, frame: frame[::-1].copy() if k % 2 == 1 else frame
-        ),
-        r"\d+ of \d+ frames looked at are turned by 180 degrees": spoiled(
-            paper_scan, lambda k, frame: cv2.rotate(frame, cv2.ROTATE_180) if k % 2 == 1 else frame
-        ),
-        "no two neighbours of the pattern were fired.*every second stripe is missing": every_second,
-        'a coarse scan was given mode "standard"': dataclasses.replace(paper_scan, mode="standard"),
-        "the frames are in reverse order": renamed(paper_scan, frames[::-1]),
-        "the frames are 6 stripe indices behind": renamed(paper_scan, frames[:-3]),
-    }
-    for words, scan in cases.items():
-        _, said = reasons(scan, calibration, robot)
-        assert re.search(words, said), (words, said)
-        assert "stronger laser" not in said
-
-
-@pytest.mark.slow
-def test_raw_bayer_taken_as_grey_is_refused(paper_scan, calibration, robot) -> None:
-    """Every frame that shows a stripe is refused with what to do; the scan in true grey is as good as in colour."""
-    raw, _ = reasons(spoiled(paper_scan, lambda k, frame: raw_bayer(frame)), calibration, robot)
-    assert raw.metadata["known"] == 0 and len(raw.metadata["frames_bad"]) > 30
-    assert "raw Bayer data taken as grey" in raw.metadata["health"]["reasons"][0]
-    for change in (lambda k, frame: cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), lambda k, frame: frame[:, :, 2].copy()):
-        grey = gp.process_scan(spoiled(paper_scan, change), calibration, robot, pictures=False)
-        assert not grey.metadata["frames_bad"] and grey.metadata["known"] > 0.9
-
-
-def test_the_advice_tells_where_stripes_were_found() -> None:
-    """Found too low or too high all over: the calibration is blamed, not the laser; what is wrong as a whole first."""
-    counts = np.array([2000, 0, 0, 0, 0, 8000, 0])
-    assert "8000 columns show a stripe where none can be, too high or too low" in advice(0.1, counts)
-    assert "stronger laser" in advice(0.1, np.array([7000, 0, 0, 0, 0, 3000, 0]))
-    assert "expose less" in advice(0.1, np.array([100, 0, 400, 200, 0, 300, 0]))
-    assert advice(0.1, counts, "the frames are turned").endswith("returned the laser: the frames are turned")
-
-
-def mount_lifted(calibration: gp.Calibration, by: float) -> gp.Calibration:
-    """The calibration with camera and laser this much higher [m]."""
-    transform = calibration.transform_camera_to_base.copy()
-    transform[2, 3] += by
-    return dataclasses.replace(calibration, transform_camera_to_base=transform)
-
-
-def mirror_slipped(calibration: gp.Calibration, robot: RobotModel, degrees: float) -> gp.Calibration:
-    """The calibration with every plane of the laser turned about the mirror's axis."""
-    to_camera = np.linalg.inv(calibration.transform_camera_to_base)
-    point = to_camera[:3, :3] @ robot.transform_laser_to_base[:3, 3] + to_camera[:3, 3]
-    turn = rotation(np.deg2rad(degrees) * to_camera[:3, 1])
-    stripes = []
-    for stripe in calibration.stripes:
-        normal = turn @ stripe.plane[:3]
-        plane = np.append(normal, stripe.plane[3] + (stripe.plane[:3] - normal) @ point)
-        stripes.append(dataclasses.replace(stripe, plane=plane))
-    return dataclasses.replace(calibration, stripes=tuple(stripes))
-
-
-@pytest.mark.slow
-def test_not_found_found_elsewhere_and_not_usable_are_told_apart(paper_scan, calibration, robot) -> None:
-    """A good scan, broken in each of the three ways: no light, light where no stripe can be, light that clips."""
-    elsewhere = "where none can be, too high or too low: the calibration is of another rangefinder, camera or mirror"
-    for moved_calibration in (
-        *(mount_lifted(calibration, by) for by in (-0.1, 0.2)),
-        *(mirror_slipped(calibration, robot, by) for by in (-12.0, -8.0, -5.0, 8.0, 12.0)),
-    ):
-        _, said = reasons(paper_scan, moved_calibration, robot)
-        assert elsewhere in said and "expose less" not in said and "stronger laser" not in said
-    shared = paper_scan.stripes[0].off
-    dark = dataclasses.replace(
-        paper_scan, read_frame=lambda name: paper_scan.read_frame(shared if name != shared else name)
-    )
-    assert "check that the laser is on" in reasons(dark, calibration, robot)[1]
-    clipped = spoiled(
-        paper_scan, lambda k, frame: frame if k < 0 else np.where(frame > 60, 255, frame).astype(np.uint8)
-    )
-    assert "expose less" in reasons(clipped, calibration, robot)[1]
-
-
-def with_orientation(picture: np.ndarray, orientation: int) -> bytes:
-    """A JPEG file with this EXIF orientation."""
-    content = cv2.imencode(".jpg", picture)[1].tobytes()
-    tag = struct.pack("<2sHIHHHII", b"II", 42, 8, 1, 0x0112, 3, 1, orientation) + bytes(4)
-    exif = b"Exif\0\0" + tag
-    return content[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + content[2:]
-
-
-def test_exif_orientation_is_refused_in_one_way(paper_scan, calibration, robot, tmp_path) -> None:
-    """A picture that is to be shown turned is refused; in a scan its stripe is lost and the report says why."""
-    picture = paper_scan.read_frame(paper_scan.stripes[15].on)
-    (tmp_path / "turned.jpg").write_bytes(with_orientation(picture, 3))
-    (tmp_path / "normal.jpg").write_bytes(with_orientation(picture, 1))
-    assert read_picture(tmp_path / "normal.jpg").shape == picture.shape
-    with pytest.raises(gp.FileFormatError, match="EXIF orientation says that it is to be shown turned"):
-        read_picture(tmp_path / "turned.jpg")
-    names = [stripe.on for stripe in paper_scan.stripes]
-
-    def read(name: str) -> np.ndarray:
-        return read_picture(tmp_path / "turned.jpg") if name == names[15] else paper_scan.read_frame(name)
-
-    mixed = gp.process_scan(dataclasses.replace(paper_scan, read_frame=read), calibration, robot, pictures=False)
-    (reason,) = mixed.metadata["frames_bad"].values()
-    assert "EXIF orientation" in reason

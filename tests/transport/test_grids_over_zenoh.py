@@ -1,27 +1,21 @@
-"""Tests of grids between processes: newest only, late joiners, routers and nodes that die."""
+"""Tests of grids between processes: whole, newest only, late joiners, how old they may be, questions and status."""
 
 import math
-import signal
 import time
 
 import numpy as np
 import pytest
 
 import transport
+from tests.transport.client_at import client_at
 from transport import keys
-from transport.messages.codec import decode, encode
-from transport.messages.stance_pause import make_stance_pause
-from transport.publisher import Publisher
-
-
-def _client(endpoint: str) -> transport.PerceptionClient:
-    return transport.PerceptionClient(transport.open_client(endpoint, timeout=180.0))
+from transport.messages.codec import decode
 
 
 def test_a_grid_travels_whole_between_processes(start, endpoint: str, peer) -> None:
     """A planner in another process gets the same grid, bit for bit."""
     node = start("node", endpoint)
-    with _client(endpoint) as client:
+    with client_at(endpoint) as client:
         client.receiver()
         node.tell("publish 5")
         terrain = client.wait_for(lambda grid: grid.sequence == 5, timeout=180.0)
@@ -37,11 +31,11 @@ def test_late_joiners_get_the_last_grid(start, endpoint: str) -> None:
     node.tell("publish 1")
     node.tell("publish 2")
     node.tell("map 3")
-    with _client(endpoint) as client:
+    with client_at(endpoint) as client:
         client.wait_for(lambda grid: grid.sequence == 2, timeout=180.0)
         client.wait_for(lambda grid: grid.sequence == 3, timeout=30.0, extent="map")
     for _ in range(5):
-        with _client(endpoint) as client:
+        with client_at(endpoint) as client:
             assert client.wait_for(lambda _: True, timeout=180.0).sequence == 2
             assert client.wait_for(lambda _: True, timeout=30.0, extent="map").shape == (140, 320)
             assert client.latest().sequence == 2
@@ -71,7 +65,7 @@ def test_a_slow_reader_gets_the_newest_and_counts_the_rest(endpoint: str, peer, 
     """Grids that nobody asked for are superseded, never queued."""
     with transport.open_node(listen=endpoint) as session:
         publisher = transport.Publisher(session, keys.terrain_key())
-        with _client(endpoint) as client:
+        with client_at(endpoint) as client:
             receiver = client.receiver()
             publisher.put(transport.encode_terrain(peer.make_terrain(100, shape=(4, 5))))
             client.wait_for(lambda grid: grid.sequence == 100, timeout=180.0)
@@ -94,7 +88,7 @@ def test_callback_sees_only_newer_grids_and_survives_errors(endpoint: str, peer,
 
     with transport.open_node(listen=endpoint) as session:
         publisher = transport.Publisher(session, keys.terrain_key())
-        with _client(endpoint) as client:
+        with client_at(endpoint) as client:
             client.on_terrain(callback)
             for sequence in range(1, 31):
                 publisher.put(transport.encode_terrain(peer.make_terrain(sequence, shape=(4, 5))))
@@ -107,7 +101,7 @@ def test_a_damaged_grid_is_an_error_not_an_older_grid(endpoint: str, peer, event
     """After damage the reader is told, waiting passes it over, and the next grid is fine again."""
     with transport.open_node(listen=endpoint) as session:
         publisher = transport.Publisher(session, keys.terrain_key())
-        with _client(endpoint) as client:
+        with client_at(endpoint) as client:
             good = transport.encode_terrain(peer.make_terrain(1, shape=(4, 5)))
             publisher.put(good)
             client.wait_for(lambda grid: grid.sequence == 1, timeout=180.0)
@@ -125,7 +119,7 @@ def test_age_decides_what_may_be_used(endpoint: str, peer) -> None:
     """A grid older than max_age, or than its own validity in time or pauses, is refused in words."""
     with transport.open_node(listen=endpoint) as session:
         server = transport.PerceptionServer(session)
-        with _client(endpoint) as client:
+        with client_at(endpoint) as client:
             with pytest.raises(transport.StaleTerrain, match="runs, but has published no footprint grid yet"):
                 client.latest()
             old = time.time_ns() - 5_000_000_000
@@ -148,7 +142,7 @@ def test_a_grid_outlives_only_its_pauses(endpoint: str, peer, eventually) -> Non
     """When the robot has made more pauses than the grid is valid for, it is stale however young."""
     with transport.open_node(listen=endpoint) as session:
         server = transport.PerceptionServer(session)
-        with _client(endpoint) as client:
+        with client_at(endpoint) as client:
             server.publish(peer.make_terrain(1, step=3, valid_pauses=2))
             client.wait_for_step(3, timeout=180.0)
             for step in (3, 5):
@@ -175,7 +169,7 @@ def test_a_grid_outlives_only_its_pauses(endpoint: str, peer, eventually) -> Non
 @pytest.mark.slow
 def test_without_a_node_the_scanner_is_unavailable(endpoint: str) -> None:
     """Nobody there is told from nothing new."""
-    with transport.open_node(listen=endpoint), _client(endpoint) as client:
+    with transport.open_node(listen=endpoint), client_at(endpoint) as client:
         with pytest.raises(transport.ScannerUnavailable, match="no node of robot 'guara' is to be seen"):
             client.latest()
         with pytest.raises(transport.ScannerUnavailable):
@@ -188,105 +182,12 @@ def test_without_a_node_the_scanner_is_unavailable(endpoint: str) -> None:
             client.latest(extent="all")
 
 
-def test_nothing_in_time_is_a_timeout_and_a_death_is_told(start, endpoint: str, eventually) -> None:
-    """Waiting in vain says whether the node lives; its killing is seen."""
-    router = start("router", endpoint)
-    node = start("node", endpoint, "connect")
-    with _client(endpoint) as client:
-        assert client.wait_until_alive(30.0)
-        with pytest.raises(transport.ReceiveTimeout, match="no message on"):
-            client.wait_for_step(99, timeout=0.1)
-        node.kill()
-        assert eventually(lambda: not client.is_alive)
-        with pytest.raises(transport.ScannerGone, match="went away"):
-            client.wait_for_step(99, timeout=0.1)
-    router.kill()
-
-
-def test_a_hung_node_is_noticed(start, endpoint: str, eventually) -> None:
-    """A stopped node loses its sign of life, though nothing closed its links."""
-    start("router", endpoint)
-    node = start("node", endpoint, "connect")
-    with _client(endpoint) as client:
-        assert client.wait_until_alive(30.0)
-        node.send(signal.SIGSTOP)
-        assert eventually(lambda: not client.is_alive)
-
-
-def test_the_newest_grid_arrives_after_the_router_was_killed(start, endpoint: str) -> None:
-    """What was published while the router was dead arrives when it is back; twice."""
-    router = start("router", endpoint)
-    node = start("node", endpoint, "connect")
-    with _client(endpoint) as client:
-        node.tell("publish 1")
-        client.wait_for(lambda grid: grid.sequence == 1, timeout=180.0)
-        for number in (2, 4):
-            router.kill()
-            node.tell(f"publish {number}")
-            node.tell(f"publish {number + 1}")
-            time.sleep(0.3)
-            router = start("router", endpoint)
-            assert client.wait_for(lambda grid, n=number: grid.sequence > n, timeout=180.0)
-
-
-def test_a_stopped_planner_costs_the_healthy_one_nothing(start, endpoint: str) -> None:
-    """While one planner hangs, the other gets every grid."""
-    node = start("node", endpoint)
-    stuck = start("planner", endpoint)
-    with _client(endpoint) as client:
-        receiver = client.receiver()
-        assert client.wait_until_alive(30.0)
-        node.tell("publish 100")
-        client.wait_for(lambda grid: grid.sequence == 100, timeout=180.0)
-        before = receiver.received
-        stuck.send(signal.SIGSTOP)
-        # 60 grids of the usual 0.4 MB: more than the 16 MiB of shared memory, which the stopped one holds.
-        node.tell("stream 60 0.04 27")
-        node.expect("streamed 60")
-        client.wait_for(lambda grid: grid.sequence == 60, timeout=180.0)
-        assert receiver.received - before == 60 and receiver.missed == 0
-
-
-def test_the_last_grid_of_a_burst_arrives_over_a_slow_link(start, endpoint: str, slow_link) -> None:
-    """When a link is too slow for all grids some are lost, never the last, though nothing follows it."""
-    node = start("node", endpoint)
-    link = slow_link(endpoint, 2.5e6)
-    # Without shared memory, or the payload would not go through the link at all.
-    session = transport.open_client(link.endpoint, shared_memory=False, timeout=180.0)
-    with transport.PerceptionClient(session) as client:
-        node.tell("publish 100")
-        client.wait_for(lambda grid: grid.sequence == 100, timeout=180.0)
-        node.tell("stream 12 0.1 49")
-        assert client.wait_for(lambda grid: grid.sequence == 12, timeout=60.0)
-        assert client.receiver().received < 13
-
-
-def test_a_node_killed_while_it_publishes_leaves_no_partial_grid(start, endpoint: str, peer) -> None:
-    """Whatever arrived before a kill -9 in the middle of large puts is whole and of one scan."""
-    router = start("router", endpoint)
-    arrived: list[bool] = []
-    with transport.open_client(endpoint, timeout=180.0) as session:
-        receiver = transport.NewestReceiver(session, keys.terrain_key(), transport.decode_terrain)
-        receiver.on_newest(lambda received: arrived.append(peer.is_whole(received.message)))
-        for _ in range(3):
-            node = start("node", endpoint, "connect")
-            before = receiver.received
-            node.tell("stream 12 0 250")
-            deadline = time.monotonic() + 30.0
-            while receiver.received < before + 2 and time.monotonic() < deadline:
-                time.sleep(0.001)
-            node.kill()
-        assert receiver.rejected == 0
-    router.kill()
-    assert len(arrived) >= 3 and all(arrived)
-
-
 @pytest.mark.slow
 def test_query_returns_the_newest_grid_or_a_region(endpoint: str, peer) -> None:
     """A question is answered with the newest grid, cut to the region when one is given."""
     with transport.open_node(listen=endpoint) as session:
         server = transport.PerceptionServer(session)
-        with _client(endpoint) as client:
+        with client_at(endpoint) as client:
             with pytest.raises(transport.StaleTerrain, match="no grid of extent 'map' yet"):
                 client.query(extent="map")
             terrain = peer.make_terrain(8)
@@ -323,7 +224,7 @@ def test_status_tells_how_the_node_does(endpoint: str, peer, eventually) -> None
     collect = [lambda: items]
     with transport.open_node(listen=endpoint) as session:
         server = transport.PerceptionServer(session, collect_status=lambda: collect[0]())
-        with _client(endpoint) as client:
+        with client_at(endpoint) as client:
             server.publish(peer.make_terrain(1, step=7))
 
             def is_told() -> bool:
@@ -340,69 +241,3 @@ def test_status_tells_how_the_node_does(endpoint: str, peer, eventually) -> None
             server.status_changed()
             assert eventually(lambda: client.status().level is transport.Health.ERROR)
             assert "division by zero" in client.status().item("status").message
-
-
-def test_both_ends_of_a_pause_reach_the_node(start, endpoint: str, peer) -> None:
-    """Begin and end are seen in order, and a node that comes later still gets the last one."""
-    node = start("node", endpoint)
-    with transport.open_client(endpoint, timeout=180.0) as session:
-        publisher = transport.StancePublisher(session)
-        for phase in (transport.PausePhase.BEGIN, transport.PausePhase.END):
-            publisher.publish(
-                transport.StancePause(robot="guara", step=4, phase=phase, stamp=1, stance=peer.make_stance())
-            )
-            assert node.expect("pause") == f"pause 4 {phase.name}"
-        with pytest.raises(transport.MessageError, match=r"of robot 'lobo' on the key of 'guara' reaches nobody"):
-            publisher.publish(transport.StancePause(robot="lobo", step=5, phase=1, stamp=1, stance=peer.make_stance()))
-        publisher.publish(transport.StancePause(robot="guara", step=5, phase=1, stamp=1, stance=peer.make_stance()))
-        publisher.flush(30.0)
-        late: list[int] = []
-        receiver = transport.StanceReceiver(session, on_pause=lambda pause: late.append(pause.step))
-        assert receiver.wait_for(lambda pause: pause.step == 5, 30.0)
-
-
-@pytest.mark.slow
-def test_an_announcement_that_is_none_is_told_and_the_next_one_heard(endpoint: str, eventually) -> None:
-    """Damaged bytes, or a joint that is NaN, must not pass unnoticed: it may have been the end of a pause."""
-    refused: list[str] = []
-    heard: list[int] = []
-    with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint, timeout=180.0) as other:
-        transport.StanceReceiver(
-            session,
-            on_pause=lambda pause: heard.append(pause.step),
-            on_refused=lambda error: refused.append(str(error)),
-        )
-        raw = Publisher(other, keys.stance_key("guara"))
-        raw.put(b"no message at all")
-        assert eventually(lambda: len(refused) == 1)
-        stance = transport.StanceMessage(joint_positions={"lf_haa_joint": 0.1}, support_feet=("lf",))
-        good = transport.StancePause(robot="guara", step=7, phase=transport.PausePhase.END, stamp=1, stance=stance)
-        broken = make_stance_pause(good)
-        broken.stance.joint_positions[0] = np.nan
-        raw.put(encode(broken))
-        assert eventually(lambda: len(refused) == 2) and "lf_haa_joint" in refused[1] and heard == []
-        raw.put(encode(make_stance_pause(good)))
-        assert eventually(lambda: heard == [7])
-
-
-@pytest.mark.slow
-def test_who_comes_within_a_pause_hears_its_begin_and_not_its_holds(endpoint: str, peer, eventually) -> None:
-    """HOLD is for those who listen now; a node that starts meanwhile needs the BEGIN, and then hears every HOLD."""
-    with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint, timeout=180.0) as other:
-        publisher = transport.StancePublisher(other)
-
-        def say(phase: transport.PausePhase, stamp: int) -> None:
-            told = {"robot": "guara", "step": 5, "phase": phase, "stamp": stamp, "stance": peer.make_stance()}
-            publisher.publish(transport.StancePause(**told))
-            publisher.flush(30.0)
-
-        say(transport.PausePhase.BEGIN, 1)
-        say(transport.PausePhase.HOLD, 2)
-        heard: list[tuple[str, int]] = []
-        transport.StanceReceiver(session, on_pause=lambda pause: heard.append((pause.phase.name, pause.stamp)))
-        assert eventually(lambda: heard == [("BEGIN", 1)])
-        for stamp in range(3, 40):
-            say(transport.PausePhase.HOLD, stamp)
-        say(transport.PausePhase.END, 40)
-        assert eventually(lambda: heard[-1] == ("END", 40))
-        assert heard == [("BEGIN", 1), *(("HOLD", stamp) for stamp in range(3, 40)), ("END", 40)]

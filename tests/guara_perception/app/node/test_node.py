@@ -45,9 +45,9 @@ def test_each_pause_gives_a_grid_and_a_map(bench: Bench) -> None:
         assert fused.extent == "map"
         assert not np.any((fused.traversability > 0) & ((fused.hazard & UNKNOWN_MASK) != 0))
     assert np.isfinite(fused.elevation).sum() >= np.isfinite(terrain.elevation).sum() * 0.95
-    status = bench.status.items()
-    assert {item.name for item in status} == {"calibration", "drift", "scanner"}
-    assert all(item.level is Health.OK for item in status)
+    # The status follows the grid.
+    assert wait_until(lambda: {item.name for item in bench.status.items()} == {"calibration", "drift", "scanner"})
+    assert all(item.level is Health.OK for item in bench.status.items())
 
 
 def test_views_get_points_and_picture_of_each_scan(bench: Bench, paper_scan: gp.Scan) -> None:
@@ -107,8 +107,8 @@ def test_automatic_exposure_that_is_on_again_shows_in_health_and_status(bench: B
     (reason,) = health["reasons"]
     assert health["level"] == "degraded"
     assert "automatic exposure is on, it was locked at 0.004 s: see that no other program" in reason
-    scanner = next(item for item in bench.status.items() if item.name == "scanner")
-    assert scanner.level is Health.WARN and scanner.message == reason
+    told = {("scanner", Health.WARN, reason)}
+    assert wait_until(lambda: told <= {(item.name, item.level, item.message) for item in bench.status.items()})
     bench.rig.camera.automatic.clear()
     bench.gait.say(1, PausePhase.BEGIN)
     assert bench.client.wait_for_step(1, timeout=TIMEOUT).metadata["health"]["level"] == "ok"
@@ -127,7 +127,7 @@ def test_a_scan_during_which_the_camera_moved_is_not_published(bench: Bench) -> 
     assert wait_until(lambda: any("camera moved" in item.message for item in bench.status.items()))
     bench.gait.say(1, PausePhase.BEGIN)
     assert bench.client.wait_for_step(0, timeout=TIMEOUT).step == 1
-    assert all(item.level is Health.OK for item in bench.status.items())
+    assert wait_until(lambda: all(item.level is Health.OK for item in bench.status.items()))
 
 
 def test_a_stance_that_is_no_stance_is_not_scanned(bench: Bench) -> None:

@@ -166,7 +166,7 @@ def test_a_scan_whose_pause_ends_with_joints_lost_is_not_used(bench: Bench, what
     assert first.step == 1 and first.metadata["sequence"] == 1
     np.testing.assert_array_equal(first.hazard, bench.rig.reference.hazard)
     assert bench.client.wait_for_step(0, timeout=TIMEOUT, extent="map").step == 1
-    assert all(item.level is Health.OK for item in bench.status.items())
+    assert wait_until(lambda: all(item.level is Health.OK for item in bench.status.items()))
 
 
 @pytest.mark.parametrize("phase", list(PausePhase))

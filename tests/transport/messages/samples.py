@@ -1,0 +1,30 @@
+"""Messages that the tests of the codec encode."""
+
+import transport
+
+# Of "walk-7" and its length, behind a message that ends on four bytes.
+EPOCH_BYTES = 4 + 7
+
+
+def sample_pause(peer) -> transport.StancePause:
+    """The end of a pause, with declared ground."""
+    ground = transport.GroundPatch(outline=[[0, 0], [1, 0], [1, 1.5]], height=0.01, sigma=0.002)
+    return transport.StancePause(
+        robot="guara",
+        step=-3,
+        phase=transport.PausePhase.END,
+        stamp=peer.STAMP + 7,
+        stance=peer.make_stance(),
+        time_available=2.5,
+        known_ground=(ground,),
+        epoch="walk-7",
+    )
+
+
+def sample_status(peer) -> transport.Status:
+    """One item that is well and one that is not."""
+    items = (
+        transport.StatusItem(name="a", level=transport.Health.OK, values={"x": "1", "y_ms": "2.5"}),
+        transport.StatusItem(name="b", level=transport.Health.ERROR, message="no", hardware_id="usb"),
+    )
+    return transport.Status(stamp=peer.STAMP, items=items)

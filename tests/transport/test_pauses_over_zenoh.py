@@ -1,0 +1,76 @@
+"""Stance pauses between processes: both ends are heard, what is no announcement is told."""
+
+import numpy as np
+import pytest
+
+import transport
+from transport import keys
+from transport.messages.codec import encode
+from transport.messages.stance_pause import make_stance_pause
+from transport.publisher import Publisher
+
+
+def test_both_ends_of_a_pause_reach_the_node(start, endpoint: str, peer) -> None:
+    """Begin and end are seen in order, and a node that comes later still gets the last one."""
+    node = start("node", endpoint)
+    with transport.open_client(endpoint, timeout=180.0) as session:
+        publisher = transport.StancePublisher(session)
+        for phase in (transport.PausePhase.BEGIN, transport.PausePhase.END):
+            publisher.publish(
+                transport.StancePause(robot="guara", step=4, phase=phase, stamp=1, stance=peer.make_stance())
+            )
+            assert node.expect("pause") == f"pause 4 {phase.name}"
+        with pytest.raises(transport.MessageError, match=r"of robot 'lobo' on the key of 'guara' reaches nobody"):
+            publisher.publish(transport.StancePause(robot="lobo", step=5, phase=1, stamp=1, stance=peer.make_stance()))
+        publisher.publish(transport.StancePause(robot="guara", step=5, phase=1, stamp=1, stance=peer.make_stance()))
+        publisher.flush(30.0)
+        late: list[int] = []
+        receiver = transport.StanceReceiver(session, on_pause=lambda pause: late.append(pause.step))
+        assert receiver.wait_for(lambda pause: pause.step == 5, 30.0)
+
+
+@pytest.mark.slow
+def test_an_announcement_that_is_none_is_told_and_the_next_one_heard(endpoint: str, eventually) -> None:
+    """Damaged bytes, or a joint that is NaN, must not pass unnoticed: it may have been the end of a pause."""
+    refused: list[str] = []
+    heard: list[int] = []
+    with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint, timeout=180.0) as other:
+        transport.StanceReceiver(
+            session,
+            on_pause=lambda pause: heard.append(pause.step),
+            on_refused=lambda error: refused.append(str(error)),
+        )
+        raw = Publisher(other, keys.stance_key("guara"))
+        raw.put(b"no message at all")
+        assert eventually(lambda: len(refused) == 1)
+        stance = transport.StanceMessage(joint_positions={"lf_haa_joint": 0.1}, support_feet=("lf",))
+        good = transport.StancePause(robot="guara", step=7, phase=transport.PausePhase.END, stamp=1, stance=stance)
+        broken = make_stance_pause(good)
+        broken.stance.joint_positions[0] = np.nan
+        raw.put(encode(broken))
+        assert eventually(lambda: len(refused) == 2) and "lf_haa_joint" in refused[1] and heard == []
+        raw.put(encode(make_stance_pause(good)))
+        assert eventually(lambda: heard == [7])
+
+
+@pytest.mark.slow
+def test_who_comes_within_a_pause_hears_its_begin_and_not_its_holds(endpoint: str, peer, eventually) -> None:
+    """HOLD is for those who listen now; a node that starts meanwhile needs the BEGIN, and then hears every HOLD."""
+    with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint, timeout=180.0) as other:
+        publisher = transport.StancePublisher(other)
+
+        def say(phase: transport.PausePhase, stamp: int) -> None:
+            told = {"robot": "guara", "step": 5, "phase": phase, "stamp": stamp, "stance": peer.make_stance()}
+            publisher.publish(transport.StancePause(**told))
+            publisher.flush(30.0)
+
+        say(transport.PausePhase.BEGIN, 1)
+        say(transport.PausePhase.HOLD, 2)
+        heard: list[tuple[str, int]] = []
+        transport.StanceReceiver(session, on_pause=lambda pause: heard.append((pause.phase.name, pause.stamp)))
+        assert eventually(lambda: heard == [("BEGIN", 1)])
+        for stamp in range(3, 40):
+            say(transport.PausePhase.HOLD, stamp)
+        say(transport.PausePhase.END, 40)
+        assert eventually(lambda: heard[-1] == ("END", 40))
+        assert heard == [("BEGIN", 1), *(("HOLD", stamp) for stamp in range(3, 40)), ("END", 40)]
