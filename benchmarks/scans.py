@@ -17,6 +17,7 @@ from benchmarks.contenders import LITERAL, LOOPS, OURS, USER, extractors, refere
 from benchmarks.rounds import Ratio, alternate, number
 from benchmarks.scenes import Recording
 from benchmarks.section import Effort, Section
+from guara_perception.app.node.live_scan import STRIPES_AFTER
 from guara_perception.settings import Settings
 
 REFERENCE = "reference extraction of the same frames"
@@ -146,7 +147,11 @@ def _one_scan(recording: Recording) -> dict[str, float]:
     start = time.perf_counter()
     processor = recording.processor()
     prepared = time.perf_counter() - start
-    recording.add_to(processor, but_last=1)
+    # As the node does: what is there is judged while the last stripes are still to come.
+    recording.add_to(processor, but_last=STRIPES_AFTER)
+    processor.work_ahead()
+    for frames in recording.frames[-STRIPES_AFTER:-1]:
+        processor.add(*frames)
     start = time.perf_counter()
     processor.add(*recording.frames[-1])
     terrain = processor.finish()

@@ -9,7 +9,8 @@ import numpy as np
 from guara_perception.arrays import Flags
 from guara_perception.ranging.groups import TOGETHER, in_groups
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.ranging.surface import Key, line_samples, surface_keys, surface_of
+from guara_perception.ranging.surface import Key, line_samples, surface_of
+from guara_perception.terrain.assessment.columns import runs
 from guara_perception.terrain.assessment.raster import (
     CellSamples,
     Raster,
@@ -37,9 +38,15 @@ class SurfaceRaster:
         self._pattern = pattern
         self._stripes: dict[int, StripePoints] = {}
         self._join_height = join_height
-        self._final: dict[Key, CellSamples] = {}
-        self._out_of_range = np.zeros(geometry.shape, dtype=bool)
-        self._too_high = np.zeros(geometry.shape, dtype=bool)
+        # By swath, and the columns in which each has samples.
+        self._swaths: dict[Key, CellSamples] = {}
+        self._columns: dict[Key, slice] = {}
+        # Those that have to be made, as a stripe that they depend on came, and columns to be merged.
+        self._to_make: set[Key] = set()
+        self._to_merge = np.zeros(geometry.shape[1], dtype=bool)
+        self._raster = merge((), geometry)
+        self._out_of_range, self._too_high, self._doubtful = (np.zeros(geometry.shape, dtype=bool) for _ in range(3))
+        self._with_doubts: set[int] = set()
 
     @property
     def stripes(self) -> dict[int, StripePoints]:
@@ -51,29 +58,36 @@ class SurfaceRaster:
         for group in in_groups(list(stripes)):
             self._stripes.update((index, stripes[index]) for index in group)
             self._mark_out_of_range(group)
-            touched = {key for index in group for key in self._touched(index)}
-            self._final.update(self._swaths(sorted(key for key in touched if self._is_settled(key))))
+            self._to_make.update(key for index in group for key in self._touched(index) if self._is_there(key))
+            self._make([key for key in self._to_make if self._is_settled(key)])
 
     def raster(self) -> Raster:
         """Heights of all that was added so far; a cell with a return above the height limits is not known.
 
         A return below them says only why a cell is unknown: from under a surface that was seen nothing can return, so
-        there it is a stray reflection.
+        there it is a stray reflection. What was merged the last time is merged again only in the columns that swaths
+        made since then touch.
         """
-        keys = surface_keys(self._stripes, self._pattern)
-        swaths = self._final | self._swaths([key for key in keys if key not in self._final])
-        merged = merge((swaths[key] for key in sorted(swaths)), self._geometry)
-        return without_cells(merged, self._too_high)
+        self._make(list(self._to_make))
+        for columns in runs(self._to_merge):
+            there = [
+                self._swaths[key]
+                for key, own in sorted(self._columns.items())
+                if own.start < columns.stop and columns.start < own.stop
+            ]
+            self._raster = self._raster.with_columns(columns, merge(there, self._geometry, columns))
+        self._to_merge.fill(False)
+        return without_cells(self._raster, self._too_high)
 
     def marks(self) -> Flags:
         """Flags of returns that were seen in a cell and may not be used."""
-        marks = np.where(self._out_of_range, np.uint16(Hazard.OUT_OF_RANGE), np.uint16(0))
-        # Few of each stripe: those of all stripes in one go.
-        doubtful = [stripe.doubtful.points for stripe in self._stripes.values() if stripe.doubtful.columns.size]
-        if doubtful:
-            cell, _ = cells_of(np.concatenate(doubtful), self._geometry)
-            marks.ravel()[cell] |= np.uint16(Hazard.AMBIGUOUS)
-        return marks
+        # Few of each stripe: those of many stripes in one go.
+        fresh = [stripe.doubtful.points for index, stripe in self._stripes.items() if index not in self._with_doubts]
+        if fresh:
+            cell, _ = cells_of(np.concatenate(fresh), self._geometry)
+            self._doubtful.ravel()[cell] = True
+            self._with_doubts.update(self._stripes)
+        return self._out_of_range * np.uint16(Hazard.OUT_OF_RANGE) | self._doubtful * np.uint16(Hazard.AMBIGUOUS)
 
     def _touched(self, index: int) -> list[Key]:
         """Stripes and pairs whose surface depends on a stripe."""
@@ -87,19 +101,25 @@ class SurfaceRaster:
         return key[0] in self._stripes and key[1] in self._stripes
 
     def _is_settled(self, key: Key) -> bool:
+        """Whether no stripe that is still to come can change a swath."""
         first, second = key
         around = (first - self._pattern.step, second + self._pattern.step)
-        return self._is_there(key) and all(i in self._stripes or i not in self._pattern for i in around)
+        return all(i in self._stripes or i not in self._pattern for i in around)
 
-    def _swaths(self, keys: list[Key]) -> dict[Key, CellSamples]:
+    def _make(self, keys: list[Key]) -> None:
+        """Rasterise swaths by the stripes that are there."""
         cell = self._geometry.resolution
         low = self._geometry.origin[1] - cell
         y_range = (low, low + (self._geometry.shape[0] + 2) * cell)
-        swaths: dict[Key, CellSamples] = {}
-        for group in in_groups(keys, 2 * TOGETHER):
+        for group in in_groups(sorted(keys), 2 * TOGETHER):
             samples = surface_of(self._stripes, group, self._pattern, self._join_height, cell, y_range)
-            swaths.update(zip(group, rasterise_swaths(samples, len(group), self._geometry), strict=True))
-        return swaths
+            found = rasterise_swaths(samples, len(group), self._geometry)
+            for key, swath in zip(group, found, strict=True):
+                columns = swath.columns(self._geometry)
+                for touched in (columns, self._columns.get(key, columns)):
+                    self._to_merge[touched] = True
+                self._swaths[key], self._columns[key] = swath, columns
+        self._to_make.difference_update(keys)
 
     def _mark_out_of_range(self, group: list[int]) -> None:
         """Mark the cells of returns from beyond the height limits, and those between two such returns."""

@@ -69,10 +69,54 @@ def test_any_order_and_grouping_gives_the_same_bits(name: str, data: st.DataObje
         single.add(index, on, off)
     shuffled = data.draw(st.permutations(given_frames) if data.draw(st.booleans()) else st.just(given_frames))
     sizes = data.draw(st.lists(st.integers(1, 12), min_size=1, max_size=6))
-    for group in grouped(shuffled, sizes):
+    turns = list(grouped(shuffled, sizes))
+    ahead = data.draw(st.frozensets(st.integers(0, len(turns) - 1), max_size=4))
+    for turn, group in enumerate(turns):
+        if turn in ahead:
+            several.work_ahead()
         profiles = several.add_all(group)
         assert [profile.reason for profile in profiles] == [single.profiles[pair.index].reason for pair in group]
     same_result(several, single)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["dark", "paper", "tilt"])
+@pytest.mark.parametrize("late", [(), (-1,), (12, -1), (0, 20, 21)])
+def test_work_ahead_changes_no_bit_whichever_stripes_are_late(name: str, late: tuple[int, ...]) -> None:
+    """The last three, one missed and taken again at the end, one lost for good: the grid of all of them at once."""
+    frames = list(recording(name)[1])
+    lost = frames.pop(9)[0]
+    again = [frames[place] for place in late]
+    in_time = [each for place, each in enumerate(frames) if place not in {late_one % len(frames) for late_one in late}]
+    direct, ahead = processor(name), processor(name)
+    for index, on, off in frames:
+        direct.add(index, on, off)
+    for group in grouped(in_time[:-3], [8]):
+        ahead.add_all(group)
+    ahead.work_ahead()
+    for group in grouped([*in_time[-3:], *again], [1]):
+        ahead.add_all(group)
+    for each in (direct, ahead):
+        each.mark_bad(lost, "frame lost")
+    same_result(ahead, direct)
+    # And once more, with nothing new.
+    same_result(ahead, direct)
+    wide = ahead.finish("wide"), direct.finish("wide")
+    assert all(layer.tobytes() == wide[1].layer(layer_name).tobytes() for layer_name, layer in wide[0].layers.items())
+
+
+@pytest.mark.slow
+def test_work_ahead_on_a_grid_of_coarser_cells() -> None:
+    """Cells of 10 mm, each the worst of four fine ones."""
+    frames = recording("paper")[1]
+    direct, ahead = (
+        gp.ScanProcessor(truth(), guara(), recording("paper")[0].stance, "coarse", resolution=0.01) for _ in range(2)
+    )
+    direct.add_all(pairs(frames))
+    ahead.add_all(pairs(frames[:-2]))
+    ahead.work_ahead()
+    ahead.add_all(pairs(frames[-2:]))
+    same_result(ahead, direct)
 
 
 @pytest.mark.slow

@@ -11,6 +11,10 @@ from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
 from guara_perception.frame_pair import FramePair
 from guara_perception.scan_processor import ScanProcessor
 
+# Stripes that are still to come when the grid is judged ahead: in the time that these take even a board three times
+# slower than a desktop is done with it.
+STRIPES_AFTER = 3
+
 
 @dataclass(frozen=True, slots=True)
 class LiveScan:
@@ -60,6 +64,7 @@ def live_scan(
     problems = list(rangefinder.setting_changes())
     light = LightCheck()
     failed = False
+    worked_ahead = False
     done: set[int] = set()
     stripes = rangefinder.sweep(firing_order, processor.band, should_stop)
     try:
@@ -72,6 +77,10 @@ def live_scan(
                 if on_stripe is not None:
                     for capture in group:
                         on_stripe(capture)
+                if 0 < len(firing_order) - len(done) <= STRIPES_AFTER and not worked_ahead:
+                    # The mirror has yet to turn to these, and the gait waits for what follows them.
+                    worked_ahead = True
+                    processor.work_ahead()
     except DriverError as error:
         failed = True
         problems.append(str(error))

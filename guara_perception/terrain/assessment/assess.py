@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import cv2
 import numpy as np
 
@@ -56,12 +58,10 @@ def assess_layers(
         Layers by name, read-only, in the types of `LAYERS`: elevation, variance, elevation_min, elevation_max,
         slope, step_height, roughness, clearance, traversability, hazard.
     """
-    known = np.isfinite(raster.elevation)
-    flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
-    flags[~known & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
+    flags = flags_of(raster, hazard)
     # Beyond the outermost known cells all is unknown, which counts as off the grid does: nothing to judge there.
+    known = np.isfinite(raster.elevation)
     window = _extent(known, axis=0), _extent(known, axis=1)
-
     drift = None if drift is None else np.ascontiguousarray(drift[window])
     judged = _judge_in_bands(raster.window(window), np.ascontiguousarray(flags[window]), resolution, limits, drift)
     layers: dict[str, Array] = {}
@@ -75,11 +75,24 @@ def assess_layers(
         off_grid = _sole_off_grid(flags.shape, resolution, limits) & ((flags & UNKNOWN_MASK) == 0)
         flags[off_grid] |= np.uint16(Hazard.EDGE)
         layers["traversability"][off_grid] = 0.0
-    layers["clearance"] = clearance(flags, resolution).astype(np.float32)
-    for layer in layers.values():
+    return completed(layers, resolution)
+
+
+def flags_of(raster: Raster, hazard: Flags) -> Flags:
+    """Flags known beforehand: of known cells those that are no causes; an unknown one without a cause is UNSCANNED."""
+    known = np.isfinite(raster.elevation)
+    flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
+    flags[~known & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
+    return flags
+
+
+def completed(layers: Mapping[str, Array], resolution: float) -> dict[str, Array]:
+    """The layers that `judge_soles` gives and the clearance, read-only."""
+    whole = {**layers, "clearance": clearance(layers["hazard"], resolution).astype(np.float32)}
+    for layer in whole.values():
         # Frozen here they need not be copied when a grid is made of them.
         layer.setflags(write=False)
-    return layers
+    return whole
 
 
 def _sole_off_grid(shape: tuple[int, ...], resolution: float, limits: TraversabilityLimits) -> Mask:
@@ -113,20 +126,22 @@ def _judge_in_bands(
     for start in range(0, ny, rows):
         first, end = max(start - halo, 0), min(start + rows + halo, ny)
         drifted = None if drift is None else drift[first:end]
-        band = _judge(raster.window(np.s_[first:end, :]), flags[first:end], kernel, resolution, limits, drifted)
+        tested = judge_discs(raster.window(np.s_[first:end, :]), flags[first:end], kernel, resolution, limits)
+        band = judge_soles(tested, kernel, resolution, limits, drifted)
         bands.append({name: layer[start - first : start - first + rows] for name, layer in band.items()})
     return bands[0] if len(bands) == 1 else {name: np.concatenate([b[name] for b in bands]) for name in bands[0]}
 
 
-def _judge(
-    raster: Raster,
-    flags: Flags,
-    kernel: Kernel,
-    resolution: float,
-    limits: TraversabilityLimits,
-    drift: Index | None,
+def judge_discs(
+    raster: Raster, flags: Flags, kernel: Kernel, resolution: float, limits: TraversabilityLimits
 ) -> dict[str, Array]:
-    """All layers but the clearance for a band of rows; within a halo of its first and last row they are not valid."""
+    """What the disc around each cell says of it: all layers but the clearance, without EDGE.
+
+    Args:
+        raster, resolution, limits: as in `assess_layers`.
+        flags: from `flags_of`.
+        kernel: the disc; within its radius of the border the layers say nothing of a larger grid.
+    """
     known = (flags & UNKNOWN_MASK) == 0
     # What follows is computed for the known cells alone, often a quarter of a map.
     index = np.flatnonzero(known)
@@ -159,8 +174,6 @@ def _judge(
         )
     result = flags.copy()
     result.reshape(-1)[index] = found
-    found |= edge_cells(result, kernel, resolution, limits, drift).take(index) * np.uint16(Hazard.EDGE)
-    result.reshape(-1)[index] = found
 
     def layer(name: str, values: Float) -> Float32:
         whole = np.full(flags.shape, UNKNOWN.get(name, np.nan), dtype=np.float32)
@@ -178,6 +191,20 @@ def _judge(
         "traversability": np.where(found == 0, np.maximum(score, LEAST_SAFE_SCORE), 0.0),
     }
     return {**{name: layer(name, values) for name, values in values_of.items()}, "hazard": result}
+
+
+def judge_soles(
+    layers: Mapping[str, Array],
+    kernel: Kernel,
+    resolution: float,
+    limits: TraversabilityLimits,
+    drift: Index | None = None,
+) -> dict[str, Array]:
+    """The layers that `judge_discs` gives, with EDGE where a sole would cover what it must not; others as given."""
+    flags = layers["hazard"]
+    edge = edge_cells(flags, kernel, resolution, limits, drift) & ((flags & UNKNOWN_MASK) == 0)
+    hazard = flags | edge * np.uint16(Hazard.EDGE)
+    return {**layers, "hazard": hazard, "traversability": np.where(edge, np.float32(0), layers["traversability"])}
 
 
 def rises(low: Float, high: Float, known: Mask, kernel: Kernel) -> tuple[Float, Float]:

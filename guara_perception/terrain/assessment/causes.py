@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Flags, Float, Index, Mask
+from guara_perception.arrays import Flags, Float, Float32, Index, Mask
+from guara_perception.terrain.assessment.columns import changed_columns
 from guara_perception.terrain.assessment.raster import ROUNDING
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
@@ -19,31 +19,54 @@ HIDING_MARGIN_M = 0.001
 CELLS_TOGETHER = 256
 # Lines from ground to sensor that are followed together.
 LINES_TOGETHER = 256
+# In place of what a plan has not found yet.
+NOT_ASKED = -2
 
 
-@dataclass(frozen=True, slots=True)
 class LookPlan:
-    """The looks that a scan should have at the cells of a grid if the ground is flat; for the cells asked for.
+    """The looks that a scan should have at the cells of a grid if the ground is flat; found for each cell once.
 
     Attributes:
-        geometry: the grid.
-        planes_in_footprint: (s, 4) laser planes in the order of the pattern, at least one.
-        project: gives picture positions (n, 2) of points (n, 3) in base_footprint, NaN where behind the camera.
-        size: picture width and height [px].
+        planes_in_footprint: (s, 4) laser planes in the order of the pattern.
     """
 
-    geometry: GridGeometry
-    planes_in_footprint: Float
-    project: Callable[[Float], Float]
-    size: tuple[int, int]
+    def __init__(
+        self,
+        geometry: GridGeometry,
+        planes_in_footprint: Float,
+        project: Callable[[Float], Float],
+        size: tuple[int, int],
+    ) -> None:
+        """Plan nothing yet.
+
+        Args:
+            geometry: the grid.
+            planes_in_footprint: (s, 4) laser planes in the order of the pattern, at least one.
+            project: gives picture positions (n, 2) of points (n, 3) in base_footprint, NaN where behind the camera.
+            size: picture width and height [px].
+        """
+        self._geometry, self._project, self._size = geometry, project, size
+        self.planes_in_footprint = planes_in_footprint
+        self._pairs = np.full(geometry.size, NOT_ASKED, dtype=np.int64)
+        self._in_view = np.full(geometry.size, NOT_ASKED, dtype=np.int8)
 
     def pairs(self, cells: Index) -> Index:
         """Position in the pattern of the first stripe of each cell's pair (n,), -1 where no pair passes over it."""
+        new = cells[self._pairs[cells] == NOT_ASKED]
         # All cells of a grid and all laser planes at once would take megabytes.
-        blocks = np.split(cells, range(CELLS_TOGETHER, cells.size, CELLS_TOGETHER))
-        return np.concatenate([self._pairs(block) for block in blocks])
+        for begin in range(0, new.size, CELLS_TOGETHER):
+            block = new[begin : begin + CELLS_TOGETHER]
+            self._pairs[block] = self._find_pairs(block)
+        return self._pairs[cells]
 
-    def _pairs(self, cells: Index) -> Index:
+    def in_view(self, cells: Index) -> Mask:
+        """Whether the camera sees the centre of each cell (n,)."""
+        new = cells[self._in_view[cells] == NOT_ASKED]
+        if new.size:
+            self._in_view[new] = self._look(new)
+        return self._in_view[cells] > 0
+
+    def _find_pairs(self, cells: Index) -> Index:
         x, y = self._centres(cells)
         a, b, _, d = self.planes_in_footprint.T[:, :, None]
         side = a * x + (b * y + d) > 0
@@ -51,107 +74,156 @@ class LookPlan:
         still = np.logical_and.accumulate(side[1:] == side[0], axis=0)
         return np.where(still.all(axis=0), -1, still.sum(axis=0))
 
-    def in_view(self, cells: Index) -> Mask:
-        """Whether the camera sees the centre of each cell (n,)."""
+    def _look(self, cells: Index) -> Mask:
         x, y = self._centres(cells)
-        pixels = self.project(np.column_stack((x, y, np.zeros(cells.size))))
+        pixels = self._project(np.column_stack((x, y, np.zeros(cells.size))))
         with np.errstate(invalid="ignore"):
-            inside = (pixels[:, 0] <= self.size[0] - 1) & (pixels[:, 1] <= self.size[1] - 1)
+            inside = (pixels[:, 0] <= self._size[0] - 1) & (pixels[:, 1] <= self._size[1] - 1)
             return np.asarray((pixels >= 0).all(axis=1) & inside)
 
     def _centres(self, cells: Index) -> tuple[Float, Float]:
-        x, y = self.geometry.centres()
+        x, y = self._geometry.centres()
         iy, ix = np.divmod(cells, x.size)
         return x[ix], y[iy]
 
 
-def unknown_causes(
-    elevation: Float,
-    plan: LookPlan,
-    pair_usable: Mask,
-    marks: Flags,
-    sensor_origins: tuple[Float, ...],
-    geometry: GridGeometry,
-    in_own_shadow: Callable[[Float], Mask] | None = None,
-) -> Flags:
-    """Give every unknown cell its cause.
+class UnknownCauses:
+    """Gives every unknown cell its cause; lines of sight that meet nothing new are not followed again."""
 
-    Args:
-        elevation: (ny, nx) heights [m], NaN where unknown.
-        plan: what should have been looked at.
-        pair_usable: (s - 1,) whether both stripes of a pair were fired with good frames and are neighbours.
-        marks: (ny, nx) flags of returns that were seen here and may not be used.
-        sensor_origins: positions (3,) of camera and laser in base_footprint.
-        geometry: the grid.
-        in_own_shadow: says which points (n, 3) the robot hides from its own camera or laser; None = none.
+    def __init__(
+        self,
+        plan: LookPlan,
+        sensor_origins: tuple[Float, ...],
+        geometry: GridGeometry,
+        in_own_shadow: Callable[[Float], Mask] | None = None,
+    ) -> None:
+        """Start with nothing seen.
 
-    Returns:
-        (ny, nx) uint16, one or more unknown flags where the elevation is NaN, 0 elsewhere.
-    """
-    unknown = np.isnan(elevation)
-    flags = np.where(unknown, marks, 0).astype(np.uint16)
-    cells = np.flatnonzero(unknown & (flags == 0))
-    # No pair is the last one, which is not usable.
-    looked_at = np.append(pair_usable, False)[plan.pairs(cells)] & plan.in_view(cells)
-    flags.ravel()[cells[~looked_at]] = np.uint16(Hazard.UNSCANNED)
-    cells = cells[looked_at]
-    if not cells.size:
+        Args:
+            plan: what should have been looked at.
+            sensor_origins: positions (3,) of camera and laser in base_footprint.
+            geometry: the grid.
+            in_own_shadow: says which points (n, 3) the robot hides from its own camera or laser; None = none.
+        """
+        self._plan, self._sensor_origins, self._geometry = plan, sensor_origins, geometry
+        self._in_own_shadow = in_own_shadow
+        # Of the last time: the surface, the ground of the cells that were looked at, NaN for others, and why.
+        self._elevation = np.full(geometry.shape, np.nan)
+        self._ground = np.full(geometry.size, np.nan)
+        self._why = np.zeros(geometry.size, dtype=np.uint16)
+
+    def flags(self, elevation: Float, pair_usable: Mask, marks: Flags) -> Flags:
+        """The causes of unknown cells.
+
+        Args:
+            elevation: (ny, nx) heights [m], NaN where unknown; must not be changed afterwards.
+            pair_usable: (s - 1,) whether both stripes of a pair were fired with good frames and are neighbours.
+            marks: (ny, nx) flags of returns that were seen here and may not be used.
+
+        Returns:
+            (ny, nx) uint16, one or more unknown flags where the elevation is NaN, 0 elsewhere.
+        """
+        unknown = np.isnan(elevation)
+        flags = np.where(unknown, marks, 0).astype(np.uint16)
+        cells = np.flatnonzero(unknown & (flags == 0))
+        # No pair is the last one, which is not usable.
+        looked_at = np.append(pair_usable, False)[self._plan.pairs(cells)] & self._plan.in_view(cells)
+        flags.ravel()[cells[~looked_at]] = np.uint16(Hazard.UNSCANNED)
+        cells = cells[looked_at]
+        targets = _lowest_ground(elevation, cells, self._geometry)
+        why = self._why[cells]
+        new = np.flatnonzero(self._is_new(elevation, cells, targets))
+        if new.size:
+            why[new] = self._find(elevation, targets[new])
+        self._elevation = elevation
+        self._ground.fill(np.nan)
+        self._ground[cells], self._why[cells] = targets[:, 2], why
+        flags.ravel()[cells] = why
         return flags
-    targets = _lowest_ground(elevation, cells, geometry)
-    cause = np.full(cells.size, Hazard.DROPOUT, dtype=np.uint16)
-    for sensor_origin in sensor_origins:
-        cause[_behind_surface(elevation, targets, sensor_origin, geometry)] = Hazard.OCCLUDED
-    if in_own_shadow is not None:
-        cause[in_own_shadow(targets)] = Hazard.SELF
-    flags.ravel()[cells] = cause
-    return flags
+
+    def _is_new(self, elevation: Float, cells: Index, targets: Float) -> Mask:
+        """Whether the ground of cells (n,) or what stands before it is another than the last time."""
+        new = np.asarray(targets[:, 2] != self._ground[cells])
+        changed = changed_columns(elevation, self._elevation)
+        count = np.cumsum(np.append(0, changed))
+        # Only where a line runs below what stands or stood in those columns can it meet a change.
+        top = np.fmax(_top(elevation[:, changed]), _top(self._elevation[:, changed]))
+        if np.isfinite(top):
+            x0, cell, last = self._geometry.origin[0], self._geometry.resolution, count.size - 2
+            for sensor_origin in self._sensor_origins:
+                ends = sensor_origin[0] + _start(targets, sensor_origin, top) * (targets[:, 0] - sensor_origin[0])
+                # One column more on each side: rounding may put a sample there.
+                low = ((np.minimum(ends, targets[:, 0]) - x0) / cell - 1).clip(0, last).astype(np.intp)
+                high = ((np.maximum(ends, targets[:, 0]) - x0) / cell + 1).clip(0, last).astype(np.intp)
+                new |= count[high + 1] > count[low]
+        return new
+
+    def _find(self, elevation: Float, targets: Float) -> Flags:
+        """Why nothing is known of ground (n, 3) that was looked at."""
+        why = np.full(len(targets), Hazard.DROPOUT, dtype=np.uint16)
+        for sensor_origin in self._sensor_origins:
+            why[_behind_surface(elevation, targets, sensor_origin, self._geometry)] = Hazard.OCCLUDED
+        if self._in_own_shadow is not None:
+            why[self._in_own_shadow(targets)] = Hazard.SELF
+        return why
+
+
+def _top(elevation: Float) -> float:
+    """The highest known height, NaN where there is none."""
+    return float(np.fmax.reduce(elevation, axis=None, initial=np.nan))
+
+
+def _start(targets: Float, sensor_origin: Float, top: float) -> Float:
+    """From which share (n,) of the lines from a sensor to targets (n, 3) on they run below the height `top`."""
+    climb = np.maximum(sensor_origin[2] - targets[:, 2], 1e-6)
+    return np.clip(1 - (top - targets[:, 2]) / climb, 0.0, 1.0)
 
 
 def _behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geometry: GridGeometry) -> Mask:
-    """Whether a measured surface stands between a sensor and each of the targets (n, 3)."""
-    top = float(np.fmax.reduce(elevation, axis=None))
-    x, y, z = targets.T
+    """Whether a measured surface stands between a sensor and each of the targets (n, 3); each judged by itself."""
+    top = _top(elevation)
     if np.isnan(top):
         return np.zeros(len(targets), dtype=bool)
     # Above the highest surface nothing can hide: only the last stretch of each line needs a look.
-    climb = np.maximum(sensor_origin[2] - z, 1e-6)
-    start = np.clip(1 - (top - z) / climb, 0.0, 1.0)
-    length = np.hypot(sensor_origin[0] - x, sensor_origin[1] - y) * (1 - start)
-    samples = int(np.clip(np.ceil(2 * length.max() / geometry.resolution), 1, 400))
+    start = _start(targets, sensor_origin, top)
+    length = np.hypot(sensor_origin[0] - targets[:, 0], sensor_origin[1] - targets[:, 1])
+    # Half cells from the target on; those beyond the stretch of a shorter line are all at its end.
+    step = geometry.resolution / 2 / np.maximum(length, geometry.resolution)
     # Cells counted with a border of one, where nothing is known: what lies beyond the grid is cut to it.
-    around = np.pad(elevation, 1, constant_values=np.nan)
-    along = ((np.arange(samples) + 0.5) / samples)[:, None]
+    around = np.pad(elevation.astype(np.float32), 1, constant_values=np.nan)
+    hidden = []
     # All lines at once would take megabytes.
-    blocks = (slice(first, first + LINES_TOGETHER) for first in range(0, len(targets), LINES_TOGETHER))
-    return np.concatenate(
-        [
-            _is_blocked(around, targets[block], start[block] + (1 - start[block]) * along, sensor_origin, geometry)
-            for block in blocks
-        ]
-    )
+    for first in range(0, len(targets), LINES_TOGETHER):
+        block = slice(first, first + LINES_TOGETHER)
+        samples = int(np.ceil((1 - start[block]) / step[block]).max()) + 1
+        places = np.arange(samples, dtype=np.float32)[:, None] + np.float32(0.5)
+        share = np.maximum(1 - places * step[block].astype(np.float32), start[block].astype(np.float32))
+        hidden.append(_is_blocked(around, targets[block], share, sensor_origin, geometry))
+    return np.concatenate(hidden)
 
 
-def _is_blocked(around: Float, targets: Float, share: Float, sensor_origin: Float, geometry: GridGeometry) -> Mask:
+def _is_blocked(around: Float32, targets: Float, share: Float32, sensor_origin: Float, geometry: GridGeometry) -> Mask:
     """Whether the surface rises above the line from a target (n, 3) to a sensor at any of some shares (m, n) of it.
 
-    `around` is the surface with a border of one cell.
+    `around` is the surface with a border of one cell. Single precision: a hundredth of a thousandth of a cell.
     """
-    x, y, z = targets.T
-    row, column = (
-        ((end + share * (position - end) - origin) * (1 / geometry.resolution) + (1 + ROUNDING))
-        .clip(0, count + 1)
-        .astype(np.intp)
-        for position, end, origin, count in (
-            (y, sensor_origin[1], geometry.origin[1], geometry.shape[0]),
-            (x, sensor_origin[0], geometry.origin[0], geometry.shape[1]),
+
+    def along(begin: float, ends: Float) -> Float32:
+        line = share * (ends - begin).astype(np.float32)
+        line += np.float32(begin)
+        return line
+
+    place = np.zeros(share.shape, dtype=np.intp)
+    for axis, stride in ((1, around.shape[1]), (0, 1)):
+        offset = 1 + ROUNDING - geometry.origin[axis] / geometry.resolution
+        cells = along(
+            sensor_origin[axis] / geometry.resolution + offset, targets[:, axis] / geometry.resolution + offset
         )
-    )
-    row *= around.shape[1]
-    row += column
+        np.clip(cells, 0, geometry.shape[1 - axis] + 1, out=cells)
+        place += cells.astype(np.intp) * stride
+    line = along(sensor_origin[2] + HIDING_MARGIN_M, targets[:, 2] + HIDING_MARGIN_M)
     with np.errstate(invalid="ignore"):
-        return np.asarray(
-            (around.ravel().take(row) > sensor_origin[2] + share * (z - sensor_origin[2]) + HIDING_MARGIN_M).any(axis=0)
-        )
+        return np.asarray((around.ravel().take(place) > line).any(axis=0))
 
 
 def _lowest_ground(elevation: Float, cells: Index, geometry: GridGeometry) -> Float:

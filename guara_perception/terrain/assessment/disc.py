@@ -110,13 +110,11 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
         beside = cv2.dilate(present, kernel * side.astype(np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=(0,))
         enough &= beside.take(index) > 0
 
-    nan_where_unknown = np.where(enough, 0.0, np.nan)
-    return DiscFit(
-        slope=np.arctan(steepness) + nan_where_unknown,
-        roughness=roughness + nan_where_unknown,
-        slope_sigma=slope_sigma + nan_where_unknown,
-        roughness_sigma=roughness_sigma + nan_where_unknown,
+    # Not by adding NaN: that would keep the sign of a NaN that came out of 0 / 0, which is one or the other by chance.
+    slope, roughness, slope_sigma, roughness_sigma = (
+        np.where(enough, values, np.nan) for values in (np.arctan(steepness), roughness, slope_sigma, roughness_sigma)
     )
+    return DiscFit(slope, roughness, slope_sigma, roughness_sigma)
 
 
 def disc_sums(layer: Array, weights: Float) -> Array:

@@ -37,6 +37,20 @@ class CellSamples:
     low: Float32
     high: Float32
 
+    def columns(self, geometry: GridGeometry) -> slice:
+        """From the first to the last column of the grid in which it has samples."""
+        if not self.cell.size:
+            return slice(0, 0)
+        first, last = (int(cell) // (geometry.shape[0] + 2) - 1 for cell in (self.cell[0], self.cell[-1]))
+        return slice(max(first, 0), max(last + 1, 0))
+
+    def between(self, first: int, end: int) -> CellSamples:
+        """What it has in the cells `first` to `end`."""
+        if not self.cell.size or (self.cell[0] >= first and self.cell[-1] < end):
+            return self
+        some = slice(*self.cell.searchsorted(np.array([first, end], np.int32)).tolist())
+        return CellSamples(*(getattr(self, name)[some] for name in self.__slots__))
+
 
 NO_SAMPLES = CellSamples(np.empty(0, np.int32), np.empty(0), *(np.empty(0, np.float32) for _ in range(4)))
 
@@ -73,10 +87,21 @@ class Raster:
     low: Float
     high: Float
 
+    @property
+    def layers(self) -> tuple[Float, Float, Float, Float]:
+        """All of them, in this order."""
+        return self.elevation, self.variance, self.low, self.high
+
     def window(self, cells: tuple[slice, slice]) -> Raster:
         """Some rows and columns of it."""
-        layers = (self.elevation, self.variance, self.low, self.high)
-        return Raster(*(np.ascontiguousarray(layer[cells]) for layer in layers))
+        return Raster(*(np.ascontiguousarray(layer[cells]) for layer in self.layers))
+
+    def with_columns(self, columns: slice, part: Raster) -> Raster:
+        """The same with other values in some columns: those of `part`, which has only these."""
+        layers = [layer.copy() for layer in self.layers]
+        for layer, values in zip(layers, part.layers, strict=True):
+            layer[:, columns] = values
+        return Raster(*layers)
 
 
 def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSamples:
@@ -164,12 +189,22 @@ def _sum(cell: Index, weights: Array, size: int) -> Float:
     return np.asarray(np.bincount(cell, weights=weights, minlength=size), dtype=np.float64)
 
 
-def merge(swaths: Iterable[CellSamples], geometry: GridGeometry) -> Raster:
-    """Bring the swaths of all stripes together; the result does not depend on the order in which they were made."""
+def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice | None = None) -> Raster:
+    """Bring the swaths of all stripes together; the result does not depend on the order in which they were made.
+
+    Args:
+        swaths: of all stripes, those of one stripe or pair always at the same place among the others.
+        geometry: the grid.
+        columns: of the grid, the others being left out of the raster; None = all.
+    """
+    rows, first = geometry.shape[0] + 2, 0
+    number = geometry.shape[1]
+    if columns is not None:
+        first, number = columns.start, columns.stop - columns.start
+        swaths = [swath.between((1 + first) * rows, (1 + first + number) * rows) for swath in swaths]
     swaths = [swath for swath in swaths if swath.cell.size]
-    shape = geometry.shape
     if not swaths:
-        nothing = np.full(shape, np.nan)
+        nothing = np.full((geometry.shape[0], number), np.nan)
         return Raster(nothing, nothing, nothing, nothing)
     total, count, variance_total, low, high = (
         np.concatenate([getattr(swath, name) for swath in swaths])
@@ -177,8 +212,8 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry) -> Raster:
     )
     # As numpy counts indices: with any other type `at` is many times slower.
     cell = np.concatenate([swath.cell for swath in swaths], dtype=np.intp)
-    columns, rows = geometry.shape[1] + 2, geometry.shape[0] + 2
-    size = columns * rows
+    cell -= first * rows
+    size = (number + 2) * rows
     highest = np.full(size, -np.inf, dtype=np.float32)
     lowest = np.full(size, np.inf, dtype=np.float32)
     np.maximum.at(highest, cell, high)
@@ -192,7 +227,7 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry) -> Raster:
     nan = np.where(known, 0.0, np.nan)
 
     def of_grid(layer: Float) -> Float:
-        return np.ascontiguousarray(layer.reshape(columns, rows)[1:-1, 1:-1].T, dtype=np.float64)
+        return np.ascontiguousarray(layer.reshape(number + 2, rows)[1:-1, 1:-1].T, dtype=np.float64)
 
     return Raster(
         elevation=of_grid(mean + nan),
@@ -204,16 +239,9 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry) -> Raster:
 
 def without_cells(raster: Raster, cells: Mask) -> Raster:
     """The same grid with some cells unknown."""
-
-    def cut(layer: Float) -> Float:
-        return np.where(cells, np.nan, layer)
-
-    return Raster(
-        elevation=cut(raster.elevation),
-        variance=cut(raster.variance),
-        low=cut(raster.low),
-        high=cut(raster.high),
-    )
+    if not cells.any():
+        return raster
+    return Raster(*(np.where(cells, np.nan, layer) for layer in raster.layers))
 
 
 def pool(raster: Raster, factor: int) -> Raster:

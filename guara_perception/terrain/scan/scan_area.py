@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 
-from guara_perception.arrays import Array, Float, Mask
+from guara_perception.arrays import Array, Flags, Mask
 from guara_perception.exceptions import InvalidInput
-from guara_perception.settings import Settings
-from guara_perception.terrain.assessment.assess import assess_layers
-from guara_perception.terrain.assessment.causes import LookPlan, unknown_causes
+from guara_perception.settings import Settings, TraversabilityLimits
+from guara_perception.terrain.assessment.causes import LookPlan, UnknownCauses
 from guara_perception.terrain.assessment.lost_cells import lost_cells
 from guara_perception.terrain.assessment.raster import Raster
+from guara_perception.terrain.assessment.reassessment import Reassessment
 from guara_perception.terrain.layers.geometry import GridGeometry
 
 AREAS = ("footprint", "wide")
@@ -21,39 +20,36 @@ AREAS = ("footprint", "wide")
 ROUNDING = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
 class ScanArea:
-    """An area of a scan.
+    """An area of a scan; what has not changed since its layers were last asked for is not computed again.
 
     Attributes:
         grid: its cells.
-        rows: of the widest area's raster that are its own.
         plan: where each of its cells should have been looked at.
     """
 
-    grid: GridGeometry
-    rows: slice
-    plan: LookPlan
+    def __init__(
+        self, grid: GridGeometry, rows: slice, plan: LookPlan, causes: UnknownCauses, limits: TraversabilityLimits
+    ) -> None:
+        """Start with nothing seen.
 
-    def layers(
-        self,
-        raster: Raster,
-        marks: Array,
-        pair_usable: Mask,
-        sensor_origins: tuple[Float, ...],
-        hides: Callable[[Float], Mask],
-        settings: Settings,
-    ) -> dict[str, Array]:
-        """All layers of the area; arguments as of `unknown_causes`, raster and marks of the widest area."""
-        own = raster.window((self.rows, slice(None)))
-        causes = unknown_causes(
-            own.elevation, self.plan, pair_usable, marks[self.rows], sensor_origins, self.grid, hides
-        )
-        layers = assess_layers(own, causes, self.grid.resolution, settings.limits)
+        Args:
+            grid: the cells.
+            rows: of the widest area's raster that are its own.
+            plan: of the looks at the cells.
+            causes: of its unknown cells.
+            limits: what the feet can bear.
+        """
+        self.grid, self.plan = grid, plan
+        self._rows, self._causes = rows, causes
+        self._assessment = Reassessment(grid.resolution, limits)
+
+    def layers(self, raster: Raster, marks: Flags, pair_usable: Mask) -> dict[str, Array]:
+        """All layers of the area; arguments as of `UnknownCauses.flags`, raster and marks of the widest area."""
+        own = raster.window((self._rows, slice(None)))
+        layers = self._assessment.layers(own, self._causes.flags(own.elevation, pair_usable, marks[self._rows]))
         seen = np.isfinite(own.elevation)
-        layers["age"] = np.where(seen, 0, 255).astype(np.uint8)
-        layers["looks"] = seen.astype(np.uint8)
-        return layers
+        return {**layers, "age": np.where(seen, 0, 255).astype(np.uint8), "looks": seen.astype(np.uint8)}
 
     def lost(self, layers: Mapping[str, Array], is_lost: Mask) -> list[list[int]]:
         """Cells over which stripes without a usable frame (s,) passed, as `lost_cells` gives them."""
@@ -65,8 +61,8 @@ class ScanArea:
         return lost_cells(elevation, np.asarray(layers["hazard"], np.uint16), in_view, planes, is_lost, self.grid)
 
 
-def scan_areas(settings: Settings, cell: float, plan: Callable[[GridGeometry], LookPlan]) -> dict[str, ScanArea]:
-    """Both areas by their names in AREAS.
+def area_rows(settings: Settings, cell: float) -> dict[str, tuple[GridGeometry, slice]]:
+    """The grid of each of AREAS, and which rows of the widest one's it has.
 
     The wide one has the footprint's x and reaches along y as far as the map, in whole cells: the camera sees more of
     the ground the farther that is, and what it saw there the map can use when the robot has come to it.
@@ -74,7 +70,6 @@ def scan_areas(settings: Settings, cell: float, plan: Callable[[GridGeometry], L
     Args:
         settings: of the robot.
         cell: edge of the cells [m].
-        plan: of the looks at the cells of a grid.
 
     Raises:
         InvalidInput: the resolution does not divide the footprint.
@@ -85,9 +80,7 @@ def scan_areas(settings: Settings, cell: float, plan: Callable[[GridGeometry], L
     ny, nx = footprint.shape
     wide = GridGeometry((footprint.origin[0], footprint.origin[1] - right * cell), cell, (right + ny + left, nx))
     rows = slice(right, right + ny), slice(0, right + ny + left)
-    return {
-        name: ScanArea(grid, own, plan(grid)) for name, grid, own in zip(AREAS, (footprint, wide), rows, strict=True)
-    }
+    return dict(zip(AREAS, zip((footprint, wide), rows, strict=True), strict=True))
 
 
 def check_area(area: str) -> None:

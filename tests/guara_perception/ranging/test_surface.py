@@ -182,6 +182,9 @@ def test_raster_does_not_depend_on_the_grouping_of_the_stripes(data: st.DataObje
     order = data.draw(st.permutations(list(stripes)))
     while order:
         size = data.draw(st.integers(1, 12))
+        if data.draw(st.booleans()):
+            # What is asked for meanwhile changes nothing of what comes later.
+            several.raster(), several.marks()
         several.add({index: stripes[index] for index in order[:size]})
         order = order[size:]
     for name in ("elevation", "variance", "low", "high"):

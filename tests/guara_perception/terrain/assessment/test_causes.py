@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from guara_perception.terrain.assessment.causes import LookPlan, unknown_causes
+from guara_perception.terrain.assessment.causes import LookPlan, UnknownCauses, _behind_surface
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 
@@ -32,7 +34,8 @@ ALL_SEEN = Plan(0, True)
 def causes(elevation: np.ndarray, plan: Plan = ALL_SEEN, usable: bool = True, **more: object) -> np.ndarray:
     marks = more.get("marks", np.zeros(GRID.shape, np.uint16))
     origins = more.get("sensor_origins", SENSOR_ORIGINS)
-    return unknown_causes(elevation, plan, np.array([usable]), marks, origins, GRID, more.get("own"))  # type: ignore[arg-type]
+    found = UnknownCauses(plan, origins, GRID, more.get("own"))  # type: ignore[arg-type]
+    return found.flags(elevation, np.array([usable]), marks)  # type: ignore[arg-type]
 
 
 def flat(*unknown: tuple[int, int]) -> np.ndarray:
@@ -129,3 +132,42 @@ def test_plan_tells_the_cells_that_the_camera_sees() -> None:
     cells = 60 * np.arange(7) + 4
     np.testing.assert_array_equal(plan.in_view(cells), [False, True, True, False, False, False, False])
     np.testing.assert_allclose(asked[0], [(0.5225, -0.0475 + 0.005 * k, 0.0) for k in range(7)], atol=1e-12)
+
+
+@pytest.mark.slow
+@given(st.integers(0, 100_000))
+@settings(max_examples=60, deadline=None, derandomize=True)
+def test_causes_found_again_are_those_found_at_once(seed: int) -> None:
+    """Walls, gaps and stripes that come and go between two questions: no line of sight is kept that meets a change."""
+    random = np.random.default_rng(seed)
+    elevation = random.normal(0, 0.002, GRID.shape)
+    for _ in range(random.integers(0, 4)):
+        iy, ix = random.integers(0, GRID.shape[0]), random.integers(0, GRID.shape[1])
+        elevation[iy : iy + random.integers(1, 12), ix : ix + random.integers(1, 6)] = random.uniform(-0.05, 0.3)
+    elevation[random.random(GRID.shape) < random.choice([0.1, 0.5, 0.95])] = np.nan
+    again = UnknownCauses(ALL_SEEN, SENSOR_ORIGINS, GRID, lambda points: points[:, 2] > 0.02)  # type: ignore[arg-type]
+    marks = np.zeros(GRID.shape, np.uint16)
+    for _ in range(4):
+        usable = np.array([random.random() < 0.9])
+        at_once = UnknownCauses(ALL_SEEN, SENSOR_ORIGINS, GRID, lambda points: points[:, 2] > 0.02)  # type: ignore[arg-type]
+        np.testing.assert_array_equal(
+            again.flags(elevation, usable, marks), at_once.flags(elevation, usable, marks), strict=True
+        )
+        elevation, marks = elevation.copy(), marks.copy()
+        columns = np.s_[:, slice(*sorted(random.integers(0, GRID.shape[1] + 1, 2).tolist()))]
+        elevation[columns] = random.choice([np.nan, 0.0, 0.08, 0.2], elevation[columns].shape)
+        marks[:, random.integers(0, GRID.shape[1])] ^= np.uint16(Hazard.AMBIGUOUS)
+
+
+@pytest.mark.slow
+@given(st.integers(0, 100_000), st.integers(1, 200))
+@settings(max_examples=30, deadline=None, derandomize=True)
+def test_a_line_of_sight_does_not_depend_on_the_others(seed: int, number: int) -> None:
+    """Cells asked for alone have the causes that they have among others."""
+    random = np.random.default_rng(seed)
+    elevation = np.where(random.random(GRID.shape) < 0.1, random.uniform(0, 0.2), 0.0)
+    targets = np.column_stack((random.uniform(0.5, 0.8, number), random.uniform(-0.05, 0.05, number), np.zeros(number)))
+    for sensor_origin in SENSOR_ORIGINS:
+        together = _behind_surface(elevation, targets, sensor_origin, GRID)
+        alone = [_behind_surface(elevation, target[None], sensor_origin, GRID)[0] for target in targets]
+        np.testing.assert_array_equal(together, alone)

@@ -1,0 +1,25 @@
+"""Columns of a grid that changed: stripes run along y, so what one of them changes lies in a few columns."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from guara_perception.arrays import Array, Mask
+
+
+def changed_columns(now: Array, before: Array) -> Mask:
+    """Columns (nx,) of a layer (ny, nx) in which any bit differs from another layer of its type."""
+    whole = np.dtype(f"u{now.itemsize}")
+    return np.asarray((now.view(whole) != before.view(whole)).any(axis=0))
+
+
+def widened(columns: Mask, cells: int) -> Mask:
+    """The same columns (nx,) and those within so many cells of one."""
+    padded = np.pad(columns, cells)
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * cells + 1).any(axis=1))
+
+
+def runs(columns: Mask) -> list[slice]:
+    """The columns (nx,) as runs of neighbours, in order."""
+    ends = np.flatnonzero(np.diff(columns, prepend=False, append=False))
+    return [slice(first, end) for first, end in ends.reshape(-1, 2).tolist()]
