@@ -146,19 +146,19 @@ class PerceptionClient:
         return self._judge.check(received, max_age, wait=SETTLE)
 
     def summary(self, *, timeout: float, max_age: float | None = None) -> SummaryMessage:
-        """The newest summary of the map, if it may still be used; the first is waited for.
+        """The newest summary of the map; while there is none that may be used, one is waited for.
 
-        It has no history: what was sent before the first call of this is not had.
+        It has no history: what was sent before the first call of this is not had. Samples that are no valid summary are
+        passed over.
 
         Args:
-            timeout: [s] to wait for one.
+            timeout: [s] to wait for one that may be used.
             max_age: as in `latest`.
 
         Raises:
-            StaleTerrain: the newest is too old and no newer one came.
+            StaleTerrain: the newest is too old and no newer one came in time.
             ReceiveTimeout: none came although the node lives.
             ScannerGone, ScannerUnavailable: none came, and the node went away or was never seen.
-            MessageError: the newest sample is no valid summary.
         """
         if self._summaries is None:
             self._summaries = NewestReceiver(
@@ -171,7 +171,7 @@ class PerceptionClient:
         return self._newest_of(self._summaries, timeout, max_age)
 
     def regions(self, *, timeout: float, max_age: float | None = None) -> RegionsMessage:
-        """The steppable regions of the newest map, if they may still be used; the first are waited for.
+        """The steppable regions of the newest map that may still be used, waited for as in `summary`.
 
         Arguments and errors as in `summary`, but the last that were sent are had too.
         """
@@ -185,12 +185,22 @@ class PerceptionClient:
         return self._newest_of(self._regions, timeout, max_age)
 
     def _newest_of(self, receiver: NewestReceiver[G], timeout: float, max_age: float | None) -> G:
-        received = receiver.latest()
-        if received is not None:
-            return self._judge.check(received, max_age, wait=SETTLE)
+        stale: StaleTerrain | None = None
+
+        def accepts(received: Received[G]) -> bool:
+            nonlocal stale
+            try:
+                self._judge.check(received, max_age, wait=SETTLE)
+            except StaleTerrain as error:
+                stale = error
+                return False
+            return True
+
         try:
-            return self._judge.check(receiver.wait_for(lambda _: True, timeout), max_age, wait=SETTLE)
+            return receiver.wait_until(accepts, timeout).message
         except ReceiveTimeout as error:
+            if stale is not None:
+                raise stale from error
             raise self._not_received(error, "") from error
 
     def _not_received(self, error: ReceiveTimeout, stale: str) -> ReceiveTimeout | ScannerGone | ScannerUnavailable:

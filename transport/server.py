@@ -154,7 +154,7 @@ class PerceptionServer(Resource):
         terrain: TerrainMessage,
         *,
         occupancy: Percent | None = None,
-        summary: SummaryMessage | None = None,
+        summary: Callable[[], SummaryMessage] | None = None,
         regions: Callable[[], RegionsMessage] | None = None,
     ) -> None:
         """Hand over one grid; returns at once, encoding and sending happen on threads of the outbox.
@@ -165,7 +165,8 @@ class PerceptionServer(Resource):
             terrain: grid of either extent.
             occupancy: (ny, nx) int8 of the same grid; with it, and for extent "footprint", the OccupancyGrid
                 and the GridMap are published too.
-            summary: of a map, to be sent after it.
+            summary: makes that of a map, to be sent after it; called when somebody has subscribed to it, on a thread of
+                the outbox.
             regions: makes those of a map, which takes time: it is called on a thread of the outbox.
 
         Raises:
@@ -191,8 +192,11 @@ class PerceptionServer(Resource):
         if occupancy is not None and terrain.extent == "footprint":
             self._post_derived(terrain, occupancy)
         if summary is not None:
+            make = summary
             self._outbox.post(
-                self._summary.key, lambda: self._summary.put(encode_summary(summary)), lane=self._summary.key
+                self._summary.key,
+                lambda: self._summary.put(lambda: encode_summary(make())),
+                lane=self._summary.key,
             )
         if regions is not None:
             self._outbox.post(

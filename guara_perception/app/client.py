@@ -109,14 +109,15 @@ class TerrainClient:
     def summary(self, timeout: float = 30.0, max_age: float | None = None) -> TerrainSummary:
         """The newest summary of the fused map: a few kilobytes, for the far end of a thin link.
 
-        It has no history, so that a router on the way may thin it out: the first call waits for one.
+        It has no history, so that a router on the way may thin it out: the first call waits for one, a later one only
+        when the newest is too old.
 
         Args:
-            timeout: seconds to wait for the first.
+            timeout: seconds to wait for one that is not too old.
             max_age: seconds since the end of its scan; None = its own validity, in time and pauses.
 
         Raises:
-            StaleTerrain: the newest summary is too old.
+            StaleTerrain: the newest summary is too old, and no newer one came in time.
             transport.ReceiveTimeout: none came in time although the node lives.
             ScannerGone, ScannerUnavailable: none came, and the node went away or was never there.
             UnsafeGrid: it breaks the safety invariant and must not be used.

@@ -54,5 +54,9 @@ def publish_terrain(
     if terrain.extent == "footprint":
         server.publish(message, occupancy=terrain.to_occupancy())
     else:
-        server.publish(message, summary=summary_message(message), regions=lambda: regions_message(terrain, message))
+        server.publish(
+            message,
+            summary=lambda: summary_message(message),
+            regions=lambda: regions_message(terrain, message),
+        )
     return message

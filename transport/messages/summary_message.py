@@ -64,6 +64,8 @@ class SummaryMessage(MapOrigin):
             checked = array if not array.flags.writeable and array.flags.c_contiguous else np.array(array, order="C")
             checked.setflags(write=False)
             object.__setattr__(self, name, checked)
+        if self.withdrawn and ((self.heights != UNKNOWN_HEIGHT).any() or self.traversability.any()):
+            raise MessageError("withdrawn, and yet cells of the summary are known; allowed: none")
         finite(self.origin[0], "origin x")
         finite(self.origin[1], "origin y")
         if not finite(self.resolution, "resolution") > 0:

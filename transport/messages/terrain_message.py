@@ -231,6 +231,8 @@ class TerrainMessage:
             if not isinstance(flag, bool):
                 raise MessageError(f"{name} in the metadata is {flag!r}; allowed: true and false")
             object.__setattr__(self, name, flag)
+        if self.withdrawn and (np.isfinite(self.layers["elevation"]).any() or self.layers["traversability"].any()):
+            raise MessageError("withdrawn, and yet cells are known; allowed: none")
         if data.get("scan_end_clock") is not None:
             object.__setattr__(self, "scan_end_clock", finite(data["scan_end_clock"], "scan_end_clock in the metadata"))
 

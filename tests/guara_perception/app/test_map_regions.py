@@ -44,7 +44,7 @@ def test_they_come_with_each_map_and_late_joiners_get_the_last(
         node.tell("map 2")
         assert eventually(lambda: client.regions().step == 2)
         with pytest.raises(gp.StaleTerrain, match="newest regions grid"):
-            client.regions(max_age=0.0)
+            client.regions(timeout=0.5, max_age=0.0)
     with gp.TerrainClient(free_endpoint, robot="nobody", timeout=PATIENCE) as client:
         with pytest.raises(gp.ScannerUnavailable):
             client.regions(timeout=0.5)

@@ -3,15 +3,17 @@
 import dataclasses
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.app.map_summary import message_to_summary, summary_message
+from guara_perception.app.map_summary import MAXIMUM_BYTES, merged, message_to_summary, summary_message
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+from transport import TerrainMessage
 from transport.messages.summary_message import decode_summary, encode_summary
 
 PATIENCE = 60.0
@@ -20,6 +22,10 @@ PATIENCE = 60.0
 def _summary(terrain: gp.TerrainGrid) -> gp.TerrainSummary:
     message = summary_message(terrain_to_message(terrain, robot="rex", sequence=3))
     return message_to_summary(decode_summary(encode_summary(message)))
+
+
+def _map_message(terrain: gp.TerrainGrid) -> TerrainMessage:
+    return dataclasses.replace(terrain_to_message(terrain, robot="rex", sequence=3), extent="map")
 
 
 def test_a_scanned_grid_is_small_and_close(paper_terrain: gp.TerrainGrid) -> None:
@@ -72,6 +78,61 @@ def test_no_cell_becomes_safer(seed: int, share: float, tall: int) -> None:
     )
 
 
+@pytest.mark.slow
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    shape=st.tuples(st.integers(1, 90), st.integers(1, 90)),
+    share=st.floats(0, 0.2),
+    maximum=st.integers(600, 6000),
+)
+def test_noise_fits_too_and_no_cell_becomes_safer(
+    seed: int, shape: tuple[int, int], share: float, maximum: int
+) -> None:
+    """The worst map for any compression: each cell of its own height, flags and score. Larger cells take the worst."""
+    rng = np.random.default_rng(seed)
+    terrain = gp.assess_terrain(np.zeros(shape, np.float32), 0.005)
+    hazard = np.where(rng.random(shape) < 0.5, 0, rng.integers(0, 2**16, shape)).astype(np.uint16)
+    hazard[rng.random(shape) < share * share] = gp.Hazard.UNSCANNED.value
+    unknown = (hazard & UNKNOWN_MASK) != 0
+    hazard[(hazard == 0) & (cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3))) > 0)] = gp.Hazard.EDGE.value
+    layers = dict(terrain.layers)
+    layers["hazard"] = hazard
+    layers["elevation"] = np.where(unknown, np.nan, rng.uniform(-32, 32, shape)).astype(np.float32)
+    layers["traversability"] = np.where(hazard == 0, rng.uniform(0.01, 1, shape), 0).astype(np.float32)
+    message = dataclasses.replace(_map_message(terrain), layers=layers)
+    sent = encode_summary(summary_message(message, maximum))
+    assert len(sent) <= maximum
+    small = message_to_summary(decode_summary(sent))
+    cells = round(small.resolution / 0.005)
+    assert small.resolution == pytest.approx(cells * 0.005)
+    iy, ix = np.indices(shape) // cells
+    assert small.shape == (iy.max() + 1, ix.max() + 1)
+    assert np.all(small.traversability[iy, ix] <= layers["traversability"] + 1e-6)
+    assert np.all(np.isnan(small.elevation[iy, ix])[unknown])
+    assert not np.any(hazard & ~small.hazard[iy, ix])
+    height = small.elevation[iy, ix]
+    assert np.all(np.isnan(height) | (height >= layers["elevation"] - 0.51e-3))
+
+
+def test_noise_of_a_whole_map_gets_larger_cells_and_a_scanned_one_keeps_its_own(
+    paper_terrain: gp.TerrainGrid,
+) -> None:
+    """A map of the size that the node publishes, known everywhere, each height and score its own."""
+    assert summary_message(_map_message(paper_terrain)).resolution == paper_terrain.resolution
+    rng, shape = np.random.default_rng(1), (140, 320)
+    terrain = gp.assess_terrain(np.zeros(shape, np.float32), 0.005)
+    layers = dict(terrain.layers)
+    layers["hazard"] = (rng.integers(0, 2**8, shape) << 8).astype(np.uint16)
+    layers["elevation"] = rng.uniform(-32, 32, shape).astype(np.float32)
+    layers["traversability"] = np.where(layers["hazard"] == 0, rng.uniform(0.01, 1, shape), 0).astype(np.float32)
+    worst = dataclasses.replace(_map_message(terrain), layers=layers)
+    whole, small = summary_message(worst, 10**6), summary_message(worst)
+    assert len(encode_summary(whole)) > 100_000 > MAXIMUM_BYTES >= len(encode_summary(small))
+    assert (whole.resolution, small.resolution) == pytest.approx((0.005, 0.020))
+    assert merged(whole, 512).shape == (1, 1)
+
+
 def test_a_summary_that_breaks_the_invariant_is_refused(paper_terrain: gp.TerrainGrid) -> None:
     """One flag that was lost on the way, and the cell would be safe: nothing is handed out."""
     message = summary_message(terrain_to_message(paper_terrain, robot="rex", sequence=1))
@@ -100,7 +161,7 @@ def test_it_comes_with_each_map_and_has_no_history(start, free_endpoint: str, te
         client.wait_for_step(3, PATIENCE, "map")
         assert eventually(lambda: client.summary().step == 3)
         with pytest.raises(gp.StaleTerrain, match="newest summary grid"):
-            client.summary(max_age=0.0)
+            client.summary(timeout=0.5, max_age=0.0)
     with gp.TerrainClient(free_endpoint, robot="nobody", timeout=PATIENCE) as client:
         with pytest.raises(gp.ScannerUnavailable):
             client.summary(timeout=0.5)

@@ -49,7 +49,12 @@ def _make(seed: int = 0, shape: tuple[int, int] = (140, 320), **changes: object)
 )
 def test_what_is_sent_is_what_arrives(seed: int, shape: tuple[int, int], clock: float | None, flags) -> None:
     """Every field and every bit of the layers; the arrays are read-only."""
-    sent = _make(seed, shape, scan_end_clock=clock, provisional=flags[0], withdrawn=flags[1])
+    nothing = {
+        "heights": np.full(shape, UNKNOWN_HEIGHT, LAYERS["heights"]),
+        "traversability": np.zeros(shape, LAYERS["traversability"]),
+    }
+    withdrawn = {"withdrawn": True, **nothing} if flags[1] else {}
+    sent = _make(seed, shape, scan_end_clock=clock, provisional=flags[0], **withdrawn)
     got = decode_summary(encode_summary(sent))
     for name in SummaryMessage.__slots__:
         ours, theirs = getattr(sent, name), getattr(got, name)
@@ -99,6 +104,20 @@ def test_what_is_not_as_it_must_be_is_refused(change, told: str) -> None:
 
     with pytest.raises(TransportError, match=told):
         decode_summary(_broken(change))
+
+
+@pytest.mark.parametrize("layer", ["heights", "traversability"])
+def test_one_that_is_withdrawn_and_knows_a_cell_is_refused(layer: str) -> None:
+    """On arrival too, where a single cell is known."""
+    nothing = {"heights": np.full((4, 6), UNKNOWN_HEIGHT, LAYERS["heights"])}
+    nothing["traversability"] = np.zeros((4, 6), LAYERS["traversability"])
+    assert _make(shape=(4, 6), withdrawn=True, **nothing).withdrawn
+    nothing[layer][2, 3] = 5
+    payload = bytearray(encode_summary(_make(shape=(4, 6), **nothing)))
+    message = decode(payload, SUMMARY)
+    message.withdrawn = True
+    with pytest.raises(MessageError, match="withdrawn, and yet cells of the summary are known; allowed: none"):
+        decode_summary(encode(message))
 
 
 def test_another_version_is_told() -> None:

@@ -61,6 +61,21 @@ def test_a_layer_of_another_dtype_shape_or_number_is_refused(peer) -> None:
             peer.make_terrain(layers=layers)
 
 
+@pytest.mark.parametrize("layer", ["elevation", "traversability"])
+def test_one_that_is_withdrawn_and_knows_a_cell_is_refused(peer, layer: str) -> None:
+    """What takes a grid back holds nothing that a foot could go to; on arrival too."""
+    layers = dict(peer.make_terrain(shape=(2, 3)).layers)
+    layers["elevation"] = np.full((2, 3), np.nan, np.float32)
+    layers["traversability"] = np.zeros((2, 3), np.float32)
+    withdrawn = '{"withdrawn": true}'
+    assert peer.make_terrain(layers=layers, metadata=withdrawn).withdrawn
+    layers[layer] = np.array([[0, 0, 0], [0, 0.5, 0]], np.float32)
+    message = make_terrain(peer.make_terrain(layers=layers))
+    message.metadata = withdrawn
+    with pytest.raises(MessageError, match="withdrawn, and yet cells are known; allowed: none"):
+        transport.decode_terrain(encode(message))
+
+
 def test_layers_cannot_be_changed_from_outside(peer) -> None:
     """The message keeps its own copy of arrays that could still be written to, and is read-only itself."""
     good = {name: array.copy() for name, array in peer.make_terrain(shape=(2, 3)).layers.items()}

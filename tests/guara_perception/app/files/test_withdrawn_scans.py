@@ -24,6 +24,10 @@ def grid(paper_terrain: gp.TerrainGrid) -> TerrainMessage:
 def _said(grid: TerrainMessage, step: int, stamp: int, told: dict, extent: str = "footprint") -> TerrainMessage:
     metadata = json.dumps({**json.loads(grid.metadata), "epoch": "walk", **told})
     health = Health.ERROR if told.get("withdrawn") else Health.OK
+    if told.get("withdrawn"):
+        nothing = {"elevation": np.full(grid.shape, np.nan, np.float32)}
+        nothing["traversability"] = np.zeros(grid.shape, np.float32)
+        grid = dataclasses.replace(grid, layers={**grid.layers, **nothing})
     return dataclasses.replace(
         grid, step=step, stamp=stamp, extent=extent, metadata=metadata, health=health, health_reasons=("it moved",)
     )
