@@ -8,6 +8,7 @@ slow late joiner holds up all readers for seconds. Here each question is answere
 from __future__ import annotations
 
 import logging
+import math
 import struct
 import threading
 import time
@@ -29,11 +30,13 @@ logger = logging.getLogger(__name__)
 MAXIMUM_ANSWERS = 16
 # [byte] Largest piece; it fits into the queue of a link (`configuration.QUEUES`).
 MAXIMUM_PIECE = 768 * 1024
-# Messages kept beyond the last for readers in the middle of fetching them, and [s] for how long after a question.
+# Messages kept beyond the last for readers in the middle of fetching them, and [s] for how long after a question; one
+# that nobody asked for goes when the next comes.
 KEPT = 3
 KEPT_FOR = 10.0
 # In place of a message while there is none.
-NOTHING: tuple[MadeOnce, bytes | None, float] = (MadeOnce(bytes), None, 0.0)
+NEVER = -math.inf
+NOTHING: tuple[MadeOnce, bytes | None, float] = (MadeOnce(bytes), None, NEVER)
 
 # Attachment of a piece: number of the message, its length in bytes, where in it the piece begins.
 PIECE = struct.Struct("<QQQ")
@@ -90,7 +93,7 @@ class LastMessage:
         now = time.monotonic()
         with self._lock:
             self._last = number
-            self._kept[number] = (payload, attachment, now)
+            self._kept[number] = (payload, attachment, NEVER)
             old = [other for other in self._kept if other != number]
             for other in old[: max(0, len(old) - KEPT)]:
                 del self._kept[other]
