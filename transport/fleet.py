@@ -58,10 +58,7 @@ def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float
     places = [(alive_key(robot), status_key(robot)) for robot in robots] or [(FLEET_ALIVE, FLEET_STATUS)]
     found: dict[str, RobotState] = {}
     for alive, asked in places:
-        tokens: list[str] = session.attempt(
-            partial(zenoh_api.tokens, session.raw, alive, timeout), f"cannot look for {alive!r}"
-        )
-        living = {robot_of(token) for token in tokens}
+        living = _living(session, alive, timeout)
         found |= {robot: RobotState(robot) for robot in living}
         found |= {state.robot: state for state in _answers(session, asked, timeout) if state.robot in living}
     if not found:
@@ -70,6 +67,26 @@ def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float
             "this side may not look: with certificates the role `fleet` sees all, another role its own robot by name"
         )
     return tuple(found[robot] for robot in sorted(found))
+
+
+def living_robots(session: Session, *, timeout: float = 2.0) -> tuple[str, ...]:
+    """Instance names of the robots that live on a router, as far as this side may see them; by name.
+
+    Args:
+        session: open session of a client of the router.
+        timeout: [s] to wait for the router's word.
+
+    Raises:
+        SessionClosed: the session is closed.
+    """
+    return tuple(sorted(_living(session, FLEET_ALIVE, timeout)))
+
+
+def _living(session: Session, key: str, timeout: float) -> set[str]:
+    tokens: list[str] = session.attempt(
+        partial(zenoh_api.tokens, session.raw, key, timeout), f"cannot look for {key!r}"
+    )
+    return {robot_of(token) for token in tokens}
 
 
 def _answers(session: Session, key: str, timeout: float) -> list[RobotState]:

@@ -2,6 +2,11 @@
 import { readFileSync } from "node:fs";
 import { cellAt, readTerrain } from "./terrain.mjs";
 
+// What is refused ends in one line.
+process.on("uncaughtException", (error) => {
+  console.error(error.message);
+  process.exit(1);
+});
 const [file, x, y] = process.argv.slice(2);
 const terrain = readTerrain(new Uint8Array(readFileSync(file)));
 const safe = terrain.layer.hazard.filter((flags) => flags === 0).length;

@@ -10,6 +10,8 @@ const DEFINITIONS = fileURLToPath(new URL("../../transport/msg", import.meta.url
 const FRAME_MAGIC = [0x28, 0xb5, 0x2f, 0xfd];
 // Flags of `hazard` with which nothing is known of a cell; any other is a reason not to step there.
 export const UNKNOWN = 0x00ff;
+// Layers without which nothing is said of a cell, and the types that they have.
+const NEEDED = { elevation: 1, traversability: 1, hazard: 2 };
 
 // One type with all that it uses, as a parser of ROS 2 definitions wants it.
 function reader(name) {
@@ -47,10 +49,18 @@ export function readTerrain(payload) {
   const terrain = terrainReader.readMessage(plainCdr(payload));
   if (terrain.version_major !== 1) throw new Error(`terrain message of version ${terrain.version_major}, 1 is read here`);
   const arrays = { 1: "float32_values", 2: "uint16_values", 3: "uint8_values" };
-  terrain.layer = Object.fromEntries(terrain.layers.map((layer) => [layer.name, layer[arrays[layer.type]]]));
-  for (const [name, values] of Object.entries(terrain.layer)) {
-    if (values.length !== terrain.nx * terrain.ny) throw new Error(`layer ${name} has ${values.length} values`);
+  terrain.layer = {};
+  for (const { name, type, ...values } of terrain.layers) {
+    const wanted = NEEDED[name];
+    if (wanted !== undefined && type !== wanted) throw new Error(`layer ${name} has type ${type}, ${wanted} is read here`);
+    // A type of a later version: the layer is left out.
+    if (!(type in arrays)) continue;
+    const count = values[arrays[type]].length;
+    if (count !== terrain.nx * terrain.ny) throw new Error(`layer ${name} has ${count} values`);
+    terrain.layer[name] = values[arrays[type]];
   }
+  const missing = Object.keys(NEEDED).filter((name) => !(name in terrain.layer));
+  if (missing.length) throw new Error(`layers ${missing.join(", ")} are missing`);
   return terrain;
 }
 

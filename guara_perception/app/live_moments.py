@@ -22,6 +22,8 @@ from guara_perception.view.moment import Moment
 from kinematics import KinematicsError
 from transport import TerrainMessage, open_client
 from transport.client import PerceptionClient
+from transport.exceptions import SessionClosed
+from transport.fleet import living_robots
 from transport.keys import check_name, picture_key, points_key
 from transport.messages.codec import decode, read_time
 from transport.messages.typestore import COMPRESSED_IMAGE, POINT_CLOUD
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 EXTENTS = ("footprint", "map")
+# [s] For the router to say who lives.
+LOOK = 2.0
 
 
 class LiveMoments:
@@ -68,7 +72,8 @@ class LiveMoments:
         self._grids: dict[str, TerrainGrid] = {}
         self._points: tuple[int, Float32] | None = None
         self._picture: tuple[int, Image] | None = None
-        session = open_client(endpoint, security=security)
+        self._robot, self._has_shown = robot, False
+        self._session = session = open_client(endpoint, security=security)
         self._client = PerceptionClient(session, robot=robot)
         for extent in EXTENTS:
             self._client.on_terrain(self._take_grid, extent=extent)
@@ -86,6 +91,24 @@ class LiveMoments:
     ) -> None:
         """Disconnect."""
         self._client.close()
+
+    def missing(self) -> str:
+        """What is waited for while nothing was shown yet, and which robots live on this router; empty once it was.
+
+        Asks the router, which may take `LOOK` seconds.
+        """
+        if self._has_shown:
+            return ""
+        try:
+            robots = living_robots(self._session, timeout=LOOK)
+        except SessionClosed:
+            return ""
+        if self._robot in robots or self._client.is_alive:
+            return f"waiting for the first grid of {self._robot!r}: its node lives and has sent none yet"
+        others = (
+            f"alive here: {', '.join(robots)} (--instance NAME)" if robots else "no robot that may be seen lives here"
+        )
+        return f"waiting for a robot of the instance name {self._robot!r}: none lives on this router; {others}"
 
     def _take_grid(self, message: TerrainMessage) -> None:
         try:
@@ -136,5 +159,6 @@ class LiveMoments:
         try:
             planned = {} if terrain.metadata.get("withdrawn") else planned_footholds(self._model, terrain)
             self._show(Moment(grids, footholds=planned, **parts))
+            self._has_shown = True
         except (KinematicsError, PerceptionError) as error:
             self._refusals.say("not shown, is it of another robot than %r (--robot)? %s", self._model.name, error)

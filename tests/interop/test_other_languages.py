@@ -19,7 +19,9 @@ from tests.interop.conftest import INSTALL
 from tests.interop.ros_environment import environment
 from tests.ports import free_endpoint
 from transport import PerceptionServer, decode_terrain, open_node
+from transport.messages.codec import encode
 from transport.messages.summary_message import encode_summary
+from transport.messages.terrain_codec import make_terrain
 
 pytestmark = pytest.mark.interop
 PLACES = ((0.7, 0.0), (0.62, -0.21), (0.502, 0.262), (0.9, 0.1), (3.0, 0.0))
@@ -107,6 +109,35 @@ def test_javascript_reads_the_summary_as_python_does(paper_terrain: gp.TerrainGr
     payload.write_bytes(payload.read_bytes()[:-20])
     words = ["node", folder / "read_summary.mjs", payload, "0.7", "0"]
     assert subprocess.run(words, capture_output=True, timeout=60, check=False).returncode != 0
+
+
+def test_javascript_leaves_out_layers_of_later_types_and_refuses_known_ones_of_another(
+    paper_terrain: gp.TerrainGrid, root: Path, tmp_path: Path
+) -> None:
+    """A layer that nobody knows here changes nothing; hazard in another form, or none, ends in one line."""
+    folder = root / "examples" / "javascript"
+    if shutil.which("node") is None or not (folder / "node_modules" / "fzstd").is_dir():
+        pytest.skip(f"node or libraries of the example are missing: {INSTALL}")
+    payload = tmp_path / "terrain.bin"
+
+    def said(layer_name: str, **changes: object) -> subprocess.CompletedProcess[str]:
+        message = make_terrain(terrain_to_message(paper_terrain, robot="rex", sequence=1))
+        (layer,) = (layer for layer in message.layers if layer.name == layer_name)
+        for field, value in changes.items():
+            setattr(layer, field, value)
+        payload.write_bytes(encode(message))
+        words = ["node", folder / "read_terrain.mjs", payload, "0.7", "0"]
+        return subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+
+    later = said("slope", name="colour", type=9)
+    assert later.returncode == 0 and json.loads(later.stdout.splitlines()[1])["known"], later.stderr
+    for changes, words in (
+        ({"type": 9}, "layer hazard has type 9, 2 is read here"),
+        ({"type": 1}, "layer hazard has type 1, 2 is read here"),
+        ({"name": "danger"}, "layers hazard are missing"),
+    ):
+        refused = said("hazard", **changes)
+        assert (refused.returncode, refused.stdout, refused.stderr) == (1, "", words + "\n")
 
 
 def test_javascript_refuses_what_is_no_grid(root: Path, tmp_path: Path) -> None:

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from guara_perception.view.moment import Moment
     from kinematics import RobotModel
 
+# [s] Without anything to show, after which a live view says what it waits for.
+SILENCE = 5.0
+
 
 @click.command(name="view")
 @click.argument("file", type=click.Path(path_type=Path), required=False)
@@ -101,9 +104,11 @@ def show_live(
     stop: threading.Event,
     address: str,
 ) -> None:
-    """Show every new pause until stopped."""
+    """Show every new pause until stopped; after some seconds without any say what is waited for."""
     from guara_perception.app.live_moments import LiveMoments
 
-    with LiveMoments(show, model, endpoint, robot=instance, security=security):
+    with LiveMoments(show, model, endpoint, robot=instance, security=security) as moments:
         click.echo(f"live view of {instance}: open {address} (Ctrl-C ends)")
+        if not stop.wait(SILENCE) and (missing := moments.missing()):
+            click.echo(missing, err=True)
         stop.wait()

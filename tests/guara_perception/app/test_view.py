@@ -13,6 +13,7 @@ import pytest
 
 import guara_perception as gp
 from drivers import StripeCapture, StripeVerdict
+from guara_perception.app.commands import view
 from guara_perception.app.commands.view import show_live
 from guara_perception.app.live_moments import LiveMoments
 from guara_perception.app.messages import stance_to_message, terrain_to_message
@@ -223,3 +224,40 @@ def test_a_live_view_of_another_robot_says_so(
         node.tell("publish 1")
         assert eventually(lambda: "not shown, is it of another robot than 'tapir' (--robot)?" in caplog.text)
     assert "Traceback" not in caplog.text
+
+
+def test_a_live_view_without_anything_to_show_says_what_it_waits_for(
+    start: Callable,
+    free_endpoint: str,
+    terrain_file: Path,
+    robot: RobotModel,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    eventually: Callable,
+) -> None:
+    """A name that no robot has: one line with those that live. A robot without a grid: one that says so."""
+    monkeypatch.setattr(view, "SILENCE", 0.2)
+    node = start(NODE, free_endpoint, "rex", terrain_file)
+    assert node.line() == "ready"
+    for instance, words in (
+        ("guara", "name 'guara': none lives on this router; alive here: rex (--instance NAME)\n"),
+        ("rex", "waiting for the first grid of 'rex': its node lives and has sent none yet\n"),
+    ):
+        stop, said = threading.Event(), ""
+        arguments = (lambda _: None, robot, free_endpoint, instance, None, stop, "http://127.0.0.1:1")
+        viewer = threading.Thread(target=show_live, args=arguments)
+        viewer.start()
+
+        def heard(words: str = words) -> bool:
+            nonlocal said
+            said += capsys.readouterr().err
+            return words in said
+
+        try:
+            assert eventually(heard)
+        finally:
+            stop.set()
+            viewer.join(60)
+    with LiveMoments(lambda _: None, robot, free_endpoint, robot="rex") as moments:
+        node.tell("publish 1")
+        assert eventually(lambda: moments.missing() == "")
