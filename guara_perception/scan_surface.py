@@ -49,7 +49,6 @@ class ScanSurface:
         """
         self._order = np.array(list(geometry.stripes), dtype=np.int64)
         self._pattern = pattern
-        self._pooling = max(int(np.ceil(cell / FINEST_CELL_M - 1e-9)), 1)
         planes, size, origins = geometry.planes_in_footprint, calibration.camera.size, geometry.sensor_origins
 
         def area(grid: GridGeometry, rows: slice) -> ScanArea:
@@ -57,6 +56,7 @@ class ScanSurface:
             return ScanArea(grid, rows, plan, UnknownCauses(plan, origins, grid, body.hides), settings.limits)
 
         self._areas = {name: area(grid, rows) for name, (grid, rows) in area_rows(settings, cell).items()}
+        self._pooling = max(int(np.ceil(cell / FINEST_CELL_M - 1e-9)), 1)
         fine = self.grid("wide").refined(self._pooling)
         self._raster = SurfaceRaster(fine, pattern, settings.join_height)
 
