@@ -21,8 +21,7 @@ MOST_ROUNDS = 4
 LEAST_GAIN = 0.01
 # So far half-planes stay off the squares: rounding, and cells that belong to their lower edges.
 OFF_M = 2e-6
-# Farther than any region reaches, and shorter than any side that matters.
-FAR_M = 100.0
+# Shorter than any side that matters.
 LEAST_SIDE_M = 1e-9
 
 
@@ -62,15 +61,16 @@ def grow_polygon(seed: Float, bounds: Float, squares: Float, half: float) -> Con
 
 def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float) -> Float:
     """Half-planes (n, 3) that keep out every square, the nearest one in the metric first; the seed stays inside."""
-    cuts = []
+    cuts: list[tuple[float, float, float]] = []
     reach = half + OFF_M
     x, y = np.ascontiguousarray(squares.T)
     (xx, xy), (_, yy) = metric.tolist()
     seed_x, seed_y = seed.tolist()
+    offset_x, offset_y = _nearest(x - centre[0], reach), _nearest(y - centre[1], reach)
+    left = np.argsort(offset_x * (xx * offset_x + 2 * xy * offset_y) + yy * offset_y**2, kind="stable")
+    x, y, offset_x, offset_y = x[left], y[left], offset_x[left], offset_y[left]
     while x.size:
-        offset_x, offset_y = _nearest(x - centre[0], reach), _nearest(y - centre[1], reach)
-        nearest = int((offset_x * (xx * offset_x + 2 * xy * offset_y) + yy * offset_y**2).argmin())
-        at_x, at_y, dx, dy = (float(values[nearest]) for values in (x, y, offset_x, offset_y))
+        at_x, at_y, dx, dy = (float(values[0]) for values in (x, y, offset_x, offset_y))
         a, b, edge = _side(xx * dx + xy * dy, xy * dx + yy * dy, at_x, at_y, reach)
         if not a * seed_x + b * seed_y < edge:
             # That would cut the seed off: across the way from the seed to the square's nearest point instead.
@@ -78,8 +78,8 @@ def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float
             a, b, edge = _side(dx, dy, at_x, at_y, reach)
         cuts.append((a, b, edge))
         within = a * x + b * y < edge + reach * (abs(a) + abs(b)) - 1e-12
-        within[nearest] = False
-        x, y = x[within], y[within]
+        within[0] = False
+        x, y, offset_x, offset_y = x[within], y[within], offset_x[within], offset_y[within]
     return np.array(cuts).reshape(-1, 3)
 
 
@@ -98,42 +98,29 @@ def _side(normal_x: float, normal_y: float, x: float, y: float, reach: float) ->
 
 
 def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
-    """What half-planes leave of the plane around a point inside all of them, which they must bound."""
-    # In plain numbers, for they are few: a handful of corners cut by some tens of lines.
-    corners = [(-FAR_M, -FAR_M), (FAR_M, -FAR_M), (FAR_M, FAR_M), (-FAR_M, FAR_M)]
-    # Side i leads from corner i to the next one; it lies on this half-plane's line.
-    sides = [-1] * 4
-    offsets = halfspaces[:, 2] - halfspaces[:, :2] @ inside
-    reach = 2 * FAR_M
-    normals = halfspaces[:, :2].tolist()
-    # The nearest first: once the farthest corner is nearer than a line, no further line cuts anything off.
-    for line in np.argsort(offsets, kind="stable").tolist():
-        (a, b), c = normals[line], float(offsets[line])
-        if c >= reach:
-            break
-        over = [a * x + b * y - c for x, y in corners]
-        if max(over) <= 0:
-            continue
-        kept: list[tuple[float, float]] = []
-        kept_sides: list[int] = []
-        for i, (x, y) in enumerate(corners):
-            after = (i + 1) % len(corners)
-            if over[i] <= 0:
-                kept.append((x, y))
-                kept_sides.append(sides[i])
-            if (over[i] <= 0) != (over[after] <= 0):
-                share = over[i] / (over[i] - over[after])
-                next_x, next_y = corners[after]
-                kept.append((x + share * (next_x - x), y + share * (next_y - y)))
-                kept_sides.append(line if over[i] <= 0 else sides[i])
-        corners, sides = kept, kept_sides
-        reach = max(math.hypot(x, y) for x, y in corners)
-    vertices = np.array(corners)
-    apart = np.abs(vertices - np.roll(vertices, -1, axis=0)).max(axis=1) > LEAST_SIDE_M
-    vertices, on = vertices[apart], np.array(sides)[apart]
-    x, y = vertices.T
-    area = 0.5 * float(x @ np.roll(y, -1) - np.roll(x, -1) @ y)
-    return ConvexPolygon(halfspaces[np.unique(on)], vertices + inside, area)
+    """What half-planes leave of the plane around a point inside all of them, which they must bound.
+
+    Seen from that point, a line at distance c with normal n has the dual point n / c: those on the convex hull of all
+    of them are the sides, in order. OpenCV's hull is of float32: a line that it takes for redundant may cut off less
+    than 1e-6 of its own distance, a part of what half-planes stay off the squares.
+    """
+    normals, offsets = halfspaces[:, :2], halfspaces[:, 2] - halfspaces[:, :2] @ inside
+    dual = (normals / offsets[:, None]).astype(np.float32)
+    on = cv2.convexHull(dual, returnPoints=False)[:, 0]
+    after = np.append(on[1:], on[0])
+    (a, b), c = normals[on].T, offsets[on]
+    (next_a, next_b), next_c = normals[after].T, offsets[after]
+    # Turning against the clock from one side to the next; two that are parallel meet nowhere.
+    turn = a * next_b - b * next_a
+    vertices = np.column_stack((c * next_b - b * next_c, a * next_c - c * next_a)) / turn[:, None]
+    # Corner i lies between sides i and i + 1; a side too short to matter goes, with the corner at its end.
+    before = np.concatenate((vertices[-1:], vertices[:-1]))
+    apart = np.abs(vertices - before).max(axis=1) > LEAST_SIDE_M
+    if not apart.all():
+        vertices, on = vertices[apart], on[apart]
+        before = np.concatenate((vertices[-1:], vertices[:-1]))
+    area = 0.5 * float(before[:, 0] @ vertices[:, 1] - before[:, 1] @ vertices[:, 0])
+    return ConvexPolygon(halfspaces[on], vertices + inside, area)
 
 
 def _ellipse(vertices: Float) -> tuple[Float, Float]:

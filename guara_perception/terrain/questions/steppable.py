@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -112,18 +113,17 @@ def steppable_regions(
     found: list[SteppableRegion] = []
     while len(found) < MOST_REGIONS:
         padded = cv2.copyMakeBorder(left.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=(0,))
-        depth = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+        # Summed up of whole steps: the exact distance has a last bit that depends on where the memory lies.
+        depth = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
         seed = np.unravel_index(int(depth.argmax()), depth.shape)
         if (2 * depth[seed] * terrain.resolution) ** 2 < LEAST_AREA_M2:
             break
         region = _grow(whole.around(seed, REGION_REACH_M), None, leg)
-        a, b, c = region.halfspaces.T[:, :, None, None]
-        low, high = region.vertices[:, :2].min(axis=0) - 1e-6, region.vertices[:, :2].max(axis=0) + 1e-6
-        columns, rows = (
-            slice(*np.searchsorted(axis, ends))
-            for axis, ends in ((whole.x, (low[0], high[0])), (whole.y, (low[1], high[1])))
-        )
-        left[rows, columns] &= ~(a * whole.x[columns] + b * whole.y[rows, None] <= c + 1e-9).all(axis=0)
+        rows, columns = whole.around_points(region.vertices)
+        taken = np.ones(left[rows, columns].shape, dtype=bool)
+        for a, b, c in region.halfspaces.tolist():
+            taken &= a * whole.x[columns] + b * whole.y[rows, None] <= c + 1e-9
+        left[rows, columns] &= ~taken
         left[seed] = False
         if region.area >= LEAST_AREA_M2:
             found.append(region)
@@ -164,6 +164,15 @@ class _Window:
         variance = np.asarray(terrain.variance, np.float64)[part]
         tolerance = PLANE_TOLERANCE_M - rounding_of(terrain).elevation
         return _Window(cx[columns], cy[rows], free, height, variance, bounds, terrain.resolution, tolerance)
+
+    def around_points(self, points: Float) -> tuple[slice, slice]:
+        """Rows and columns of the cells with centres between the least and largest x and y of points (n, 2 or 3)."""
+        low, high = points[:, :2].min(axis=0) - 1e-6, points[:, :2].max(axis=0) + 1e-6
+        columns, rows = (
+            slice(*np.searchsorted(axis, ends).tolist())
+            for axis, ends in ((self.x, (low[0], high[0])), (self.y, (low[1], high[1])))
+        )
+        return rows, columns
 
     def around(self, seed: tuple[np.intp, ...], reach: float) -> _Window:
         iy, ix = (int(i) for i in seed)
@@ -216,22 +225,27 @@ def _grow(window: _Window, seed: tuple[np.intp, ...] | tuple[int, int] | None, l
 
 def _plane_of(window: _Window, iy: int, ix: int) -> tuple[Float, Mask]:
     """Plane of the ground around a free cell, and the free cells that belong to it and hang together with it."""
-    x, y = np.meshgrid(window.x, window.y)
-    near = window.free & (np.hypot(x - window.x[ix], y - window.y[iy]) < max(SEED_RADIUS_M, 2 * window.resolution))
-    plane = _fitted(x[near], y[near], window.height[near])
+    n = int(max(SEED_RADIUS_M, 2 * window.resolution) / window.resolution) + 1
+    rows, columns = slice(max(iy - n, 0), iy + n + 1), slice(max(ix - n, 0), ix + n + 1)
+    aside = np.hypot(window.x[columns] - window.x[ix], window.y[rows, None] - window.y[iy])
+    near = np.zeros(window.free.shape, dtype=bool)
+    near[rows, columns] = window.free[rows, columns] & (aside < max(SEED_RADIUS_M, 2 * window.resolution))
+    plane = _fitted(window, near)
     ground = near
     for _ in range(2):
-        off = np.abs(window.height - (plane[0] * x + plane[1] * y + plane[2]))
-        ground = window.free & (off <= window.tolerance)
-        ground[iy, ix] = True
-        _, labels = cv2.connectedComponents(ground.astype(np.uint8), connectivity=4)
-        ground = labels == labels[iy, ix]
-        plane = _fitted(x[ground], y[ground], window.height[ground])
+        off = np.abs(window.height - (plane[0] * window.x + (plane[1] * window.y + plane[2])[:, None]))
+        within = (window.free & (off <= window.tolerance)).astype(np.uint8)
+        within[iy, ix] = 1
+        cv2.floodFill(within, None, (ix, iy), 2, flags=4)
+        ground = within == 2
+        plane = _fitted(window, ground)
     return plane, ground
 
 
-def _fitted(x: Float, y: Float, z: Float) -> Float:
-    """Least squares plane (3,) through points; level where they are too few or in a line."""
+def _fitted(window: _Window, cells: Mask) -> Float:
+    """Least squares plane (3,) through the heights of cells; level where they are too few or in a line."""
+    iy, ix = np.nonzero(cells)
+    x, y, z = window.x[ix], window.y[iy], window.height[cells]
     middle_x, middle_y, level = float(x.mean()), float(y.mean()), float(z.mean())
     dx, dy, dz = x - middle_x, y - middle_y, z - level
     xx, xy, yy, xz, yz = (float(u @ v) for u, v in ((dx, dx), (dx, dy), (dy, dy), (dx, dz), (dy, dz)))
@@ -243,17 +257,22 @@ def _fitted(x: Float, y: Float, z: Float) -> Float:
 
 
 def _region(window: _Window, polygon: ConvexPolygon, plane: Float, ground: Mask, leg: str | None) -> SteppableRegion:
-    x, y = np.meshgrid(window.x, window.y)
-    a, b, c = polygon.halfspaces.T[:, :, None, None]
-    inside = ground & (a * x + b * y <= c).all(axis=0)
-    cells = inside if inside.any() else ground
-    off = window.height[cells] - (plane[0] * x[cells] + plane[1] * y[cells] + plane[2])
+    rows, columns = window.around_points(polygon.vertices)
+    x, y = window.x[columns], window.y[rows, None]
+    inside = ground[rows, columns].copy()
+    for a, b, c in polygon.halfspaces.tolist():
+        inside &= a * x + b * y <= c
+    # A polygon that holds no cell's middle lies between those of the ground.
+    part, cells = ((rows, columns), inside) if inside.any() else ((slice(None), slice(None)), ground)
+    iy, ix = np.nonzero(cells)
+    height, variance = window.height[part][cells], window.variance[part][cells]
+    off = height - (plane[0] * window.x[part[1]][ix] + plane[1] * window.y[part[0]][iy] + plane[2])
     vertices = np.column_stack((polygon.vertices, polygon.vertices @ plane[:2] + plane[2]))
     return SteppableRegion(
         halfspaces=polygon.halfspaces,
         vertices=vertices,
         plane=plane,
-        sigma=float(np.sqrt(np.mean(off**2) + np.mean(window.variance[cells]))),
+        sigma=math.sqrt(float(off @ off) / off.size + float(variance.sum()) / off.size),
         area=polygon.area,
         leg=leg,
     )
