@@ -133,6 +133,7 @@ def _one_way(robot: RobotModel, looks: list[Look], *, registered: bool) -> Drift
             pose.covariance,
             known_ground=look.known_ground,
             covariance_since_last=pose.covariance_since_last if registered else None,
+            own_covariance=pose.own_covariance if registered else None,
         )
         refused += registered and fused.metadata["registration_refused"] is not None
         places.append(np.array(fused.metadata["transform_footprint_to_odom"]))

@@ -60,6 +60,7 @@ def judge(robot: RobotModel, truth: TrueGround, pauses: list[ScannedPause]) -> t
             pose.covariance,
             known_ground=pause.known_ground,
             covariance_since_last=pose.covariance_since_last,
+            own_covariance=pose.own_covariance,
         )
         begun = time.process_time()
         sight.add(scan, fused)

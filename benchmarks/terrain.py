@@ -196,6 +196,7 @@ def one_walk(robot: RobotModel, seed: int, cycles: int) -> WalkFigures:
             pose.transform_footprint_to_odom,
             pose.covariance,
             covariance_since_last=pose.covariance_since_last,
+            own_covariance=pose.own_covariance,
         )
         to_footprint = np.array(terrain.metadata["transform_base_to_footprint"])
         from_world = to_footprint @ np.linalg.inv(pause.transform_base_to_world)

@@ -69,6 +69,7 @@ def judge(robot: RobotModel, truth: TrueGround, pauses: list[ScannedPause]) -> C
             pose.covariance,
             known_ground=pause.known_ground,
             covariance_since_last=pose.covariance_since_last,
+            own_covariance=pose.own_covariance,
         )
         if pause.step < FIRST_STEP:
             continue

@@ -166,6 +166,16 @@ class Footholds:
             fit.covariance,
         )
 
+    @property
+    def own_of_footprint(self) -> Float:
+        """(4, 4) covariance of what the last footprint is off by that no foothold has a part in.
+
+        It says nothing of where the feet are, so it moves no pause but its own.
+        """
+        shared = np.linalg.lstsq(self.covariance, self.with_footprint.T, rcond=1e-9)[0]
+        own, directions = np.linalg.eigh(self.of_footprint - self.with_footprint @ shared)
+        return np.asarray(directions * np.maximum(own, 0.0) @ directions.T)
+
 
 def first_footholds(legs: tuple[str, ...], readings: Float, covariances: Float) -> Footholds:
     """The footholds of a first pause, whose footprint is `odom`: readings (n, 4) and covariances (n, 4, 4)."""

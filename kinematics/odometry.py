@@ -37,6 +37,9 @@ class OdometryPose:
         covariance_since_last: (6, 6) of the motion since the last pause, that is of this footprint in the last one's
             frame, REP-103 order; zeros at the first pause. Pauses share feet, so this is far less than the difference
             of their covariances suggests, and cannot be had from them.
+        own_covariance: (6, 6) of what this footprint alone is off by, along the axes of `odom`, REP-103 order: noise of
+            this pause's readings and of its vertical that no other pause shares; zeros at the first pause. What else it
+            is off by is drift, which the pauses that follow carry on.
         stayed_feet: feet that carried the body at both pauses and stayed.
         swung_feet: feet that carried the body at both pauses and were set down elsewhere.
         slipped_feet: the same, but moved by less than a swing.
@@ -49,6 +52,7 @@ class OdometryPose:
     transform_footprint_to_odom: Float
     covariance: Float
     covariance_since_last: Float
+    own_covariance: Float
     stayed_feet: tuple[str, ...]
     swung_feet: tuple[str, ...]
     slipped_feet: tuple[str, ...]
@@ -131,6 +135,7 @@ class LegOdometry:
             transform_footprint_to_odom=read_only(np.eye(4)),
             covariance=read_only(np.zeros((6, 6))),
             covariance_since_last=read_only(np.zeros((6, 6))),
+            own_covariance=read_only(np.zeros((6, 6))),
             stayed_feet=(),
             swung_feet=(),
             slipped_feet=(),
@@ -176,6 +181,7 @@ class LegOdometry:
             transform_footprint_to_odom=transform,
             covariance=read_only(covariance),
             covariance_since_last=read_only(_since_last(last, pose, fit)),
+            own_covariance=read_only(_own(pose, transform, footholds)),
             stayed_feet=tuple(stayed),
             swung_feet=tuple(leg for leg, way in moved.items() if way >= self._limits.swing_least),
             slipped_feet=tuple(leg for leg, way in moved.items() if way < self._limits.swing_least),
@@ -235,6 +241,15 @@ def _since_last(last: OdometryPose, pose: StancePose, fit: Fit) -> Float:
     turn = rotation.T @ after[:3, :3]
     # The tilt of each pause shifts its own footprint.
     result[:3, :3] += _shift_by_tilt(last.pose)[:3, :3] + turn @ _shift_by_tilt(pose)[:3, :3] @ turn.T
+    return result
+
+
+def _own(pose: StancePose, transform: Float, footholds: Footholds) -> Float:
+    """Covariance (6, 6) of what moves this footprint alone: its own readings, and its vertical."""
+    rotation = transform[:3, :3]
+    result = np.zeros((6, 6))
+    result[np.ix_(PLANAR, PLANAR)] = footholds.own_of_footprint
+    result[:3, :3] += rotation @ _shift_by_tilt(pose)[:3, :3] @ rotation.T
     return result
 
 

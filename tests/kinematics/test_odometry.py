@@ -111,6 +111,30 @@ def test_covariance_since_last_agrees_with_sampling(sampled: tuple[list[tuple], 
         assert np.linalg.eigvalsh(result.covariance_since_last)[0] > -1e-12
 
 
+@pytest.mark.slow
+def test_noise_of_a_pause_comes_and_goes_as_sampled(sampled: tuple[list[tuple], list[list[OdometryPose]]]) -> None:
+    """What a pause alone is off by ends with it: the motions before and after it go against each other."""
+    walk, found = sampled
+    pauses = range(2, len(walk) - 1)
+    against, own = [], []
+    for pause in pauses:
+        offs = []
+        for results in found:
+            places = [np.array(results[k].transform_footprint_to_odom) for k in (pause - 1, pause, pause + 1)]
+            true = [footprint(walk[k][0]) for k in (pause - 1, pause, pause + 1)]
+            steps = [inverse(inverse(true[k]) @ true[k + 1]) @ inverse(places[k]) @ places[k + 1] for k in (0, 1)]
+            offs.append([[*step[:2, 3], heading(step)] for step in steps])
+        before, after = np.swapaxes(np.array(offs), 0, 1)
+        against.append([-np.cov(before[:, k], after[:, k])[0, 1] for k in range(3)])
+        own.append(np.diag(found[0][pause].own_covariance)[[0, 1, 5]])
+        for results in found[:3]:
+            drift = results[pause].covariance_since_last - results[pause].own_covariance
+            assert np.linalg.eigvalsh(drift[np.ix_([0, 1, 5], [0, 1, 5])])[0] > -1e-8
+    # Across and in heading by that; along the way less, for there the drift of one motion goes on in the next.
+    share = np.mean(own, axis=0) / np.mean(against, axis=0)
+    assert (share > 0.7).all() and (share[1:] < 1.4).all() and share[0] < 2.5
+
+
 def test_a_motion_is_known_better_than_the_walk(guara: RobotModel, crawl: Crawl) -> None:
     """From pause to pause the motion stays as sure as it was, while the walk's covariance grows without end."""
     odometry, sigmas = LegOdometry(guara), []

@@ -108,6 +108,7 @@ class WalkMap:
             _transform_of(terrain, pose),
             pose.covariance,
             covariance_since_last=pose.covariance_since_last,
+            own_covariance=pose.own_covariance,
             known_ground=known_ground,
             metadata=self._told(pose),
             time=time,

@@ -127,6 +127,7 @@ class _Counts:
                 pose.transform_base_to_odom @ np.linalg.inv(to_footprint),
                 pose.covariance,
                 covariance_since_last=pose.covariance_since_last,
+                own_covariance=pose.own_covariance,
                 known_ground=pause.known_ground,
             )
             self.known.append(float(np.isfinite(terrain.elevation).mean()))

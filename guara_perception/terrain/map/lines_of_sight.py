@@ -57,7 +57,7 @@ class LinesOfSight:
     see limits it too: a thing thinner than the gap between two stripes, or one that was put there later.
 
     Example:
-        fused = terrain_map.update(terrain, transform, covariance, covariance_since_last=since)
+        fused = terrain_map.update(terrain, transform, covariance, covariance_since_last=since, own_covariance=own)
         sight.add(terrain, fused)
         verdict = fused.check_path(points, 0.02, ceiling=sight.ceiling(fused))
     """

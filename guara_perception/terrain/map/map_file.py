@@ -22,7 +22,7 @@ from guara_perception.terrain.map.sideways import SidewaysDrift
 from guara_perception.terrain.map.walk_correction import WalkCorrection
 from guara_perception.whole_file import whole_file
 
-FORMAT = "guara-map/2"
+FORMAT = "guara-map/3"
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,8 @@ Heights are smoothed alike in both, and the slope is the mean of both slopes (Ma
 using efficient second-order minimization techniques, ICRA 2004). A slope that noise could make says nothing of where
 one is: where the scan's is below SLOPE_SIGMAS of its own error the cell counts as level, and a level cell tells of
 height and tilt alone. The scan's, because the map has seams of a millimetre or two where scans end, that no scan shows.
-So on level ground x, y and heading are left to the prior.
+So on level ground x, y and heading are left to the prior. So they are on a slope that is hardly steeper: the map's
+heights are off by a millimetre over areas as large as a ramp, which on one of 0.05 looks like 20 mm aside.
 
 Across its stripes a laser scan has an edge where the first stripe beyond it lies: off by up to their spacing, which
 grows with the distance, and always to the same side for the edges that face the robot. Laid one upon the other, such
@@ -34,7 +35,8 @@ ROUNDS = 8
 # [m] and [rad].
 SMALLEST_STEP = 1e-5
 HUBER_SIGMAS = 2.0
-SLOPE_SIGMAS = 3.0
+# Of the height of single cells; so slopes tell from 0.06 on with cells of 5 mm and heights to 0.3 mm.
+SLOPE_SIGMAS = 6.0
 # Heights of neighbouring cells come from the same stripes and poses: as many of them count as one.
 CELLS_THAT_COUNT_AS_ONE = 64.0
 # Of both heights together, what no sigma tells.

@@ -51,9 +51,8 @@ STATE = (
 class TerrainMap:
     """The rolling map of one walk.
 
-    Each pause's scan is fused into cells that stand still in `odom`; a snapshot of the `map` extent comes
-    back. Same input, same bytes. Memory does not grow: what lies further from the robot than the area of the map
-    reaches (plus a margin) is forgotten.
+    Each pause's scan is fused into cells that stand still in `odom`; a snapshot of the `map` extent comes back. Same
+    input, same bytes. Memory does not grow: what lies further off than the map reaches (plus a margin) is forgotten.
 
     Example:
         terrain_map = TerrainMap(robot)
@@ -61,19 +60,19 @@ class TerrainMap:
         for scan in scans:
             terrain = process_scan(scan, calibration, robot)
             pose = odometry.update(scan.stance)
-            transform, since = pose.transform_footprint_to_odom, pose.covariance_since_last
-            fused = terrain_map.update(terrain, transform, pose.covariance, covariance_since_last=since)
+            motion = {"covariance_since_last": pose.covariance_since_last, "own_covariance": pose.own_covariance}
+            fused = terrain_map.update(terrain, pose.transform_footprint_to_odom, pose.covariance, **motion)
     """
 
     def __init__(self, robot: RobotLike, *, resolution: float | None = None) -> None:
         """Start with nothing known.
 
         Args:
-            robot: model, name or folder; its robot.toml gives the area, limits and validity; its kinematics the soles.
-            resolution: cell edge [m]; None = the robot's default.
+            robot: model, name or folder; its robot.toml gives area, limits and validity; its kinematics the soles.
+            resolution: cell edge [m], which divides the area; None = the robot's default.
 
         Raises:
-            InvalidInput: the resolution does not divide the area of the map.
+            InvalidInput: it does not.
         """
         self._robot = robot_model(robot)
         self._settings = Settings.of(self._robot)
@@ -116,7 +115,7 @@ class TerrainMap:
 
     @property
     def rise_variance(self) -> float:
-        """Variance of z that cells gain while they are not seen, summed since the start [m^2]."""
+        """Variance of z that cells gain while not seen, summed since the start [m^2]."""
         return self._drift.rise
 
     def update(
@@ -129,6 +128,7 @@ class TerrainMap:
         metadata: Mapping[str, Any] | None = None,
         time: float | None = None,
         covariance_since_last: npt.ArrayLike | None = None,
+        own_covariance: npt.ArrayLike | None = None,
     ) -> TerrainGrid:
         """Fuse one scan and give the map as it is known now.
 
@@ -141,29 +141,31 @@ class TerrainMap:
             metadata: more fields for the metadata of the result.
             covariance_since_last: (6, 6) of the motion since the last pause (`OdometryPose.covariance_since_last`): the
                 scan is laid onto the map first, which takes sideways drift off where the ground shows it. None = the
-                walk is taken as odometry gives it; at every pause of a walk or at none.
+                walk is taken as odometry gives it; at every pause or at none.
+            own_covariance: (6, 6) of what odometry is off by at this pause alone (`OdometryPose.own_covariance`), which
+                is not carried on to the next. None = none; counts only with the former.
             time: of the scan by a clock that never steps [s], by which cells grow old; None takes the grid's stamp.
-                Time that runs backwards makes all that was seen before STALE: how old it is, is not known.
+                Time that runs backwards makes all that was seen before STALE.
 
         Returns:
             TerrainGrid of extent "map" in base_footprint of this pause. Ground that only a foot or the gait vouches
             for has `looks` 0.
 
         Raises:
-            InvalidInput: a grid of another extent or cell size, in the compact encoding, or of an earlier pause; a
-                transform that is not rigid or tilts by more than 0.2 rad; a covariance that is not (6, 6) with a
-                positive diagonal; covariance_since_last at some pauses and not at others.
+            InvalidInput: a grid of another extent or cell size, in the compact encoding, or of an earlier pause; a pose
+                that is not rigid or tilts by more than 0.2 rad; a covariance that is not (6, 6) with a positive
+                diagonal; covariance_since_last at some pauses and not at others.
         """
         check_scan(terrain, self._grid.resolution, self._step)
         transform, pose_covariance = checked_pose(transform_footprint_to_odom, covariance)
         since_last = None if covariance_since_last is None else checked_covariance(covariance_since_last)
-        if self._scans:
-            self._walk.check_kind(is_registered=since_last is not None, step=terrain.step)
+        self._walk.check_kind(self._scans, is_registered=since_last is not None, step=terrain.step)
         self._pause += 1 if self._step is None else terrain.step - self._step
         self._step = terrain.step
         if since_last is not None:
-            self._walk = self._walk.after(self._cells, terrain, transform, self._anchor.offset, since_last)
-        transform = self._walk.transform @ transform
+            own = checked_covariance(np.zeros((6, 6)) if own_covariance is None else own_covariance)
+            self._walk = self._walk.after(self._cells, terrain, transform, self._anchor.offset, since_last, own)
+        transform = self._walk.here @ transform
         clock = self._ticked(terrain.stamp if time is None else round(time * 1e9))
         position = transform[:2, 3]
         if self._centre is None or np.abs(position - self._centre).max() > MARGIN_M:

@@ -1,7 +1,13 @@
 """Holds the walk to the map sideways: what registration of each scan takes off the drift of leg odometry.
 
-A Kalman filter over x, y and heading: between pauses the error of the walk grows by that of the motion, the overlap of
-scan and map takes some of it off again. Nothing is shifted silently: correction and sigmas are in the map's metadata.
+A Kalman filter over x, y and heading. Where odometry has a pause is off by its drift, which goes on to the next pauses,
+and by that pause's own noise, which does not. With P the covariance of the drift and W that of the noise, the overlap
+of scan and map, which sees both, leaves C of P + W and moves the pause by m; of that
+
+    K m,  K = P (P + W)^-1        is drift, of which P - K (P + W - C) K' is left.
+
+Without W all would be carried on: the noise of a pause, larger than what a walk drifts until the next, would be put
+into the way of all that follow. Nothing is shifted silently: correction and sigmas are in the map's metadata.
 """
 
 from __future__ import annotations
@@ -34,7 +40,10 @@ class WalkCorrection:
 
     Attributes:
         transform: (4, 4) to be multiplied from the left to transforms of odometry; a turn about z and a shift in x, y.
-        covariance: (3, 3) of x, y and heading of the walk against the map.
+        covariance: (3, 3) of the drift in x, y and heading that is left after it.
+        here: (4, 4) the same for the last pause, its own noise corrected too.
+        left: (3, 3) covariance of x, y and heading of the last pause against the map.
+        own: (3, 3) covariance of the last pause's own noise.
         last: transform_footprint_to_odom of the last pause as odometry gave it, None before the first.
         growth: (3, 3) what of the last motion's covariance the overlap has not taken off again.
         shift, turn: of all motions, summed since the start [m^2, rad^2].
@@ -43,6 +52,9 @@ class WalkCorrection:
 
     transform: Float
     covariance: Float
+    here: Float = field(default_factory=lambda: np.eye(4))
+    left: Float = field(default_factory=lambda: np.zeros((3, 3)))
+    own: Float = field(default_factory=lambda: np.zeros((3, 3)))
     last: Float | None = None
     growth: Float = field(default_factory=lambda: np.zeros((3, 3)))
     shift: float = 0.0
@@ -54,13 +66,13 @@ class WalkCorrection:
         """Before the first pause."""
         return WalkCorrection(np.eye(4), np.zeros((3, 3)))
 
-    def check_kind(self, *, is_registered: bool, step: int) -> None:
-        """Refuse a pause that is of another kind than those before: of the motion between nobody could tell the drift.
+    def check_kind(self, scans: int, *, is_registered: bool, step: int) -> None:
+        """Refuse a pause of another kind than the `scans` before: of the motion between nobody could tell the drift.
 
         Raises:
             InvalidInput: the covariance of the motion is given now and was not before, or the other way round.
         """
-        if is_registered == (self.last is not None):
+        if not scans or is_registered == (self.last is not None):
             return
         now, before = ("given", "not given") if is_registered else ("not given", "given")
         raise InvalidInput(
@@ -84,8 +96,8 @@ class WalkCorrection:
     def report(self) -> dict[str, Any]:
         """What the metadata of the map say of it; plain JSON values."""
         return {
-            "sideways_correction": [*self.transform[:2, 3].tolist(), float(np.arctan2(*self.transform[1::-1, 0]))],
-            "sideways_correction_sigma": np.sqrt(np.diag(self.covariance)).tolist(),
+            "sideways_correction": [*self.here[:2, 3].tolist(), float(np.arctan2(*self.here[1::-1, 0]))],
+            "sideways_correction_sigma": np.sqrt(np.diag(self.left)).tolist(),
             "registration_refused": self.refused,
         }
 
@@ -104,6 +116,9 @@ class WalkCorrection:
         return WalkCorrection(
             transform=fields.array("transform", (4, 4)),
             covariance=fields.array("covariance", (3, 3)),
+            here=fields.array("here", (4, 4)),
+            left=fields.array("left", (3, 3)),
+            own=fields.array("own", (3, 3)),
             last=fields.array("last", (4, 4)) if fields.has("last") else None,
             growth=fields.array("growth", (3, 3)),
             shift=fields.number("shift", 0.0),
@@ -112,7 +127,7 @@ class WalkCorrection:
         )
 
     def after(
-        self, cells: OdomCells, terrain: TerrainGrid, odometry: Float, rise: float, since_last: Float
+        self, cells: OdomCells, terrain: TerrainGrid, odometry: Float, rise: float, since_last: Float, own: Float
     ) -> WalkCorrection:
         """The state one pause later.
 
@@ -122,9 +137,10 @@ class WalkCorrection:
             odometry: (4, 4) transform_footprint_to_odom as odometry gives it.
             rise: what is added to its z [m].
             since_last: (6, 6) covariance of the motion since the last pause, in the last footprint.
+            own: (6, 6) covariance of the pause's own noise, along the axes of odom.
         """
         if self.last is None:
-            # What led to the first pause moved nothing in the map.
+            # What led to the first pause moved nothing in the map, which lies where that pause was taken to be.
             return replace(self, last=odometry.copy())
         here, before = self.transform @ odometry, self.transform @ self.last
         rotation = np.kron(np.eye(2), before[:3, :3])
@@ -132,7 +148,10 @@ class WalkCorrection:
         carried = np.eye(3)
         carried[:2, 2] = before[1, 3] - here[1, 3], here[0, 3] - before[0, 3]
         added = growth[np.ix_(SIDEWAYS, SIDEWAYS)] + np.diag([LEAST_SIGMA_M**2] * 2 + [LEAST_SIGMA_RAD**2])
-        sideways = carried @ self.covariance @ carried.T + added
+        turned = self.transform[:3, :3]
+        noise = turned @ own[np.ix_(SIDEWAYS, SIDEWAYS)] @ turned.T
+        drift = carried @ self.covariance @ carried.T + _without(added, carried @ self.own @ carried.T + noise)
+        sideways = drift + noise
         prior = np.diag([0.0, 0.0, growth[2, 2] + HEIGHT_SIGMA_M**2, TILT_SIGMA**2, TILT_SIGMA**2, 0.0])
         tilt = terrain.metadata.get("pose_covariance")
         if tilt is not None:
@@ -142,9 +161,13 @@ class WalkCorrection:
         found = register(cells, terrain, here, prior)
         left = found.covariance[np.ix_(SIDEWAYS, SIDEWAYS)]
         kept = kept_growth(added, sideways, left)
+        share = np.linalg.solve(sideways, drift).T
         return WalkCorrection(
-            transform=_moved(found.motion, here[:3, 3]) @ self.transform,
-            covariance=left,
+            transform=_moved(share @ found.motion[SIDEWAYS], here) @ self.transform,
+            covariance=drift - share @ (sideways - left) @ share.T,
+            here=_moved(found.motion[SIDEWAYS], here) @ self.transform,
+            left=left,
+            own=noise,
             last=odometry.copy(),
             growth=kept,
             shift=self.shift + float(np.linalg.eigvalsh(kept[:2, :2])[-1]),
@@ -153,10 +176,19 @@ class WalkCorrection:
         )
 
 
+def _without(growth: Float, noise: Float) -> Float:
+    """The drift (3, 3) in the covariance of a motion: the noise of both its ends taken off, the least sigmas left."""
+    least = np.diag([LEAST_SIGMA_M, LEAST_SIGMA_M, LEAST_SIGMA_RAD])
+    inverse = np.linalg.inv(least)
+    variances, directions = np.linalg.eigh(inverse @ (growth - noise) @ inverse)
+    root = least @ directions
+    return np.asarray(root * np.maximum(variances, 1.0) @ root.T)
+
+
 def _moved(motion: Float, about: Float) -> Float:
-    """Transform (4, 4) of a shift in x and y and a turn about a vertical through a point."""
-    cosine, sine = np.cos(motion[5]), np.sin(motion[5])
+    """Transform (4, 4) of a shift in x and y and a turn (3,) about a vertical through the place of a transform."""
+    cosine, sine = np.cos(motion[2]), np.sin(motion[2])
     transform = np.eye(4)
     transform[:2, :2] = [[cosine, -sine], [sine, cosine]]
-    transform[:2, 3] = about[:2] - transform[:2, :2] @ about[:2] + motion[:2]
+    transform[:2, 3] = about[:2, 3] - transform[:2, :2] @ about[:2, 3] + motion[:2]
     return transform
