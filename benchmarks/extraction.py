@@ -8,8 +8,8 @@ from benchmarks.contenders import LITERAL, REFERENCE, USER, copy, extractors, to
 from benchmarks.rounds import Timings, alternate, number
 from benchmarks.scenes import Recording
 from benchmarks.section import Effort, Section
-from benchmarks.synthetic_stripes import CASES, stripe_errors, stripes
 from guara_perception.arrays import Image
+from tests.synthetic_stripes import CASES, stripe_errors, stripes
 
 FLOOR, ALL_FLOOR, COPY = "floor: band read once", "floor: all bytes read once", "floor: all bytes copied"
 

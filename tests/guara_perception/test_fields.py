@@ -76,7 +76,7 @@ def test_not_finite_numbers_are_refused_wherever_they_stand(tmp_path: Path, numb
 )
 def test_every_finite_object_is_read_as_it_was_written(tmp_path_factory: pytest.TempPathFactory, value: object):
     """What JSON can hold and is finite comes back the same."""
-    path = tmp_path_factory.mktemp("json") / "any.json"
+    path = tmp_path_factory.getbasetemp() / "any.json"
     path.write_text(json.dumps({"value": value}))
     assert read_json(path).data == {"value": value}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.optimize
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.app.record.simulated import SimulatedWorkshop
@@ -17,6 +17,7 @@ POSITIONS = np.random.default_rng(0).uniform(-1.4, 1.4, (300, 2))
 SMALL = st.floats(-0.3, 0.3)
 
 
+@settings(max_examples=30)
 @given(
     centre=st.tuples(SMALL, SMALL),
     angles=st.tuples(SMALL, SMALL),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ STRIPE = 25
 MIDDLE = np.s_[100:540]
 
 
+@lru_cache(maxsize=4)
 def pictures(light: Light, index: int = STRIPE) -> tuple[Image, Image]:
     """Laser on and off over soil."""
     robot = load_robot("guara")

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from benchmarks.synthetic_stripes import CASES, figures
 from guara_perception.stripes.band import Band
 from guara_perception.stripes.paper import (
     binarise,
@@ -18,6 +17,7 @@ from guara_perception.stripes.paper import (
     remove_background,
     skeleton,
 )
+from tests.synthetic_stripes import CASES, figures
 
 
 def slow_skeleton(mask: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from benchmarks.synthetic_stripes import CASES, figures
+from tests.synthetic_stripes import CASES, figures
 
 ROWS, COLUMNS = 96, 200
 STATUS = gp.StripeStatus

@@ -175,7 +175,7 @@ def test_on_a_walk_that_drifts_the_truth_is_below_the_bounds(robot: RobotModel, 
     sight = gp.LinesOfSight(terrain_map)
     camera = np.eye(4)
     camera[:3, 3] = CAMERA_IN_BASE
-    for pause in walk(robot, ground, 3, seed):
+    for pause in walk(robot, ground, 2, seed):
         plain = scan(robot, ground, pause, seed)
         terrain = gp.TerrainGrid(
             layers=dict(plain.layers),

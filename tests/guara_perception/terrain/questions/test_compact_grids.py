@@ -194,7 +194,7 @@ def test_recorded_scans_keep_to_it(recorded: gp.TerrainGrid) -> None:
     received = through_the_air(recorded)
     check_layers(recorded, received)
     rng = np.random.default_rng(7)
-    check_paths(recorded, received, rng, 25)
+    check_paths(recorded, received, rng, 15)
     check_places(recorded, received, rng, None)
     over = walked_on(recorded, 0.35, -0.03)
     assert check_places(over, through_the_air(over), rng, "lf") > 0

@@ -19,7 +19,7 @@ EDGE_M = 0.010
 
 def rendered(robot: RobotModel, *features: Flight | Step | Box | Ramp, mode: str = "standard") -> gp.TerrainGrid:
     """A scan of a world by the simulated rangefinder, frame by frame."""
-    calibration = specimen(robot, (640, 512), 0)
+    calibration = specimen(robot, (320, 256), 0)
     stance = Stance(robot.posture("scan"), robot.legs, (0, 0, -1))
     view = SimulatedRangefinder(World(features=features), calibration, robot, 0)
     view.set_pose(robot.stance_pose(stance).transform_base_to_footprint, stance.joint_positions)

@@ -60,7 +60,7 @@ def test_every_point_inside_passes_check_foothold(seed: int, x: float, y: float,
 
 
 @pytest.mark.slow
-@PROPERTY
+@settings(PROPERTY, max_examples=20)
 @given(st.integers(0, 500))
 def test_regions_of_a_whole_grid(seed: int) -> None:
     """Each is safe inside, convex and counter-clockwise; together they hold nearly all of the safe ground."""
