@@ -267,14 +267,14 @@ def test_plates_that_cannot_be_told_apart_are_both_named(result: CalibrationResu
 @pytest.mark.slow
 @pytest.mark.parametrize(("shift", "turn"), [(0.020, 0.0), (0.0, 3.0)])
 def test_crosses_misplaced_as_a_whole_are_not_good(
-    few_stripes: CalibrationSession, robot: RobotModel, shift: float, turn: float
+    session: CalibrationSession, robot: RobotModel, shift: float, turn: float
 ) -> None:
     """They fit one another perfectly; the mount of the robot's URDF contradicts them, and the report says so."""
     angle = np.deg2rad(turn)
     rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    points = few_stripes.fiducials.points_in_footprint @ rotation.T + np.array([shift, 0.0])
-    fiducials = dataclasses.replace(few_stripes.fiducials, points_in_footprint=points)
-    moved = dataclasses.replace(few_stripes, fiducials=fiducials)
+    points = session.fiducials.points_in_footprint @ rotation.T + np.array([shift, 0.0])
+    fiducials = dataclasses.replace(session.fiducials, points_in_footprint=points)
+    moved = dataclasses.replace(session, fiducials=fiducials)
     found = calibrate_session(moved, robot)
     assert found.verdict != "good"
     assert "crosses misplaced as a whole look like this too" in "; ".join(found.reasons)
@@ -291,13 +291,13 @@ def test_an_upright_mount_is_compared_with_its_own_nominal(robot: RobotModel) ->
 
 @pytest.mark.slow
 def test_a_floor_that_is_not_level_is_not_good(
-    few_stripes: CalibrationSession, result: CalibrationResult, robot: RobotModel
+    session: CalibrationSession, result: CalibrationResult, robot: RobotModel
 ) -> None:
     """Gravity is one degree off the soles: too little for the comparison with the URDF, which allows two."""
     angle = np.deg2rad(1.0)
     gravity = (float(np.sin(angle)), 0.0, -float(np.cos(angle)))
-    stance = dataclasses.replace(few_stripes.stance, gravity_in_base=gravity)
-    found = calibrate_session(dataclasses.replace(few_stripes, stance=stance), robot)
+    stance = dataclasses.replace(session.stance, gravity_in_base=gravity)
+    found = calibrate_session(dataclasses.replace(session, stance=stance), robot)
     told = [reason for reason in found.reasons if reason.startswith("mount by joints and gravity")]
     assert told == [
         "mount by joints and gravity is 1 degrees, above 0.5: level the floor; check that all soles lie flat on it, "
