@@ -39,13 +39,17 @@ def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_is_stop
 ) -> None:
     """What was taken before a pause ended is not lost in a group that never fills."""
     streams: list[StripeStream] = []
+    is_there = threading.Event()
 
     def pause_is_over() -> bool:
-        return bool(streams) and len(streams[0]._worker.fired) > 6
+        # Asked from the scan's own thread, which may be ahead of this one.
+        assert is_there.wait(180.0)
+        return len(streams[0]._worker.fired) > 6
 
     choices = options(together=5, queue_size=80)
     with acquire(board, camera, pattern, choices, should_stop=pause_is_over) as stream:
         streams.append(stream)
+        is_there.set()
         taken = [stripe.index for stripe in stream]
     assert taken == list(range(6)) and stream.report.stopped_early
 
