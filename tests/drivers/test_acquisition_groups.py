@@ -1,5 +1,7 @@
 """Stripes handed over in groups: which are together, and that none is lost however a scan ends."""
 
+import threading
+
 import pytest
 
 from drivers import AcquireOptions, LaserBoard, OffFrames, StripeStream, acquire, timing

@@ -63,7 +63,7 @@ def of_laser_colour(frame: Float32, detail: Float32, rows: Index, is_stripe: Mas
 
 
 def of_laser_speckle(light: Float32, rows: Index, is_stripe: Mask, is_core: Mask, sigma: Float32) -> Mask:
-    """Columns of the pieces that are as grainy as laser light, as far as that can be told.
+    """Columns of the pieces that are as grainy as laser light, as far as that shows.
 
     Speckle (Goodman: Some fundamental properties of speckle, JOSA 66, 1976) depends on camera and laser more than on
     the surface: the pieces are compared with each other. Nothing is said of those whose grain is lost in clipped light
