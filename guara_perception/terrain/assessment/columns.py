@@ -14,7 +14,7 @@ def changed_columns(now: Array, before: Array) -> Mask:
 
 
 def widened(columns: Mask, cells: int) -> Mask:
-    """The same columns (nx,) and those within so many cells of one."""
+    """The same columns (nx,) and those within this many cells of one."""
     padded = np.pad(columns, cells)
     return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * cells + 1).any(axis=1))
 
