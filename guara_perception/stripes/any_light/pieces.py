@@ -16,9 +16,9 @@ LEAST_COLUMNS, LEAST_STRONG_COLUMNS = 12, 6
 STRONG_PERCENTILE = 75
 # A laser keeps the ratio of its channels on any surface; what is not of it deviates by more.
 MOST_COLOUR_DEVIATION = 0.9
-# Laser light is coherent and grains every rough surface, ambient light does not. In pieces of this many columns the grain
-# is measured, as what a running mean over GRAIN_COLUMNS leaves of the light across the stripe; this many times that of
-# the noise beside it shows, and a piece that has less than this share of the others' is lit by something else.
+# Laser light is coherent and grains every rough surface, ambient light does not. The grain is measured in pieces of
+# this many columns, as what a running mean over GRAIN_COLUMNS leaves of the light across the stripe; this many times
+# that of the noise beside it shows, and a piece that has less than this share of the others' is lit by something else.
 GRAINED_COLUMNS, GRAIN_COLUMNS, CLEAR_GRAIN, LEAST_GRAIN = 24, 9, 2.0, 1 / 3
 # From this share of clipped columns on a piece is too bright to show it.
 MOST_CLIPPED = 0.25
