@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, overload
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,9 +14,9 @@ from guara_perception.arrays import Flags, Float32, Mask
 from guara_perception.exceptions import UnsafeGrid
 from guara_perception.readonly import readonly
 from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.gridded import Gridded
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.invariant import check_safe
-from guara_perception.terrain.layers.layered_grid import coordinates
 from transport import TerrainMessage
 from transport.messages.map_origin import origin_of
 from transport.messages.summary_message import UNKNOWN_HEIGHT, SummaryMessage, encode_summary
@@ -31,7 +31,7 @@ STEPS = 255
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TerrainSummary:
+class TerrainSummary(Gridded):
     """Heights to the millimetre, flags and traversability of the fused map, as `TerrainClient.summary` gives them.
 
     For looking, and for ways over the ground; a foot is set by the map itself, which knows how sure its heights are.
@@ -68,51 +68,6 @@ class TerrainSummary:
         check_safe(self.elevation, self.hazard, self.traversability)
         for name in ("elevation", "hazard", "traversability"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
-
-    @property
-    def resolution(self) -> float:
-        """Edge of a cell [m]."""
-        return self.geometry.resolution
-
-    @property
-    def origin(self) -> tuple[float, float]:
-        """Corner of cell (0, 0) [m]."""
-        return self.geometry.origin
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(ny, nx)."""
-        return self.geometry.shape
-
-    @overload
-    def height_at(self, x: float, y: float) -> float: ...
-
-    @overload
-    def height_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Float32: ...
-
-    def height_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Any:
-        """Elevation of the cell under each point [m]; NaN where unknown or outside. Scalars give a float."""
-        height = self._look_up(self.elevation, x, y, np.float32(np.nan))
-        return height if height.ndim else float(height[()])
-
-    @overload
-    def is_traversable(self, x: float, y: float) -> bool: ...
-
-    @overload
-    def is_traversable(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Mask: ...
-
-    def is_traversable(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Any:
-        """Whether the map lets a sole be centred on the cell under each point; False outside. Scalars give a bool."""
-        score = self._look_up(self.traversability, x, y, np.float32(0))
-        return score > 0 if score.ndim else bool(score > 0)
-
-    def _look_up(self, layer: npt.NDArray[Any], x: npt.ArrayLike, y: npt.ArrayLike, outside: np.generic) -> Any:
-        px, py = coordinates(x, y)
-        iy, ix = self.geometry.indices(px, py)
-        inside = self.geometry.contains(iy, ix)
-        values = np.full(px.shape, outside)
-        values[inside] = layer[iy[inside], ix[inside]]
-        return values
 
 
 def summary_message(terrain: TerrainMessage, maximum: int = MAXIMUM_BYTES) -> SummaryMessage:

@@ -10,7 +10,8 @@ import numpy.typing as npt
 from guara_perception.arrays import Float, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.readonly import readonly
-from guara_perception.terrain.layers.layered_grid import LayeredGrid, look_up
+from guara_perception.terrain.layers.gridded import look_up
+from guara_perception.terrain.layers.layered_grid import LayeredGrid
 
 FRAMES = ("base_footprint", "base_link")
 
