@@ -1,12 +1,14 @@
 """Many robots with a planner each on one router: delays, traffic, processor time, memory, and how they grow.
 
-Usage: python -m benchmarks.fleet [--sizes 1,5,20,50,100] [--seconds 15] [--bursts 5] [--wait-ms 20] [--json]
+Usage: python -m benchmarks.fleet [--sizes 1,5,20,50,100] [--seconds 15] [--held 10] [--bursts 5] [--wait-ms 20]
+       [--json]
 
 Each robot publishes what a node does, footprint and fused map among it, every 3 s from a random moment on; each planner
 receives both extents of its own robot. All over TCP on one machine, without shared memory; robots and planners live in
-processes that hold up to ten. A delay is from the call that publishes to the grid in the planner's callback. Then the
-same for 20 with mutual TLS and the router's own rules, bursts of 20 that publish at the same moment, and a router that
-is killed and comes back to 20 of each.
+processes that hold up to ten. A delay is from the call that publishes to the grid in the planner's callback. Below each
+line stands what the processors did: at rest, and for one pause, which is what is beyond the rest. Then the same for 20
+with mutual TLS and the router's own rules, bursts of 20 that publish at the same moment, and a router that is killed
+and comes back to 20 of each.
 """
 
 from __future__ import annotations
@@ -32,8 +34,8 @@ from transport.security.router_folder import make_router
 SIZES = (1, 5, 20, 50, 100)
 # Robots, or planners, of one process.
 HELD = 10
-# [s] Between two pauses of a robot, and for a fleet to be ready.
-PERIOD = 3.0
+# [s] Between two pauses of a robot, and in which nobody publishes, to see what rest costs.
+PERIOD, REST = 3.0, 6.0
 # Fleet of the comparison with TLS and of the router's restart.
 COMPARED = 20
 # [ms] What the slowest and the 99th percentile of grids must be below with the largest fleet.
@@ -45,8 +47,18 @@ TICKS = os.sysconf("SC_CLK_TCK")
 class Fleet:
     """A router, robots and planners that run, ready for a measurement."""
 
-    def __init__(self, stack: ExitStack, size: int, keys: Path | None = None, *, wait_ms: str = "") -> None:
-        """Start all; with `keys`, an empty folder, over mutual TLS; the router waits so long for a link, or as made."""
+    def __init__(
+        self, stack: ExitStack, size: int, keys: Path | None = None, *, wait_ms: str = "", held: int = HELD
+    ) -> None:
+        """Start all.
+
+        Args:
+            stack: ends them.
+            size: number of robots.
+            keys: an empty folder: over mutual TLS.
+            wait_ms: how long the router waits for a link; empty: as made.
+            held: robots of one process.
+        """
         self.names = [f"r{number}" for number in range(size)]
         self._start = stack.enter_context(peers())
         self._words = ["router", free_endpoint(), wait_ms]
@@ -57,7 +69,7 @@ class Fleet:
             endpoint, folder = f"tls/localhost:{port}", str(keys / "keys")
             self._words = ["zenohd", str(made / CONFIGURATION), ""]
         self.router = self._peer(*self._words)
-        groups = [self.names[first : first + HELD] for first in range(0, size, HELD)]
+        groups = [self.names[first : first + held] for first in range(0, size, held)]
         self.robots = [self._peer("robots", endpoint, folder, *group) for group in groups]
         self.planners = [self._peer("planners", endpoint, folder, *group) for group in groups]
 
@@ -106,13 +118,20 @@ def measure(fleet: Fleet, seconds: float) -> dict[str, Any]:
     first = fleet.reports()
     counted = {name: sum(report[name] for report in first) for name in ("missed", "fetched")}
     parts = {"router": [fleet.router], "robot": fleet.robots, "planner": fleet.planners}
-    before = {name: sum(map(processor_seconds, group)) for name, group in parts.items()}
+
+    def used() -> dict[str, float]:
+        return {name: sum(map(processor_seconds, group)) for name, group in parts.items()}
+
+    before = used()
+    time.sleep(REST)
+    rest = {name: (seconds_then - before[name]) / REST for name, seconds_then in used().items()}
+    before = used()
     start = time.monotonic()
     pauses = fleet.publish(seconds=seconds, period=PERIOD)
     # A grid that was lost comes within a second when its loss is noticed.
     time.sleep(2.0)
     took = time.monotonic() - start
-    spent = {name: sum(map(processor_seconds, group)) - before[name] for name, group in parts.items()}
+    spent = {name: seconds_then - before[name] for name, seconds_then in used().items()}
     reports = fleet.reports()
     figures: dict[str, Any] = {"robots": size, "pauses": pauses}
     for extent in EXTENTS:
@@ -130,8 +149,11 @@ def measure(fleet: Fleet, seconds: float) -> dict[str, Any]:
     for name, shared in (("router", 1), ("robot", size), ("planner", size)):
         # Of one core, in per cent; of a robot or planner each.
         figures[f"{name}_processor"] = round(100 * spent[name] / took / shared, 3)
+        figures[f"{name}_rest_ms_per_s"] = round(1e3 * rest[name] / size, 2)
+        figures[f"{name}_ms_per_pause"] = round(1e3 * (spent[name] - rest[name] * took) / pauses, 2)
         figures[f"{name}_mb"] = round(sum(map(memory_mb, parts[name])) / len(parts[name]), 1)
     figures["processor"] = round(100 * sum(spent.values()) / took, 2)
+    figures["machine_busy"] = round(figures["processor"] / (os.cpu_count() or 1), 1)
     return figures
 
 
@@ -194,6 +216,15 @@ def show(name: str, row: dict[str, Any]) -> None:
         + f"{row['router_mb']:>8.0f}{row['robot_mb']:>8.0f}{row['planner_mb']:>9.0f}",
         flush=True,
     )
+    rest, pause = (
+        " / ".join(f"{row[f'{part}_{what}']:g}" for part in ("router", "robot", "planner"))
+        for what in ("rest_ms_per_s", "ms_per_pause")
+    )
+    print(
+        f"  router / robot / planner: {rest} ms a second at rest for each robot, {pause} ms for a pause; all of them "
+        f"{row['machine_busy']:g} % of the machine",
+        flush=True,
+    )
 
 
 def main() -> None:
@@ -201,13 +232,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", default=",".join(map(str, SIZES)), help="numbers of robots")
     parser.add_argument("--seconds", type=float, default=15.0, help="each fleet publishes for so long; at most 60")
+    parser.add_argument(
+        "--held", type=int, default=HELD, help="robots, or planners, of one process; 1 takes 65 MB each"
+    )
     parser.add_argument("--bursts", type=int, default=5, help="of 20 robots at the same moment; at most 50")
     parser.add_argument("--wait-ms", default="", help="how long the router waits for a link; default: as it is made")
     parser.add_argument("--json", action="store_true", help="print all figures as one JSON object in the last line")
     options = parser.parse_args()
     seconds = min(max(options.seconds, 1.0), 60.0)
     rows = []
-    figures: dict[str, Any] = {"machine": machine(), "held_by_a_process": HELD, "period_s": PERIOD}
+    held = min(max(options.held, 1), 100)
+    figures: dict[str, Any] = {"machine": machine(), "held_by_a_process": held, "period_s": PERIOD}
     print("[ms, MB/s, % of a core of each, MB of a process]")
     print(
         f"{'robots':<10}{'pauses':>7}{'footprint p50':>15}{'p99':>8}{'worst':>8}{'map p50':>9}{'p99':>8}{'worst':>8}"
@@ -215,14 +250,14 @@ def main() -> None:
     )
     for size in map(int, options.sizes.split(",")):
         with ExitStack() as stack:
-            rows.append(measure(Fleet(stack, size, wait_ms=options.wait_ms), seconds))
+            rows.append(measure(Fleet(stack, size, wait_ms=options.wait_ms, held=held), seconds))
         show(str(size), rows[-1])
     figures["fleets"] = rows
     figures["exponents"] = exponents(rows)
     if figures["exponents"]:
         print("exponents: " + ", ".join(f"{name} {value:g}" for name, value in figures["exponents"].items()))
     with ExitStack() as stack:
-        plain = Fleet(stack, COMPARED, wait_ms=options.wait_ms)
+        plain = Fleet(stack, COMPARED, wait_ms=options.wait_ms, held=held)
         figures["tcp"] = measure(plain, seconds)
         show(f"{COMPARED} tcp", figures["tcp"])
         figures["bursts"] = row = bursts(plain, min(max(options.bursts, 1), 50))
@@ -233,7 +268,7 @@ def main() -> None:
         figures["storm"] = storm(plain)
     with ExitStack() as stack:
         place = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        secured = Fleet(stack, COMPARED, place)
+        secured = Fleet(stack, COMPARED, place, held=held)
         figures["tls"] = measure(secured, seconds)
         show(f"{COMPARED} tls", figures["tls"])
         figures["storm_tls"] = storm(secured)
