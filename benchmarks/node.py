@@ -10,6 +10,8 @@ import gc
 import os
 import resource
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -29,14 +31,14 @@ from benchmarks.processor_parts import EMULATED, REST, parts_of_the_node
 from benchmarks.yardstick import Yardstick, beside
 from drivers import LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
-from guara_perception.app.messages import stance_to_message
+from guara_perception.app.messages import message_to_terrain, stance_to_message, terrain_to_message
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.rangefinder import Rangefinder
 from kinematics import load_robot
 from tests.recorded_view import RecordedView
 from tests.truth import truth_calibration
-from transport import PausePhase, StancePause, open_node
+from transport import PausePhase, StancePause, decode_terrain, encode_terrain, open_node
 from transport.server import PerceptionServer
 
 TIMEOUT_S = 120.0
@@ -50,6 +52,7 @@ class Bench:
     node: PerceptionNode
     status: NodeStatus
     fps: float
+    endpoint: str
 
     def pause(self, step: int) -> tuple[float, float, float]:
         """One pause: seconds of the sweep, milliseconds from last frame to published, processor seconds."""
@@ -83,7 +86,7 @@ def running(data: Path, scan: Path, fps: float) -> Iterator[Bench]:
         status = NodeStatus(calibration)
         server = PerceptionServer(session, collect_status=status.items)
         with PerceptionNode(robot, calibration, rangefinder, server, mode=recorded.mode, status=status) as node:
-            yield Bench(recorded, node, status, fps)
+            yield Bench(recorded, node, status, fps, endpoint)
 
 
 def print_parts(bench: Bench, first: int, scans: int) -> None:
@@ -100,6 +103,43 @@ def print_parts(bench: Bench, first: int, scans: int) -> None:
     medians = {name: np.median([row.get(name, 0.0) for row in rows]) for name in {name for row in rows for name in row}}
     for name, seconds in sorted(medians.items(), key=lambda item: -item[1]):
         print(f"  {1e3 * seconds:7.1f} ms  {name}")
+
+
+def print_way_to_planner(bench: Bench, first: int, scans: int) -> None:
+    """Further scans: from the finished grid to a TerrainGrid in the hands of a planner in a process of its own."""
+    made: list[tuple[float, gp.TerrainGrid]] = []
+    finish = gp.ScanProcessor.finish
+
+    def noted(processor: gp.ScanProcessor, area: str = "footprint") -> gp.TerrainGrid:
+        terrain = finish(processor, area)
+        if area == "footprint":
+            made.append((time.monotonic(), terrain))
+        return terrain
+
+    command = [sys.executable, "-P", str(Path(__file__).with_name("planner_peer.py")), bench.endpoint]
+    waits, work = [], []
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as planner:
+        assert planner.stdin is not None and planner.stdout is not None
+        planner.stdout.readline()
+        setattr(gp.ScanProcessor, "finish", noted)  # noqa: B010
+        try:
+            for step in range(first, first + scans):
+                made.clear()
+                print(step, file=planner.stdin, flush=True)
+                bench.pause(step)
+                waits.append(float(planner.stdout.readline()) - made[0][0])
+                before = time.thread_time()
+                message = terrain_to_message(made[0][1], robot="guara", sequence=step)
+                message_to_terrain(decode_terrain(encode_terrain(message)))
+                work.append(time.thread_time() - before)
+        finally:
+            setattr(gp.ScanProcessor, "finish", finish)  # noqa: B010
+            planner.stdin.close()
+    print(
+        f"grid -> planner's hands          median {1e3 * np.median(waits):5.1f} ms, quickest {1e3 * min(waits):5.1f} "
+        f"ms (another process, loopback, wall clock); processor time {1e3 * np.median(work):.1f} ms, quickest "
+        f"{1e3 * min(work):.1f} ms: message with its obstacles, encoding, decoding, checks on both sides"
+    )
 
 
 def resident_mb() -> float:
@@ -137,7 +177,8 @@ def main() -> None:
             "(driver, emulated devices, grid, map, messages)"
         )
         print(*beside(rows[:, 2].tolist(), references, yardstick.stripes), sep="\n")
-        print_parts(bench, arguments.scans + 1, arguments.scans)
+        print_way_to_planner(bench, arguments.scans + 1, arguments.scans)
+        print_parts(bench, 2 * arguments.scans + 1, arguments.scans)
     sweeps.by_light()
     sweeps.by_rate()
     if arguments.memory_scans:

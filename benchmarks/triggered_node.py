@@ -32,6 +32,7 @@ from guara_perception.app.devices_file import Devices, save_devices
 from guara_perception.app.main import run
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.app.node import pause_scanner
+from guara_perception.app.node.live_scan import STRIPES_AFTER
 from guara_perception.app.node.simulated import DEMO_WORLD
 from guara_perception.calibration.file import save_calibration
 from guara_perception.simulation.camera import NOMINAL_EXPOSURE_S, renderer
@@ -172,11 +173,17 @@ class TriggeredRig:
         """
         processor = gp.ScanProcessor(self.scene.calibration, self.scene.robot, self.pause.stance, "standard")
         free = work = 0.0
+        left, is_ahead = sum(map(len, self._groups)), False
         for group in self._groups:
             before = time.thread_time()
             pairs = [gp.FramePair(c.index, c.on, c.off) for c in group if c.on is not None and c.verdict.in_step]
             if pairs:
                 processor.add_all(pairs)
+            left -= len(group)
+            if 0 < left <= STRIPES_AFTER and not is_ahead:
+                # As `live_scan` does.
+                is_ahead = True
+                processor.work_ahead()
             spent = time.thread_time() - before
             free, work = max(free, _arrival(group)) + spent, work + spent
         before = time.thread_time()

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import time
+from collections.abc import Mapping
+from typing import Any
 
 from guara_perception.app.map_regions import regions_message
 from guara_perception.app.map_summary import summary_message
@@ -22,6 +23,7 @@ def publish_terrain(
     scan_end: int | None = None,
     scan_end_clock: float | None = None,
     valid_for: float = math.inf,
+    told: Mapping[str, Any] | None = None,
 ) -> TerrainMessage:
     """Hand one grid over for sending; returns at once.
 
@@ -32,6 +34,7 @@ def publish_terrain(
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
         scan_end_clock: last frame by `transport.clock` [s]; None = by what the wall clock says of it now.
         valid_for: at most so long after `scan_end`, besides the grid's own validity [s].
+        told: what the message's metadata say besides the grid's own, or instead.
 
     Returns:
         The message that is sent.
@@ -42,14 +45,14 @@ def publish_terrain(
     if scan_end_clock is None:
         end = terrain.stamp if scan_end is None else scan_end
         scan_end_clock = clock.now() - max(0.0, (time.time_ns() - end) * 1e-9)
-    identity = {"run": server.run, "scan_end_clock": scan_end_clock}
     message = terrain_to_message(
-        dataclasses.replace(terrain, metadata={**terrain.metadata, **identity}),
+        terrain,
         robot=server.robot,
         sequence=server.next_sequence(terrain.extent),
         scan_start=scan_start,
         scan_end=scan_end,
         valid_for=valid_for,
+        told={**(told or {}), "run": server.run, "scan_end_clock": scan_end_clock},
     )
     if terrain.extent == "footprint":
         server.publish(message, occupancy=terrain.to_occupancy())

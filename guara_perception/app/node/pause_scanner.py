@@ -208,7 +208,7 @@ class PauseScanner:
         messages = [publish_terrain(self._server, nothing)]
         if published.fused is not None and not pause.is_fused:
             fused = self._map.withdraw(nothing, time=end_of(published.scan))
-            messages.append(publish_terrain(self._server, identified(fused, pause)))
+            messages.append(publish_terrain(self._server, fused, told=walk_of(pause)))
         if self._recorder is not None:
             self._recorder.add_terrains(pause.step, messages)
 
@@ -220,11 +220,12 @@ class PauseScanner:
         limit = pause.deadline - scan.last_frame if is_provisional else math.inf
         return publish_terrain(
             self._server,
-            identified(terrain, pause, is_provisional=is_provisional),
+            terrain,
             scan_start=scan.start,
             scan_end=scan.end,
             scan_end_clock=end_of(scan),
             valid_for=max(limit, 0.0),
+            told=walk_of(pause, is_provisional=is_provisional),
         )
 
     def _processor(self, pause: Pause, mode: str) -> ScanProcessor:
@@ -242,9 +243,8 @@ class PauseScanner:
         """The grid that takes another one back: nothing known, and why."""
         empty = self._processor(pause, "standard").finish()
         health = {"level": "failed", "reasons": [reason]}
-        return identified(
-            dataclasses.replace(empty, metadata={**empty.metadata, "health": health, "withdrawn": True}), pause
-        )
+        metadata = {**empty.metadata, "health": health, "withdrawn": True, **walk_of(pause)}
+        return dataclasses.replace(empty, metadata=metadata)
 
     def _check_steps(self) -> None:
         """Count the steps that the mirror lost: only now is it known that every stripe lay where it was commanded.
@@ -290,7 +290,6 @@ def end_of(scan: LiveScan) -> float:
     return clock.now() - (time.monotonic() - scan.last_frame)
 
 
-def identified(terrain: TerrainGrid, pause: Pause, *, is_provisional: bool = False) -> TerrainGrid:
-    """The grid, saying to which walk it belongs and whether its pause has yet to confirm it."""
-    metadata = {**terrain.metadata, "epoch": pause.epoch, "provisional": is_provisional}
-    return dataclasses.replace(terrain, metadata=metadata)
+def walk_of(pause: Pause, *, is_provisional: bool = False) -> dict[str, object]:
+    """What a grid's metadata say of its walk, and whether its pause has yet to confirm it."""
+    return {"epoch": pause.epoch, "provisional": is_provisional}
