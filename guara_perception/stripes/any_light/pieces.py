@@ -18,7 +18,7 @@ STRONG_PERCENTILE = 75
 MOST_COLOUR_DEVIATION = 0.9
 # Laser light is coherent and grains every rough surface, ambient light does not. The grain is measured in pieces of
 # this many columns, as what a running mean over GRAIN_COLUMNS leaves of the light across the stripe; this many times
-# that of the noise beside it shows, and a piece that has less than this share of the others' is lit by something else.
+# that of the noise beside it shows, and a piece with less than this share of the brightest one's is lit otherwise.
 GRAINED_COLUMNS, GRAIN_COLUMNS, CLEAR_GRAIN, LEAST_GRAIN = 24, 9, 2.0, 1 / 3
 # From this share of clipped columns on a piece is too bright to show it.
 MOST_CLIPPED = 0.25
@@ -66,8 +66,8 @@ def of_laser_speckle(light: Float32, rows: Index, is_stripe: Mask, is_core: Mask
     """Columns of the pieces that are as grainy as laser light, as far as that shows.
 
     Speckle (Goodman: Some fundamental properties of speckle, JOSA 66, 1976) depends on camera and laser more than on
-    the surface: the pieces are compared with each other. Nothing is said of those whose grain is lost in clipped light
-    or in noise, and of none where no piece shows it.
+    the surface: the pieces are compared with the brightest. Nothing is said where that shows no grain, and of pieces
+    whose grain is lost in clipped light or in noise.
 
     Args:
         light: (rows, columns) float32.
@@ -80,13 +80,16 @@ def of_laser_speckle(light: Float32, rows: Index, is_stripe: Mask, is_core: Mask
         for piece in pieces(rows, is_stripe)
         if piece.stop - piece.start >= GRAINED_COLUMNS and is_core[piece].mean() < MOST_CLIPPED
     ]
-    grains = [_grain(light, rows, piece, sigma) for piece in long]
-    shown = [(piece, own) for piece, (own, noise) in zip(long, grains, strict=True) if own > CLEAR_GRAIN * noise]
-    if not shown:
+    if not long:
         return good
-    least = LEAST_GRAIN * float(np.median(np.repeat([own for _, own in shown], [p.stop - p.start for p, _ in shown])))
-    for piece, (own, noise) in zip(long, grains, strict=True):
-        good[piece] = noise > least or own**2 - noise**2 > least**2
+    brightest = max(long, key=lambda piece: float(np.median(light[rows[piece], np.arange(piece.start, piece.stop)])))
+    shown, noise = _grain(light, rows, brightest, sigma)
+    if shown < CLEAR_GRAIN * noise:
+        return good
+    least = LEAST_GRAIN * shown
+    for piece in long:
+        grain, noise = _grain(light, rows, piece, sigma)
+        good[piece] = noise > least or grain**2 - noise**2 > least**2
     return good
 
 

@@ -67,12 +67,12 @@ def test_a_stripe_that_is_as_grainy_everywhere_loses_nothing() -> None:
     assert np.isfinite(profile.position_px[CABLE]).mean() > 0.9
 
 
-def test_no_grain_anywhere_says_nothing() -> None:
-    """A camera may be too coarse to see it."""
+@pytest.mark.parametrize("dim_contrast", [0.0, 0.4])
+def test_a_brightest_piece_without_grain_says_nothing(dim_contrast: float) -> None:
+    """A camera may be too coarse to see it, and a dim piece on patterned ground is no measure of it."""
     rng = np.random.default_rng(5)
-    light = (30 * (ridge(110, 1.5, STRIPE) + ridge(140, 2.0, CABLE)) + rng.normal(0, 0.5, (ROWS, COLUMNS))).astype(
-        np.float32
-    )
+    bright, dim = 60 * ridge(110, 1.5, STRIPE), 20 * ridge(140, 2.0, CABLE) * speckle(6, dim_contrast)
+    light = (bright + dim + rng.normal(0, 0.5, (ROWS, COLUMNS))).astype(np.float32)
     rows = np.where(np.arange(COLUMNS) < 230, 110, 140)
     is_stripe = np.zeros(COLUMNS, bool)
     is_stripe[STRIPE] = is_stripe[CABLE] = True
