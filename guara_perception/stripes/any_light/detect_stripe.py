@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from guara_perception.arrays import Float32, Index, Mask
@@ -88,7 +89,8 @@ def _lights(path: StripePath) -> list[tuple[Mask, Float32]]:
     everywhere = np.ones(path.row.size, dtype=bool)
     if not path.is_core.any():
         return [(everywhere, path.laser)]
-    return [(everywhere, path.laser), (path.is_core, path.light.sum(axis=2))]
+    every_channel = cv2.transform(path.light, np.ones((1, path.light.shape[2]), np.float32))
+    return [(everywhere, path.laser), (path.is_core, np.asarray(every_channel, np.float32).reshape(path.laser.shape))]
 
 
 def _peaks(light: Float32, smooth: Float32, path: StripePath, where: Mask) -> tuple[Index, float]:

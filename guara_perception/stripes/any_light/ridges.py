@@ -48,10 +48,11 @@ class Ridges:
 
     def evidence(self) -> Float32:
         """How much more each pixel looks like stripe than like none, (rows, columns)."""
-        over = np.log(np.maximum(self.strength / np.float32(LINEAR_SIGMAS), np.float32(1)))
-        return np.asarray(
-            np.minimum(self.strength, np.float32(LINEAR_SIGMAS)) + np.float32(LOG_GAIN) * over - np.float32(ZERO_SIGMAS)
-        )
+        evidence = np.minimum(self.strength, np.float32(LINEAR_SIGMAS)) - np.float32(ZERO_SIGMAS)
+        # Few pixels are that strong, and logarithms are dear.
+        strong = np.nonzero(self.strength > LINEAR_SIGMAS)
+        evidence[strong] += np.float32(LOG_GAIN) * np.log(self.strength[strong] / np.float32(LINEAR_SIGMAS))
+        return np.asarray(evidence)
 
 
 def ridges(light: Float32, elsewhere: Mask | None = None, scene: Float32 | None = None) -> Ridges:

@@ -87,10 +87,11 @@ class Pictures:
     light: Float32
     detail: Float32
 
-    def thinned(self, columns: Index) -> Pictures:
-        """Some columns (n,) of them."""
+    def thinned(self, columns: slice) -> Pictures:
+        """Some columns of them."""
         frame, light, detail = (np.ascontiguousarray(one[:, columns]) for one in (self.frame, self.light, self.detail))
-        return Pictures(frame, None if self.dark is None else self.dark[:, columns], light, detail)
+        dark = None if self.dark is None else np.ascontiguousarray(self.dark[:, columns])
+        return Pictures(frame, dark, light, detail)
 
     def level(self) -> Float32 | None:
         """Brightness (rows, columns) of the scene of a mono camera, its noise smoothed away, where it is known.
@@ -217,7 +218,7 @@ def _first_looks(pictures: Pictures) -> list[FirstLook]:
     columns, channels = pictures.light.shape[1:]
     interval = FIRST_LOOK_COLUMNS if columns >= FIRST_LOOK_FROM else 1
     looked_at = np.arange(interval // 2, columns, interval)
-    pictures = pictures.thinned(looked_at)
+    pictures = pictures.thinned(np.s_[interval // 2 :: interval])
     light, frame, detail = pictures.light, pictures.frame, pictures.detail
     every = np.ones(looked_at.size, dtype=bool)
     shape = light.shape[:2]
