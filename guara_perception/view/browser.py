@@ -124,6 +124,8 @@ class BrowserView:
                 controls.tell(status_text(grid), legend_html(mesh))
             if self._is_other("obstacles", grid, shows["obstacles"]):
                 drawing.obstacles(grid, shown=shows["obstacles"])
+            if self._is_other("regions", grid, shows["regions"]):
+                drawing.regions(grid, shown=shows["regions"])
             if self._is_other("stripes", moment.stripes, shows["stripes"]):
                 drawing.stripes(moment.stripes() if shows["stripes"] else [])
             if self._is_other("footholds", moment.footholds, shows["footholds"]):

@@ -12,7 +12,9 @@ from guara_perception.view.terrain_mesh import COLOURINGS
 
 NO_CELL = "Click on the ground: what is known of that place, and why a foot may or may not go there."
 PICTURE_WIDTH_PX = 480
-SHOWN = ("stripes", "footholds", "obstacles", "trail")
+SHOWN = ("stripes", "footholds", "obstacles", "trail", "regions")
+# Many lines on the ground, for those who ask for them.
+HIDDEN_AT_FIRST = ("regions",)
 
 
 class Controls:
@@ -44,7 +46,7 @@ class Controls:
             self.extent = gui.add_dropdown("terrain", ("map", "footprint"), initial_value="map")
             self._legend = gui.add_html("")
         with gui.add_folder("on it"):
-            self._shown = {name: gui.add_checkbox(name, initial_value=True) for name in SHOWN}
+            self._shown = {name: gui.add_checkbox(name, initial_value=name not in HIDDEN_AT_FIRST) for name in SHOWN}
         beside = gui.add_panel()
         with beside.add_tab("camera and place"):
             self._picture = gui.add_image(np.full((2, 2, 3), 230, np.uint8), label="camera", visible=False)

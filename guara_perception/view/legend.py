@@ -9,10 +9,12 @@ import numpy as np
 from guara_perception.terrain.drawing.style import UNKNOWN_COLOUR, rgb
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import MEANING, UNKNOWN_MASK, Hazard
+from guara_perception.view.scene_drawing import REGION_COLOUR
 from guara_perception.view.terrain_mesh import Scale, TerrainMesh
 
 COLOURS_OF_A_BAR = 9
 FREE = "a foot may be set here"
+REGION = "with its box ticked: any place inside is one for the centre of a sole"
 NEVER_LOOKED_AT = "unknown, never looked at: never safe"
 UNKNOWN = "looked at, but no height to be trusted: never safe"
 
@@ -20,6 +22,7 @@ UNKNOWN = "looked at, but no height to be trusted: never safe"
 def legend_html(mesh: TerrainMesh) -> str:
     """Colours of a mesh and what they mean: hazards in three groups, or a colour bar; and what is not drawn."""
     rows = _scale_rows(mesh.scale) if mesh.scale is not None else _hazard_rows(mesh.legend)
+    rows.append(_row("regions", REGION, f"border:2px solid rgb{REGION_COLOUR}".replace(" ", "")))
     rows.append(_row("not drawn", NEVER_LOOKED_AT, "border:1px dashed #888"))
     return f'<div style="font-size:0.75em;line-height:1.5;padding:0 1em">{"".join(rows)}</div>'
 

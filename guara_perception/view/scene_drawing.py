@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from kinematics import RobotModel
 
 STRIPE_COLOUR, FOOTHOLD_COLOUR, TRAIL_COLOUR, CELL_COLOUR = (230, 20, 60), (0, 114, 178), (120, 40, 120), (0, 0, 0)
+REGION_COLOUR = (0, 89, 61)
 HOLE_COLOUR, OBSTACLE_COLOUR = (122, 31, 31), tuple(round(255 * part) for part in rgb(HAZARD_COLOURS[Hazard.STEP]))
 SOLE_THICKNESS_M = 0.004
 # Lines on the ground lie so much above it [m].
@@ -149,6 +150,19 @@ class SceneDrawing:
             position = obstacle.position + over
             self._scene.add_label(f"{name}/{number}/height", text, position=position, anchor="bottom-center")
 
+    def regions(self, terrain: TerrainGrid, *, shown: bool) -> None:
+        """The outline of each steppable region of a grid."""
+        name = "/odom/regions"
+        self._scene.remove_by_name(name)
+        found = terrain.steppable_regions() if shown else []
+        if not found:
+            return
+        _place(self._scene.add_frame(name, show_axes=False), place_of(terrain))
+        lines = np.concatenate([outline(region.vertices) for region in found])
+        self._scene.add_line_segments(
+            f"{name}/outlines", lines, REGION_COLOUR, thickness=2 * LINE_PX, thickness_units="screen"
+        )
+
     def trail(self, places: Sequence[Float], *, shown: bool) -> None:
         """The way of the body over the ground: places (4, 4) of base_footprint in odom, a tick at each pause."""
         self._scene.remove_by_name("/odom/trail")
@@ -188,6 +202,12 @@ def prism(outline: Float, bottom: float, top: float) -> Float:
     ]
     upright = np.stack([level[:, 0] for level in levels], axis=1)
     return np.concatenate((*levels, upright)).astype(np.float32)
+
+
+def outline(corners: Float) -> Float:
+    """Sides (n, 2, 3) of a polygon (n, 3), a little over the ground."""
+    lifted = corners + [0, 0, LIFT_M]
+    return np.stack((lifted, np.roll(lifted, -1, axis=0)), axis=1).astype(np.float32)
 
 
 def way(places: Sequence[Float]) -> Float:

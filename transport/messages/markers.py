@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from transport.messages.codec import make_header
 from transport.messages.submessage_codec import make_point
@@ -14,8 +15,8 @@ from transport.messages.typestore import MARKERS, message_class
 
 CUBE, LINE_LIST, TEXT_VIEW_FACING = 1, 5, 9
 ADD, DELETE_ALL = 0, 3
-# Red, green, blue; the colours of steps and of footholds in pictures and in the browser.
-OBSTACLE_COLOUR, FOOTHOLD_COLOUR = (0.835, 0.369, 0.0), (0.0, 0.447, 0.698)
+# Red, green, blue; the colours of steps, footholds and steppable regions in pictures and in the browser.
+OBSTACLE_COLOUR, FOOTHOLD_COLOUR, REGION_COLOUR = (0.835, 0.369, 0.0), (0.0, 0.447, 0.698), (0.0, 0.35, 0.24)
 # [m]
 LINE_WIDTH, TEXT_HEIGHT, SOLE_THICKNESS = 0.003, 0.018, 0.004
 
@@ -26,18 +27,20 @@ def markers_message(
     sole: tuple[float, float],
     frame_id: str,
     stamp: int,
+    regions: Sequence[npt.NDArray[np.float64]] = (),
 ) -> Any:
     """A visualization_msgs/MarkerArray message object: it replaces whatever was drawn before.
 
     Namespaces are `obstacles` (edges of each, from its surroundings to its top, or down to the bottom of a hole),
-    `heights` (their heights in millimetres) and `footholds` (a sole for each leg).
+    `heights` (their heights in millimetres), `footholds` (a sole for each leg) and `regions` (the outline of each).
 
     Args:
         obstacles: what stands out of the terrain.
         footholds: (x, y, z) [m] by leg.
         sole: length (x) and width (y) [m].
-        frame_id: frame of both.
+        frame_id: frame of all.
         stamp: [ns] since the epoch.
+        regions: corners (n, 3) of each steppable region [m].
     """
     header = make_header(stamp, frame_id)
     markers = [_marker(header, "", 0, action=DELETE_ALL)]
@@ -58,7 +61,19 @@ def markers_message(
         markers.append(
             _marker(header, "footholds", number, kind=CUBE, place=place, scale=scale, colour=FOOTHOLD_COLOUR)
         )
+    if regions:
+        edges = [make_point(*point) for corners in regions for pair in _sides(corners) for point in pair]
+        lines = _marker(
+            header, "regions", 0, kind=LINE_LIST, scale=(LINE_WIDTH, 0.0, 0.0), points=edges, colour=REGION_COLOUR
+        )
+        markers.append(lines)
     return message_class(MARKERS)(markers)
+
+
+def _sides(corners: npt.NDArray[np.float64]) -> list[tuple[Point, Point]]:
+    """Both ends of each side of a polygon (n, 3)."""
+    points: list[Point] = [(x, y, z) for x, y, z in corners.tolist()]
+    return list(zip(points, [*points[1:], points[0]], strict=True))
 
 
 def _edges(item: ObstacleMessage) -> list[Point]:

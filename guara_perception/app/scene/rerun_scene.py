@@ -28,7 +28,7 @@ TIMELINE = "message_log_time"
 PURPOSE = "the scene in Rerun"
 # [m]
 CELL_RADIUS, STRIPE_RADIUS, LINE_RADIUS = 0.0025, 0.0008, 0.0015
-STRIPE_COLOUR = (213, 94, 0)
+STRIPE_COLOUR, REGION_COLOUR = (213, 94, 0), (0, 89, 61)
 # The robot from the front right, at its size [m], in the frame of the view.
 EYE, LOOKED_AT = (1.45, -1.05, 0.70), (0.35, 0.0, 0.05)
 BACKGROUND = (38, 42, 48)
@@ -183,12 +183,11 @@ def _drawn(recording: Recording, robot: str) -> Iterator[tuple[int, str, tuple[A
         yield time, f"/{robot}/scene/stripes", (stripes, frame(cloud))
     for time, array in recording.written("markers"):
         header = array.markers[0]
-        edges = [marker for marker in array.markers if marker.type == LINE_LIST]
-        strips = [np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 2, 3) for marker in edges]
-        lines = rerun.LineStrips3D(
-            np.concatenate([np.zeros((0, 2, 3)), *strips]), colors=STRIPE_COLOUR, radii=LINE_RADIUS
-        )
-        yield time, f"/{robot}/scene/obstacles", (lines, frame(header))
+        for name, colour in (("obstacles", STRIPE_COLOUR), ("regions", REGION_COLOUR)):
+            edges = [marker for marker in array.markers if marker.type == LINE_LIST and marker.ns == name]
+            strips = [np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 2, 3) for marker in edges]
+            lines = rerun.LineStrips3D(np.concatenate([np.zeros((0, 2, 3)), *strips]), colors=colour, radii=LINE_RADIUS)
+            yield time, f"/{robot}/scene/{name}", (lines, frame(header))
         soles = [marker for marker in array.markers if marker.ns == "footholds"]
         boxes = rerun.Boxes3D(
             centers=[(m.pose.position.x, m.pose.position.y, m.pose.position.z) for m in soles],

@@ -72,7 +72,7 @@ class Scene:
         yield "scan/points", point_cloud_message(stripe_cloud(points), BASE_FOOTPRINT, stamp)
 
     def of_grid(self, message: TerrainMessage, *, unknown: int = 100) -> Iterator[Named]:
-        """What is made of a grid: occupancy and grid map; of a map also cells as points, obstacles, footholds, odom.
+        """What is made of a grid: occupancy and grid map; of a map also cells as points, markers, odom.
 
         Args:
             message: as it was sent.
@@ -91,10 +91,9 @@ class Scene:
         yield "/tf", frames_message(self._placed(message), message.stamp)
         yield "map/points", point_cloud_message(cell_cloud(terrain), terrain.frame, message.stamp)
         footholds = {} if message.withdrawn else planned_footholds(self._robot, terrain)
-        yield (
-            "markers",
-            markers_message(message.obstacles, footholds, self._robot.sole, terrain.frame, message.stamp),
-        )
+        regions = [] if message.withdrawn else [region.vertices for region in terrain.steppable_regions()]
+        sole = self._robot.sole
+        yield "markers", markers_message(message.obstacles, footholds, sole, terrain.frame, message.stamp, regions)
 
     def _placed(self, message: TerrainMessage) -> list[TransformMessage]:
         """The robot as it stood at the scan of a map, in `odom`."""

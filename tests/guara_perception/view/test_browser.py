@@ -24,7 +24,7 @@ from guara_perception.terrain.drawing.style import HAZARD_COLOURS, rgb
 from guara_perception.view import browser
 from guara_perception.view.browser import BrowserView
 from guara_perception.view.moment import Moment
-from guara_perception.view.scene_drawing import TRAIL_COLOUR
+from guara_perception.view.scene_drawing import REGION_COLOUR, TRAIL_COLOUR
 from kinematics import RobotModel
 from tests.guara_perception.view.chromium import Chromium, find_chromium
 
@@ -155,6 +155,27 @@ def test_the_page_shows_robot_and_terrain(page: Chromium, robot: RobotModel, gri
         assert page.errors == []
         outside = [url for url in page.requests if not url.startswith((view.address, "data:", "blob:"))]
         assert outside == []
+
+
+@needs_chromium
+def test_steppable_regions_are_outlined_when_their_box_is_ticked(
+    page: Chromium, robot: RobotModel, grid: gp.TerrainGrid
+) -> None:
+    """Not at first; the legend names them; ticked their lines are on the ground, and gone when ticked off."""
+
+    def lines(picture: np.ndarray) -> float:
+        return share(picture[SCENE], np.array(REGION_COLOUR) / 255, 24)
+
+    with BrowserView(robot, port=18087) as view:
+        view.show_recording([moment(grid)])
+        open_page(page, view.address, "step 7")
+        assert page.evaluate("document.body.innerText.includes('any place inside is one for the centre of a sole')")
+        before = lines(until(page, lambda picture: share(picture[SCENE], TERRAIN, 70) > 0.005, "the ground"))
+        tick(page, "regions")
+        until(page, lambda picture: lines(picture) > before + 0.0005, "outlines of regions")
+        tick(page, "regions")
+        until(page, lambda picture: lines(picture) <= before + 0.0001, "the outlines gone")
+        assert page.errors == []
 
 
 @needs_chromium

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from guara_perception.view.controls import PICTURE_WIDTH_PX, for_page
-from guara_perception.view.scene_drawing import plain, prism, way
+from guara_perception.view.scene_drawing import outline, plain, prism, way
 
 
 def test_a_prism_has_all_its_edges() -> None:
@@ -29,6 +29,16 @@ def test_the_steps_of_an_outline_are_left_out() -> None:
     np.testing.assert_allclose(plain(square), square, atol=1e-7)
     tiny = square * cell
     assert len(plain(tiny)) == 4
+
+
+def test_an_outline_is_closed_and_lies_over_the_ground() -> None:
+    """As many sides as corners, each from one corner to the next."""
+    corners = np.array([[0.0, 0.0, 0.1], [0.2, 0.0, 0.1], [0.1, 0.3, 0.2]])
+    sides = outline(corners)
+    assert sides.shape == (3, 2, 3)
+    np.testing.assert_allclose(sides[:, 1], np.roll(sides[:, 0], -1, axis=0))
+    np.testing.assert_allclose(sides[:, 0, :2], corners[:, :2])
+    assert (sides[:, 0, 2] > corners[:, 2]).all()
 
 
 def test_the_way_has_a_tick_at_each_pause() -> None:

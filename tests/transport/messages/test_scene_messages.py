@@ -93,7 +93,7 @@ def test_a_camera_keeps_its_numbers() -> None:
 
 
 def test_markers_replace_what_was_drawn_and_stand_where_things_are() -> None:
-    """First everything goes, then edges from floor to top, heights in words, and a sole for each foothold."""
+    """First everything goes, then edges from floor to top, heights in words, soles, outlines of regions."""
     box = ObstacleMessage(
         outline=np.array([[0.5, 0.0], [0.6, 0.0], [0.6, 0.1]]),
         height=0.08,
@@ -102,10 +102,20 @@ def test_markers_replace_what_was_drawn_and_stand_where_things_are() -> None:
         hazard=512,
     )
     footholds = {"lf": (0.4, 0.18, 0.01)}
-    message = transport.markers_message([box], footholds, (0.08, 0.06), "base_footprint", STAMP)
+    region = np.array([[0.3, 0.1, 0.01], [0.4, 0.1, 0.02], [0.35, 0.2, 0.03]])
+    message = transport.markers_message([box], footholds, (0.08, 0.06), "base_footprint", STAMP, [region])
     markers = transport.decode(transport.encode(message), "visualization_msgs/msg/MarkerArray").markers
-    assert [(m.ns, m.action) for m in markers] == [("", 3), ("obstacles", 0), ("heights", 0), ("footholds", 0)]
-    edges, words, sole = markers[1:]
+    assert [(m.ns, m.action) for m in markers] == [
+        ("", 3),
+        ("obstacles", 0),
+        ("heights", 0),
+        ("footholds", 0),
+        ("regions", 0),
+    ]
+    edges, words, sole, sides = markers[1:]
+    ends = np.array([(p.x, p.y, p.z) for p in sides.points]).reshape(-1, 2, 3)
+    np.testing.assert_allclose(ends, np.stack((region, np.roll(region, -1, axis=0)), axis=1))
+    assert sides.type == 5
     assert edges.type == 5 and len(edges.points) == 3 * 6
     assert {round(p.z, 6) for p in edges.points} == {0.01, 0.09}
     assert (words.type, words.text) == (9, "+80 mm")

@@ -57,7 +57,7 @@ def _rerun(*words: object) -> str:
 
 
 def test_a_recording_becomes_a_scene(walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Rerun itself checks the file and finds robot, coloured terrain, stripes, obstacles, footholds and pictures."""
+    """Rerun itself checks the file and finds robot, coloured terrain, stripes, markers and pictures."""
     pytest.importorskip("rerun", reason="extra `rerun` is not installed")
     out = tmp_path / "walk.rrd"
     assert run(["view", "--rerun", str(walk), "--save", str(out)]) == 0
@@ -69,6 +69,7 @@ def test_a_recording_becomes_a_scene(walk: Path, tmp_path: Path, capsys: pytest.
         "/guara/scene/stripes",
         "/guara/scene/obstacles",
         "/guara/scene/footholds",
+        "/guara/scene/regions",
         "/guara/visual_geometries/base_link",
         "/guara/camera/on/compressed",
         "/guara/camera/camera_info",
