@@ -38,7 +38,7 @@ HUBER_SIGMAS = 2.0
 # Of the height of single cells; so slopes tell from 0.06 on with cells of 5 mm and heights to 0.3 mm.
 SLOPE_SIGMAS = 6.0
 # Heights of neighbouring cells come from the same stripes and poses: as many of them count as one.
-CELLS_THAT_COUNT_AS_ONE = 64.0
+CELLS_THAT_COUNT_AS_ONE = 32.0
 # Of both heights together, what no sigma tells.
 FLOOR_SIGMA_M = 0.0007
 # Of heights that neighbours do not share, at least.
