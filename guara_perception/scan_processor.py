@@ -293,6 +293,7 @@ class ScanProcessor:
             points=self.points,
             planned=self._order,
             layers=layers,
+            laser_origin=self._geometry.sensor_origins[1],
             seconds=seconds,
             wrong_frames=lambda: self._glances.wrong_frames(self._geometry, self._calibration),
             light=self._light,

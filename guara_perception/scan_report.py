@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from guara_perception.arrays import Array, Index, Mask
+from guara_perception.arrays import Array, Float, Index, Mask
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.light_diagnosis import STEADY, LightLooks
 from guara_perception.ranging.stripe_points import StripePoints
@@ -96,6 +96,7 @@ def scan_report(
     points: Mapping[int, StripePoints],
     planned: Sequence[int],
     layers: Mapping[str, Array],
+    laser_origin: Float,
     seconds: Mapping[str, float],
     wrong_frames: Callable[[], str] = lambda: "",
     light: LightLooks,
@@ -144,6 +145,7 @@ def scan_report(
         "support_feet_used": list(pose.support_feet_used),
         "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),
         "transform_camera_to_base": calibration.transform_camera_to_base.tolist(),
+        "laser_origin": laser_origin.tolist(),
         "pose_covariance": np.asarray(pose.covariance).tolist(),
         "limits": limits_to_dict(settings.limits),
         "validity_pauses": settings.validity_pauses,

@@ -24,6 +24,10 @@ LARGEST_DRIFT_CELLS = 10
 # Of heights of a scan and the pose of the body, as assumed; `benchmarks.lines_of_sight` holds it to the truth. A height
 # that is less certain proves no way.
 BOUND_SIGMA_M = 0.003
+# The light may start to spread on the mirror, at a line lens before it, or farther away: by so much of what it would
+# spread from the mirror on. Bounds hold for all of these; between two of them the light that passes over one place
+# comes from points of the ground 15 mm apart, of which the neighbours count too.
+SPREADS = tuple(number / 7 for number in range(8))
 NONE = np.float32(9.0)
 
 
@@ -53,8 +57,9 @@ class LinesOfSight:
     Taken to the safe side: from the highest sample of each cell seen, at the far edge of each cell passed; the least
     that holds over a cell and all its neighbours; moved aside and raised by what the map may have drifted since (its
     confidence in sigmas), and one cell more. A bound is forgotten when ground of its age would be STALE, and with the
-    scan that the map took back. The laser's light is taken to spread from the middle of the mirror. What no scan can
-    see limits it too: a thing thinner than the gap between two stripes, or one that was put there later.
+    scan that the map took back. Where the laser's light starts to spread, on the mirror or at any distance before it,
+    is left open: a bound holds for all. A later look without return lifts no older bound: dark ground was dark before.
+    What no scan can see limits it too: a thing thinner than the gap between two stripes, or one put there later.
 
     Example:
         fused = terrain_map.update(terrain, transform, covariance, covariance_since_last=since, own_covariance=own)
@@ -138,8 +143,11 @@ def _sensor_origins(terrain: TerrainGrid, terrain_map: TerrainMap) -> list[Float
         to_footprint = np.array(terrain.metadata["transform_base_to_footprint"], dtype=np.float64)
     except KeyError as error:
         raise InvalidInput(f"the scan's metadata lacks {error}: lines of sight begin at camera and laser") from None
+    camera = to_footprint[:3, :3] @ camera + to_footprint[:3, 3]
+    if "laser_origin" in terrain.metadata:
+        return [camera, np.array(terrain.metadata["laser_origin"], dtype=np.float64)]
     laser = terrain_map.robot.transform_laser_to_base[:3, 3]
-    return [to_footprint[:3, :3] @ place + to_footprint[:3, 3] for place in (camera, laser)]
+    return [camera, to_footprint[:3, :3] @ laser + to_footprint[:3, 3]]
 
 
 def _bounds(terrain: TerrainGrid, geometry: GridGeometry, origins: list[Float]) -> Float32:
@@ -149,14 +157,16 @@ def _bounds(terrain: TerrainGrid, geometry: GridGeometry, origins: list[Float]) 
         iy, ix = np.nonzero(np.isfinite(high) & (np.asarray(terrain.variance) <= BOUND_SIGMA_M**2))
     x, y = terrain.geometry.centres()
     points = np.column_stack((x[ix], y[iy], high[iy, ix]))
-    each = [_worst_around(_passed(points, origin, geometry), AROUND_CELLS) for origin in origins]
-    return np.minimum(*each)
+    camera, laser = origins
+    seen = _worst_around(_passed(points, camera - points, geometry), AROUND_CELLS)
+    to_mirror = laser - points
+    lit = [_worst_around(_passed(points, to_mirror * (1, spread, 1), geometry), AROUND_CELLS) for spread in SPREADS]
+    return np.minimum(seen, np.maximum.reduce(lit))
 
 
-def _passed(points: Float, origin: Float, geometry: GridGeometry) -> Float32:
-    """The lowest way (ny, nx) from the points (n, 3) to a sensor over each cell, at the far edge of the cell [m]."""
+def _passed(points: Float, way: Float, geometry: GridGeometry) -> Float32:
+    """The lowest of ways (n, 3) from points (n, 3) over each cell (ny, nx), at the far edge of the cell [m]."""
     least = np.full(geometry.size, NONE, np.float32)
-    way = origin - points
     length = np.maximum(np.hypot(way[:, 0], way[:, 1]), 1e-6)
     rise, along = way[:, 2] / length, way[:, :2] / length[:, None]
     end = np.where(rise > 0, np.minimum(length, (HIGHEST_M - points[:, 2]) / np.maximum(rise, 1e-6)), 0.0)

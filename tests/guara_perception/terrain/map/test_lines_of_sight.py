@@ -10,6 +10,7 @@ import pytest
 import guara_perception as gp
 from benchmarks.walk import CAMERA_IN_BASE, Ground, scan, seen_height, walk
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.map.lines_of_sight import NONE, _bounds
 from kinematics import LegOdometry, RobotModel, Stance
 
 MakeScan = Callable[..., gp.TerrainGrid]
@@ -74,6 +75,42 @@ def test_a_swing_passes_over_a_hole_only_where_it_is_asked_for_and_high_enough(
     found = fused.swing(start, end, 0.015, ceiling=ceiling)
     assert found.ok and fused.check_path(found.points, 0.015, ceiling=ceiling).ok
     assert not fused.check_foothold(*high[0, :2] + (0, 0.08)).ok
+
+
+@pytest.mark.parametrize("behind", [0.0, 0.05, 0.3, 2.0])
+def test_bounds_hold_wherever_the_laser_light_starts_to_spread(
+    robot: RobotModel, make_scan: MakeScan, where: dict[str, object], behind: float
+) -> None:
+    """No bound by light lies under the lowest light that truly passes over its cell.
+
+    The light of a lens so far behind the mirror passes over a cell from another place of the ground than that of a lens
+    on it; cells of which that place was not seen have no bound by light.
+    """
+    origin = np.array([0.6, 0.0, 0.47])
+    aside = np.abs(make_scan(0.0).geometry.centres()[1])
+    flags = np.where(aside < 0.15, Hazard.UNSCANNED, 0).astype(np.uint16)[:, None]
+    terrain = make_scan(0.0, flags=flags, metadata={**where, "laser_origin": origin.tolist()})
+    high = np.asarray(terrain.elevation_max, np.float64)
+    x, y = (axis.ravel() for axis in np.meshgrid(*terrain.geometry.centres()))
+    seen = np.isfinite(high.ravel())
+    points = np.column_stack((x, y, np.zeros(x.size)))[seen]
+    # Light from a point so far behind the axis, through the axis, to what was seen: where it is 20 to 140 mm high.
+    to_axis = origin - points
+    length = np.hypot(to_axis[:, 0], to_axis[:, 2])
+    source = points + to_axis * (1 + behind / length)[:, None]
+    source[:, 1] = origin[1]
+    geometry = terrain.geometry.widened(20)
+    passed = np.full(geometry.shape, np.inf)
+    for rise in np.arange(0.0, 0.15, 0.001):
+        at = points + (source - points) * (rise / source[:, 2])[:, None]
+        iy, ix = geometry.indices(at[:, 0], at[:, 1])
+        inside = geometry.contains(iy, ix)
+        np.minimum.at(passed, (iy[inside], ix[inside]), rise)
+    far_below = origin - (0.0, 0.0, 10.0)
+    bounds = _bounds(terrain, geometry, [far_below, origin])
+    bounded = bounds < NONE
+    assert bounded.sum() > 1000
+    assert (bounds[bounded] >= passed[bounded] - 0.001).all()
 
 
 def test_bounds_rise_with_drift_and_end_with_age(
