@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import logging
 import queue
-import threading
 from collections.abc import Callable
 
 from drivers import timing
@@ -13,26 +11,20 @@ from drivers.camera import Camera
 from drivers.errors import CameraTimeout
 from drivers.frame import Frame
 from drivers.frame_grabber import FrameGrabber
-from drivers.laser_switch import LaserSwitch, ScanStopped
 from drivers.options import AcquireOptions, OffFrames
 from drivers.pattern import PatternStripe
 from drivers.raw_stripe import RawStripe
+from drivers.stripe_worker import StripeWorker
 
-logger = logging.getLogger(__name__)
 # Seconds between two looks at whether to stop, while the caller is slow.
 QUEUE_SLICE = 0.05
 
 
-class ScanWorker(threading.Thread):
-    """Takes one scan. `items` carries stripes in groups, see `AcquireOptions.together`, and at the end None.
+class ScanWorker(StripeWorker):
+    """Takes one scan stripe by stripe, with a camera that runs freely; the queue to the caller is bounded.
 
     Attributes:
-        items: the bounded queue to the caller.
         grabber: for its counts.
-        fired: indices for which the laser was on.
-        failure: the error that ended the scan, or None.
-        stopped_early: whether `should_stop` ended it.
-        off_frames_lost: off frames that did not come; their stripes are compared with the one before.
     """
 
     def __init__(
@@ -44,48 +36,26 @@ class ScanWorker(threading.Thread):
         should_stop: Callable[[], bool] | None,
     ) -> None:
         """Prepare; `start` begins."""
-        super().__init__(name="scan", daemon=True)
-        self._board, self._camera, self._pattern, self._options = board, camera, pattern, options
-        self._should_stop = should_stop
-        self._cancelled = threading.Event()
+        groups = -(-options.queue_size // options.together)
+        super().__init__("scan", board, camera, pattern, options, should_stop, groups)
         self._lost_in_row = 0
         self._group: list[RawStripe] = []
         self._steps: list[int] = []
-        self.switch = LaserSwitch(board)
         self.grabber = FrameGrabber(camera, board, options, self._check)
-        self.items: queue.Queue[tuple[RawStripe, ...] | None] = queue.Queue(-(-options.queue_size // options.together))
-        self.fired: list[int] = []
-        self.failure: Exception | None = None
-        self.stopped_early = False
-        self.off_frames_lost = 0
-        self.notes: list[str] = []
-        self.begun = timing.monotonic()
 
-    def cancel(self) -> None:
-        """Put the laser out now and end the thread soon; what has not been handed over is forgotten."""
-        self._cancelled.set()
-        self.switch.close()
+    def _take(self) -> None:
+        self.grabber.restart()
+        # All at once, not one between frames: after a sleep each costs many times as much.
+        self._steps = [self._board.step_at(stripe.mirror_angle) for stripe in self._pattern]
+        if self._options.off is OffFrames.PER_STRIPE:
+            self._take_pairs()
+        else:
+            self._take_sweep()
 
-    def run(self) -> None:
-        """Take the scan; the laser is out when this ends, however it ends."""
-        self.begun = timing.monotonic()
-        try:
-            self.grabber.restart()
-            # All at once, not one between frames: after a sleep each costs many times as much.
-            self._steps = [self._board.step_at(stripe.mirror_angle) for stripe in self._pattern]
-            if self._options.off is OffFrames.PER_STRIPE:
-                self._take_pairs()
-            else:
-                self._take_sweep()
-        except ScanStopped:
-            logger.info("scan stopped after %d of %d stripes", len(self.fired), len(self._pattern))
-        except Exception as error:
-            self.failure = error
-        finally:
-            self._darken()
-            if self._group:
-                self._put(tuple(self._group))
-            self._put(None)
+    def _end(self) -> None:
+        if self._group:
+            self._put(tuple(self._group))
+        self._put(None)
 
     def _take_pairs(self) -> None:
         reached = self._board.go_to_step(self._steps[0], wait=False)
@@ -149,13 +119,6 @@ class ScanWorker(threading.Thread):
             )
         return frame
 
-    def _check(self) -> None:
-        if self._cancelled.is_set():
-            raise ScanStopped
-        if self._should_stop is not None and self._should_stop():
-            self.stopped_early = True
-            raise ScanStopped
-
     def _collect(self, number: int, stripe: RawStripe) -> None:
         """Hand a group over when it is full, or too large for what is still to come."""
         self._group.append(stripe)
@@ -179,12 +142,3 @@ class ScanWorker(threading.Thread):
             except queue.Full:
                 continue
         return False
-
-    def _darken(self) -> None:
-        try:
-            self.switch.off()
-        except Exception as error:
-            if self.failure is None:
-                self.failure = error
-            else:
-                logger.error("while ending after %r: %s", self.failure, error)

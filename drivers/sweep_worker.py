@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import queue
-import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -18,11 +16,11 @@ from drivers.board_sweep import BoardSweep
 from drivers.camera import Camera
 from drivers.errors import CameraNotTriggered, CameraTimeout, LaserRefused
 from drivers.frame import Frame
-from drivers.laser_switch import LaserSwitch, ScanStopped
 from drivers.options import AcquireOptions, OffFrames
 from drivers.pattern import PatternStripe
 from drivers.protocol import SWEEP_STRIPES, WAIT_UNIT_US, WAIT_UNITS, BoardFault, BoardFlag, Shot, describe_faults
 from drivers.raw_stripe import RawStripe
+from drivers.stripe_worker import StripeWorker
 from drivers.sweep_options import SweepOptions
 from drivers.sweep_proof import WAITS, ClockMatch
 from drivers.sweep_records import StripeRecord
@@ -66,7 +64,7 @@ class Sweep:
         return len(self.done) == len(self.stripes)
 
 
-class SweepWorker(threading.Thread):
+class SweepWorker(StripeWorker):
     """Takes one scan as `ScanWorker` does, with the same attributes; a frame that is not proved is a lost stripe."""
 
     def __init__(
@@ -78,11 +76,9 @@ class SweepWorker(threading.Thread):
         should_stop: Callable[[], bool] | None,
     ) -> None:
         """Prepare; `start` begins."""
-        super().__init__(name="sweep", daemon=True)
-        self._board, self._camera, self._pattern, self._options = board, camera, pattern, options
+        # A sweep waits for nobody, so the queue has no bound but the pattern.
+        super().__init__("sweep", board, camera, pattern, options, should_stop, 0)
         self._sweep_options = options.sweep or SweepOptions()
-        self._should_stop = should_stop
-        self._cancelled = threading.Event()
         self._match = ClockMatch(self._sweep_options.tolerance)
         self._counted = False
         self._period = 0.0
@@ -90,34 +86,7 @@ class SweepWorker(threading.Thread):
         self._off_settled = options.off is not OffFrames.ONE
         self._fed = 0.0
         self._last_counter: int | None = None
-        self.switch = LaserSwitch(board)
         self.grabber = FrameCounts(last_stamp=timing.monotonic())
-        # A sweep waits for nobody, so this has no bound but the pattern.
-        self.items: queue.Queue[tuple[RawStripe, ...] | None] = queue.Queue()
-        self.fired: list[int] = []
-        self.failure: Exception | None = None
-        self.stopped_early = False
-        self.off_frames_lost = 0
-        self.notes: list[str] = []
-        self.begun = timing.monotonic()
-
-    def cancel(self) -> None:
-        """Put the laser out now, which ends the sweep, and the thread soon."""
-        self._cancelled.set()
-        self.switch.close()
-
-    def run(self) -> None:
-        """Take the scan; the laser is out when this ends, however it ends."""
-        self.begun = timing.monotonic()
-        try:
-            self._take()
-        except ScanStopped:
-            logger.info("sweep stopped after %d of %d stripes", len(self.fired), len(self._pattern))
-        except Exception as error:
-            self.failure = error
-        finally:
-            self._darken()
-            self.items.put(None)
 
     def _take(self) -> None:
         if not self._camera.triggered:
@@ -272,18 +241,5 @@ class SweepWorker(threading.Thread):
         found = self._match.frame_of(sweep.clocks[number], stamps)
         return None if found is None else sweep.frames[found]
 
-    def _check(self) -> None:
-        if self._cancelled.is_set():
-            raise ScanStopped
-        if self._should_stop is not None and self._should_stop():
-            self.stopped_early = True
-            raise ScanStopped
-
-    def _darken(self) -> None:
-        try:
-            self.switch.off()
-        except Exception as error:
-            if self.failure is None:
-                self.failure = error
-            else:
-                logger.error("while ending after %r: %s", self.failure, error)
+    def _end(self) -> None:
+        self.items.put(None)

@@ -58,8 +58,8 @@ def test_a_frame_out_of_step_costs_its_own_stripe_of_a_group(rig: Rig) -> None:
     def grab(timeout: float) -> Frame:
         frame = real(timeout)
         seen.append(frame.counter)
-        # By the frames that were taken, since a busy machine passes numbers over.
-        return dataclasses.replace(frame, image=frame.image[::2, ::2]) if len(seen) in (14, 15) else frame
+        # By the frames that were taken, since a busy machine passes numbers over; several, since one may not be used.
+        return dataclasses.replace(frame, image=frame.image[::2, ::2]) if 14 <= len(seen) < 20 else frame
 
     seen: list[int] = []
     rig.camera.grab = grab  # type: ignore[method-assign]
