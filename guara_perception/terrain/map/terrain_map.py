@@ -69,10 +69,10 @@ class TerrainMap:
 
         Args:
             robot: model, name or folder; its robot.toml gives area, limits and validity; its kinematics the soles.
-            resolution: cell edge [m], which divides the area; None = the robot's default.
+            resolution: cell edge [m]; None = the robot's default.
 
         Raises:
-            InvalidInput: it does not.
+            InvalidInput: the resolution does not divide the area.
         """
         self._robot = robot_model(robot)
         self._settings = Settings.of(self._robot)
@@ -148,8 +148,8 @@ class TerrainMap:
                 Time that runs backwards makes all that was seen before STALE.
 
         Returns:
-            TerrainGrid of extent "map" in base_footprint of this pause. Ground that only a foot or the gait vouches
-            for has `looks` 0.
+            Grid of extent "map" in base_footprint of this pause. Ground that only a foot or the gait vouches for has
+            `looks` 0.
 
         Raises:
             InvalidInput: a grid of another extent or cell size, in the compact encoding, or of an earlier pause; a pose
@@ -205,9 +205,9 @@ class TerrainMap:
         metadata: Mapping[str, Any] | None = None,
         time: float | None = None,
     ) -> TerrainGrid:
-        """The map as it is known, seen from another pause; nothing of that pause is fused.
+        """The map seen from another pause, of which nothing is fused; arguments and errors as in `update`.
 
-        Arguments and errors as in `update`; of `terrain` only stamp, step and metadata count.
+        Of `terrain` only stamp, step and metadata count.
         """
         check_scan(terrain, self._grid.resolution, self._step)
         transform, pose_covariance = checked_pose(transform_footprint_to_odom, covariance)
