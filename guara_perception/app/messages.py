@@ -31,7 +31,7 @@ def terrain_to_message(
     scan_start: int | None = None,
     scan_end: int | None = None,
     valid_for: float = math.inf,
-    told: Mapping[str, Any] | None = None,
+    stated: Mapping[str, Any] | None = None,
 ) -> TerrainMessage:
     """The message of a grid.
 
@@ -41,13 +41,13 @@ def terrain_to_message(
         sequence: number of this message.
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
         valid_for: at most this long after `scan_end`, besides the grid's own validity [s].
-        told: what its metadata say besides the grid's own, or instead.
+        stated: what its metadata say besides the grid's own, or instead.
 
     Raises:
         UnsafeGrid: the grid breaks the safety invariant.
     """
     check_invariant(terrain.layers)
-    data = {**terrain.metadata, **(told or {})}
+    data = {**terrain.metadata, **(stated or {})}
     stance = data.get("stance", {"joint_positions": {}, "support_feet": [], "gravity_in_base": None})
     health = data.get("health", {})
     start = terrain.stamp if scan_start is None else scan_start

@@ -23,7 +23,7 @@ def publish_terrain(
     scan_end: int | None = None,
     scan_end_clock: float | None = None,
     valid_for: float = math.inf,
-    told: Mapping[str, Any] | None = None,
+    stated: Mapping[str, Any] | None = None,
 ) -> TerrainMessage:
     """Hand one grid over for sending; returns at once.
 
@@ -34,7 +34,7 @@ def publish_terrain(
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
         scan_end_clock: last frame by `transport.clock` [s]; None = by what the wall clock says of it now.
         valid_for: at most so long after `scan_end`, besides the grid's own validity [s].
-        told: what the message's metadata say besides the grid's own, or instead.
+        stated: what the message's metadata say besides the grid's own, or instead.
 
     Returns:
         The message that is sent.
@@ -52,7 +52,7 @@ def publish_terrain(
         scan_start=scan_start,
         scan_end=scan_end,
         valid_for=valid_for,
-        told={**(told or {}), "run": server.run, "scan_end_clock": scan_end_clock},
+        stated={**(stated or {}), "run": server.run, "scan_end_clock": scan_end_clock},
     )
     if terrain.extent == "footprint":
         server.publish(message, occupancy=terrain.to_occupancy())

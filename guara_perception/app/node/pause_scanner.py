@@ -208,7 +208,7 @@ class PauseScanner:
         messages = [publish_terrain(self._server, nothing)]
         if published.fused is not None and not pause.is_fused:
             fused = self._map.withdraw(nothing, time=end_of(published.scan))
-            messages.append(publish_terrain(self._server, fused, told=walk_of(pause)))
+            messages.append(publish_terrain(self._server, fused, stated=walk_of(pause)))
         if self._recorder is not None:
             self._recorder.add_terrains(pause.step, messages)
 
@@ -225,7 +225,7 @@ class PauseScanner:
             scan_end=scan.end,
             scan_end_clock=end_of(scan),
             valid_for=max(limit, 0.0),
-            told=walk_of(pause, is_provisional=is_provisional),
+            stated=walk_of(pause, is_provisional=is_provisional),
         )
 
     def _processor(self, pause: Pause, mode: str) -> ScanProcessor:

@@ -57,7 +57,7 @@ class LinesOfSight:
     Taken to the safe side: from the highest sample of each cell seen, at the far edge of each cell passed; the least
     that holds over a cell and all its neighbours; moved aside and raised by what the map may have drifted since (its
     confidence in sigmas), and one cell more. A bound is forgotten when ground of its age would be STALE, and with the
-    scan that the map took back. Where the laser's light starts to spread, on the mirror or at any distance before it,
+    scan that the map took back. Where the laser's light starts to widen, on the mirror or at any distance before it,
     is left open: a bound holds for all. A later look without return lifts no older bound: dark ground was dark before.
     What no scan can see limits it too: a thing thinner than the gap between two stripes, or one put there later.
 
@@ -160,7 +160,7 @@ def _bounds(terrain: TerrainGrid, geometry: GridGeometry, origins: list[Float]) 
     camera, laser = origins
     seen = _worst_around(_passed(points, camera - points, geometry), AROUND_CELLS)
     to_mirror = laser - points
-    lit = [_worst_around(_passed(points, to_mirror * (1, spread, 1), geometry), AROUND_CELLS) for spread in SPREADS]
+    lit = [_worst_around(_passed(points, to_mirror * (1, share, 1), geometry), AROUND_CELLS) for share in SPREADS]
     return np.minimum(seen, np.maximum.reduce(lit))
 
 
