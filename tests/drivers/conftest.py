@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +30,7 @@ class Scene:
     """A flat grey scene with noise, in which the laser draws one red row."""
 
     def __init__(self) -> None:
-        rng = np.random.default_rng(1)
-        self._noise = rng.integers(-3, 4, (8, HEIGHT, WIDTH, 3)).astype(np.int16)
+        self._noise = _noise()
         self._count = 0
         self.ambient = 40.0
         self.brightness = 150.0
@@ -49,6 +49,11 @@ class Scene:
         if view.laser_fraction > 0 and 2 <= row < HEIGHT - 2 and not self.swallow:
             image[row - 1 : row + 2, :, 2] += np.int16(min(self.brightness * gain * view.laser_fraction, 3000))
         return image.clip(0, 255).astype(np.uint8)
+
+
+@cache
+def _noise() -> np.ndarray:
+    return np.random.default_rng(1).integers(-3, 4, (8, HEIGHT, WIDTH, 3), dtype=np.int16)
 
 
 @pytest.fixture

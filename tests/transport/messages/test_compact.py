@@ -131,6 +131,7 @@ def test_plain_zenoh_sees_which_is_which(node: Any, endpoint: str) -> None:
         assert str(reply.ok.encoding) == "application/cdr;guara_msgs/msg/Terrain"
 
 
+@pytest.mark.slow
 def test_a_node_of_an_earlier_version_is_named_as_the_cause(endpoint: str, peer: Any) -> None:
     """It has a sign of life and a lossless grid, and answers questions lossless: both are said, or taken."""
     with transport.open_node(listen=endpoint) as node:

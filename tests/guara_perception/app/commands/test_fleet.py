@@ -29,6 +29,7 @@ def test_the_robots_of_a_router_are_listed(guara, start, free_endpoint: str, ter
     assert said.err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_where_nobody_listens_it_says_so(guara, free_endpoint: str) -> None:
     """Exit 1, one line."""
     said = guara("fleet", "--connect", free_endpoint)

@@ -113,6 +113,7 @@ def test_bounds_hold_wherever_the_laser_light_starts_to_spread(
     assert (bounds[bounded] >= passed[bounded] - 0.001).all()
 
 
+@pytest.mark.slow
 def test_bounds_rise_with_drift_and_end_with_age(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
 ) -> None:
