@@ -14,7 +14,7 @@ import guara_perception as gp
 TIMEOUT_S = 120.0
 
 
-def main() -> None:
+def wait_for_pauses() -> None:
     """Wait for the grids of the pauses that are named on the standard input."""
     with gp.TerrainClient(sys.argv[1], timeout=TIMEOUT_S) as client:
         print("ready", flush=True)
@@ -24,4 +24,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    wait_for_pauses()
