@@ -29,4 +29,4 @@ def test_the_grid_moves_with_the_crosses_and_heights_stay() -> None:
     scan = gp.open_scan(DATA / "scans" / "paper")
     found = effect(session, scan, robot, known, CASES["all 2 mm too far ahead"])
     assert found.near == pytest.approx(0.002, abs=2e-4) and found.far == pytest.approx(0.002, abs=2e-4)
-    assert abs(found.height) < 2e-4 and found.spread < 5e-4 and found.verdict == "good"
+    assert abs(found.height) < 2e-4 and found.scatter < 5e-4 and found.verdict == "good"
