@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import tomllib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -134,6 +134,23 @@ class Devices:
         from drivers import BoardConfig
 
         return BoardConfig(**self.board)  # type: ignore[arg-type]
+
+
+def devices_of(
+    path: Path | None, *, camera: str | None = None, trigger: str | None = None, fps: float | None = None
+) -> Devices:
+    """The devices of a file, or the usual ones without one, with what the options of a command say otherwise.
+
+    Args:
+        path: devices.toml, or None.
+        camera: as `Devices.source`; None = that of the file.
+        trigger, fps: as in `Devices`; None = those of the file.
+
+    Raises:
+        MissingFile, FileFormatError: see `load_devices`.
+    """
+    known = Devices() if path is None else load_devices(path)
+    return replace(known, source=camera or known.source, trigger=trigger or known.trigger, fps=fps or known.fps)
 
 
 def load_devices(path: str | Path) -> Devices:

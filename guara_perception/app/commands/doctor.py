@@ -38,19 +38,16 @@ def command(
       guara doctor -c calibration.json
       guara doctor --devices devices.toml --only camera --only board
     """
-    from dataclasses import replace
-
-    from guara_perception.app.devices_file import Devices, load_devices
+    from guara_perception.app.devices_file import devices_of
     from guara_perception.app.doctor import CHECKS, FAIL, examine
     from guara_perception.exceptions import InvalidInput
 
     unknown = [name for name in checks if name not in CHECKS]
     if unknown:
         raise InvalidInput(f"--only is {', '.join(unknown)}, allowed: {', '.join(CHECKS)}")
-    known = Devices() if devices is None else load_devices(devices)
     failed = False
     for finding in examine(
-        devices=replace(known, source=camera or known.source, trigger=trigger or known.trigger),
+        devices=devices_of(devices, camera=camera, trigger=trigger),
         calibration=calibration,
         listen=listen,
         folder=Path.cwd(),

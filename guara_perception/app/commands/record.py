@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -63,7 +62,7 @@ def command(
     from guara_perception.app.calibrate import refuse
     from guara_perception.app.calibration_report.html import write_report
     from guara_perception.app.calibration_report.summary import summary
-    from guara_perception.app.devices_file import Devices, load_devices
+    from guara_perception.app.devices_file import Devices, devices_of
     from guara_perception.app.files.calibration_session import open_session
     from guara_perception.app.node.devices import rangefinder_of
     from guara_perception.app.record.live_page import LivePage
@@ -92,8 +91,7 @@ def command(
     points = (
         cross_points(model) * scale if crosses is None else read_json(crosses).array("points_in_footprint", (None, 2))
     )
-    known = Devices() if devices is None else load_devices(devices)
-    known = replace(known, source=camera or known.source, trigger=trigger or known.trigger)
+    known = devices_of(devices, camera=camera, trigger=trigger)
     plan = SessionPlan(model.name, spec, np.asarray(points), heights_of_words(plates), standing)
     with ExitStack() as stack:
         page = stack.enter_context(LivePage(port))

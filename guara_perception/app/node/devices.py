@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from drivers import AcquireOptions, LaserBoard, OffFrames
 from guara_perception.app.device_options import DeviceOptions
-from guara_perception.app.devices_file import Devices, load_devices
+from guara_perception.app.devices_file import Devices, devices_of
 from guara_perception.app.node.rangefinder import STRIPES_TOGETHER, Rangefinder
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import load_calibration
@@ -69,7 +69,7 @@ def choose_rig(
 
         made = SimulatedRobot(chosen.robot or "guara", chosen.calibration)
         return Rig(made.robot, made.calibration, made.rangefinder, made)
-    devices = devices_of(chosen)
+    devices = devices_of(chosen.devices, camera=chosen.camera, trigger=chosen.trigger, fps=chosen.fps)
     if not needs_calibration:
         return Rig(load_robot(chosen.robot or "guara"), None, rangefinder_of(devices, chosen.off_frames), None)
     if chosen.calibration is None:
@@ -80,17 +80,6 @@ def choose_rig(
         _refuse_assumed(model)
     devices = replace(devices, size=calibration.camera.size)
     return Rig(model, calibration, rangefinder_of(devices, chosen.off_frames), None)
-
-
-def devices_of(chosen: DeviceOptions) -> Devices:
-    """The file of devices, if one was named, with what the options say otherwise."""
-    known = Devices() if chosen.devices is None else load_devices(chosen.devices)
-    return replace(
-        known,
-        source=chosen.camera or known.source,
-        fps=chosen.fps or known.fps,
-        trigger=chosen.trigger or known.trigger,
-    )
 
 
 # Tables and keys of robot.toml by which a foot is set. The mounts of camera and laser are not among them: the
