@@ -38,8 +38,8 @@ def height_errors(
         found = []
         for level in heights_mm * 1e-3:
             x = -(plane[1] * y + plane[2] * level + plane[3]) / plane[0]
-            place = np.column_stack((x, y, np.full(len(y), level)))
-            pixels = truth.camera.project((place - true_pose[:3, 3]) @ true_pose[:3, :3])
+            points = np.column_stack((x, y, np.full(len(y), level)))
+            pixels = truth.camera.project((points - true_pose[:3, 3]) @ true_pose[:3, :3])
             visible = (pixels[:, 0] >= 0) & (pixels[:, 0] <= width - 1) & (pixels[:, 1] >= 0)
             visible &= (pixels[:, 1] <= height - 1) & (x > AREA_X[0]) & (x < AREA_X[1])
             rays = ours.camera.rays(pixels[visible])

@@ -122,7 +122,7 @@ def drift_of(robot: RobotModel, looks: list[Look]) -> tuple[Drift, Drift]:
 
 def _one_way(robot: RobotModel, looks: list[Look], *, registered: bool) -> Drift:
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
-    places: list[Float] = []
+    poses: list[Float] = []
     errors: list[Float] = []
     refused = 0
     for look in looks:
@@ -136,15 +136,15 @@ def _one_way(robot: RobotModel, looks: list[Look], *, registered: bool) -> Drift
             own_covariance=pose.own_covariance if registered else None,
         )
         refused += registered and fused.metadata["registration_refused"] is not None
-        places.append(np.array(fused.metadata["transform_footprint_to_odom"]))
+        poses.append(np.array(fused.metadata["transform_footprint_to_odom"]))
         if look.scan.step >= FIRST_HIND_PAUSE and len(look.feet):
             error = np.asarray(fused.height_at(look.feet[:, 0], look.feet[:, 1]), np.float64) - look.feet[:, 2]
             errors.append(error[np.isfinite(error)])
     aside = []
     for before, now in zip(range(len(looks) - PAUSES_BETWEEN), range(PAUSES_BETWEEN, len(looks)), strict=True):
-        found = np.linalg.inv(places[now]) @ places[before]
+        found = np.linalg.inv(poses[now]) @ poses[before]
         true = np.linalg.inv(looks[now].to_world) @ looks[before].to_world
-        aside += [((found - true) @ (*place, 0.0, 1.0))[:2] for place in SEEN_AT_M]
+        aside += [((found - true) @ (*point, 0.0, 1.0))[:2] for point in SEEN_AT_M]
     sideways = 1e3 * np.array(aside)
     x, y = np.sqrt(np.mean(sideways**2, axis=0))
     heights = 1e3 * np.concatenate(errors)
@@ -199,13 +199,13 @@ def frames(robot: RobotModel, seed: int, cycles: int, kept: Path | None) -> Iter
 
 
 def _sole(centre: Float) -> Float:
-    """Places (n, 2) under a sole."""
+    """Points (n, 2) under a sole."""
     dx, dy = (a.ravel() for a in np.meshgrid(*(np.linspace(-half, half, 8) for half in FOOT_HALF)))
     return np.asarray(centre + np.column_stack((dx, dy)))
 
 
-def _in_footprint(to_world: Float, places: Float, height: Float) -> Float:
-    points = np.column_stack((places, height))
+def _in_footprint(to_world: Float, points_xy: Float, height: Float) -> Float:
+    points = np.column_stack((points_xy, height))
     return np.asarray((points - to_world[:3, 3]) @ to_world[:3, :3])
 
 

@@ -166,7 +166,7 @@ def walk(seed: int, kind: str = "", level: float = 0.0, *, is_rough: bool = Fals
     lost_from, lost = int(rng.integers(1, len(STRIPES))), injected.steps * STEP
     checks = []
     for number, pause in zip(range(PAUSES), simulate_walk(world, robot, seed=seed), strict=False):
-        offsets = [lost if number > 0 or place >= lost_from else 0.0 for place in range(len(STRIPES))]
+        offsets = [lost if number > 0 or index >= lost_from else 0.0 for index in range(len(STRIPES))]
         checks.append(scan(robot, rig, known, pause, offsets))
     return checks
 

@@ -267,8 +267,8 @@ def main() -> None:
         )
         figures["storm"] = storm(plain)
     with ExitStack() as stack:
-        place = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        secured = Fleet(stack, COMPARED, place, held=held)
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        secured = Fleet(stack, COMPARED, folder, held=held)
         figures["tls"] = measure(secured, seconds)
         show(f"{COMPARED} tls", figures["tls"])
         figures["storm_tls"] = storm(secured)

@@ -92,8 +92,8 @@ def effect(
     to_base = np.linalg.inv(robot.stance_pose(session.stance).transform_base_to_footprint)
     settings = Settings.of(robot)
     x, y = settings.footprint_x, settings.footprint_y
-    places = np.array([[x[0], 0.0, 0.0, 1.0], [x[1], y[1], 0.0, 1.0]]) @ to_base.T
-    near, far = np.linalg.norm((places @ turn.T - places)[:, :2], axis=1)
+    points = np.array([[x[0], 0.0, 0.0, 1.0], [x[1], y[1], 0.0, 1.0]]) @ to_base.T
+    near, far = np.linalg.norm((points @ turn.T - points)[:, :2], axis=1)
     right, false = (gp.process_scan(scan, each, robot, pictures=False).elevation for each in (known, wrong))
     is_floor = np.abs(right) < FLOOR_M
     change_of_height = (false - right)[is_floor & np.isfinite(false)]

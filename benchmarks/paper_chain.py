@@ -66,9 +66,9 @@ def cells(ortho: Float, x: Range, y: Range, cell: float) -> Float:
     """Mean height of the picture's pixels in each cell, a[iy, ix], NaN where there is none."""
     nx, ny = round((x[1] - x[0]) / cell), round((y[1] - y[0]) / cell)
     rows, columns = np.nonzero(np.isfinite(ortho))
-    place = ((columns + 0.5) * ny / COLUMNS).astype(int) * nx + ((rows + 0.5) * nx / ROWS).astype(int)
-    total = np.bincount(place, weights=ortho[rows, columns], minlength=nx * ny)
-    count = np.bincount(place, minlength=nx * ny)
+    cell = ((columns + 0.5) * ny / COLUMNS).astype(int) * nx + ((rows + 0.5) * nx / ROWS).astype(int)
+    total = np.bincount(cell, weights=ortho[rows, columns], minlength=nx * ny)
+    count = np.bincount(cell, minlength=nx * ny)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(ny, nx)
 
 

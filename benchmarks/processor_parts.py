@@ -56,7 +56,7 @@ def parts_of_the_node() -> Iterator[ProcessorParts]:
     from transport.outbox import Outbox
     from transport.status_reporter import StatusReporter
 
-    places: tuple[tuple[str, Any, str], ...] = (
+    timed: tuple[tuple[str, Any, str], ...] = (
         ("emulated camera", EmulatedCamera, "grab"),
         ("emulated board", LocalBus, "control"),
         ("emulated board", LocalBus, "interrupt"),
@@ -76,7 +76,7 @@ def parts_of_the_node() -> Iterator[ProcessorParts]:
         ("status", StatusReporter, "_report"),
     )
     parts = ProcessorParts()
-    before = [(owner, name, getattr(owner, name)) for _, owner, name in places]
+    before = [(owner, name, getattr(owner, name)) for _, owner, name in timed]
     # Encoding and sending run later, on the outbox's thread: the clock goes with what is posted.
     post = Outbox.post
 
@@ -84,7 +84,7 @@ def parts_of_the_node() -> Iterator[ProcessorParts]:
         post(box, key, parts.clocked("messages sent", action), **keywords)
 
     try:
-        for part, owner, name in places:
+        for part, owner, name in timed:
             setattr(owner, name, parts.clocked(part, getattr(owner, name)))
         setattr(Outbox, "post", clocked_post)  # noqa: B010
         yield parts

@@ -180,8 +180,8 @@ class _Walker:
         elif terrain.clearance[iy, ix] > CLEAR_M:
             # By way of the body: what is compared is the map, not which feet the footprint's z = 0 was taken from.
             to_footprint = np.array(terrain.metadata["transform_base_to_footprint"])
-            place = pause.transform_base_to_world @ np.linalg.solve(to_footprint, (found.x, found.y, found.z, 1.0))
-            error = float(place[2] - self._world.height(place[0], place[1]))
+            point = pause.transform_base_to_world @ np.linalg.solve(to_footprint, (found.x, found.y, found.z, 1.0))
+            error = float(point[2] - self._world.height(point[0], point[1]))
             (self.figures.front if pause.next_leg.endswith("f") else self.figures.hind).append(error)
         return found.x, found.y
 
@@ -198,10 +198,10 @@ def main() -> None:
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     for size, least in (((640, 512), 60), ((1280, 1024), 15)):
-        lit, paired, place = frame_rates(size)
+        lit, paired, placing = frame_rates(size)
         print(
             f"{size[0]}x{size[1]}: {lit:.0f} frames/s laser on (at least {least}), {paired:.0f} frames/s in pairs, "
-            f"{place:.2f} s to place the robot"
+            f"{placing:.2f} s to place the robot"
         )
     for name, world in (("flat", World()), ("boxes", BOXES)):
         for size in ((640, 512), (1280, 1024)):

@@ -194,8 +194,8 @@ def main() -> None:
         "[ms]  beside        failed     footprint: p50    p95  worst  p95 above none    map: p50    p95  worst  it got"
     )
     for link in ("tcp", "tls"):
-        with tempfile.TemporaryDirectory() as place:
-            keys = init_security(Path(place) / "keys") if link == "tls" else None
+        with tempfile.TemporaryDirectory() as folder:
+            keys = init_security(Path(folder) / "keys") if link == "tls" else None
             folders = {role: str(keys / role) for role in ("node", "planner", "viewer")} if keys else {}
             found, seen = measure(min(max(options.scans, 1), 1000), folders)
         rows = {rate: summary(delays) for rate, delays in found.items()}

@@ -54,13 +54,13 @@ def beside(scans: Sequence[float], references: Sequence[float], stripes: int) ->
     ratio = taken / (0.5 * (before_and_after[:-1] + before_and_after[1:]))
     middle = float(np.median(ratio))
     return [
-        f"the same, min / median / max     {_spread(1e3 * taken, '.0f')} ms",
-        f"{f'reference, {stripes} stripes':32} {_spread(1e3 * before_and_after, '.1f')} ms, before, between and after",
-        f"scan / reference                 {_spread(ratio, '.2f')}",
+        f"the same, min / median / max     {_summary(1e3 * taken, '.0f')} ms",
+        f"{f'reference, {stripes} stripes':32} {_summary(1e3 * before_and_after, '.1f')} ms, before, between and after",
+        f"scan / reference                 {_summary(ratio, '.2f')}",
         f"at the speed at which the reference takes {1e3 * REFERENCE_STRIPE_S:.2f} ms a stripe: "
         f"{1e3 * REFERENCE_STRIPE_S * stripes * middle:.0f} ms per scan",
     ]
 
 
-def _spread(values: Float, form: str) -> str:
+def _summary(values: Float, form: str) -> str:
     return " / ".join(f"{value:{form}}" for value in (values.min(), np.median(values), values.max()))

@@ -18,8 +18,8 @@ def main(grid: str, picture: str) -> None:
     """Heights, slope, steps and hazards side by side."""
     terrain = gp.load_terrain(grid)
     figure, axes = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
-    for place, layer in zip(axes.flat, ("elevation", "slope", "step_height", "hazard"), strict=True):
-        terrain.plot(layer, axes=place, hazards=False)
+    for panel, layer in zip(axes.flat, ("elevation", "slope", "step_height", "hazard"), strict=True):
+        terrain.plot(layer, axes=panel, hazards=False)
     figure.savefig(picture, dpi=110)
 
 

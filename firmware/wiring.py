@@ -65,7 +65,7 @@ def drawing() -> str:
     for side, signals, words in PARTS:
         first = rows[side]
         gap = ROW if len(signals) == 1 else 30
-        ys = [first + gap * place for place in range(len(signals))]
+        ys = [first + gap * number for number in range(len(signals))]
         rows[side] = ys[-1] + (62 if side == "right" else 92)
         edge, inner, outer, anchor = (
             (left, left + 8, 300, "start") if side == "left" else (left + width, left + width - 8, 700, "end")
@@ -84,9 +84,9 @@ def drawing() -> str:
     chain = ["USB 5 V (pin 40, VBUS)", "A: SUPPLY and monostable", "B: LASER", "module of class 2", "ground"]
     y, x = 545, 30
     out.append(_text(30, 515, "the laser's current passes:", size=12, weight="bold"))
-    for place, name in enumerate(chain):
+    for number, name in enumerate(chain):
         box_width = 8 + 7.2 * len(name)
-        if place:
+        if number:
             out.append(_wire([(x - 14, y), (x, y)], red))
         out.append(_box(x, y - 14, box_width, 28, "#fbe9eb"))
         out.append(_text(x + box_width / 2, y + 4, name, "middle", 12))

@@ -51,7 +51,7 @@ class Table:
         Raises:
             RobotFileError: unless findings are gathered.
         """
-        self._tell(f"{self._place(key)} is {self.values.get(key)!r}; {needed} is needed", key)
+        self._tell(f"{self._path_of(key)} is {self.values.get(key)!r}; {needed} is needed", key)
 
     def number(self, key: str, *, above: float = -math.inf, least: float = -math.inf) -> float:
         """A finite number greater than `above` and not below `least`."""
@@ -129,7 +129,7 @@ class Table:
 
     def _get(self, key: str) -> object:
         if key not in self.values and not self._is_absent:
-            self._tell(f"{self._place(key)} is missing; add it", key)
+            self._tell(f"{self._path_of(key)} is missing; add it", key)
         return self.values.get(key, _ABSENT)
 
     def _tell(self, text: str, key: str) -> None:
@@ -143,7 +143,7 @@ class Table:
     def _dotted(self, key: str) -> str:
         return ".".join(part for part in (self.name, key) if part)
 
-    def _place(self, key: str) -> str:
+    def _path_of(self, key: str) -> str:
         return f"[{self.name}] {key}" if self.name else key
 
 

@@ -27,14 +27,14 @@ class SlowLink:
             target: Zenoh endpoint on this machine, over TCP or TLS.
             rate: [byte/s] each way.
         """
-        place, _, port = target.rpartition(":")
+        host, _, port = target.rpartition(":")
         self._target, self._rate = int(port), rate
         self._lock = threading.Lock()
         self._is_closed = False
         self.passed = 0
         self._server = socket.create_server(("127.0.0.1", 0))
         self._sockets = [self._server]
-        self.endpoint = f"{place}:{self._server.getsockname()[1]}"
+        self.endpoint = f"{host}:{self._server.getsockname()[1]}"
         threading.Thread(target=self._serve, daemon=True).start()
 
     def __enter__(self) -> Self:

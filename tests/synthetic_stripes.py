@@ -108,6 +108,6 @@ def _near_change(centre: Float) -> npt.NDArray[np.bool_]:
     """Columns beside a gap or a jump."""
     change = np.abs(np.diff(np.nan_to_num(centre, nan=-99))) > 2
     near = np.zeros(centre.size, bool)
-    for place in np.flatnonzero(change):
-        near[max(place - GAP_MARGIN_COLUMNS + 1, 0) : place + GAP_MARGIN_COLUMNS + 1] = True
+    for index in np.flatnonzero(change):
+        near[max(index - GAP_MARGIN_COLUMNS + 1, 0) : index + GAP_MARGIN_COLUMNS + 1] = True
     return near

@@ -64,7 +64,7 @@ with open_node() as session:
 class Block:
     """One fenced example: where it stands, its language, its text, and what it needs."""
 
-    place: str
+    source: str
     language: str
     text: str
     needs: str
@@ -120,7 +120,7 @@ class Reader:
     def python(self, block: Block) -> None:
         if block.needs == HARDWARE:
             imports = [n for n in ast.parse(block.text).body if isinstance(n, ast.Import | ast.ImportFrom)]
-            exec(compile(ast.Module(imports, []), block.place, "exec"), {})
+            exec(compile(ast.Module(imports, []), block.source, "exec"), {})
             return
         if f"{ENDPOINT[0]}:{ENDPOINT[1]}" in block.text:
             self.provide_node()
@@ -150,8 +150,8 @@ class Reader:
             output, _ = process.communicate(timeout=PATIENCE)
         except subprocess.TimeoutExpired:
             process.kill()
-            raise AssertionError(f"{block.place}: does not end: {words[-1]}") from None
-        assert process.returncode == 0, f"{block.place}: {words[-1]}\nexit {process.returncode}\n{output}"
+            raise AssertionError(f"{block.source}: does not end: {words[-1]}") from None
+        assert process.returncode == 0, f"{block.source}: {words[-1]}\nexit {process.returncode}\n{output}"
 
     def start_endless(self, block: Block, line: str) -> None:
         """Start it and wait for its first line; only a node is left running, for what follows on the page."""
@@ -162,11 +162,11 @@ class Reader:
         elif "guara listen" in line:
             self.provide_node()
         process = self.start(["bash", "-c", f"exec {line.replace('.venv/bin/', '')}"])
-        self.running.append((f"{block.place}: {line}", process))
+        self.running.append((f"{block.source}: {line}", process))
         if is_node:
             wait_for_port(free=False)
         else:
-            assert process.stdout.readline(), f"{block.place}: {line}: ended without a word"
+            assert process.stdout.readline(), f"{block.source}: {line}: ended without a word"
             self.stop_running()
 
     def provide_node(self) -> None:
@@ -272,8 +272,8 @@ def test_examples_of_a_page_work(page: Path, reader: Reader):
 def test_every_block_says_what_it_is(page: Path):
     """Each fenced block names a language that this test knows; nothing else escapes it, and needs are known."""
     for block in blocks(page):
-        assert block.language in LANGUAGES, f"{block.place}: {block.language!r} is none of {LANGUAGES}"
-        assert block.needs in ("", HARDWARE), f"{block.place}: needs {block.needs!r}"
+        assert block.language in LANGUAGES, f"{block.source}: {block.language!r} is none of {LANGUAGES}"
+        assert block.needs in ("", HARDWARE), f"{block.source}: needs {block.needs!r}"
     assert len(re.findall(r"^ *```", page.read_text(), re.MULTILINE)) == 2 * len(blocks(page))
 
 

@@ -25,6 +25,29 @@ REFUSED = {
     r"\b(?:spread(?=\(| =|, )|\w+_spread\b)": "sigma, variance, scatter or extent",
     r"\bmiddles\b": "medians or centres",
 }
+# Names that a variable, an argument, an attribute or a function must not have -> what to write instead. Allowed is
+# `place` as a row of the table of steps in the laser board's protocol, and as in `guara security router --place`.
+REFUSED_NAMES = {
+    "place": "index, position, pose, slot or path",
+    "places": "indices, positions or poses",
+    "spread": "sigma, variance, scatter or extent",
+    "untold": "is_unknown",
+}
+NAMES_ALLOWED = {
+    "place": (
+        "benchmarks/sweeps.py",
+        "drivers/board_sweep.py",
+        "drivers/emulator/sweep.py",
+        "drivers/sweep_records.py",
+        "drivers/sweep_worker.py",
+        "tests/drivers/test_triggered_sweep.py",
+        "tests/firmware/test_conformance_sweep.py",
+        "guara_perception/app/commands/security.py",
+        "tests/transport/security/test_router_folder.py",
+        "transport/security/router_folder.py",
+    ),
+    "places": ("drivers/emulator/sweep.py", "tests/guara_perception/terrain/questions/test_foothold.py"),
+}
 # Words that are of the optics of eyes, not of sensors.
 ALLOWED = {"colour-blind eyes"}
 
@@ -63,6 +86,40 @@ def test_phrases_are_found():
     """The patterns refuse what they were made for."""
     for line in ("it is told so", "so many rows", "a covariance that is none", "the eyes see", "the sheet falls"):
         assert any(re.search(phrase, line) for phrase in REFUSED), line
+
+
+def names(tree: ast.AST) -> set[str]:
+    """Everything that a module names itself, or calls by name."""
+    found = set()
+    for node in ast.walk(tree):
+        match node:
+            case ast.Name(id=name) | ast.Attribute(attr=name) | ast.arg(arg=name) | ast.keyword(arg=str(name)):
+                found.add(name.strip("_"))
+            case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+                found.add(name.strip("_"))
+    return found
+
+
+def test_no_name_is_a_word_of_several_meanings():
+    """What was one word for an index, a position, a pose and a folder is called by which of them it is."""
+    any_of_them = re.compile(rf"\b_?(?:{'|'.join(REFUSED_NAMES)})\b")
+    found = []
+    for folder in (*PACKAGES, "benchmarks", "examples", "firmware", "tests"):
+        for path in (ROOT / folder).rglob("*.py"):
+            file, text = path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8")
+            if not any_of_them.search(text):
+                continue
+            for name in sorted(names(ast.parse(text)) & REFUSED_NAMES.keys()):
+                if file not in NAMES_ALLOWED.get(name, ()):
+                    found.append(f"{file}: {name}; write instead: {REFUSED_NAMES[name]}")
+    assert not found, "\n".join(found)
+
+
+def test_names_are_found():
+    """Arguments, attributes, keywords, loops and functions count; words of prose do not."""
+    for line in ("def f(place): ...", "f(place=1)", "a._place = 1", "for place in a: ...", "def place(): ..."):
+        assert "place" in names(ast.parse(line)), line
+    assert "place" not in names(ast.parse('"""In place of it."""'))
 
 
 def aliases(path: Path) -> list[str]:

@@ -230,9 +230,9 @@ class Fetcher:
         finished = threading.Event()
         timeout = LARGE_PIECE_TIMEOUT if size > FIRST_PIECE else PIECE_TIMEOUT
 
-        def sort(place: str, attachment: bytes, content: bytes) -> None:
+        def sort(found_key: str, attachment: bytes, content: bytes) -> None:
             if len(attachment) == PIECE.size and len(content) <= size:
-                on_piece(place, PIECE.unpack(attachment), content)
+                on_piece(found_key, PIECE.unpack(attachment), content)
 
         selector = f"{key}?piece={begin};size={size};number={number}"
         self._session.attempt(

@@ -55,9 +55,9 @@ def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float
     Raises:
         ScannerUnavailable: no robot is to be seen.
     """
-    places = [(alive_key(robot), status_key(robot)) for robot in robots] or [(FLEET_ALIVE, FLEET_STATUS)]
+    keys = [(alive_key(robot), status_key(robot)) for robot in robots] or [(FLEET_ALIVE, FLEET_STATUS)]
     found: dict[str, RobotState] = {}
-    for alive, asked in places:
+    for alive, asked in keys:
         living = _living(session, alive, timeout)
         found |= {robot: RobotState(robot) for robot in living}
         found |= {state.robot: state for state in _answers(session, asked, timeout) if state.robot in living}
@@ -93,14 +93,14 @@ def _answers(session: Session, key: str, timeout: float) -> list[RobotState]:
     states: list[tuple[int, RobotState]] = []
     finished = threading.Event()
 
-    def take(place: str, payload: bytes | None, _: bytes | None) -> None:
+    def take(found_key: str, payload: bytes | None, _: bytes | None) -> None:
         try:
             status = None if payload is None else decode_status(payload)
         except MessageError:
             return
         state = None if status is None else _state_of(status)
         # What it says of itself must be what its key says: a robot may speak for no other.
-        if status is not None and state is not None and state.robot == robot_of(place):
+        if status is not None and state is not None and state.robot == robot_of(found_key):
             states.append((status.stamp, state))
 
     session.attempt(

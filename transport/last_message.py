@@ -68,7 +68,7 @@ class LastMessage:
             answers: hand the last message to whoever asks on the key itself, too.
         """
         self._session, self._key, self._encoding = session, key, encoding
-        self._place, self._pieces = announcement_key(key, source), pieces_key(key, source)
+        self._announcement_key, self._pieces = announcement_key(key, source), pieces_key(key, source)
         self._lock = threading.Lock()
         self._kept: OrderedDict[int, tuple[MadeOnce, bytes | None, float]] = OrderedDict()
         self._last = -1
@@ -77,13 +77,13 @@ class LastMessage:
         self._is_closing = False
         raw = session.raw
         self._raw: list[Any] = [
-            zenoh_api.declare_queryable(raw, self._place, self._on_history),
+            zenoh_api.declare_queryable(raw, self._announcement_key, self._on_history),
             zenoh_api.declare_queryable(raw, self._pieces, self._on_piece),
-            zenoh_api.declare_token(raw, self._place),
+            zenoh_api.declare_token(raw, self._announcement_key),
         ]
         if answers:
             self._raw.append(zenoh_api.declare_queryable(raw, key, self._on_get))
-        self._beat = zenoh_api.declare_publisher(raw, self._place, "INTERACTIVE_LOW")
+        self._beat = zenoh_api.declare_publisher(raw, self._announcement_key, "INTERACTIVE_LOW")
         self._raw.append(self._beat)
         # Repeated, so that the loss of a message is noticed though nothing follows it.
         session.pulse.add(self, self._repeat)

@@ -129,14 +129,14 @@ def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Per
         ConnectionFailed: the node does not start with its certificate.
     """
     members, name = _robot_in(folder, robot)
-    place = members.robots[name].place
+    robot_folder = members.robots[name].folder
     rows = _own_rows(members, name)
     for router in members.routers:
         if name in members.routers[router].robots and router not in members.revoked:
             allowed = (*READER, "request a scan") if members.routers[router].scans else READER
             rows[f"{router}.{ROUTER}"] = (members.root / router, allowed)
     endpoint = _free_endpoint()
-    with open_node(listen=endpoint, security=place / "node", shared_memory=False) as session:
+    with open_node(listen=endpoint, security=robot_folder / "node", shared_memory=False) as session:
         return _try_all(_Probe(session, name), rows, endpoint, _reader_of(members, name))
 
 
@@ -159,7 +159,7 @@ def check_router(folder: str | Path, router: str, *, robot: str | None = None) -
     name = robot or served.robots[0]
     if name not in served.robots:
         raise SecurityError(f"router {router!r} does not serve {name!r}; it serves {', '.join(served.robots)}")
-    place, rows = members.robots[name].place, _own_rows(members, name)
+    robot_folder, rows = members.robots[name].folder, _own_rows(members, name)
     if served.uplink and served.uplink not in members.revoked:
         allowed: tuple[str, ...] = (*READER, "request a scan") if served.scans else READER
         if served.summary_only:
@@ -176,7 +176,7 @@ def check_router(folder: str | Path, router: str, *, robot: str | None = None) -
     endpoint = _free_endpoint()
     with (
         listen_with(_of_router(members.root / router, endpoint), (endpoint,)),
-        open_node(connect=endpoint, security=place / "node", shared_memory=False) as session,
+        open_node(connect=endpoint, security=robot_folder / "node", shared_memory=False) as session,
     ):
         return _try_all(_Probe(session, name), rows, endpoint, _reader_of(members, name))
 
@@ -190,7 +190,7 @@ def _robot_in(folder: str | Path, robot: str | None) -> tuple[Members, str]:
     if name not in members.robots:
         raise SecurityError(f"{folder} has no robot {name!r}; robots: {', '.join(members.robots)}")
     for role in ROLES:
-        role_folder(members.robots[name].place / role, role)
+        role_folder(members.robots[name].folder / role, role)
     return members, name
 
 
@@ -199,11 +199,11 @@ def _own_rows(members: Members, robot: str) -> dict[str, tuple[Path | None, tupl
     rows: dict[str, tuple[Path | None, tuple[str, ...]]] = {}
     for role, allowed in EXPECTED.items():
         expected = ("connect",) if role in own.revoked else allowed
-        rows[role] = (None, ()) if role == STRANGER else (own.place / role, expected)
+        rows[role] = (None, ()) if role == STRANGER else (own.folder / role, expected)
     other = next((other for other in members.robots if other != robot), None)
     if other is not None:
         for role in ("planner", "node"):
-            rows[f"{other}.{role}"] = (members.robots[other].place / role, ("connect",))
+            rows[f"{other}.{role}"] = (members.robots[other].folder / role, ("connect",))
     return rows
 
 
@@ -213,7 +213,7 @@ def _reader_of(members: Members, robot: str) -> Path:
     roles = {"viewer": "viewer", "planner": "planner", **own.added}
     for name, role in roles.items():
         if "read grids" in EXPECTED.get(role, ()) and name not in own.revoked:
-            return own.place / name
+            return own.folder / name
     raise SecurityError(
         f"no planner or viewer of {robot} is left who would see a forged grid; `guara security add` one, then check"
     )

@@ -85,8 +85,8 @@ def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) ->
             for extent in ("footprint", "map"):
                 for message in recording.terrains(extent):
                     walks.setdefault(message.epoch, message.scan_start)
-                    place = list(walks).index(message.epoch), message.step
-                    grids.setdefault(place, {})[extent] = message_to_terrain(message)
+                    pause = list(walks).index(message.epoch), message.step
+                    grids.setdefault(pause, {})[extent] = message_to_terrain(message)
             clouds = {read_time(cloud.header.stamp): cloud_points(cloud) for cloud in recording.messages("scan/points")}
             if calibration is None and recording.calibration is not None:
                 calibration = parse_calibration(recording.calibration, f"{path}: calibration.json")
@@ -99,11 +99,11 @@ def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) ->
     if not grids and not scans:
         raise FileFormatError(f"{path} holds neither grids nor scans: there is nothing to show")
     moments = []
-    for place in sorted({*grids, *(scans if calibration is not None else ())}):
-        if place not in grids and calibration is not None:
-            moments.append(_processed(scans[place], robot, calibration))
+    for pause in sorted({*grids, *(scans if calibration is not None else ())}):
+        if pause not in grids and calibration is not None:
+            moments.append(_processed(scans[pause], robot, calibration))
             continue
-        scan, terrain = scans.get(place), grids[place].get("footprint") or grids[place]["map"]
+        scan, terrain = scans.get(pause), grids[pause].get("footprint") or grids[pause]["map"]
         parts: dict[str, Any] = {}
         if terrain.stamp in clouds:
             parts["stripes"] = _given(clouds[terrain.stamp])
@@ -111,8 +111,8 @@ def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) ->
             parts["stripes"] = _measured(scan, robot, calibration)
         if scan is not None:
             parts["picture"] = _picture(scan)
-        planned = planned_footholds(robot, grids[place].get("map") or terrain)
-        moments.append(Moment(grids[place], footholds=planned, **parts))
+        planned = planned_footholds(robot, grids[pause].get("map") or terrain)
+        moments.append(Moment(grids[pause], footholds=planned, **parts))
     return moments
 
 

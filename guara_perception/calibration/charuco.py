@@ -169,12 +169,12 @@ def _refined(grey: Grey, corners: Float, which: Index, board: BoardSpec) -> tupl
 
 
 def _neighbours(which: Index, board: BoardSpec) -> tuple[Index, Index]:
-    """Places in `which` of all pairs of corners with one edge between them."""
-    place = np.full(board.columns * board.rows + board.columns, -1)
-    place[which] = np.arange(len(which))
+    """Indices in `which` of all pairs of corners with one edge between them."""
+    entry_of = np.full(board.columns * board.rows + board.columns, -1)
+    entry_of[which] = np.arange(len(which))
     across = which[which % board.columns < board.columns - 1]
-    first = np.concatenate((place[across], place[which]))
-    second = np.concatenate((place[across + 1], place[which + board.columns]))
+    first = np.concatenate((entry_of[across], entry_of[which]))
+    second = np.concatenate((entry_of[across + 1], entry_of[which + board.columns]))
     both = second >= 0
     return first[both], second[both]
 

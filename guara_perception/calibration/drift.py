@@ -247,7 +247,7 @@ def _jump(lines: FloorLines, stray: Float, on_floor: Mask) -> tuple[int, float] 
     count = len(stray)
     near = np.abs(stray) < HIGHEST_JUMP_M
     terms = np.column_stack((lines.x, np.ones(count)))[near]
-    z, place = stray[near], np.flatnonzero(near)
+    z, entries = stray[near], np.flatnonzero(near)
     whole = max(_fit(terms, z)[1], 1e-30)
     best, found = JUMP_SHARE, None
     for after in range(JUMP_STRIPES, len(z) - JUMP_STRIPES + 1):
@@ -255,7 +255,7 @@ def _jump(lines: FloorLines, stray: Float, on_floor: Mask) -> tuple[int, float] 
         solved, rest = _fit(np.column_stack((terms, step)), z)
         gone = 1.0 - rest / whole
         if gone > best and abs(solved[2]) > MAX_STRIPE_M:
-            best, found = gone, (int(lines.index[place[after]]), float(solved[2]))
+            best, found = gone, (int(lines.index[entries[after]]), float(solved[2]))
     return found
 
 

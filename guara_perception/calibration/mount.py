@@ -163,7 +163,7 @@ def _similarity(camera: CameraModel, transform: Float, ground: BoardView, board:
 def _fit(camera: CameraModel, points: Float, marks: list[Mark], start: Float, mount: str) -> FloorPose:
     """Pose from marks by reprojection, started at a nominal mount."""
     from_footprint = np.linalg.inv(start)
-    first_turn, first_place = cv2.Rodrigues(from_footprint[:3, :3])[0], from_footprint[:3, 3:].copy()
+    first_turn, first_translation = cv2.Rodrigues(from_footprint[:3, :3])[0], from_footprint[:3, 3:].copy()
     floor = np.column_stack((points, np.zeros(len(points))))
     pixels = np.array([mark.centre_px for mark in marks])
     _, rotation, translation = cv2.solvePnP(
@@ -172,7 +172,7 @@ def _fit(camera: CameraModel, points: Float, marks: list[Mark], start: Float, mo
         camera.matrix,
         camera.distortion,
         first_turn,
-        first_place,
+        first_translation,
         useExtrinsicGuess=True,
         flags=cv2.SOLVEPNP_ITERATIVE,
     )

@@ -149,8 +149,8 @@ def _surface(relief: Relief, points: Float32, ways: Float32, normals: Float32) -
 
 def _chessboard(points: Float32) -> Float32:
     """Albedo (h, w) of a chessboard that covers every surface, walls by their height too."""
-    place = np.floor(points / np.float32(SQUARE_M) + np.float32(1e-3)).astype(np.int64)
-    return np.where(place.sum(axis=2) % 2 == 0, BOARD_ALBEDO[0], BOARD_ALBEDO[1]).astype(np.float32)
+    square = np.floor(points / np.float32(SQUARE_M) + np.float32(1e-3)).astype(np.int64)
+    return np.where(square.sum(axis=2) % 2 == 0, BOARD_ALBEDO[0], BOARD_ALBEDO[1]).astype(np.float32)
 
 
 def _laser_gain(

@@ -15,7 +15,7 @@ from guara_perception.extras import optional_library
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.view.controls import SHOWN, Controls
 from guara_perception.view.legend import cell_text, legend_html, status_text
-from guara_perception.view.moment import Moment, no_stripes, place_of
+from guara_perception.view.moment import Moment, no_stripes, pose_of
 from guara_perception.view.picked_cell import met_by_ray
 from guara_perception.view.scene_drawing import SceneDrawing
 from guara_perception.view.terrain_mesh import terrain_mesh
@@ -130,7 +130,7 @@ class BrowserView:
                 drawing.stripes(moment.stripes() if shows["stripes"] else [])
             if self._is_other("footholds", moment.footholds, shows["footholds"]):
                 drawing.footholds(moment, shown=shows["footholds"])
-            drawing.trail(self._timeline.places(), shown=shows["trail"])
+            drawing.trail(self._timeline.poses(), shown=shows["trail"])
             controls.has_stripes(moment.stripes is not no_stripes)
             controls.picture(moment.picture())
             self._explain(grid)
@@ -186,10 +186,10 @@ class BrowserView:
             if moment is None:
                 return
             grid = self._grid_of(moment)
-            place = place_of(grid)
-            to_grid = np.linalg.inv(place)
+            pose = pose_of(grid)
+            to_grid = np.linalg.inv(pose)
             met = met_by_ray(grid, to_grid[:3, :3] @ origin + to_grid[:3, 3], to_grid[:3, :3] @ direction)
-            self._clicked = None if met is None else place[:3, :3] @ met + place[:3, 3]
+            self._clicked = None if met is None else pose[:3, :3] @ met + pose[:3, 3]
             self._explain(grid)
 
     def _explain(self, grid: TerrainGrid) -> None:
@@ -198,18 +198,18 @@ class BrowserView:
             self._drawing.cell(grid, None)
             self._controls.cell(None)
             return
-        to_grid = np.linalg.inv(place_of(grid))
-        place = to_grid[:3, :3] @ self._clicked + to_grid[:3, 3]
-        self._drawing.cell(grid, place)
-        self._controls.cell(cell_text(grid.explain(float(place[0]), float(place[1]))))
+        to_grid = np.linalg.inv(pose_of(grid))
+        point = to_grid[:3, :3] @ self._clicked + to_grid[:3, 3]
+        self._drawing.cell(grid, point)
+        self._controls.cell(cell_text(grid.explain(float(point[0]), float(point[1]))))
 
-    def _look_from(self, place: Float) -> None:
+    def _look_from(self, position: Float) -> None:
         """Let every eye go along as far as the robot moved; who comes later looks at it from the usual side."""
-        moved = place - self._eye_from
-        self._eye_from = place
+        moved = position - self._eye_from
+        self._eye_from = position
         if self._controls.follow.value:
             for client in self._server.get_clients().values():
                 if np.any(moved):
                     client.camera.position = client.camera.position + moved
         camera = self._server.initial_camera
-        camera.position, camera.look_at, camera.up = EYE + place, LOOKED_AT + place, (0.0, 0.0, 1.0)
+        camera.position, camera.look_at, camera.up = EYE + position, LOOKED_AT + position, (0.0, 0.0, 1.0)

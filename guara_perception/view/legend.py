@@ -85,5 +85,5 @@ def status_text(terrain: TerrainGrid) -> str:
 def cell_text(sentence: str) -> str:
     """What `TerrainGrid.explain` says, with the verdict first to be seen: a line for each part, in Markdown."""
     facts, _, verdict = sentence.partition(": ")
-    place, _, rest = facts.partition(" is ")
-    return f"**{place}**  \n{rest.replace(', ', '  ' + chr(10))}  \n**{verdict}**"
+    where, _, rest = facts.partition(" is ")
+    return f"**{where}**  \n{rest.replace(', ', '  ' + chr(10))}  \n**{verdict}**"

@@ -22,7 +22,7 @@ def no_picture() -> Image | None:
     return None
 
 
-def place_of(terrain: TerrainGrid) -> Float:
+def pose_of(terrain: TerrainGrid) -> Float:
     """transform_footprint_to_odom (4, 4) of a grid, the identity where it does not say."""
     return np.array(terrain.metadata.get("transform_footprint_to_odom", np.eye(4)), dtype=np.float64)
 
@@ -77,4 +77,4 @@ class Moment:
     @property
     def transform_footprint_to_odom(self) -> Float:
         """(4, 4) as the map says; the identity where it does not."""
-        return place_of(self.grids.get("map", self.any_grid))
+        return pose_of(self.grids.get("map", self.any_grid))

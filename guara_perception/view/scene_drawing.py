@@ -11,7 +11,7 @@ from guara_perception.arrays import Float
 from guara_perception.terrain.drawing.style import HAZARD_COLOURS, rgb
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import Hazard
-from guara_perception.view.moment import Moment, place_of
+from guara_perception.view.moment import Moment, pose_of
 from guara_perception.view.robot_looks import robot_looks
 from guara_perception.view.terrain_mesh import TerrainMesh
 
@@ -87,15 +87,15 @@ class SceneDrawing:
 
     def robot(self, moment: Moment) -> None:
         """The robot as it stands, at its place in odom."""
-        _place(self._footprint, moment.transform_footprint_to_odom)
+        _set_pose(self._footprint, moment.transform_footprint_to_odom)
         joints = moment.joint_positions
         self._body.visible = joints is not None
         if joints is None:
             return
-        _place(self._body, moment.transform_base_to_footprint)
+        _set_pose(self._body, moment.transform_base_to_footprint)
         state = self._robot.state(joints)
         for link, frame in self._links.items():
-            _place(frame, state.transform_to_base(link))
+            _set_pose(frame, state.transform_to_base(link))
 
     def terrain(self, terrain: TerrainGrid, mesh: TerrainMesh) -> None:
         """A grid at its place in odom, which reports clicks on it."""
@@ -103,7 +103,7 @@ class SceneDrawing:
         if not len(mesh.faces):
             return
         handle = self._scene.add_mesh_trimesh("/odom/terrain", textured(mesh), cast_shadow=False, receive_shadow=False)
-        _place(handle, place_of(terrain))
+        _set_pose(handle, pose_of(terrain))
 
         @handle.on_click
         def click(event: Any) -> None:
@@ -136,7 +136,7 @@ class SceneDrawing:
         found = terrain.obstacles() if shown else []
         if not found:
             return
-        _place(self._scene.add_frame(name, show_axes=False), place_of(terrain))
+        _set_pose(self._scene.add_frame(name, show_axes=False), pose_of(terrain))
         for number, obstacle in enumerate(found):
             top, height = float(obstacle.position[2]), obstacle.height
             self._scene.add_line_segments(
@@ -157,28 +157,28 @@ class SceneDrawing:
         found = terrain.steppable_regions() if shown else []
         if not found:
             return
-        _place(self._scene.add_frame(name, show_axes=False), place_of(terrain))
+        _set_pose(self._scene.add_frame(name, show_axes=False), pose_of(terrain))
         lines = np.concatenate([outline(region.vertices) for region in found])
         self._scene.add_line_segments(
             f"{name}/outlines", lines, REGION_COLOUR, thickness=2 * LINE_PX, thickness_units="screen"
         )
 
-    def trail(self, places: Sequence[Float], *, shown: bool) -> None:
-        """The way of the body over the ground: places (4, 4) of base_footprint in odom, a tick at each pause."""
+    def trail(self, poses: Sequence[Float], *, shown: bool) -> None:
+        """The way of the body over the ground: poses (4, 4) of base_footprint in odom, a tick at each pause."""
         self._scene.remove_by_name("/odom/trail")
-        if shown and len(places) > 1:
+        if shown and len(poses) > 1:
             self._scene.add_line_segments(
-                "/odom/trail", way(places), TRAIL_COLOUR, thickness=2 * LINE_PX, thickness_units="screen"
+                "/odom/trail", way(poses), TRAIL_COLOUR, thickness=2 * LINE_PX, thickness_units="screen"
             )
 
-    def cell(self, terrain: TerrainGrid, place: Float | None) -> None:
-        """The cell at a place (3,) of a grid, framed, with a pin over it; None takes it away."""
+    def cell(self, terrain: TerrainGrid, point: Float | None) -> None:
+        """The cell at a point (3,) of a grid, framed, with a pin over it; None takes it away."""
         name = "/odom/cell"
         self._scene.remove_by_name(name)
-        if place is None:
+        if point is None:
             return
-        _place(self._scene.add_frame(name, show_axes=False), place_of(terrain))
-        half, (x, y, z) = terrain.resolution, place
+        _set_pose(self._scene.add_frame(name, show_axes=False), pose_of(terrain))
+        half, (x, y, z) = terrain.resolution, point
         corners = np.array([(x + i * half, y + j * half) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
         pin = np.array([[(x, y, z), (x, y, z + 0.06)]])
         lines = np.concatenate((prism(corners, z + LIFT_M, z + 2 * LIFT_M), pin))
@@ -210,10 +210,10 @@ def outline(corners: Float) -> Float:
     return np.stack((lifted, np.roll(lifted, -1, axis=0)), axis=1).astype(np.float32)
 
 
-def way(places: Sequence[Float]) -> Float:
-    """Lines (n, 2, 3) in odom from place to place (4, 4), with a short one across at each."""
-    centres = np.array([place[:3, 3] for place in places]) + [0, 0, LIFT_M]
-    across = np.array([place[:3, 1] for place in places]) * 0.015
+def way(poses: Sequence[Float]) -> Float:
+    """Lines (n, 2, 3) in odom from pose to pose (4, 4), with a short one across at each."""
+    centres = np.array([pose[:3, 3] for pose in poses]) + [0, 0, LIFT_M]
+    across = np.array([pose[:3, 1] for pose in poses]) * 0.015
     ticks = np.stack((centres - across, centres + across), axis=1)
     return np.concatenate((np.stack((centres[:-1], centres[1:]), axis=1), ticks)).astype(np.float32)
 
@@ -230,7 +230,7 @@ def textured(mesh: TerrainMesh) -> Any:
     return trimesh.Trimesh(mesh.vertices, mesh.faces, visual=visual, process=False)
 
 
-def _place(handle: Any, transform: Float) -> None:
+def _set_pose(handle: Any, transform: Float) -> None:
     """Put a node where a transform (4, 4) to its parent says."""
     from scipy.spatial.transform import Rotation
 

@@ -56,8 +56,8 @@ class Timeline:
         before, self.number = self.number, max(0, min(number, len(self._moments) - 1))
         return self.number != before
 
-    def places(self) -> list[Float]:
-        """Places (4, 4) of base_footprint in odom, of this walk up to the moment that is shown."""
+    def poses(self) -> list[Float]:
+        """Poses (4, 4) of base_footprint in odom, of this walk up to the moment that is shown."""
         shown = self.shown
         until = self._moments[: self.number + 1]
         return [item.transform_footprint_to_odom for item in until if shown is not None and item.walk == shown.walk]

@@ -206,9 +206,9 @@ def test_replayed_frames_go_to_their_stripes(board: LaserBoard, scene, pattern: 
             view = type("View", (), {"laser_fraction": lit, "mirror_angle": angle})()
             frames.append(scene(view, type("Settings", (), {"exposure": 0.002})()))
     with ReplayCamera(frames) as tape, acquire(board, tape, pattern[:4], options(OffFrames.PER_STRIPE)) as stripes:
-        for place, stripe in enumerate(stripes):
-            np.testing.assert_array_equal(stripe.on, frames[2 * place])
-            np.testing.assert_array_equal(stripe.off, frames[2 * place + 1])
+        for index, stripe in enumerate(stripes):
+            np.testing.assert_array_equal(stripe.on, frames[2 * index])
+            np.testing.assert_array_equal(stripe.off, frames[2 * index + 1])
         assert stripes.report.in_step
     with ReplayCamera(frames[:5]) as tape, acquire(board, tape, pattern[:4], options(OffFrames.PER_STRIPE)) as stripes:
         with pytest.raises(CameraEnded, match="no frame after the 5 it played"):

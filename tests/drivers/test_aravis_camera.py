@@ -123,7 +123,7 @@ def test_a_raw_mosaic_comes_as_it_is(fake: FakeGigeCamera, pattern: str) -> None
     assert np.array_equal(seen, mosaic(picture, pattern))
     colours = pattern[5:7]
     assert [int(seen[0, 0]), int(seen[0, 1])] == [
-        int(picture[0, place, "BGR".index(colours[place])]) for place in (0, 1)
+        int(picture[0, column, "BGR".index(colours[column])]) for column in (0, 1)
     ]
 
 

@@ -20,7 +20,7 @@ def test_fraction_is_the_mean_of_the_moments(pauses: list[float], start: float, 
     for turn, pause in enumerate(pauses):
         now += pause
         laser.switch(turn % 2 == 0, now)
-    moments = [start + (place + 0.5) * length / 500 for place in range(500)]
+    moments = [start + (index + 0.5) * length / 500 for index in range(500)]
     mean = sum(laser.at(moment) for moment in moments) / 500
     assert laser.fraction(start, start + length) == pytest.approx(mean, abs=0.01)
 

@@ -117,8 +117,8 @@ def test_a_mirror_that_stops_stays_found() -> None:
 def test_the_sweep_back_to_the_stripes_between_is_in_step() -> None:
     """A jump back of the mirror moves the stripe back; that is no fault."""
     proof = StepProof()
-    for turn, place in enumerate([0, 2, 4, 6, 8, 1, 3, 5, 7]):
-        assert judge(proof, 0.01 * place, scene(40 + 6 * place, seed=turn))[0] is StripeVerdict.OK
+    for turn, index in enumerate([0, 2, 4, 6, 8, 1, 3, 5, 7]):
+        assert judge(proof, 0.01 * index, scene(40 + 6 * index, seed=turn))[0] is StripeVerdict.OK
 
 
 def test_without_off_frames_the_stripe_before_is_the_reference() -> None:

@@ -65,10 +65,10 @@ def test_status_survives_the_wire(step: int, motion: int, home_error: int, resul
 
 @given(st.integers(0, 25), st.integers(1, 255))
 @settings(max_examples=200, derandomize=True)
-def test_no_damaged_byte_passes(place: int, change: int) -> None:
+def test_no_damaged_byte_passes(index: int, change: int) -> None:
     """A status in which any one byte differs is refused."""
     data = bytearray(status().pack())
-    data[place] ^= change
+    data[index] ^= change
     with pytest.raises(BadReply, match="damaged"):
         BoardStatus.unpack(bytes(data))
 

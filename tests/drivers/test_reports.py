@@ -89,9 +89,9 @@ def test_report_of_a_motion_longer_than_the_watchdog_tells_that_the_laser_was_ou
 def test_oldest_reports_are_given_up() -> None:
     """A host that fetches none for long finds the newest; a motion that was replaced has none."""
     bench = Bench()
-    for place in range(9):
-        bench.ask(Request.GO_TO, 100 + 10 * place)
-        bench.ask(Request.GO_TO, 105 + 10 * place)
+    for index in range(9):
+        bench.ask(Request.GO_TO, 100 + 10 * index)
+        bench.ask(Request.GO_TO, 105 + 10 * index)
         bench.now += 0.1
         bench.ask(Request.STATUS)
     reports = list(iter(bench.fetch, None))

@@ -258,8 +258,8 @@ def test_recorded_frame_is_not_asked_for_before_the_mirror_is_still(rig: Rig) ->
     with Obedient(frames) as tape:
         tape.watch(rig.emulated, moving)
         with acquire(rig.board, tape, PATTERN, AcquireOptions(off=OffFrames.NONE)) as stripes:
-            for place, stripe in enumerate(stripes):
-                np.testing.assert_array_equal(stripe.on, frames[place])
+            for index, stripe in enumerate(stripes):
+                np.testing.assert_array_equal(stripe.on, frames[index])
     assert moving == [False] * len(PATTERN)
 
 

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.heavy
 
 
 @pytest.fixture
-def place(tmp_path: Path, data: Path, calibration_file: Path, paper_terrain: gp.TerrainGrid) -> Path:
+def folder(tmp_path: Path, data: Path, calibration_file: Path, paper_terrain: gp.TerrainGrid) -> Path:
     """A folder with what the examples are given."""
     (tmp_path / "scans").symlink_to(data / "scans")
     (tmp_path / "pictures").symlink_to(data / "calibration")
@@ -66,23 +66,23 @@ def run(name: str, words: list[str], folder: Path) -> str:
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_example_runs(name: str, place: Path):
+def test_example_runs(name: str, folder: Path):
     """Its output holds what its text promises; its pictures are pictures."""
     words, told = RUNS[name]
-    printed = run(name, words, place)
+    printed = run(name, words, folder)
     assert all(word in printed for word in told), printed
     for word in words:
         if word.endswith(".png"):
-            picture = cv2.imread(str(place / word))
+            picture = cv2.imread(str(folder / word))
             assert picture is not None and picture.std() > 10
 
 
-def test_recording_with_a_scan_is_processed_again(place: Path, data: Path, calibration_file: Path):
+def test_recording_with_a_scan_is_processed_again(folder: Path, data: Path, calibration_file: Path):
     """The frames of a recorded scan give a finer grid."""
-    folder = Path(shutil.copytree(data / "scans" / "paper", place / "carrying"))
+    scan = Path(shutil.copytree(data / "scans" / "paper", folder / "carrying"))
     shutil.copy(calibration_file, folder / "calibration.json")
-    convert(folder, place / "frames.mcap")
-    assert "cells of 2.5 mm" in run("read_recording.py", ["frames.mcap"], place)
+    convert(scan, folder / "frames.mcap")
+    assert "cells of 2.5 mm" in run("read_recording.py", ["frames.mcap"], folder)
 
 
 def test_every_example_is_run():

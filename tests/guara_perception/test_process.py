@@ -22,8 +22,8 @@ def same_bytes(a: gp.TerrainGrid, b: gp.TerrainGrid) -> None:
 def streamed(scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel, order: list[int]) -> gp.TerrainGrid:
     processor = gp.ScanProcessor(calibration, robot, scan.stance, scan.mode, stamp=scan.stamp, step=scan.step)
     frames = list(scan.frames())
-    for place in order:
-        stripe, on, off = frames[place]
+    for index in order:
+        stripe, on, off = frames[index]
         processor.add(stripe.index, on, off)
     return processor.finish()
 

@@ -86,8 +86,8 @@ def test_work_ahead_changes_no_bit_whichever_stripes_are_late(name: str, late: t
     """The last three, one missed and taken again at the end, one lost for good: the grid of all of them at once."""
     frames = list(recording(name)[1])
     lost = frames.pop(9)[0]
-    again = [frames[place] for place in late]
-    in_time = [each for place, each in enumerate(frames) if place not in {late_one % len(frames) for late_one in late}]
+    again = [frames[index] for index in late]
+    in_time = [each for index, each in enumerate(frames) if index not in {late_one % len(frames) for late_one in late}]
     direct, ahead = processor(name), processor(name)
     for index, on, off in frames:
         direct.add(index, on, off)

@@ -85,8 +85,8 @@ def test_the_order_of_the_stripes_does_not_matter() -> None:
     scan, frames = recording("paper")
     processor = gp.ScanProcessor(truth(), guara(), scan.stance, scan.mode)
     shuffled = np.random.default_rng(3).permutation(len(frames))
-    for done, place in enumerate(shuffled):
-        index, on, off = frames[place]
+    for done, entry in enumerate(shuffled):
+        index, on, off = frames[entry]
         processor.add(index, on, off)
         if done % 10 == 0:
             processor.finish()

@@ -42,7 +42,7 @@ GROUPS = (
     ("timeout", "max_age"),
     ("extent",),
 )
-ORDER = {name: place for place, name in enumerate(name for group in GROUPS for name in group)}
+ORDER = {name: rank for rank, name in enumerate(name for group in GROUPS for name in group)}
 # Kept as the contract with users has them.
 FIXED = {"TerrainClient.on_terrain"}
 

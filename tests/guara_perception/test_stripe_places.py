@@ -20,8 +20,8 @@ from kinematics import RobotModel
 
 def spoiled(scan: gp.Scan, change: Callable[[int, np.ndarray], np.ndarray]) -> gp.Scan:
     """The scan with every frame changed; `change` gets its place, that of a shared laser-off frame is -1."""
-    places = {stripe.off: -1 for stripe in scan.stripes} | {stripe.on: k for k, stripe in enumerate(scan.stripes)}
-    return dataclasses.replace(scan, read_frame=lambda name: change(places[name], scan.read_frame(name)))
+    index_of = {stripe.off: -1 for stripe in scan.stripes} | {stripe.on: k for k, stripe in enumerate(scan.stripes)}
+    return dataclasses.replace(scan, read_frame=lambda name: change(index_of[name], scan.read_frame(name)))
 
 
 def renamed(scan: gp.Scan, frames: list[str]) -> gp.Scan:

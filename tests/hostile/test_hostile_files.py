@@ -130,11 +130,11 @@ def test_damaged_files_end_in_words(tmp_path: Path, kind: str) -> None:
 ODD = (None, True, 0, -1, 10**9, -(10**400), 1e308, 1e-320, "", "x" * 1000, [], {}, [[[]]], [None] * 3, {"a": {}})
 
 
-def _places(node: object, path: tuple = ()) -> Iterator[tuple]:
+def _paths(node: object, path: tuple = ()) -> Iterator[tuple]:
     """Where the values of a JSON text stand, objects and lists too."""
     for key, value in node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ():
         yield (*path, key)
-        yield from _places(value, (*path, key))
+        yield from _paths(value, (*path, key))
 
 
 @pytest.mark.slow
@@ -143,13 +143,13 @@ def test_a_calibration_of_odd_values_ends_in_words(tmp_path: Path, paper_scan: g
     path, robot = tmp_path / "c.json", load_robot("guara")
     _calibration(path)
     text = path.read_text()
-    places = list(_places(json.loads(text)))
+    paths = list(_paths(json.loads(text)))
     rng = np.random.default_rng(3)
     outcomes = {"refused": 0, "used": 0}
     for number in range(MUTATIONS):
-        place = places[int(rng.integers(len(places)))]
+        path = paths[int(rng.integers(len(paths)))]
         # What stands high up in the file as often as what stands deep down.
-        *way, last = place[: int(rng.integers(1, len(place) + 1))]
+        *way, last = path[: int(rng.integers(1, len(path) + 1))]
         content = json.loads(text)
         node = content
         for key in way:
@@ -173,8 +173,8 @@ def test_damaged_robot_files_end_in_words(tmp_path: Path, part: str) -> None:
     import shutil
 
     shutil.copytree(ROOT / "robots/guara", tmp_path / "guara", ignore=shutil.ignore_patterns("meshes"))
-    place = tmp_path / "guara" / part
-    content = place.read_bytes()
+    path = tmp_path / "guara" / part
+    content = path.read_bytes()
     rng = np.random.default_rng(1)
     for number in range(60):
         damaged = bytearray(content)
@@ -183,7 +183,7 @@ def test_damaged_robot_files_end_in_words(tmp_path: Path, part: str) -> None:
             damaged[where] ^= int(rng.integers(1, 256))
         else:
             del damaged[where : where + 30]
-        place.write_bytes(damaged)
+        path.write_bytes(damaged)
         try:
             load_robot(tmp_path / "guara")
         except OURS:
@@ -192,14 +192,14 @@ def test_damaged_robot_files_end_in_words(tmp_path: Path, part: str) -> None:
 
 def test_damaged_security_folders_end_in_words(tmp_path: Path) -> None:
     """The Zenoh configuration of a role, cut and changed; Zenoh's own reader never ends the process."""
-    place = init_security(tmp_path / "keys") / "node" / "zenoh.json5"
-    content = place.read_bytes()
+    path = init_security(tmp_path / "keys") / "node" / "zenoh.json5"
+    content = path.read_bytes()
     rng = np.random.default_rng(2)
     for _ in range(60):
         damaged = bytearray(content)
         damaged[int(rng.integers(0, len(damaged)))] ^= int(rng.integers(1, 256))
-        place.write_bytes(damaged)
+        path.write_bytes(damaged)
         try:
-            load_configuration(place.parent)
+            load_configuration(path.parent)
         except OURS:
             continue

@@ -30,12 +30,12 @@ PLACES = ((0.7, 0.0), (0.62, -0.21), (0.502, 0.262), (0.9, 0.1), (3.0, 0.0))
 @pytest.fixture(scope="module")
 def endpoint(paper_terrain: gp.TerrainGrid) -> Iterator[str]:
     """A node that has published the grid of a recorded scan."""
-    place = free_endpoint()
-    with open_node(listen=place) as session:
+    endpoint = free_endpoint()
+    with open_node(listen=endpoint) as session:
         server = PerceptionServer(session)
         publish_terrain(server, paper_terrain)
         server.flush()
-        yield place
+        yield endpoint
 
 
 @pytest.fixture(scope="module")

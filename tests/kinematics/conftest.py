@@ -56,7 +56,7 @@ def standing(robot: RobotModel) -> kinematics.StancePose:
 
 
 @pytest.fixture(scope="session")
-def place() -> Callable[..., dict[str, float]]:
+def put_feet() -> Callable[..., dict[str, float]]:
     """Joint positions that set soles in `odom` with the body at a pose, all by closed-form or numeric IK."""
 
     def joints(robot: RobotModel, soles: dict[str, np.ndarray], transform_base_to_odom: np.ndarray) -> dict[str, float]:
@@ -74,15 +74,15 @@ def place() -> Callable[..., dict[str, float]]:
 
 
 @pytest.fixture(scope="session")
-def crawl(guara: RobotModel, place: Callable[..., dict[str, float]]) -> Callable[..., Iterator[tuple]]:
+def crawl(guara: RobotModel, put_feet: Callable[..., dict[str, float]]) -> Callable[..., Iterator[tuple]]:
     """A kinematic crawl on a flat floor: yields transform_base_to_odom, joint positions, leg set down, per pause."""
 
     def walk(cycles: int, *, turn: float = 0.0, sway: float = 0.03) -> Iterator[tuple]:
         order, swing, height = ("rh", "rf", "lh", "lf"), 0.14, 0.36
         nominal = guara.state(guara.posture("scan"))
         soles = {leg: nominal.soles_in_base([leg])[0] * (1.0, 1.0, 0.0) for leg in guara.legs}
-        for place_in_order, leg in enumerate(order):
-            soles[leg] = soles[leg] + ((place_in_order - 1.5) * swing / 4.0, 0.0, 0.0)
+        for number, leg in enumerate(order):
+            soles[leg] = soles[leg] + ((number - 1.5) * swing / 4.0, 0.0, 0.0)
         heading, position = 0.0, np.zeros(2)
         for _ in range(cycles):
             for leg in order:
@@ -99,6 +99,6 @@ def crawl(guara: RobotModel, place: Callable[..., dict[str, float]]) -> Callable
                 soles[leg] = ahead * (1.0, 1.0, 0.0)
                 shifted = body.copy()
                 shifted[:3, 3] += rotation @ (0.0, -sway if leg[0] == "l" else sway, 0.0)
-                yield shifted, place(guara, soles, shifted), leg
+                yield shifted, put_feet(guara, soles, shifted), leg
 
     return walk

@@ -26,22 +26,22 @@ def test_a_sole_on_flat_ground_touches_it_all_over(robot: RobotModel, standing: 
 def test_a_bump_under_the_sole_is_felt(guara: RobotModel) -> None:
     """A 12 mm step under the front of the sole presses in by 12 mm; a hole under its heel leaves a gap."""
     standing = guara.stance_pose(Stance(guara.posture("scan"), guara.legs))
-    place = foothold(standing, "lf")
-    step = foothold_clearance(standing, "lf", place, lambda x, y: np.where(x > place[0] + 0.03, 0.012, 0.0))
+    target = foothold(standing, "lf")
+    step = foothold_clearance(standing, "lf", target, lambda x, y: np.where(x > target[0] + 0.03, 0.012, 0.0))
     assert step.sole == pytest.approx(-0.012) and step.sole_gap == pytest.approx(0.0, abs=1e-9)
-    hole = foothold_clearance(standing, "lf", place, lambda x, y: np.where(x < place[0] - 0.03, -0.05, 0.0))
+    hole = foothold_clearance(standing, "lf", target, lambda x, y: np.where(x < target[0] - 0.03, -0.05, 0.0))
     assert hole.sole_gap == pytest.approx(0.05) and hole.sole == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_wall_before_the_knee_is_felt(robot: RobotModel, standing: StancePose) -> None:
     """Ground that rises to the knee leaves no clearance, and higher ground less; the sole does not notice."""
     leg = robot.legs[0]
-    place = foothold(standing, leg)
+    target = foothold(standing, leg)
     last = math.inf
     for height in (0.1, 0.2, 0.25):
         beyond = max(robot.sole) / 2.0 + 0.005
         wall = foothold_clearance(
-            standing, leg, place, lambda x, y, h=height, b=beyond: np.where(abs(x - place[0]) > b, h, 0.0)
+            standing, leg, target, lambda x, y, h=height, b=beyond: np.where(abs(x - target[0]) > b, h, 0.0)
         )
         assert wall.leg < last and wall.sole == pytest.approx(0.0, abs=1e-9)
         last = wall.leg
@@ -50,11 +50,11 @@ def test_a_wall_before_the_knee_is_felt(robot: RobotModel, standing: StancePose)
 
 def test_unknown_ground_is_not_clear(robot: RobotModel, standing: StancePose) -> None:
     """NaN below any part gives NaN, which passes no comparison."""
-    place = foothold(standing, robot.legs[0])
-    clearance = foothold_clearance(standing, robot.legs[0], place, lambda x, y: np.full_like(x, np.nan))
+    target = foothold(standing, robot.legs[0])
+    clearance = foothold_clearance(standing, robot.legs[0], target, lambda x, y: np.full_like(x, np.nan))
     assert math.isnan(clearance.leg) and math.isnan(clearance.sole) and math.isnan(clearance.sole_gap)
     hole = foothold_clearance(
-        standing, robot.legs[0], place, lambda x, y: np.where(x > place[0] + max(robot.sole), np.nan, 0.0)
+        standing, robot.legs[0], target, lambda x, y: np.where(x > target[0] + max(robot.sole), np.nan, 0.0)
     )
     assert hole.sole == pytest.approx(0.0, abs=1e-9)
 
@@ -62,23 +62,23 @@ def test_unknown_ground_is_not_clear(robot: RobotModel, standing: StancePose) ->
 def test_joints_are_those_that_reach_the_foothold(robot: RobotModel, standing: StancePose) -> None:
     """The joint positions given lead to the foothold by forward kinematics."""
     leg = robot.legs[1]
-    place = foothold(standing, leg) + (0.03, 0.0, 0.01)
-    found = foothold_clearance(standing, leg, place, flat)
+    target = foothold(standing, leg) + (0.03, 0.0, 0.01)
+    found = foothold_clearance(standing, leg, target, flat)
     joints = dict(standing.state.joint_positions)
     joints.update(zip(robot.tree.leg(leg).joints, found.joint_positions.tolist(), strict=True))
     sole = robot.state(joints).soles_in_base([leg])[0]
-    np.testing.assert_allclose((standing.transform_base_to_footprint @ [*sole, 1.0])[:3], place, atol=1e-8)
+    np.testing.assert_allclose((standing.transform_base_to_footprint @ [*sole, 1.0])[:3], target, atol=1e-8)
 
 
 def test_bad_arguments_are_refused(robot: RobotModel, standing: StancePose) -> None:
     """Footholds out of reach, wrong shapes and height functions that answer with something else are refused."""
     leg = robot.legs[0]
-    place = foothold(standing, leg)
+    target = foothold(standing, leg)
     with pytest.raises(StanceError, match=rf"leg '{leg}' does not reach the foothold \("):
-        foothold_clearance(standing, leg, place + (1.0, 0.0, 0.0), flat)
+        foothold_clearance(standing, leg, target + (1.0, 0.0, 0.0), flat)
     with pytest.raises(ArgumentError, match=r"sole_in_footprint has shape \(2,\)"):
-        foothold_clearance(standing, leg, place[:2], flat)
+        foothold_clearance(standing, leg, target[:2], flat)
     with pytest.raises(ArgumentError, match=r"height function answered with shape \(\)"):
-        foothold_clearance(standing, leg, place, lambda x, y: 0.0)
+        foothold_clearance(standing, leg, target, lambda x, y: 0.0)
     with pytest.raises(UnknownName, match="unknown leg 'xx'"):
-        foothold_clearance(standing, "xx", place, flat)
+        foothold_clearance(standing, "xx", target, flat)

@@ -44,7 +44,7 @@ def test_covariances_agree_with_sampling() -> None:
     roots = np.linalg.cholesky(noise[0])
     new_place = READINGS.copy()
     new_place[1, 0] += 0.14
-    poses, places = [], []
+    poses, positions = [], []
     for _ in range(1000):
 
         def read(readings: np.ndarray, *seen: object) -> np.ndarray:
@@ -56,9 +56,9 @@ def test_covariances_agree_with_sampling() -> None:
         fit, footholds = footholds.after_pause(LEGS, LEGS, read(new_place, 0.05, (0.06, 0.01, 0.0)), noise)
         transform = fit.transform_footprint_to_odom
         poses.append([*transform[:3, 3], np.arctan2(transform[1, 0], transform[0, 0])])
-        places.append(footholds.positions.ravel())
+        positions.append(footholds.positions.ravel())
     np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), np.std(poses, axis=0), rtol=0.10)
-    np.testing.assert_allclose(np.sqrt(np.diag(footholds.covariance)), np.std(places, axis=0), rtol=0.10)
+    np.testing.assert_allclose(np.sqrt(np.diag(footholds.covariance)), np.std(positions, axis=0), rtol=0.10)
     assert np.linalg.eigvalsh(footholds.covariance)[0] > 0.0
 
 

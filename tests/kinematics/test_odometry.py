@@ -87,11 +87,11 @@ def test_covariance_agrees_with_sampling(sampled: tuple[list[tuple], list[list[O
     walk, found = sampled
     expected = inverse(footprint(walk[0][0])) @ footprint(walk[-1][0])
     offs = [inverse(expected) @ results[-1].transform_footprint_to_odom for results in found]
-    spread = np.std([[*off[:3, 3], heading(off)] for off in offs], axis=0)
+    scatter = np.std([[*off[:3, 3], heading(off)] for off in offs], axis=0)
     predicted = np.sqrt(np.diag(found[-1][-1].covariance))[[0, 1, 2, 5]]
     # The standard error of a sigma from 100 samples is 7 %.
-    np.testing.assert_allclose(predicted[[0, 1, 3]], spread[[0, 1, 3]], rtol=0.20)
-    assert predicted[2] == pytest.approx(spread[2], rel=0.5)
+    np.testing.assert_allclose(predicted[[0, 1, 3]], scatter[[0, 1, 3]], rtol=0.20)
+    assert predicted[2] == pytest.approx(scatter[2], rel=0.5)
 
 
 @pytest.mark.slow
@@ -120,9 +120,9 @@ def test_noise_of_a_pause_comes_and_goes_as_sampled(sampled: tuple[list[tuple], 
     for pause in pauses:
         offs = []
         for results in found:
-            places = [np.array(results[k].transform_footprint_to_odom) for k in (pause - 1, pause, pause + 1)]
+            poses = [np.array(results[k].transform_footprint_to_odom) for k in (pause - 1, pause, pause + 1)]
             true = [footprint(walk[k][0]) for k in (pause - 1, pause, pause + 1)]
-            steps = [inverse(inverse(true[k]) @ true[k + 1]) @ inverse(places[k]) @ places[k + 1] for k in (0, 1)]
+            steps = [inverse(inverse(true[k]) @ true[k + 1]) @ inverse(poses[k]) @ poses[k + 1] for k in (0, 1)]
             offs.append([[*step[:2, 3], heading(step)] for step in steps])
         before, after = np.swapaxes(np.array(offs), 0, 1)
         against.append([-np.cov(before[:, k], after[:, k])[0, 1] for k in range(3)])
@@ -159,7 +159,7 @@ def test_covariance_grows(guara: RobotModel, crawl: Crawl) -> None:
         last = result.covariance
 
 
-def test_a_slipped_foot_is_found_and_left_out(guara: RobotModel, crawl: Crawl, place: Callable) -> None:
+def test_a_slipped_foot_is_found_and_left_out(guara: RobotModel, crawl: Crawl, put_feet: Callable) -> None:
     """A foot that slides by 25 mm while it carries the body is named, and does not spoil the step."""
     walk = list(crawl(2))
     odometry = LegOdometry(guara)
@@ -170,7 +170,7 @@ def test_a_slipped_foot_is_found_and_left_out(guara: RobotModel, crawl: Crawl, p
     state = guara.state(joints)
     soles = {name: body[:3, :3] @ state.soles_in_base([name])[0] + body[:3, 3] for name in guara.legs}
     soles[slider] = soles[slider] + (0.020, 0.015, 0.0)
-    result = odometry.update(Stance(place(guara, soles, body), guara.legs, (0.0, 0.0, -1.0)))
+    result = odometry.update(Stance(put_feet(guara, soles, body), guara.legs, (0.0, 0.0, -1.0)))
     assert result.slipped_feet == (slider,) and result.swung_feet == (leg,)
     expected = inverse(footprint(walk[0][0])) @ footprint(body)
     np.testing.assert_allclose(result.transform_footprint_to_odom, expected, atol=1e-9)
@@ -189,17 +189,17 @@ def test_too_few_feet_that_stayed_are_refused(guara: RobotModel, crawl: Crawl) -
     assert odometry.last is None and odometry.update(other).step == 0
 
 
-def test_attitude_is_carried_over_uneven_ground(guara: RobotModel, place: Callable) -> None:
+def test_attitude_is_carried_over_uneven_ground(guara: RobotModel, put_feet: Callable) -> None:
     """From one pause with gravity the vertical is carried onto blocks; the support plane alone is degrees off."""
     state = guara.state(guara.posture("scan"))
     soles = dict(zip(guara.legs, state.soles_in_base() + (0.0, 0.0, 0.360), strict=True))
     body = np.eye(4)
     body[2, 3] = 0.360
     odometry, blocks = LegOdometry(guara), {"rf": 0.030, "lf": 0.035, "rh": 0.0, "lh": 0.010}
-    odometry.update(Stance(place(guara, soles, body), guara.legs, (0.0, 0.0, -1.0)))
+    odometry.update(Stance(put_feet(guara, soles, body), guara.legs, (0.0, 0.0, -1.0)))
     for leg, height in blocks.items():
         soles[leg] = soles[leg] + (0.04, 0.0, height)
-        stance = Stance(place(guara, soles, body), guara.legs)
+        stance = Stance(put_feet(guara, soles, body), guara.legs)
         result = odometry.update(stance)
         assert result.pose.attitude_source == "odometry"
     alone = guara.stance_pose(stance)

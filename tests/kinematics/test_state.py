@@ -52,7 +52,7 @@ def test_frames_are_the_products_of_the_joints(robot: RobotModel) -> None:
     state = robot.state(some_positions(robot, 4))
     above = {joint.child: joint for joint in robot.tree.urdf.joints}
 
-    def place(link: str) -> np.ndarray:
+    def pose(link: str) -> np.ndarray:
         if link not in above:
             return np.eye(4)
         joint, turn = above[link], np.eye(4)
@@ -60,10 +60,10 @@ def test_frames_are_the_products_of_the_joints(robot: RobotModel) -> None:
             angle, (x, y, z) = state.joint_position(joint.name), joint.axis
             cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
             turn[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-        return place(joint.parent) @ joint.transform_child_to_parent @ turn
+        return pose(joint.parent) @ joint.transform_child_to_parent @ turn
 
     for frame in robot.frame_names:
-        np.testing.assert_allclose(state.transform_to_base(frame), place(frame), atol=1e-12)
+        np.testing.assert_allclose(state.transform_to_base(frame), pose(frame), atol=1e-12)
 
 
 def test_everything_is_read_only(robot: RobotModel) -> None:

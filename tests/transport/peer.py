@@ -134,10 +134,10 @@ def scan_handler(server: transport.PerceptionServer):
 
 def run_node(endpoint: str, mode: str = "listen", security: str = "", robot: str = "guara", uplink: str = "") -> None:
     """A node; `publish N`, `stream N PERIOD ROWS`, `map N`, `quit`, `crash`."""
-    place = {"listen": endpoint} if mode == "listen" else {"connect": endpoint, "timeout": 20.0}
+    options = {"listen": endpoint} if mode == "listen" else {"connect": endpoint, "timeout": 20.0}
     if uplink:
-        place["uplink"] = uplink
-    with transport.open_node(**place, security=security or None) as session:
+        options["uplink"] = uplink
+    with transport.open_node(**options, security=security or None) as session:
         server = transport.PerceptionServer(session, robot=robot, ros2_domain=0 if mode == "listen" else None)
 
         def admit(request: transport.ScanRequest) -> None:

@@ -58,8 +58,8 @@ class Site:
                 self.processes[robot].tell(f"publish {self.step}")
         return self.step
 
-    def client(self, place: str, member: str, robot: str) -> PerceptionClient:
-        session = open_client(self.endpoints[place], security=self.keys / member, timeout=PATIENCE)
+    def client(self, router: str, member: str, robot: str) -> PerceptionClient:
+        session = open_client(self.endpoints[router], security=self.keys / member, timeout=PATIENCE)
         return PerceptionClient(session, robot=robot)
 
 
@@ -105,15 +105,15 @@ MAY = {
 
 @pytest.mark.parametrize(("place", "member", "robot"), MAY)
 def test_each_may_do_what_the_table_says_and_nothing_else(
-    site: Site, peer, place: str, member: str, robot: str
+    site: Site, peer, router: str, member: str, robot: str
 ) -> None:
     """Tried on the running site: reading the newest, asking, requesting a scan, saying how the robot stands, forging.
 
     What is not expected must not happen within a while; what is expected has all the time it needs.
     """
-    expected, found = MAY[place, member, robot], set()
+    expected, found = MAY[router, member, robot], set()
     site.publish([robot])
-    with site.client(place, member, robot) as client:
+    with site.client(router, member, robot) as client:
         try:
             if client.wait_for_step(site.step, timeout=PATIENCE if READ in expected else QUIET).robot == robot:
                 found.add(READ)
@@ -124,7 +124,7 @@ def test_each_may_do_what_the_table_says_and_nothing_else(
         except transport.TransportError:
             assert READ not in found
         try:
-            request = f"of-{member.replace('/', '-')}-{place}"
+            request = f"of-{member.replace('/', '-')}-{router}"
             client.request_scan(timeout=PATIENCE if SCAN in expected else QUIET, request_id=request)
             found.add(SCAN)
         except transport.TransportError:
@@ -152,9 +152,9 @@ def test_each_may_do_what_the_table_says_and_nothing_else(
 
 def test_who_has_no_certificate_gets_no_link(site: Site) -> None:
     """Neither at a robot nor at a router."""
-    for place in ("n1", "north", "top"):
+    for router in ("n1", "north", "top"):
         with pytest.raises(transport.ConnectionFailed):
-            open_client(site.endpoints[place], timeout=0.5)
+            open_client(site.endpoints[router], timeout=0.5)
 
 
 def test_the_fleet_is_seen_from_the_top(site: Site, eventually) -> None:
@@ -179,10 +179,10 @@ def test_killing_any_one_leaves_the_others_served(site: Site, victim: str) -> No
         readers = {}
         for room, robots in ROOMS.items():
             for robot in robots:
-                for place, member in ((robot, "planner"), (room, "viewer"), ("top", "viewer")):
-                    way = {"top": {robot, room, "top"}, room: {robot, room}, robot: {robot}}[place]
-                    client = stack.enter_context(site.client(place, f"{robot}/{member}", robot))
-                    readers[place, robot] = (client, way)
+                for router, member in ((robot, "planner"), (room, "viewer"), ("top", "viewer")):
+                    way = {"top": {robot, room, "top"}, room: {robot, room}, robot: {robot}}[router]
+                    client = stack.enter_context(site.client(router, f"{robot}/{member}", robot))
+                    readers[router, robot] = (client, way)
         first = site.publish()
         _all_get(readers.values(), first)
         if planner is not None:

@@ -12,7 +12,7 @@ MEGABITS = (2.0, 5.0, 2.0)
 
 
 @pytest.fixture(params=["tcp", "tls"])
-def place(request, endpoint: str, tmp_path) -> tuple[str, dict[str, str]]:
+def link(request, endpoint: str, tmp_path) -> tuple[str, dict[str, str]]:
     """Endpoint of a node, and the folder of each role: none for plain TCP."""
     if request.param == "tcp":
         return endpoint, dict.fromkeys(("node", "planner", "viewer"), "")
@@ -21,9 +21,9 @@ def place(request, endpoint: str, tmp_path) -> tuple[str, dict[str, str]]:
     return secured, {role: str(keys / role) for role in ("node", "planner", "viewer")}
 
 
-def test_a_slow_viewer_costs_a_local_planner_nothing(start, slow_link, place) -> None:
+def test_a_slow_viewer_costs_a_local_planner_nothing(start, slow_link, link) -> None:
     """Viewers join (and ask for the last grids), stay and go while a planner asks for scans: all succeed at once."""
-    endpoint, folders = place
+    endpoint, folders = link
     node = start("node", endpoint, "listen", folders["node"])
     links = [slow_link(endpoint, megabits * 1e6 / 8) for megabits in MEGABITS]
     delays: list[float] = []

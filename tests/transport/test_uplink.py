@@ -90,7 +90,7 @@ def test_what_contradicts_or_exposes_is_refused(endpoint: str) -> None:
 def test_two_robots_of_one_name_that_meet_later_are_told(start, endpoint: str, eventually) -> None:
     """Each claims its name while the site is away; when it comes both say so, and readers keep to one of the two."""
     site, other = free_endpoint(), free_endpoint()
-    nodes = [start("node", place, "listen", "", "guara", site) for place in (endpoint, other)]
+    nodes = [start("node", each, "listen", "", "guara", site) for each in (endpoint, other)]
     start("router", site)
 
     def told(client: transport.PerceptionClient) -> bool:

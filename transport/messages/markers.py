@@ -50,16 +50,22 @@ def markers_message(
     for number, item in enumerate(obstacles):
         x, y, z = item.position
         words = f"{1000.0 * item.height:+.0f} mm"
-        place = (x, y, max(z, z - item.height) + TEXT_HEIGHT)
+        position = (x, y, max(z, z - item.height) + TEXT_HEIGHT)
         markers.append(
             _marker(
-                header, "heights", number, kind=TEXT_VIEW_FACING, place=place, scale=(0.0, 0.0, TEXT_HEIGHT), text=words
+                header,
+                "heights",
+                number,
+                kind=TEXT_VIEW_FACING,
+                position=position,
+                scale=(0.0, 0.0, TEXT_HEIGHT),
+                text=words,
             )
         )
     for number, (x, y, z) in enumerate(footholds.values()):
-        scale, place = (*sole, SOLE_THICKNESS), (x, y, z + 0.5 * SOLE_THICKNESS)
+        scale, position = (*sole, SOLE_THICKNESS), (x, y, z + 0.5 * SOLE_THICKNESS)
         markers.append(
-            _marker(header, "footholds", number, kind=CUBE, place=place, scale=scale, colour=FOOTHOLD_COLOUR)
+            _marker(header, "footholds", number, kind=CUBE, position=position, scale=scale, colour=FOOTHOLD_COLOUR)
         )
     if regions:
         edges = [make_point(*point) for corners in regions for pair in _sides(corners) for point in pair]
@@ -95,7 +101,7 @@ def _marker(
     *,
     kind: int = CUBE,
     action: int = ADD,
-    place: Point = (0.0, 0.0, 0.0),
+    position: Point = (0.0, 0.0, 0.0),
     scale: Point = (1.0, 1.0, 1.0),
     colour: Point = OBSTACLE_COLOUR,
     points: Sequence[Any] = (),
@@ -113,7 +119,7 @@ def _marker(
         type=kind,
         action=action,
         pose=message_class("geometry_msgs/msg/Pose")(
-            make_point(*place), message_class("geometry_msgs/msg/Quaternion")(0.0, 0.0, 0.0, 1.0)
+            make_point(*position), message_class("geometry_msgs/msg/Quaternion")(0.0, 0.0, 0.0, 1.0)
         ),
         scale=message_class("geometry_msgs/msg/Vector3")(*map(float, scale)),
         color=message_class("std_msgs/msg/ColorRGBA")(*colour, 1.0),

@@ -21,10 +21,10 @@ SCAN_PARTS = ("scan/start", "scan/stripe", "scan/end")
 CAMERAS = ("camera/on", "camera/off", "camera/on/compressed", "camera/off/compressed")
 
 
-class Placed(NamedTuple):
-    """A message as it lies in a file: place of its chunk, topic, its own stamp, when it was written, payload."""
+class StoredMessage(NamedTuple):
+    """A message as it lies in a file: offset of its chunk, topic, its own stamp, when it was written, payload."""
 
-    place: int
+    chunk: int
     topic: str
     stamp: int
     log_time: int
@@ -117,7 +117,7 @@ class Recording:
 
     def written(self, short: str) -> Iterator[tuple[int, Any]]:
         """As `messages`, each with the time at which it was written [ns since the epoch]."""
-        for found in self._placed(self._topics(short)):
+        for found in self._messages(self._topics(short)):
             yield found.log_time, decode(found.payload, TYPES[short])
 
     def close(self) -> None:
@@ -132,23 +132,23 @@ class Recording:
         for _, _, payload in self._iterate(self._topics(short)):
             yield payload
 
-    def _iterate(self, topics: list[str], place: int | None = None) -> Iterator[tuple[str, int, bytes]]:
-        """Topic, stamp and payload, all or those of the chunk at one place, in the order of writing."""
-        for found in self._placed(topics, place):
+    def _iterate(self, topics: list[str], chunk: int | None = None) -> Iterator[tuple[str, int, bytes]]:
+        """Topic, stamp and payload, all or those of the chunk at one offset, in the order of writing."""
+        for found in self._messages(topics, chunk):
             yield found.topic, found.stamp, found.payload
 
-    def _placed(self, topics: list[str], place: int | None = None) -> Iterator[Placed]:
-        """Messages of some topics, all or those of the chunk at one place, in the order of writing."""
+    def _messages(self, topics: list[str], chunk: int | None = None) -> Iterator[StoredMessage]:
+        """Messages of some topics, all or those of the chunk at one offset, in the order of writing."""
         if not topics:
             return
         summary = cast(Any, self._summary)
         wanted = {number: channel.topic for number, channel in summary.channels.items() if channel.topic in topics}
         try:
-            for at, message in self._stored(summary, set(wanted), place):
+            for at, message in self._stored(summary, set(wanted), chunk):
                 if message.channel_id in wanted:
                     # The stamp of a frame stands in publish_time; in recordings of earlier versions also in log_time.
                     topic = wanted[message.channel_id]
-                    yield Placed(at, topic, message.publish_time, message.log_time, message.data)
+                    yield StoredMessage(at, topic, message.publish_time, message.log_time, message.data)
         except GeneratorExit:
             raise
         except Exception as error:  # the container, the decompressor and Python each have their own
@@ -156,10 +156,10 @@ class Recording:
                 f"{self.path} is damaged ({type(error).__name__}: {error}); `guara recover` restores the rest"
             ) from error
 
-    def _stored(self, summary: Any, channels: set[int], place: int | None) -> Iterator[tuple[int, Any]]:
-        """Messages of the chunks that may hold some of these channels, or of that at one place, in order.
+    def _stored(self, summary: Any, channels: set[int], chunk: int | None) -> Iterator[tuple[int, Any]]:
+        """Messages of the chunks that may hold some of these channels, or of that at one offset, in order.
 
-        Each with the place of its chunk in the file; 0 in a file without an index of chunks.
+        Each with the offset of its chunk in the file; 0 in a file without an index of chunks.
         """
         from mcap.data_stream import ReadDataStream
         from mcap.records import Chunk, Message
@@ -174,7 +174,7 @@ class Recording:
         unpacker = Unpacker(self._file.size)
         for index in sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset):
             at = index.chunk_start_offset
-            is_there = place in (None, at)
+            is_there = chunk in (None, at)
             if is_there and (not index.message_index_offsets or channels & index.message_index_offsets.keys()):
                 # Behind the opcode and the length of the record.
                 self._file.seek(at + 9)
@@ -192,10 +192,10 @@ class Recording:
     def _read_scans(self) -> Iterator[ScanRecord]:
         start: Any = None
         stripes: list[StripeRecord] = []
-        for found in self._placed(self._topics(*SCAN_PARTS, *CAMERAS)):
+        for found in self._messages(self._topics(*SCAN_PARTS, *CAMERAS)):
             short = short_name(found.topic)
             if short in CAMERAS:
-                self._frames[found.topic, found.stamp] = found.place
+                self._frames[found.topic, found.stamp] = found.chunk
                 continue
             body = decode(found.payload, TYPES[short])
             if short == "scan/start":

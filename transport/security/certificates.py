@@ -124,16 +124,16 @@ def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
     authority, members = open_authority(folder), open_members(folder)
     gone = members.shut_out
     chosen = dict(members.find(name) for name in names) or {
-        name: place for name, place in members.everybody.items() if name not in gone
+        name: member for name, member in members.everybody.items() if name not in gone
     }
     for name in chosen:
         if name in gone:
             raise SecurityError(f"{name} was shut out; add a member of another name instead")
-    for place in chosen.values():
-        certificate = place / f"{place.name}.pem"
-        _put_certificate(place, make_certificate(authority, common_name(certificate), hosts_of(certificate)))
-        edit_configuration(place / CONFIGURATION, _bring_up_to_date)
-    if any(place.name == "node" or name.endswith(f".{ROUTER}") for name, place in chosen.items()):
+    for member in chosen.values():
+        certificate = member / f"{member.name}.pem"
+        _put_certificate(member, make_certificate(authority, common_name(certificate), hosts_of(certificate)))
+        edit_configuration(member / CONFIGURATION, _bring_up_to_date)
+    if any(member.name == "node" or name.endswith(f".{ROUTER}") for name, member in chosen.items()):
         members.save()
     return tuple(chosen)
 
@@ -166,14 +166,14 @@ def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = (), li
     check_free(members, robot, target)
     return take_in(
         target,
-        lambda place: write_roles(place, authority, robot, hosts=hosts, listen=listen),
+        lambda member: write_roles(member, authority, robot, hosts=hosts, listen=listen),
         lambda: open_members(folder),
     )
 
 
-def check_free(members: Members, name: str, place: Path) -> None:
+def check_free(members: Members, name: str, member: Path) -> None:
     """Refuse the name of a robot, a router or a fleet member that is taken, or was: SecurityError."""
-    if place.exists() or name in RESERVED or name in members.robots or name in members.revoked:
+    if member.exists() or name in RESERVED or name in members.robots or name in members.revoked:
         raise SecurityError(f"the name {name!r} is taken or was shut out; names are never used again")
 
 
@@ -200,21 +200,21 @@ def add(folder: str | Path, name: str, role: str) -> Path:
     robot, own_name = _split(members, name)
     check_name(own_name, "member")
     own = members.robots[robot]
-    target = own.place / own_name
+    target = own.folder / own_name
     if own_name in own.revoked or own_name in (*RESERVED, ROUTER, FLEET) or target.exists():
         raise SecurityError(f"the name {own_name!r} is taken or was shut out; names are never used again")
     # As the robot's other members are called: in folders of an earlier version without the robot's name.
-    before = common_name(own.place / "node" / "node.pem").removesuffix("node")
+    before = common_name(own.folder / "node" / "node.pem").removesuffix("node")
     full = before + own_name
     _check_length(full)
-    text = (own.place / role / CONFIGURATION).read_text(encoding="utf-8")
+    text = (own.folder / role / CONFIGURATION).read_text(encoding="utf-8")
     for ending in ("key", "pem"):
         text = text.replace(f'"{role}.{ending}"', f'"{own_name}.{ending}"')
 
-    def write(place: Path) -> None:
-        write_file(place / CONFIGURATION, text.encode())
-        write_file(place / "ca.pem", authority.certificate)
-        _put_certificate(place, make_certificate(authority, full, [full]))
+    def write(member: Path) -> None:
+        write_file(member / CONFIGURATION, text.encode())
+        write_file(member / "ca.pem", authority.certificate)
+        _put_certificate(member, make_certificate(authority, full, [full]))
 
     larger = members.with_robot(robot, dataclasses.replace(own, added={**own.added, own_name: role}))
     return take_in(target, write, lambda: larger)
@@ -243,7 +243,7 @@ def _add_watcher(members: Members, authority: Credentials, name: str) -> Path:
     configuration["transport"]["link"] |= tls_links(name, listens=False)
     full = f"{name}.{FLEET}"
     larger = dataclasses.replace(members, fleet=(*members.fleet, name))
-    return take_in(target, lambda place: write_member(place, authority, full, [full], configuration), lambda: larger)
+    return take_in(target, lambda member: write_member(member, authority, full, [full], configuration), lambda: larger)
 
 
 def _check_length(full: str) -> None:
@@ -263,15 +263,15 @@ def revoke(folder: str | Path, name: str) -> tuple[Path, ...]:
     """
     open_authority(folder)
     members = open_members(folder)
-    full, place = members.find(name)
-    if place.name == "node":
+    full, member = members.find(name)
+    if member.name == "node":
         raise SecurityError("the node cannot be shut out of itself; if its key is lost, make a new folder by init")
     if full in members.shut_out:
         return ()
     for robot, own in members.robots.items():
-        if place.parent == own.place and place.name in own.names:
-            return members.with_robot(robot, dataclasses.replace(own, revoked=(*own.revoked, place.name))).save()
-    return dataclasses.replace(members, revoked=(*members.revoked, place.name)).save()
+        if member.parent == own.folder and member.name in own.names:
+            return members.with_robot(robot, dataclasses.replace(own, revoked=(*own.revoked, member.name))).save()
+    return dataclasses.replace(members, revoked=(*members.revoked, member.name)).save()
 
 
 def hosts_of(certificate: Path) -> list[str]:
@@ -289,6 +289,6 @@ def hosts_of(certificate: Path) -> list[str]:
     return [str(entry.value) for entry in names]
 
 
-def _put_certificate(place: Path, credentials: Credentials) -> None:
-    replace_file(place / f"{place.name}.key", credentials.key, 0o600)
-    replace_file(place / f"{place.name}.pem", credentials.certificate)
+def _put_certificate(member: Path, credentials: Credentials) -> None:
+    replace_file(member / f"{member.name}.key", credentials.key, 0o600)
+    replace_file(member / f"{member.name}.pem", credentials.certificate)

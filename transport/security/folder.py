@@ -52,15 +52,15 @@ FILES = (
 )
 
 
-def tls_links(name: str, *, listens: bool, place: str = "") -> dict[str, Any]:
-    """What TLS adds to `transport/link` of who is called `name`; `place` is what its files' names begin with."""
+def tls_links(name: str, *, listens: bool, prefix: str = "") -> dict[str, Any]:
+    """What TLS adds to `transport/link` of who is called `name`; `prefix` is what its files' names begin with."""
     files = {
-        "root_ca_certificate": f"{place}ca.pem",
-        "connect_private_key": f"{place}{name}.key",
-        "connect_certificate": f"{place}{name}.pem",
+        "root_ca_certificate": f"{prefix}ca.pem",
+        "connect_private_key": f"{prefix}{name}.key",
+        "connect_certificate": f"{prefix}{name}.pem",
     }
     if listens:
-        files |= {"listen_private_key": f"{place}{name}.key", "listen_certificate": f"{place}{name}.pem"}
+        files |= {"listen_private_key": f"{prefix}{name}.key", "listen_certificate": f"{prefix}{name}.pem"}
     tls = {**files, "enable_mtls": True, "close_link_on_expiration": True}
     return {"protocols": ["tls"], "tls": tls}
 
@@ -123,9 +123,9 @@ def init_security(
         write_file(staging / "ca" / "ca.key", authority.key, private=True)
         for number, name in enumerate(robots):
             own = hosts if len(robots) == 1 else hosts[number : number + 1]
-            place = staging if len(robots) == 1 else staging / name
-            place.mkdir(exist_ok=True)
-            write_roles(place, authority, name, hosts=own, listen=listen)
+            of_robot = staging if len(robots) == 1 else staging / name
+            of_robot.mkdir(exist_ok=True)
+            write_roles(of_robot, authority, name, hosts=own, listen=listen)
 
     check_tls(listen)
     make_whole(target, write)
@@ -148,10 +148,10 @@ def check_robot(name: str) -> str:
     return name
 
 
-def write_roles(place: Path, authority: Credentials, robot: str, *, hosts: Sequence[str], listen: str) -> None:
-    """Write the folders of a robot's roles below `place`."""
+def write_roles(folder: Path, authority: Credentials, robot: str, *, hosts: Sequence[str], listen: str) -> None:
+    """Write the folders of a robot's roles below `folder`."""
     for role in ROLES:
-        own = place / role
+        own = folder / role
         own.mkdir()
         names = own_hosts(hosts) if role == "node" else [f"{robot}.{role}"]
         connect = tls_endpoint(hosts[0] if hosts else "localhost", listen.rpartition(":")[2])

@@ -26,12 +26,12 @@ class Robot:
     """The members of one robot.
 
     Attributes:
-        place: folder that holds the folders of its roles.
+        folder: folder that holds the folders of its roles.
         added: role of each member beyond one per role.
         revoked: who was shut out.
     """
 
-    place: Path
+    folder: Path
     added: Mapping[str, str] = field(default_factory=dict)
     revoked: tuple[str, ...] = ()
 
@@ -80,7 +80,7 @@ class Members:
     def everybody(self) -> dict[str, Path]:
         """The folder of each member by the name that commands take; of a single robot that is the role alone."""
         found = {
-            (name if len(self.robots) == 1 else f"{robot}.{name}"): own.place / name
+            (name if len(self.robots) == 1 else f"{robot}.{name}"): own.folder / name
             for robot, own in self.robots.items()
             for name in own.names
         }
@@ -90,9 +90,9 @@ class Members:
     @property
     def shut_out(self) -> frozenset[str]:
         """Names of those of `everybody` that were shut out."""
-        gone = {own.place / name for own in self.robots.values() for name in own.revoked}
+        gone = {own.folder / name for own in self.robots.values() for name in own.revoked}
         gone |= {self.root / name for name in self.revoked}
-        return frozenset(name for name, place in self.everybody.items() if place in gone)
+        return frozenset(name for name, folder in self.everybody.items() if folder in gone)
 
     def find(self, name: str) -> tuple[str, Path]:
         """The whole name of a member and its folder; one of a single robot may be given with the robot's name too.
@@ -114,7 +114,7 @@ class Members:
         named: dict[str, list[str]] = {role: [] for role in ROLES}
         for name, role in roles.items():
             if name not in own.revoked:
-                named[role].append(common_name(own.place / name / f"{name}.pem"))
+                named[role].append(common_name(own.folder / name / f"{name}.pem"))
         return named
 
     def routers_of(self, robot: str, *, scanning: bool = False) -> list[str]:
@@ -159,13 +159,13 @@ class Members:
         Raises:
             SecurityError: a configuration is not as it was made, or cannot be written.
         """
-        rules = {own.place / "node": self._rules_of_node(robot) for robot, own in self.robots.items()}
+        rules = {own.folder / "node": self._rules_of_node(robot) for robot, own in self.robots.items()}
         rules |= {self.root / name: self.rules_of_router(name) for name in self.routers}
         # All are read before the first is written: one that cannot be changed stops the others too.
-        for place in rules:
-            edit_configuration(place / CONFIGURATION, lambda _: False)
-            read_configuration(place, "mode")
-        changed = [place for place, section in rules.items() if _put_rules(place / CONFIGURATION, section)]
+        for folder in rules:
+            edit_configuration(folder / CONFIGURATION, lambda _: False)
+            read_configuration(folder, "mode")
+        changed = [folder for folder, section in rules.items() if _put_rules(folder / CONFIGURATION, section)]
         data = {
             "robots": {
                 robot: {"added": dict(own.added), "revoked": list(own.revoked)} for robot, own in self.robots.items()
@@ -196,10 +196,10 @@ def open_members(folder: str | Path) -> Members:
         SecurityError: there is no list of members that can be read.
     """
     root = Path(folder)
-    places = sorted(path.parent.parent for path in root.glob(f"*/node/{CONFIGURATION}"))
+    folders = sorted(path.parent.parent for path in root.glob(f"*/node/{CONFIGURATION}"))
     if (root / "node" / CONFIGURATION).is_file():
-        places.insert(0, root)
-    robots = {configured_robot(place / "node"): Robot(place) for place in places}
+        folders.insert(0, root)
+    robots = {configured_robot(folder / "node"): Robot(folder) for folder in folders}
     path = root / "ca" / MEMBERS
     try:
         found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
@@ -209,7 +209,7 @@ def open_members(folder: str | Path) -> Members:
             lists, found = dict.fromkeys(robots, found), {}
         members = {
             robot: Robot(
-                own.place,
+                own.folder,
                 dict(lists.get(robot, {}).get("added", {})),
                 tuple(lists.get(robot, {}).get("revoked", [])),
             )
@@ -229,19 +229,19 @@ def open_members(folder: str | Path) -> Members:
         raise SecurityError(f"cannot read {path}: {error}") from error
 
 
-def take_in(place: Path, write: Callable[[Path], None], larger: Callable[[], Members]) -> Path:
+def take_in(folder: Path, write: Callable[[Path], None], larger: Callable[[], Members]) -> Path:
     """Make the folder of who is new by `write`, then save the members with it; where that fails the folder goes again.
 
     Raises:
         SecurityError: the folder cannot be written, or as in `Members.save`.
     """
-    make_whole(place, write)
+    make_whole(folder, write)
     try:
         larger().save()
     except SecurityError:
-        shutil.rmtree(place, ignore_errors=True)
+        shutil.rmtree(folder, ignore_errors=True)
         raise
-    return place
+    return folder
 
 
 def open_authority(folder: str | Path) -> Credentials:

@@ -79,7 +79,7 @@ def make_router(
     configuration = router_configuration([listen], uplink=above)
     configuration["adminspace"] = {"enabled": False}
     lies_in = str(target.resolve()) if place is None else place.rstrip("/")
-    configuration["transport"]["link"] |= tls_links(name, listens=True, place=f"{lies_in}/")
+    configuration["transport"]["link"] |= tls_links(name, listens=True, prefix=f"{lies_in}/")
     larger = dataclasses.replace(
         members,
         routers={

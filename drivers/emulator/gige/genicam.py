@@ -30,7 +30,7 @@ def description() -> str:
     """The XML that the camera hands to whoever opens it."""
     strings = {"DeviceVendorName": (0x48, 32), "DeviceModelName": (0x68, 32), "DeviceID": (0xD8, 16)}
     whole = [
-        *[_string(name, *place) for name, place in strings.items()],
+        *[_string(name, *registers) for name, registers in strings.items()],
         _integer("SensorWidth", SENSOR_WIDTH, "RO"),
         _integer("SensorHeight", SENSOR_HEIGHT, "RO"),
         _integer("Width", WIDTH, highest="SensorWidth"),

@@ -135,9 +135,9 @@ def check(context: click.Context, folder: Path, robot: str | None) -> None:
         for name in served.robots:
             if robot in (None, name):
                 found[f"router {router}, robot {name}"] = check_router(folder, router, robot=name)
-    for place, permissions in found.items():
+    for where, permissions in found.items():
         if len(found) > 1:
-            click.echo(f"{place}:")
+            click.echo(f"{where}:")
         click.echo(format_matrix(permissions))
     if any(permission.allowed != permission.expected for rows in found.values() for permission in rows):
         context.exit(1)

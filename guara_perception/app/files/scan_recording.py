@@ -35,19 +35,19 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
         withdrawn = _reasons(recording.scans, [grid for grid in recording.terrains() if grid.withdrawn])
     except TransportError as error:
         raise FileFormatError(f"{path}: a recorded grid cannot be read: {error}") from None
-    return [_scan(recording, record, path, withdrawn.get(place, "")) for place, record in enumerate(recording.scans)]
+    return [_scan(recording, record, path, withdrawn.get(index, "")) for index, record in enumerate(recording.scans)]
 
 
 def _reasons(scans: Sequence[ScanRecord], taken_back: list[TerrainMessage]) -> dict[int, str]:
-    """Why the grids of scans were withdrawn, by the place of the scan: all scans of a pause go together.
+    """Why the grids of scans were withdrawn, by the index of the scan: all scans of a pause go together.
 
     So do those of a pause that had confirmed its map before the robot moved: what is recorded does not tell them apart.
     A gait that counts anew has the same step again: meant is the last scan of that step that began before.
     """
     found: dict[int, str] = {}
     for grid in taken_back:
-        of_step = [place for place, scan in enumerate(scans) if scan.step == grid.step]
-        before = [place for place in of_step if scans[place].stamp <= grid.stamp]
+        of_step = [index for index, scan in enumerate(scans) if scan.step == grid.step]
+        before = [index for index in of_step if scans[index].stamp <= grid.stamp]
         # After a clock was set back none began before: then each may be meant.
         last = before[-1:] or of_step
         while last and last[0] > 0 and scans[last[0] - 1].step == grid.step:

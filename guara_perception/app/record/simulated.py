@@ -103,8 +103,8 @@ class SimulatedWorkshop:
         u, v, distance, about_x, about_y, turn = BOARD_POSES[self._poses % len(BOARD_POSES)]
         self._poses += 1
         reach = CHARUCO_REACH if self._board.pattern == CHARUCO else 1.0
-        place = (0.5 + reach * (np.array([[u, v]]) - 0.5)) * self.truth.camera.size
-        ray = self.truth.camera.rays(place)[0]
+        pixel = (0.5 + reach * (np.array([[u, v]]) - 0.5)) * self.truth.camera.size
+        ray = self.truth.camera.rays(pixel)[0]
         lean = rotation([about_x, 0, 0]) @ rotation([0, about_y, 0]) @ rotation([0, 0, turn])
         self._still(self._targets.board(self._board, self._board_pose(ray / ray[2] * distance, lean)))
 

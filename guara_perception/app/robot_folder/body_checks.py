@@ -8,7 +8,7 @@ import numpy as np
 
 from guara_perception.app.robot_folder.collisions import touching
 from guara_perception.app.robot_folder.finding import Finding, note, wrong
-from guara_perception.app.robot_folder.postures import PLACES
+from guara_perception.app.robot_folder.postures import FOOT_OFFSETS
 from kinematics import RobotModel, Stance, stability_margin
 from kinematics.model_checks import sole_above_foot
 from kinematics.srdf import allowed_pairs
@@ -80,13 +80,14 @@ def _soles(robot: RobotModel, state: RobotState) -> Iterator[Finding]:
 def _reach(robot: RobotModel, state: RobotState) -> Iterator[Finding]:
     for name in robot.legs:
         sole = state.soles_in_base([name])[0]
-        missed = PLACES[~robot.reachable(name, sole + PLACES)]
+        missed = FOOT_OFFSETS[~robot.reachable(name, sole + FOOT_OFFSETS)]
         if len(missed):
             x, y, z = (1e3 * value for value in missed[0])
             yield wrong(
                 f"legs.{name}",
-                f"does not reach {len(missed)} of {len(PLACES)} places that the gait asks for around where it stands, "
-                f"such as {x:+.0f} mm ahead, {y:+.0f} mm to the left, {z:+.0f} mm up: choose another scan height",
+                f"does not reach {len(missed)} of {len(FOOT_OFFSETS)} places that the gait asks for around where "
+                f"it stands, such as {x:+.0f} mm ahead, {y:+.0f} mm to the left, {z:+.0f} mm up: choose "
+                "another scan height",
             )
 
 

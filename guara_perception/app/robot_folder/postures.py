@@ -14,7 +14,7 @@ from kinematics.tree import KinematicTree
 
 # What the wave gait asks of a foot around the place where it stands [m]: on the level half a stride fore and aft and
 # the search of the planner beyond; half a stride a step lower; more on its way over an obstacle. All 40 mm aside.
-PLACES = np.array(
+FOOT_OFFSETS = np.array(
     [
         (x, y, z)
         for reach, z in ((0.13, 0.0), (0.07, -0.02), (0.10, 0.06))
@@ -105,7 +105,7 @@ def reach_share(leg: LegSolver, posture: FoundPosture) -> float:
     """The share of the places that the gait asks for, around where a foot stands, that it reaches."""
     start = np.array([posture.joint_positions[joint] for joint in leg.leg.joints])
     tip = posture.soles[leg.leg.name] + (0.0, 0.0, leg.foot.lowest(leg.foot_rotation(start)))
-    found = leg.solver(start).solve(tip + PLACES, np.zeros(len(PLACES)))
+    found = leg.solver(start).solve(tip + FOOT_OFFSETS, np.zeros(len(FOOT_OFFSETS)))
     return float(np.mean(~np.isnan(found[:, 0])))
 
 

@@ -75,9 +75,9 @@ def save_rerun_scene(path: Path, out: Path) -> Path:
     try:
         with open_recording(path) as recording, whole_file(out) as temporary:
             last = _last_map(recording)
-            robot, place, model = last.robot, _place_of(last), _model_of(_description_of(recording))
+            robot, position, model = last.robot, _position_of(last), _model_of(_description_of(recording))
             stream = rerun.RecordingStream(APPLICATION, recording_id=path.stem)
-            stream.save(str(temporary), default_blueprint=blueprint(robot, model, place))
+            stream.save(str(temporary), default_blueprint=blueprint(robot, model, position))
             stream.log_file_from_path(str(path))
             for entity, shape in solid_shapes(_description_of(recording)):
                 stream.log(entity, shape, static=True)
@@ -91,13 +91,13 @@ def save_rerun_scene(path: Path, out: Path) -> Path:
     return out
 
 
-def blueprint(robot: str, model: str, place: Float) -> Any:
+def blueprint(robot: str, model: str, position: Float) -> Any:
     """How the viewer lays a scene out: robot and terrain in odom, the camera's pictures beside it, the newest shown.
 
     Args:
         robot: instance name.
         model: name of the robot in its URDF.
-        place: (3,) in odom, where the robot stands at the end [m]: what the eye looks at.
+        position: (3,) in odom, where the robot stands at the end [m]: what the eye looks at.
     """
     rrb: Any = optional_library("rerun.blueprint", "rerun", PURPOSE)
     kinds = rrb.archetypes
@@ -110,7 +110,9 @@ def blueprint(robot: str, model: str, place: Float) -> Any:
         contents=["+ /**", *(f"- {entity}" for entity in hidden)],
         spatial_information=kinds.SpatialInformation(target_frame=ODOM),
         background=BACKGROUND,
-        eye_controls=kinds.EyeControls3D(position=place + EYE, look_target=place + LOOKED_AT, eye_up=(0.0, 0.0, 1.0)),
+        eye_controls=kinds.EyeControls3D(
+            position=position + EYE, look_target=position + LOOKED_AT, eye_up=(0.0, 0.0, 1.0)
+        ),
     )
     pictures = [
         rrb.Spatial2DView(name=f"Camera, laser {kind}", origin=f"/{robot}/camera/{kind}") for kind in ("on", "off")
@@ -160,7 +162,7 @@ def solid_shapes(description: str) -> Iterator[tuple[str, Any]]:
                 yield entity, kind.from_fields(fill_mode="solid")
 
 
-def _place_of(message: TerrainMessage) -> Float:
+def _position_of(message: TerrainMessage) -> Float:
     """Where the robot stood at the scan of a map, (3,) in odom [m]; the origin where the map does not say."""
     to_odom = [item.matrix[:3, 3] for item in message.transforms if item.destination_frame == ODOM]
     return np.asarray(to_odom[0] if to_odom else np.zeros(3))

@@ -196,8 +196,8 @@ def _behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geom
     for first in range(0, len(targets), LINES_TOGETHER):
         block = slice(first, first + LINES_TOGETHER)
         samples = int(np.ceil((1 - start[block]) / step[block]).max()) + 1
-        places = np.arange(samples, dtype=np.float32)[:, None] + np.float32(0.5)
-        share = np.maximum(1 - places * step[block].astype(np.float32), start[block].astype(np.float32))
+        centres = np.arange(samples, dtype=np.float32)[:, None] + np.float32(0.5)
+        share = np.maximum(1 - centres * step[block].astype(np.float32), start[block].astype(np.float32))
         hidden.append(_is_blocked(around, targets[block], share, sensor_origin, geometry))
     return np.concatenate(hidden)
 
@@ -213,17 +213,17 @@ def _is_blocked(around: Float32, targets: Float, share: Float32, sensor_origin: 
         line += np.float32(begin)
         return line
 
-    place = np.zeros(share.shape, dtype=np.intp)
+    flat_index = np.zeros(share.shape, dtype=np.intp)
     for axis, stride in ((1, around.shape[1]), (0, 1)):
         offset = 1 + ROUNDING - geometry.origin[axis] / geometry.resolution
         cells = along(
             sensor_origin[axis] / geometry.resolution + offset, targets[:, axis] / geometry.resolution + offset
         )
         np.clip(cells, 0, geometry.shape[1 - axis] + 1, out=cells)
-        place += cells.astype(np.intp) * stride
+        flat_index += cells.astype(np.intp) * stride
     line = along(sensor_origin[2] + HIDING_MARGIN_M, targets[:, 2] + HIDING_MARGIN_M)
     with np.errstate(invalid="ignore"):
-        return np.asarray((around.ravel().take(place) > line).any(axis=0))
+        return np.asarray((around.ravel().take(flat_index) > line).any(axis=0))
 
 
 def _lowest_ground(elevation: Float, cells: Index, geometry: GridGeometry) -> Float:

@@ -76,7 +76,7 @@ def plot(
         given = repr(layer) if isinstance(layer, str) else f"a {type(layer).__name__}"
         hint = "" if isinstance(layer, str) else "; cells of your own are drawn on the axes that plot gives"
         raise InvalidInput(f"layer is {given}, allowed: {', '.join(LAYER_NAMES)}{hint}")
-    marks = [_place_of(foothold) for foothold in footholds]
+    marks = [_xy_of(foothold) for foothold in footholds]
     outlines = [_outline_of(region) for region in regions]
     with styled():
         if axes is None:
@@ -166,7 +166,7 @@ def _outline_of(region: Any) -> tuple[Float, Float]:
     return closed[:, 0], closed[:, 1]
 
 
-def _place_of(foothold: Any) -> tuple[float, float]:
+def _xy_of(foothold: Any) -> tuple[float, float]:
     try:
         x, y = (foothold.x, foothold.y) if hasattr(foothold, "x") else foothold
         return float(x), float(y)

@@ -41,15 +41,15 @@ class SidewaysDrift:
         """Before the first pause."""
         return SidewaysDrift(np.empty(0, np.int64), np.empty((0, 3, 3)))
 
-    def after(self, pause: int, growth: Float, place: Float) -> SidewaysDrift:
+    def after(self, pause: int, growth: Float, position: Float) -> SidewaysDrift:
         """One pause later.
 
         Args:
             pause: its number.
             growth: (3, 3) covariance that the motion left, about the robot and along the axes of odom.
-            place: (2,) of the robot in odom [m].
+            position: (2,) of the robot in odom [m].
         """
-        about_origin = np.array([[1.0, 0.0, place[1]], [0.0, 1.0, -place[0]], [0.0, 0.0, 1.0]])
+        about_origin = np.array([[1.0, 0.0, position[1]], [0.0, 1.0, -position[0]], [0.0, 0.0, 1.0]])
         added = about_origin @ growth @ about_origin.T
         last = self.total[-1] if len(self.total) else np.zeros((3, 3))
         pauses, total = np.append(self.pauses, pause), np.concatenate((self.total, (last + added)[None]))

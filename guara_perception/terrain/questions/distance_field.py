@@ -48,12 +48,12 @@ class DistanceField:
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 3 or not np.isfinite(array).all():
             raise InvalidInput(f"points have shape {array.shape}, finite points (n, 3) are needed")
-        place = (array - self.origin) / self.resolution
-        index = np.floor(place).astype(np.int64)
+        position = (array - self.origin) / self.resolution
+        index = np.floor(position).astype(np.int64)
         size = np.array(self.values.shape[::-1])
         inside = ((index >= 0) & (index < size)).all(axis=1)
         ix, iy, iz = np.clip(index, 0, size - 1).T
-        away = np.linalg.norm(place - (index + 0.5), axis=1) * self.resolution
+        away = np.linalg.norm(position - (index + 0.5), axis=1) * self.resolution
         distance = self.values[iz, iy, ix].astype(np.float64) - away
         above = (index[:, 2] >= size[2]) & ((index >= 0) & (index < size))[:, :2].all(axis=1)
         return np.where(inside, distance, np.where(above, np.nan, -np.inf))

@@ -175,9 +175,9 @@ def _tread(x: Float, y: Float, height: Float, mask: Mask, resolution: float) -> 
 
 def _climb(x: Float, y: Float, flight: list[tuple[Mask, float]]) -> Float:
     """Direction (2,) from the lowest tread to the highest: that in which the heights of treads rise."""
-    places = np.array([[x[mask].mean(), y[mask].mean()] for mask, _ in flight])
+    centres = np.array([[x[mask].mean(), y[mask].mean()] for mask, _ in flight])
     rises = np.array([mean for _, mean in flight])
-    way = (rises - rises.mean()) @ (places - places.mean(axis=0))
+    way = (rises - rises.mean()) @ (centres - centres.mean(axis=0))
     length = float(np.linalg.norm(way))
     return way / length if length > 0 else np.array([1.0, 0.0])
 

@@ -35,7 +35,7 @@ def missed_step(session: CalibrationSession, number: int, first: int) -> Calibra
     """The mirror stood still once: from the stripe at place `first` on, each frame shows the stripe before."""
     stripes = session.plates[number].scan.stripes
     late = tuple(
-        dataclasses.replace(stripe, on=stripes[place - 1].on if place >= first else stripe.on)
-        for place, stripe in enumerate(stripes)
+        dataclasses.replace(stripe, on=stripes[index - 1].on if index >= first else stripe.on)
+        for index, stripe in enumerate(stripes)
     )
     return with_plate(session, number, stripes=late)

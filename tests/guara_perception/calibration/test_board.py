@@ -25,8 +25,8 @@ def test_corners_fit_the_true_lens(picture: np.ndarray, calibration: gp.Calibrat
     """Corners lie within a few hundredths of a pixel of a board seen through the true lens."""
     corners = find_board(picture, BOARD).corners_px
     matrix, lens = calibration.camera.matrix, calibration.camera.distortion
-    _, turn, place = cv2.solvePnP(BOARD.points, corners.copy(), matrix, lens)
-    expected = cv2.projectPoints(BOARD.points, turn, place, matrix, lens)[0][:, 0]
+    _, turn, translation = cv2.solvePnP(BOARD.points, corners.copy(), matrix, lens)
+    expected = cv2.projectPoints(BOARD.points, turn, translation, matrix, lens)[0][:, 0]
     assert np.sqrt(np.mean((corners - expected) ** 2)) < 0.05
 
 

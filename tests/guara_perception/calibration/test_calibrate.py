@@ -73,8 +73,8 @@ def test_predicted_height_sigma_is_right(result: CalibrationResult, calibration:
     for stripe, true in zip(result.calibration.stripes, calibration.stripes, strict=True):
         plane = plane_in_frame(true.plane, true_pose)
         for level in (0.0, 0.04, 0.08, 0.11):
-            place = np.column_stack((-(plane[1] * y + plane[2] * level + plane[3]) / plane[0], y, np.full(9, level)))
-            pixels = calibration.camera.project((place - true_pose[:3, 3]) @ true_pose[:3, :3])
+            points = np.column_stack((-(plane[1] * y + plane[2] * level + plane[3]) / plane[0], y, np.full(9, level)))
+            pixels = calibration.camera.project((points - true_pose[:3, 3]) @ true_pose[:3, :3])
             rays = result.calibration.camera.rays(pixels)
             points = rays * (-stripe.plane[3] / (rays @ stripe.plane[:3]))[:, None]
             errors.append(points @ our_pose[2, :3] + our_pose[2, 3] - level)
@@ -253,8 +253,8 @@ def test_wrong_one_of_five_plates_is_named(
 def test_plates_that_cannot_be_told_apart_are_both_named(result: CalibrationResult) -> None:
     """Where the rest agrees equally well without either, the report blames none alone."""
     entry = LeaveOneOut(0, 1e-3, 1e-4, 1e-3, 1e-3, 1e-5, 0.4e-3)
-    spread = (0.4e-3, 0.9e-3, 0.5e-3, 1.2e-3)
-    entries = [dataclasses.replace(entry, plate=k, disagreement=rms) for k, rms in enumerate(spread)]
+    disagreements = (0.4e-3, 0.9e-3, 0.5e-3, 1.2e-3)
+    entries = [dataclasses.replace(entry, plate=k, disagreement=rms) for k, rms in enumerate(disagreements)]
     scan = result.session.plates[0].scan
     plates = [Plate(f"p{k}", 0.02 * k, scan) for k in range(4)]
     text = suspect_plate(entries, plates)
@@ -284,8 +284,8 @@ def test_an_upright_mount_is_compared_with_its_own_nominal(robot: RobotModel) ->
     """Half a turn about the optical axis is a mount of its own, not an error of 180 degrees."""
     upright = robot.transform_camera_to_base @ np.diag([-1.0, -1.0, 1.0, 1.0])
     for mount, fitted in (("upright", upright), ("eq5", robot.transform_camera_to_base)):
-        place, turn = mount_checks(fitted, robot.transform_camera_to_base, mount)
-        assert place.value == 0.0 and turn.value < 1e-4 and place.verdict == turn.verdict == "good"
+        shift, turn = mount_checks(fitted, robot.transform_camera_to_base, mount)
+        assert shift.value == 0.0 and turn.value < 1e-4 and shift.verdict == turn.verdict == "good"
     assert mount_checks(upright, robot.transform_camera_to_base, "eq5")[1].verdict == "refused"
 
 

@@ -162,10 +162,10 @@ def test_ink_is_opencvs_own_pattern():
 @pytest.mark.slow
 def test_a_lens_from_parts_of_a_board(targets):
     """Views none of which shows the whole board give the lens, near the picture's corners too."""
-    places = [(u, v) for u in (0.15, 0.5, 0.85) for v in (0.15, 0.5, 0.85)]
+    centres = [(u, v) for u in (0.15, 0.5, 0.85) for v in (0.15, 0.5, 0.85)]
     tilts = [(0.4, 0.0), (-0.4, 0.1), (0.0, 0.5), (0.1, -0.5), (0.3, 0.3)]
     views = []
-    for number, (u, v) in enumerate(places):
+    for number, (u, v) in enumerate(centres):
         pose = pose_of(targets, u, v, 0.28, *tilts[number % 5], 0.4 * number)
         view = find_board(targets.board(BOARD, pose), BOARD, f"view {number}")
         assert view.is_usable and len(view.corners) < 63

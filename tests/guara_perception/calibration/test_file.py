@@ -105,10 +105,10 @@ def test_index_that_was_not_calibrated_is_refused(calibration: gp.Calibration):
         calibration.stripe(31)
 
 
-def nan(content: dict[str, Any], *place: Any) -> None:
-    for step in place[:-1]:
+def nan(content: dict[str, Any], *path: Any) -> None:
+    for step in path[:-1]:
         content = content[step]
-    content[place[-1]] = float("nan")
+    content[path[-1]] = float("nan")
 
 
 BAD = {

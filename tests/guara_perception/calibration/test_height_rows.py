@@ -22,10 +22,10 @@ def transform(calibration: gp.Calibration, robot: RobotModel, paper_scan: gp.Sca
 
 @pytest.mark.parametrize("place", [0, 9, 20, 34])
 def test_a_band_holds_all_rows_of_its_laser_plane(
-    calibration: gp.Calibration, transform: np.ndarray, place: int
+    calibration: gp.Calibration, transform: np.ndarray, index: int
 ) -> None:
     """Against points set densely on the lines in which the laser plane crosses each height."""
-    plane = calibration.stripes[place].plane
+    plane = calibration.stripes[index].plane
     (first, end), *_ = row_bands(calibration.camera, transform, plane[None], HEIGHTS, MARGIN)
     a, b, c, d = plane_in_frame(plane, transform)
     y = np.linspace(-0.6, 0.6, 40_001)

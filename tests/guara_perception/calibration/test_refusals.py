@@ -41,7 +41,7 @@ def blurred(session: CalibrationSession) -> CalibrationSession:
 def parallel(session: CalibrationSession) -> CalibrationSession:
     """The board was only shifted, never tilted."""
     flat = session.read_picture("board_00.jpg")
-    shift = {name: 3 * place for place, name in enumerate(session.board_images)}
+    shift = {name: 3 * index for index, name in enumerate(session.board_images)}
     return with_pictures(
         session, lambda name, picture: np.roll(flat, shift[name], axis=1) if name in shift else picture
     )

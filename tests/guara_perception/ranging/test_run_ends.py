@@ -59,12 +59,12 @@ def test_short_weak_run_is_left_out() -> None:
 def plainly_faded(run: list[float]) -> int:
     """First columns of a run before two in a row reach 0.6 of the mean of the next twelve: column by column."""
     holds = []
-    for place, value in enumerate(run):
-        following = run[place + 1 : place + 1 + LEVEL_COLUMNS]
+    for index, value in enumerate(run):
+        following = run[index + 1 : index + 1 + LEVEL_COLUMNS]
         holds.append(not following or value >= FADED_OF_LEVEL * sum(following) / len(following))
-    for place in range(len(run)):
-        if holds[place] and (place + 1 == len(run) or holds[place + 1]):
-            return place
+    for index in range(len(run)):
+        if holds[index] and (index + 1 == len(run) or holds[index + 1]):
+            return index
     return len(run)
 
 
@@ -80,9 +80,9 @@ def test_fades_of_any_length_are_found(data: st.DataObject) -> None:
     height, strength, expected = [np.full(gap, np.nan)], [np.zeros(gap)], [np.zeros(gap, bool)]
     for run in (np.round(run) for run in runs):
         left, right = plainly_faded(run.tolist()), plainly_faded(run[::-1].tolist())
-        place = np.arange(run.size)
+        index = np.arange(run.size)
         expected += [
-            (place < max(left, END_COLUMNS)) | (place >= run.size - max(right, END_COLUMNS)), np.zeros(gap, bool)
+            (index < max(left, END_COLUMNS)) | (index >= run.size - max(right, END_COLUMNS)), np.zeros(gap, bool)
         ]  # fmt: skip
         height += [np.zeros(run.size), np.full(gap, np.nan)]
         strength += [run, np.zeros(gap)]

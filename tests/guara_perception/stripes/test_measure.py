@@ -40,6 +40,6 @@ def test_lines_are_smoothed_each_by_itself() -> None:
     lines[1, 10:20] = np.nan
     weights = random.uniform(1, 9, (4, 50)).astype(np.float32)
     together = smooth_line(lines, weights)
-    for place in range(4):
-        for one, several in zip(smooth_line(lines[place], weights[place]), together, strict=True):
-            np.testing.assert_array_equal(one, several[place])
+    for index in range(4):
+        for one, several in zip(smooth_line(lines[index], weights[index]), together, strict=True):
+            np.testing.assert_array_equal(one, several[index])

@@ -97,10 +97,10 @@ def test_damaged_file_is_refused(tmp_path: Path):
     reference.save(path)
     whole = path.read_bytes()
     refused = 0
-    for place in range(0, len(whole), 7):
+    for index in range(0, len(whole), 7):
         flipped = bytearray(whole)
-        flipped[place] ^= 1 << (place % 8)
-        for content in (bytes(flipped), whole[:place]):
+        flipped[index] ^= 1 << (index % 8)
+        for content in (bytes(flipped), whole[:index]):
             path.write_bytes(content)
             try:
                 loaded = gp.load_terrain(path)

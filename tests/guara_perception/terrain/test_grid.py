@@ -72,12 +72,12 @@ def test_cells_are_half_open_and_found_by_their_corner(terrain: gp.TerrainGrid) 
 @pytest.mark.parametrize(
     "place", [(0.4999, 0.0), (0.8001, 0.0), (0.6, -0.1001), (0.6, 0.1001), (np.nan, 0), (1e300, 0)]
 )
-def test_outside_is_unknown_unscanned_and_not_traversable(terrain: gp.TerrainGrid, place: tuple[float, float]) -> None:
+def test_outside_is_unknown_unscanned_and_not_traversable(terrain: gp.TerrainGrid, point: tuple[float, float]) -> None:
     """Off the grid, not finite or absurdly far: NaN, UNSCANNED, False; never an error."""
-    assert np.isnan(terrain.height_at(*place))
-    assert terrain.hazard_at(*place) == Hazard.UNSCANNED
-    assert terrain.is_traversable(*place) is False
-    assert np.isnan(terrain.normal_at(*place)).all()
+    assert np.isnan(terrain.height_at(*point))
+    assert terrain.hazard_at(*point) == Hazard.UNSCANNED
+    assert terrain.is_traversable(*point) is False
+    assert np.isnan(terrain.normal_at(*point)).all()
 
 
 def test_arrays_and_numbers_are_answered_alike(terrain: gp.TerrainGrid) -> None:

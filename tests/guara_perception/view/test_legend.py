@@ -40,11 +40,9 @@ def test_hazards_stand_in_three_groups(grid: gp.TerrainGrid) -> None:
     layers = {**grid.layers, "hazard": hazard, "elevation": elevation, "traversability": traversability}
     html = legend_html(terrain_mesh(dataclasses.replace(grid, layers=layers)))
     words = ("a foot may be set here", "Known, no foot here", "<b>edge</b>", "Unknown, never safe", "<b>dropout</b>")
-    places = [
-        html.index(word) for word in (*words, "<b>out of range</b>", "<b>not drawn</b>: unknown, never looked at")
-    ]
+    ranks = [html.index(word) for word in (*words, "<b>out of range</b>", "<b>not drawn</b>: unknown, never looked at")]
     # Which of the two unknown ones comes first does not matter.
-    assert sorted(places[:4]) == places[:4] and max(places[:4]) < min(places[4:6]) < max(places[4:6]) < places[6]
+    assert sorted(ranks[:4]) == ranks[:4] and max(ranks[:4]) < min(ranks[4:6]) < max(ranks[4:6]) < ranks[6]
     assert css(HAZARD_COLOURS[gp.Hazard.DROPOUT]) in html and css(HAZARD_COLOURS[gp.Hazard.EDGE]) in html
 
 

@@ -43,10 +43,10 @@ def test_an_outline_is_closed_and_lies_over_the_ground() -> None:
 
 def test_the_way_has_a_tick_at_each_pause() -> None:
     """Two lines between three places, and one across at each."""
-    places = [np.eye(4) for _ in range(3)]
-    for number, place in enumerate(places):
-        place[0, 3] = 0.1 * number
-    lines = way(places)
+    poses = [np.eye(4) for _ in range(3)]
+    for number, pose in enumerate(poses):
+        pose[0, 3] = 0.1 * number
+    lines = way(poses)
     assert lines.shape == (5, 2, 3)
     np.testing.assert_allclose(np.linalg.norm(lines[:2, 1] - lines[:2, 0], axis=1), 0.1, rtol=1e-5)
     np.testing.assert_allclose(lines[2:, 1, 1] - lines[2:, 0, 1], 0.03, rtol=1e-5)

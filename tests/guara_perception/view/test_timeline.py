@@ -22,7 +22,7 @@ def moment(grid: gp.TerrainGrid, step: int, walk: str = "a", x: float = 0.0) -> 
 def test_the_newest_is_followed_by_who_looks_at_it(grid: gp.TerrainGrid) -> None:
     """Who went back stays where he is; who goes to the end follows again."""
     timeline = Timeline()
-    assert timeline.shown is None and timeline.is_newest and timeline.places() == []
+    assert timeline.shown is None and timeline.is_newest and timeline.poses() == []
     for step in range(3):
         timeline.add(moment(grid, step))
         assert timeline.number == step and timeline.is_newest
@@ -63,6 +63,6 @@ def test_the_way_is_that_of_one_walk_up_to_what_is_shown(grid: gp.TerrainGrid) -
     """Places of another walk are in another odom."""
     timeline = Timeline()
     timeline.replace([moment(grid, 1, "a", 5.0), *(moment(grid, step, "b", 0.1 * step) for step in range(4))])
-    assert [place[0, 3] for place in timeline.places()] == [5.0]
+    assert [pose[0, 3] for pose in timeline.poses()] == [5.0]
     timeline.go_to(3)
-    assert [place[0, 3] for place in timeline.places()] == pytest.approx([0.0, 0.1, 0.2])
+    assert [pose[0, 3] for pose in timeline.poses()] == pytest.approx([0.0, 0.1, 0.2])

@@ -43,9 +43,9 @@ def test_a_flipped_bit_is_noticed() -> None:
     data = np.arange(300, dtype=np.float32).tobytes()
     frame = compress(data)
     refused = 0
-    for place in range(8 * len(frame)):
+    for index in range(8 * len(frame)):
         damaged = bytearray(frame)
-        damaged[place // 8] ^= 1 << place % 8
+        damaged[index // 8] ^= 1 << index % 8
         try:
             assert decompress(damaged) == data
         except MessageError:

@@ -139,10 +139,10 @@ def test_the_files_lie_where_the_router_will_run(tmp_path: Path) -> None:
     """Paths in the configuration are whole: of where it was made, or of the place that was given."""
     here = make_router(tmp_path / "keys", ["rex"])
     there = make_router(tmp_path / "keys", ["rex"], name="top", place="/etc/zenohd/")
-    for made, place in ((here, str(here)), (there, "/etc/zenohd")):
+    for made, lies_in in ((here, str(here)), (there, "/etc/zenohd")):
         tls = json.loads((made / CONFIGURATION).read_text())["transport"]["link"]["tls"]
         files = {value for value in tls.values() if isinstance(value, str)}
-        assert files == {f"{place}/{name}" for name in ("ca.pem", f"{made.name}.pem", f"{made.name}.key")}
+        assert files == {f"{lies_in}/{name}" for name in ("ca.pem", f"{made.name}.pem", f"{made.name}.key")}
         assert zenoh_api.configuration_value((made / CONFIGURATION).read_text(), "mode") == "router"
     # Who comes or goes later changes its rules, though its files lie elsewhere.
     second = add(tmp_path / "keys", "second", "planner")
@@ -186,8 +186,8 @@ def test_who_is_shut_out_is_so_everywhere(tmp_path: Path) -> None:
     assert revoke(folder, "rex.planner") == tuple(folder / name for name in ("rex/node", "top", "room"))
     assert revoke(folder, "room.router") == (folder / "rex" / "node", folder / "top")
     assert (folder / "ada" / "node" / CONFIGURATION).read_bytes() == before
-    for place in ("rex/node", "top", "room"):
-        text = (folder / place / CONFIGURATION).read_text()
+    for member in ("rex/node", "top", "room"):
+        text = (folder / member / CONFIGURATION).read_text()
         assert '"rex.second"' in text and '"rex.planner"' not in text and '"room.router"' not in text
     with pytest.raises(SecurityError, match=r"room\.router was shut out"):
         renew(folder, ("room",))

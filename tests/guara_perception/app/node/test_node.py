@@ -293,7 +293,7 @@ def test_a_withdrawn_scan_is_not_replayed(
     assert not first.withdrawn and "withdrawn: " in second.withdrawn
     said = guara("replay", both, "-o", tmp_path / "grids", "--extent", "footprint")
     assert said.code == 0 and "step 1: withdrawn on the robot, left out (" in said.out
-    assert [place.name for place in (tmp_path / "grids").iterdir()] == ["0000-step0-footprint.npz"]
+    assert [path.name for path in (tmp_path / "grids").iterdir()] == ["0000-step0-footprint.npz"]
     out = tmp_path / "out"
     for words in (["process", both, "--step", "1", "-o", tmp_path / "t.npz"], ["convert", both, out, "--step", "1"]):
         refused = guara(*words)

@@ -48,8 +48,8 @@ def test_queries_ask_only_the_layers(terrain: gp.TerrainGrid, bare: LayeredGrid)
     np.testing.assert_array_equal(normal_at(bare, x, y), terrain.normal_at(x, y))
     asked, told = check_foothold(bare, x, y), terrain.check_foothold(x, y)
     assert list(asked) == list(told) and any(asked) and not all(asked)
-    assert [explain(bare, *place) for place in zip(x, y, strict=True)] == [
-        terrain.explain(*place) for place in zip(x, y, strict=True)
+    assert [explain(bare, *point) for point in zip(x, y, strict=True)] == [
+        terrain.explain(*point) for point in zip(x, y, strict=True)
     ]
     best, same = best_foothold(bare, 0.62, 0.0, 0.1), terrain.best_foothold(0.62, 0.0, 0.1)
     assert best is not None and same is not None

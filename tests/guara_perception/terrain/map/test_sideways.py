@@ -27,15 +27,15 @@ def covariance(rng: np.random.Generator) -> np.ndarray:
 def test_variance_is_that_of_all_motions_since_the_cell_was_seen(seed: int) -> None:
     """Each motion moves a cell by its shift, and turns it about where the robot then stood."""
     rng = np.random.default_rng(seed)
-    places, growths = np.cumsum(rng.normal(0, 0.1, (12, 2)), axis=0) + 30.0, [covariance(rng) for _ in range(12)]
+    positions, growths = np.cumsum(rng.normal(0, 0.1, (12, 2)), axis=0) + 30.0, [covariance(rng) for _ in range(12)]
     drift = SidewaysDrift.none()
-    for pause, (growth, place) in enumerate(zip(growths, places, strict=True)):
-        drift = drift.after(3 * pause, growth, place)
-    yaw, seen, cell = rng.uniform(-3, 3), int(rng.integers(0, 12)), places[-1] + rng.normal(0, 0.4, 2)
+    for pause, (growth, position) in enumerate(zip(growths, positions, strict=True)):
+        drift = drift.after(3 * pause, growth, position)
+    yaw, seen, cell = rng.uniform(-3, 3), int(rng.integers(0, 12)), positions[-1] + rng.normal(0, 0.4, 2)
     rotation = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
     expected = np.zeros((2, 2))
-    for growth, place in zip(growths[seen + 1 :], places[seen + 1 :], strict=True):
-        (x, y) = cell - place
+    for growth, position in zip(growths[seen + 1 :], positions[seen + 1 :], strict=True):
+        (x, y) = cell - position
         jacobian = rotation.T @ [[1, 0, -y], [0, 1, x]]
         expected += jacobian @ growth @ jacobian.T
     transform = np.eye(4)

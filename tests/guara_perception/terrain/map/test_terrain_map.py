@@ -78,20 +78,20 @@ def test_what_is_taken_back_leaves_no_trace(robot: RobotModel, make_scan: MakeSc
     """Scans fused after `keep` and taken back: the map goes on bit for bit as if they had never been."""
     rng = np.random.default_rng(seed)
     with_trace, without = gp.TerrainMap(robot), gp.TerrainMap(robot)
-    place = [at(0.05 * step, 0.01 * step, 0.03 * step) for step in range(9)]
+    poses = [at(0.05 * step, 0.01 * step, 0.03 * step) for step in range(9)]
     for step in range(9):
         scan = make_scan(rng.normal(0, 0.003, (108, 90)), step=step, flags=rng.choice([0, 1, 4], p=[0.9, 0.05, 0.05]))
         ground = [gp.KnownGround([(0, -0.1), (0.4, -0.1), (0.4, 0.1)], 0.0, 0.002)] if step % 3 == 1 else []
         if step % 3 == 1:
             # The robot moved during this one.
             with_trace.keep()
-            with_trace.update(scan, place[step], drift(0.001 * step), known_ground=ground)
+            with_trace.update(scan, poses[step], drift(0.001 * step), known_ground=ground)
             with_trace.take_back()
-            seen = with_trace.view(scan, place[step], drift(0.001 * step))
+            seen = with_trace.view(scan, poses[step], drift(0.001 * step))
             assert not np.any((seen.hazard == 0) & (seen.looks > step))
             continue
-        kept = with_trace.update(scan, place[step], drift(0.001 * step))
-        expected = without.update(scan, place[step], drift(0.001 * step))
+        kept = with_trace.update(scan, poses[step], drift(0.001 * step))
+        expected = without.update(scan, poses[step], drift(0.001 * step))
         for name, layer in expected.layers.items():
             assert layer.tobytes() == kept.layer(name).tobytes(), (step, name)
         assert kept.metadata == expected.metadata

@@ -31,12 +31,12 @@ def swing(x0: float, x1: float, y: float, top: float) -> list[list[float]]:
     return [[x0, y, 0.0], [x0 + 0.02, y, top], [x1 - 0.02, y, top], [x1, y, 0.0]]
 
 
-place = st.floats(0.02, 0.48)
+coordinate = st.floats(0.02, 0.48)
 
 
 @pytest.mark.slow
 @PROPERTY
-@given(st.integers(0, 300), place, place, place, place, st.floats(0.0, 0.03))
+@given(st.integers(0, 300), coordinate, coordinate, coordinate, coordinate, st.floats(0.0, 0.03))
 def test_a_path_that_comes_near_an_unknown_cell_is_never_accepted(
     seed: int, x0: float, y0: float, x1: float, y1: float, clearance: float
 ) -> None:
@@ -59,7 +59,7 @@ def test_a_path_that_comes_near_an_unknown_cell_is_never_accepted(
 
 @pytest.mark.slow
 @PROPERTY
-@given(st.integers(0, 300), st.lists(st.tuples(place, place), min_size=3, max_size=6))
+@given(st.integers(0, 300), st.lists(st.tuples(coordinate, coordinate), min_size=3, max_size=6))
 def test_a_polygon_that_touches_an_unknown_cell_is_never_accepted(
     seed: int, corners: list[tuple[float, float]]
 ) -> None:
@@ -179,7 +179,7 @@ def test_the_clearance_grows_along_the_way_from_the_ends() -> None:
 
 @pytest.mark.slow
 @PROPERTY
-@given(st.integers(0, 200), place, place, place, st.floats(0.0, 0.08), st.floats(0.002, 0.03))
+@given(st.integers(0, 200), coordinate, coordinate, coordinate, st.floats(0.0, 0.08), st.floats(0.002, 0.03))
 def test_accepted_paths_keep_their_distance_by_brute_force(
     seed: int, x0: float, x1: float, y: float, top: float, clearance: float
 ) -> None:

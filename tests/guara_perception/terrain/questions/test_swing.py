@@ -26,12 +26,12 @@ def ground(seed: int, unknown: float = 0.0005) -> gp.TerrainGrid:
     return gp.assess_terrain(heights, 0.005, variance=np.full(heights.shape, 0.0005**2))
 
 
-place = st.floats(0.04, 0.46)
+coordinate = st.floats(0.04, 0.46)
 
 
 @pytest.mark.slow
 @PROPERTY
-@given(st.integers(0, 300), place, place, place, place, st.floats(0.005, 0.03))
+@given(st.integers(0, 300), coordinate, coordinate, coordinate, coordinate, st.floats(0.005, 0.03))
 def test_a_swing_is_a_path_that_is_accepted(
     seed: int, x0: float, y0: float, x1: float, y1: float, clearance: float
 ) -> None:
