@@ -46,7 +46,7 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Drift:
+class MapErrors:
     """What came of a walk, in millimetres: sideways rms, the worst, height rms under hind feet, scans not used."""
 
     x: float
@@ -82,10 +82,10 @@ def main() -> None:
         ("frames", [(s, frames(robot, s, arguments.cycles, arguments.kept)) for s in range(arguments.frames)]),
     ):
         if walks:
-            compare(name, ((seed, drift_of(robot, list(looks))) for seed, looks in walks))
+            compare(name, ((seed, errors_of(robot, list(looks))) for seed, looks in walks))
 
 
-def compare(name: str, walks: Iterable[tuple[int, tuple[Drift, Drift]]]) -> None:
+def compare(name: str, walks: Iterable[tuple[int, tuple[MapErrors, MapErrors]]]) -> None:
     """Print walks without and with registration, as they come."""
     pairs = []
     print(f"{name}: drift aside over {PAUSES_BETWEEN} pauses, x and y rms; height rms under hind feet [mm]")
@@ -104,9 +104,9 @@ def compare(name: str, walks: Iterable[tuple[int, tuple[Drift, Drift]]]) -> None
     )
 
 
-def rms(walks: list[Drift]) -> Drift:
+def rms(walks: list[MapErrors]) -> MapErrors:
     """Of several walks; of the feet the mean, as each walk's is an rms already."""
-    return Drift(
+    return MapErrors(
         x=float(np.sqrt(np.mean([each.x**2 for each in walks]))),
         y=float(np.sqrt(np.mean([each.y**2 for each in walks]))),
         worst=max(each.worst for each in walks),
@@ -115,12 +115,12 @@ def rms(walks: list[Drift]) -> Drift:
     )
 
 
-def drift_of(robot: RobotModel, looks: list[Look]) -> tuple[Drift, Drift]:
+def errors_of(robot: RobotModel, looks: list[Look]) -> tuple[MapErrors, MapErrors]:
     """A walk without and with registration."""
     return _one_way(robot, looks, registered=False), _one_way(robot, looks, registered=True)
 
 
-def _one_way(robot: RobotModel, looks: list[Look], *, registered: bool) -> Drift:
+def _one_way(robot: RobotModel, looks: list[Look], *, registered: bool) -> MapErrors:
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
     poses: list[Float] = []
     errors: list[Float] = []
@@ -148,7 +148,7 @@ def _one_way(robot: RobotModel, looks: list[Look], *, registered: bool) -> Drift
     sideways = 1e3 * np.array(aside)
     x, y = np.sqrt(np.mean(sideways**2, axis=0))
     heights = 1e3 * np.concatenate(errors)
-    return Drift(float(x), float(y), float(np.abs(sideways).max()), float(np.sqrt(np.mean(heights**2))), refused)
+    return MapErrors(float(x), float(y), float(np.abs(sideways).max()), float(np.sqrt(np.mean(heights**2))), refused)
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from drivers.emulator import (
 )
 
 FPS = 30.0
-PATTERN = [(index, -0.146 + 0.473 * index / 69) for index in range(70)]
+FIRING_ORDER = [(index, -0.146 + 0.473 * index / 69) for index in range(70)]
 SCANS, KILLS, EXCEPTIONS = 5, 5, 20
 
 
@@ -74,9 +74,9 @@ def scans() -> None:
             frames = {OffFrames.ONE: 71, OffFrames.NONE: 70, OffFrames.PER_STRIPE: 140}[off]
             durations, processor, skipped, proved = [], [], 0, True
             for _ in range(SCANS):
-                prepare(board, PATTERN)
+                prepare(board, FIRING_ORDER)
                 begun, used = time.monotonic(), processor_seconds()
-                with acquire(board, camera, PATTERN, AcquireOptions(off=off)) as stripes:
+                with acquire(board, camera, FIRING_ORDER, AcquireOptions(off=off)) as stripes:
                     for _ in stripes:
                         pass
                     durations.append(time.monotonic() - begun)
@@ -145,11 +145,11 @@ def exceptions(address: str) -> None:
     times = []
     with LaserBoard(backend=remote_backend(address)) as board:
         with EmulatedCamera(far, render, fps=FPS) as camera:  # type: ignore[arg-type]
-            prepare(board, PATTERN)
+            prepare(board, FIRING_ORDER)
             for turn in range(EXCEPTIONS):
                 raised = 0.0
                 try:
-                    with acquire(board, camera, PATTERN, AcquireOptions(off=OffFrames.ONE)) as stripes:
+                    with acquire(board, camera, FIRING_ORDER, AcquireOptions(off=OffFrames.ONE)) as stripes:
                         for stripe in stripes:
                             if stripe.index == 2 + turn % 5:
                                 time.sleep(0.0016 * turn)

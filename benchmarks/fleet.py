@@ -185,7 +185,7 @@ def storm(fleet: Fleet) -> dict[str, Any]:
         time.sleep(0.2)
         for report in fleet.reports():
             came |= report["newest"]
-    after = [moment - ready for moment in came.values()]
+    after = [arrival - ready for arrival in came.values()]
     return {
         "robots": len(fleet.names),
         "came": len(came),

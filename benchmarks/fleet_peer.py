@@ -78,14 +78,14 @@ class Robots:
         due = [(start + chance.random() * period, server) for server in self._servers]
         count = 0
         while due:
-            moment, server = min(due, key=lambda entry: entry[0])
-            due.remove((moment, server))
-            if moment > start + seconds:
+            due_at, server = min(due, key=lambda entry: entry[0])
+            due.remove((due_at, server))
+            if due_at > start + seconds:
                 continue
-            time.sleep(max(0.0, moment - time.monotonic()))
+            time.sleep(max(0.0, due_at - time.monotonic()))
             self.publish(server)
             count += 1
-            due.append((moment + period, server))
+            due.append((due_at + period, server))
         for server in self._servers:
             server.flush(PATIENCE)
         return count

@@ -20,7 +20,7 @@ from benchmarks.scanned_walk import ScannedPause, map_geometry, scanned_walk
 from benchmarks.true_ground import TrueGround
 from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
-from guara_perception.simulation.planner import plan_foothold, plan_step
+from guara_perception.simulation.planner import plan_foothold, plan_swing
 from guara_perception.terrain.assessment.edges import half_cells
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.questions.best_foothold import Foothold
@@ -146,10 +146,10 @@ def swings(
         found = plan_foothold(grid, reach, wish, robot=robot) if name != "truth" else _bright(grid, dark, wish)
         counts[f"place: {name}"] += found is not None
         counts[f"place: {name}, {kind}"] += found is not None
-    step = plan_step(fused, leg, wish, robot=robot)
-    counts["place: map with reach and a swing"] += step is not None
-    if step is not None:
-        truly = oracle.check_path(on_true_ground(step.swing.points, oracle), step.clearance)
+    planned = plan_swing(fused, leg, wish, robot=robot)
+    counts["place: map with reach and a swing"] += planned is not None
+    if planned is not None:
+        truly = oracle.check_path(on_true_ground(planned.swing.points, oracle), planned.clearance)
         counts["planned swings"] += 1
         counts["planned swings, truth lacks over 1 mm"] += lack(truly) > REFUSED_BY_M
     if found is None:

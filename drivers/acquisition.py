@@ -16,9 +16,9 @@ from drivers.board import LaserBoard
 from drivers.camera import Camera
 from drivers.capture import ScanReport, StripeCapture, StripeEvidence, StripeVerdict
 from drivers.errors import AcquisitionNotEntered, DriverError
+from drivers.firing_order import PlannedStripe, RowRangeOf, check_firing_order
 from drivers.frame import Frame
 from drivers.options import AcquireOptions
-from drivers.pattern import PatternStripe, RowRangeOf, check_pattern
 from drivers.proof import StepProof
 from drivers.raw_stripe import RawStripe
 from drivers.scan_report import write_report
@@ -35,7 +35,7 @@ JOIN = 2.0
 def acquire(
     board: LaserBoard,
     camera: Camera,
-    pattern: Iterable[tuple[int, float]],
+    firing_order: Iterable[tuple[int, float]],
     options: AcquireOptions | None = None,
     *,
     band: RowRangeOf | None = None,
@@ -44,7 +44,7 @@ def acquire(
     """A scan to be taken in a `with` block, whose stripes are iterated.
 
     ```python
-    with acquire(board, camera, pattern, should_stop=pause_is_over) as stripes:
+    with acquire(board, camera, firing_order, should_stop=pause_is_over) as stripes:
         for stripe in stripes:
             processor.add(stripe.index, stripe.on, stripe.off)
     report = stripes.report
@@ -57,18 +57,18 @@ def acquire(
     Args:
         board: an open board.
         camera: an open camera.
-        pattern: pairs (index, mirror angle [rad]) in the order to be taken.
+        firing_order: pairs (index, mirror angle [rad]) in the order to be taken.
         options: None for the defaults (one off frame).
         band: gives the rows (first, end) in which the stripe of an index can be; None: anywhere.
         should_stop: asked often, from the scan's own thread; True ends the scan early.
 
     Raises:
-        BadPattern: the pattern is empty, repeats an index, or holds an angle that is not finite.
+        BadFiringOrder: the order is empty, repeats an index, or holds an angle that is not finite.
     """
-    return StripeStream(board, camera, check_pattern(pattern), options or AcquireOptions(), band, should_stop)
+    return StripeStream(board, camera, check_firing_order(firing_order), options or AcquireOptions(), band, should_stop)
 
 
-def prepare(board: LaserBoard, pattern: Iterable[tuple[int, float]]) -> int:
+def prepare(board: LaserBoard, firing_order: Iterable[tuple[int, float]]) -> int:
     """Between scans: count the steps lost since the last time, and turn the mirror to the first stripe.
 
     Returns:
@@ -77,7 +77,7 @@ def prepare(board: LaserBoard, pattern: Iterable[tuple[int, float]]) -> int:
     Raises:
         BoardError: the board cannot be reached, or found no home.
     """
-    first = check_pattern(pattern)[0]
+    first = check_firing_order(firing_order)[0]
     board.ensure_ready()
     lost = board.home()
     board.clear_faults()
@@ -92,16 +92,16 @@ class StripeStream:
         self,
         board: LaserBoard,
         camera: Camera,
-        pattern: tuple[PatternStripe, ...],
+        firing_order: tuple[PlannedStripe, ...],
         options: AcquireOptions,
         band: RowRangeOf | None,
         should_stop: Callable[[], bool] | None,
     ) -> None:
         """Prepare; see `acquire`."""
         self._board, self._band = board, band
-        self._pattern = pattern
+        self._firing_order = firing_order
         kind = ScanWorker if options.sweep is None else SweepWorker
-        self._worker: ScanWorker | SweepWorker = kind(board, camera, self._pattern, options, should_stop)
+        self._worker: ScanWorker | SweepWorker = kind(board, camera, self._firing_order, options, should_stop)
         self._proof = StepProof(options.limits)
         self._verdicts: list[tuple[int, StripeVerdict]] = []
         self._on_before: Image | None = None
@@ -112,10 +112,10 @@ class StripeStream:
         """Make the board ready (home, clear faults) and begin.
 
         Raises:
-            MirrorOutOfRange: an angle of the pattern is outside the board's travel.
+            MirrorOutOfRange: an angle is outside the board's travel.
             BoardError: the board cannot work.
         """
-        for stripe in self._pattern:
+        for stripe in self._firing_order:
             self._board.step_at(stripe.mirror_angle)
         self._board.ensure_ready()
         self._entered = True
@@ -162,7 +162,7 @@ class StripeStream:
     @property
     def report(self) -> ScanReport:
         """What the scan amounted to, so far or at its end."""
-        return write_report(self._pattern, self._worker, tuple(self._verdicts))
+        return write_report(self._firing_order, self._worker, tuple(self._verdicts))
 
     def _await_group(self) -> bool:
         """Wait for stripes when none are waiting; False at the end of the scan."""

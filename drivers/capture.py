@@ -96,7 +96,7 @@ class ScanReport:
     """What a scan amounted to, so far or at its end.
 
     Attributes:
-        planned: indices of the pattern, in order.
+        planned: indices of the firing_order, in order.
         fired: indices for which the laser was on, in order (their frames may have been lost).
         verdicts: (index, verdict) of each stripe handed out, in order.
         stopped_early: whether `should_stop` ended it.

@@ -128,7 +128,7 @@ class AcquisitionError(DriverError):
     """A scan could not be taken, or could not be taken in step."""
 
 
-class BadPattern(AcquisitionError, ValueError):
+class BadFiringOrder(AcquisitionError, ValueError):
     """The list of stripes is empty, repeats an index or holds an angle that is not finite."""
 
 

@@ -57,7 +57,7 @@ def meter_exposure(
     Args:
         board: an open board, ready for a scan.
         camera: an open camera.
-        mirror_angle: where to look [rad]; the middle of the pattern is a good choice.
+        mirror_angle: where to look [rad]; the middle of the sweep is a good choice.
         exposure: to begin with [s]; None leaves the camera's exposure alone and only measures.
         limits: shortest and longest exposure allowed [s].
         levels: wanted brightness of the ridge, 0 ... 1.
@@ -134,8 +134,8 @@ def _measure(board: LaserBoard, camera: Camera, grabber: FrameGrabber) -> _Level
 def levels_of(on: Image, off: Image) -> _Levels:
     """The brightness of ridge and background, and the share of clipped columns."""
     full = float(np.iinfo(on.dtype).max)
-    step = max(1, on.shape[1] // SAMPLES)
-    bright, dark = (_strongest(image[:, ::step]) / full for image in (on, off))
+    stride = max(1, on.shape[1] // SAMPLES)
+    bright, dark = (_strongest(image[:, ::stride]) / full for image in (on, off))
     difference = bright - dark
     rows = difference.argmax(axis=0)[None, :]
     rise = np.take_along_axis(difference, rows, axis=0)[0]

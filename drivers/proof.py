@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.arrays import Array, Float, Image, Mask
 from drivers.capture import StripeEvidence, StripeVerdict
-from drivers.pattern import RowRange
+from drivers.firing_order import RowRange
 
 # Sampled columns: the median row of 80 columns is good to a fraction of a pixel, in 0.2 ms.
 COLUMNS = 80
@@ -129,7 +129,7 @@ class StepProof:
         peaks = difference.max(axis=0) - level.offset
         lit = peaks > level.threshold
         leaks = np.count_nonzero(level.offset - difference.min(axis=0) > level.threshold) if reference_is_off else 0
-        at = (first + difference.argmax(axis=0)) * float(self._grid.row_step)
+        at = (first + difference.argmax(axis=0)) * float(self._grid.row_stride)
         seen = _Seen(mirror_angle, at, lit)
         count = int(np.count_nonzero(lit))
         return seen, StripeEvidence(
@@ -205,33 +205,35 @@ class _Seen:
 
 @dataclass(frozen=True, slots=True)
 class _SampleGrid:
-    """The pixels of a frame that are looked at: every row_step-th row, every column_step-th column."""
+    """The pixels of a frame that are looked at: every row_stride-th row, every column_stride-th column."""
 
-    row_step: int
-    column_step: int
+    row_stride: int
+    column_stride: int
 
     @classmethod
     def of(cls, image: Image) -> _SampleGrid:
-        """The grid for frames of this size; steps of whole fours can be read quickly."""
-        column_step = max(1, image.shape[1] // COLUMNS)
-        return cls(max(1, image.shape[0] // ROWS), column_step - column_step % 4 if column_step > 4 else column_step)
+        """The grid for frames of this size; strides of whole fours can be read quickly."""
+        column_stride = max(1, image.shape[1] // COLUMNS)
+        return cls(
+            max(1, image.shape[0] // ROWS), column_stride - column_stride % 4 if column_stride > 4 else column_stride
+        )
 
     @property
     def coarser(self) -> _SampleGrid:
         """The grid of one in 128 of the pixels."""
-        return _SampleGrid(EVERY[0] * self.row_step, EVERY[1] * self.column_step)
+        return _SampleGrid(EVERY[0] * self.row_stride, EVERY[1] * self.column_stride)
 
     def sampled(self, band: RowRange) -> tuple[int, int]:
         """The first sampled row in a band of image rows, and the one after its last."""
-        return -(-max(band[0], 0) // self.row_step), -(-max(band[1], 0) // self.row_step)
+        return -(-max(band[0], 0) // self.row_stride), -(-max(band[1], 0) // self.row_stride)
 
     def light(self, image: Image, rows: tuple[int, int] | None = None) -> Array:
         """The channels' sum (rows, columns) on sampled columns and rows (first, end), all for None.
 
         The sum sees a laser of any colour, and keeps the sign of a difference, which the strongest channel would not.
         """
-        first, end = (0, None) if rows is None else (rows[0] * self.row_step, rows[1] * self.row_step)
-        pixels = self._pixels(image, slice(first, end, self.row_step))
+        first, end = (0, None) if rows is None else (rows[0] * self.row_stride, rows[1] * self.row_stride)
+        pixels = self._pixels(image, slice(first, end, self.row_stride))
         kind = np.int16 if image.dtype.itemsize == 1 else np.int32
         if image.ndim == 2:
             return pixels.astype(kind)
@@ -246,11 +248,11 @@ class _SampleGrid:
 
         Those four are read as one number: the frame comes from memory, and each pass over it costs as much again.
         """
-        step = self.column_step
+        stride = self.column_stride
         is_colour = image.ndim == 3 and image.shape[2] == 3 and image.dtype.itemsize == 1
-        if not (is_colour and image.flags.c_contiguous and image.shape[1] % 4 == 0 and step % 4 == 0):
-            return image[rows, ::step]
-        words = image.reshape(image.shape[0], -1).view(np.uint32)[rows, :: step * 3 // 4]
+        if not (is_colour and image.flags.c_contiguous and image.shape[1] % 4 == 0 and stride % 4 == 0):
+            return image[rows, ::stride]
+        words = image.reshape(image.shape[0], -1).view(np.uint32)[rows, :: stride * 3 // 4]
         return words.copy().view(np.uint8).reshape(*words.shape, 4)
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from drivers.firing_order import PlannedStripe
 from drivers.frame import Frame
-from drivers.pattern import PatternStripe
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,7 @@ class RawStripe:
         off: frame with the laser off; None when there is none.
     """
 
-    stripe: PatternStripe
+    stripe: PlannedStripe
     reached: float
     on: Frame | None
     off: Frame | None

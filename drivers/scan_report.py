@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from drivers.capture import ScanReport, StripeVerdict
-from drivers.pattern import PatternStripe
+from drivers.firing_order import PlannedStripe
 from drivers.scan_worker import ScanWorker
 from drivers.sweep_worker import SweepWorker
 
@@ -21,20 +21,20 @@ WORDS = {
 
 
 def write_report(
-    pattern: tuple[PatternStripe, ...],
+    firing_order: tuple[PlannedStripe, ...],
     worker: ScanWorker | SweepWorker,
     verdicts: tuple[tuple[int, StripeVerdict], ...],
 ) -> ScanReport:
     """The report.
 
     Args:
-        pattern: what was planned.
+        firing_order: what was planned.
         worker: the scan's thread, alive or not.
         verdicts: (index, verdict) of each stripe handed out, in order.
     """
     grabber = worker.grabber
     return ScanReport(
-        planned=tuple(stripe.index for stripe in pattern),
+        planned=tuple(stripe.index for stripe in firing_order),
         fired=tuple(worker.fired),
         verdicts=verdicts,
         stopped_early=worker.stopped_early,

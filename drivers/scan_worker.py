@@ -9,10 +9,10 @@ from drivers import timing
 from drivers.board import LaserBoard
 from drivers.camera import Camera
 from drivers.errors import CameraTimeout
+from drivers.firing_order import PlannedStripe
 from drivers.frame import Frame
 from drivers.frame_grabber import FrameGrabber
 from drivers.options import AcquireOptions, OffFrames
-from drivers.pattern import PatternStripe
 from drivers.raw_stripe import RawStripe
 from drivers.stripe_worker import StripeWorker
 
@@ -31,13 +31,13 @@ class ScanWorker(StripeWorker):
         self,
         board: LaserBoard,
         camera: Camera,
-        pattern: tuple[PatternStripe, ...],
+        firing_order: tuple[PlannedStripe, ...],
         options: AcquireOptions,
         should_stop: Callable[[], bool] | None,
     ) -> None:
         """Prepare; `start` begins."""
         groups = -(-options.queue_size // options.together)
-        super().__init__("scan", board, camera, pattern, options, should_stop, groups)
+        super().__init__("scan", board, camera, firing_order, options, should_stop, groups)
         self._lost_in_row = 0
         self._group: list[RawStripe] = []
         self._steps: list[int] = []
@@ -46,7 +46,7 @@ class ScanWorker(StripeWorker):
     def _take(self) -> None:
         self.grabber.restart()
         # All at once, not one between frames: after a sleep each costs many times as much.
-        self._steps = [self._board.step_at(stripe.mirror_angle) for stripe in self._pattern]
+        self._steps = [self._board.step_at(stripe.mirror_angle) for stripe in self._firing_order]
         if self._options.off is OffFrames.PER_STRIPE:
             self._take_pairs()
         else:
@@ -59,7 +59,7 @@ class ScanWorker(StripeWorker):
 
     def _take_pairs(self) -> None:
         reached = self._board.go_to_step(self._steps[0], wait=False)
-        for number, stripe in enumerate(self._pattern):
+        for number, stripe in enumerate(self._firing_order):
             self._board.wait_until_still()
             self._check()
             self.switch.on()
@@ -76,7 +76,7 @@ class ScanWorker(StripeWorker):
         self.switch.off()
         reached = self._board.go_to_step(self._steps[0], wait=False)
         off = self._off_frame(timing.monotonic()) if self._options.off is OffFrames.ONE else None
-        for number, stripe in enumerate(self._pattern):
+        for number, stripe in enumerate(self._firing_order):
             # A camera that runs freely, with the laser on anyway, takes its next frame meanwhile: one wait instead of
             # two, and the board says afterwards whether the mirror was still. One that waits to be asked must not be
             # asked before it is.
@@ -87,12 +87,12 @@ class ScanWorker(StripeWorker):
             self.fired.append(stripe.index)
             on = self._frame(self._lit_and_still if ahead else None)
             here, reached = reached, self._move_on(number, reached)
-            if number + 1 == len(self._pattern):
+            if number + 1 == len(self._firing_order):
                 self.switch.off()
             self._collect(number, RawStripe(stripe, here, on, off))
 
     def _move_on(self, number: int, reached: float) -> float:
-        if number + 1 < len(self._pattern):
+        if number + 1 < len(self._firing_order):
             return self._board.go_to_step(self._steps[number + 1], wait=False)
         return reached
 
@@ -122,7 +122,7 @@ class ScanWorker(StripeWorker):
     def _collect(self, number: int, stripe: RawStripe) -> None:
         """Hand a group over when it is full, or too large for what is still to come."""
         self._group.append(stripe)
-        left = len(self._pattern) - 1 - number
+        left = len(self._firing_order) - 1 - number
         if len(self._group) < min(self._options.together, 2 * left - 2):
             return
         must_wait = self.items.full()

@@ -11,9 +11,9 @@ from collections.abc import Callable
 from drivers import timing
 from drivers.board import LaserBoard
 from drivers.camera import Camera
+from drivers.firing_order import PlannedStripe
 from drivers.laser_switch import LaserSwitch, ScanStopped
 from drivers.options import AcquireOptions
-from drivers.pattern import PatternStripe
 from drivers.raw_stripe import RawStripe
 
 logger = logging.getLogger(__name__)
@@ -38,7 +38,7 @@ class StripeWorker(threading.Thread, ABC):
         name: str,
         board: LaserBoard,
         camera: Camera,
-        pattern: tuple[PatternStripe, ...],
+        firing_order: tuple[PlannedStripe, ...],
         options: AcquireOptions,
         should_stop: Callable[[], bool] | None,
         groups: int,
@@ -47,11 +47,11 @@ class StripeWorker(threading.Thread, ABC):
 
         Args:
             name: of the thread.
-            board, camera, pattern, options, should_stop: as in `drivers.acquire`.
+            board, camera, firing_order, options, should_stop: as in `drivers.acquire`.
             groups: that may wait for the caller; 0 for any number.
         """
         super().__init__(name=name, daemon=True)
-        self._board, self._camera, self._pattern, self._options = board, camera, pattern, options
+        self._board, self._camera, self._firing_order, self._options = board, camera, firing_order, options
         self._should_stop = should_stop
         self._cancelled = threading.Event()
         self.switch = LaserSwitch(board)
@@ -74,7 +74,7 @@ class StripeWorker(threading.Thread, ABC):
         try:
             self._take()
         except ScanStopped:
-            logger.info("scan stopped after %d of %d stripes", len(self.fired), len(self._pattern))
+            logger.info("scan stopped after %d of %d stripes", len(self.fired), len(self._firing_order))
         except Exception as error:
             self.failure = error
         finally:

@@ -15,9 +15,9 @@ from drivers.board import LaserBoard
 from drivers.board_sweep import BoardSweep
 from drivers.camera import Camera
 from drivers.errors import CameraNotTriggered, CameraTimeout, LaserRefused
+from drivers.firing_order import PlannedStripe
 from drivers.frame import Frame
 from drivers.options import AcquireOptions, OffFrames
-from drivers.pattern import PatternStripe
 from drivers.protocol import SWEEP_STRIPES, WAIT_UNIT_US, WAIT_UNITS, BoardFault, BoardFlag, Shot, describe_faults
 from drivers.raw_stripe import RawStripe
 from drivers.stripe_worker import StripeWorker
@@ -49,7 +49,7 @@ class FrameCounts:
 class Sweep:
     """One sweep under way: its stripes by place, its records, its frames."""
 
-    stripes: Sequence[PatternStripe]
+    stripes: Sequence[PlannedStripe]
     motion: int
     first: int = 0
     records: list[StripeRecord] = field(default_factory=list)
@@ -71,13 +71,13 @@ class SweepWorker(StripeWorker):
         self,
         board: LaserBoard,
         camera: Camera,
-        pattern: tuple[PatternStripe, ...],
+        firing_order: tuple[PlannedStripe, ...],
         options: AcquireOptions,
         should_stop: Callable[[], bool] | None,
     ) -> None:
         """Prepare; `start` begins."""
-        # A sweep waits for nobody, so the queue has no bound but the pattern.
-        super().__init__("sweep", board, camera, pattern, options, should_stop, 0)
+        # A sweep waits for nobody, so the queue has no bound but the number of stripes.
+        super().__init__("sweep", board, camera, firing_order, options, should_stop, 0)
         self._sweep_options = options.sweep or SweepOptions()
         self._match = ClockMatch(self._sweep_options.tolerance)
         self._counted = False
@@ -101,7 +101,7 @@ class SweepWorker(StripeWorker):
         self._camera.flush()
         self._period = max(self._sweep_options.period, self._camera.trigger_period)
         sweeps.prepare(self._sweep_options.flash, self._period, self._options.off)
-        missing: Sequence[PatternStripe] = self._pattern
+        missing: Sequence[PlannedStripe] = self._firing_order
         for attempt in range(1 + self._sweep_options.repeats):
             if attempt:
                 logger.warning("%d stripes were not proved and are taken again", len(missing))
@@ -117,7 +117,7 @@ class SweepWorker(StripeWorker):
             angle = self._board.identity.angle_of(self._board.step_at(stripe.mirror_angle))
             self.items.put((RawStripe(stripe, angle, None, None),))
 
-    def _take_sweep(self, sweeps: BoardSweep, stripes: Sequence[PatternStripe], first: int) -> list[PatternStripe]:
+    def _take_sweep(self, sweeps: BoardSweep, stripes: Sequence[PlannedStripe], first: int) -> list[PlannedStripe]:
         """Take one sweep, hand over what is proved, return the stripes that are not."""
         steps = [self._board.step_at(stripe.mirror_angle) for stripe in stripes]
         begun = sweeps.begin(steps, self._waits(steps), first)

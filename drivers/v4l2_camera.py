@@ -196,10 +196,10 @@ class V4l2Camera(Camera):
 
     def _grey(self, data: bytes) -> Image:
         width, height = self._format.width, self._format.height
-        step = 2 if self._format.pixel_format.name == "YUYV" else 1
-        line = self._format.bytes_per_line or step * width
+        pixel_bytes = 2 if self._format.pixel_format.name == "YUYV" else 1
+        line = self._format.bytes_per_line or pixel_bytes * width
         rows = np.frombuffer(data, np.uint8, count=line * height).reshape(height, line)
-        image: Image = rows[:, : step * width : step].copy()
+        image: Image = rows[:, : pixel_bytes * width : pixel_bytes].copy()
         image.setflags(write=False)
         return image
 

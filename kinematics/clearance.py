@@ -115,27 +115,27 @@ def _shape_points(shape: Shape) -> Float:
         points = _box_points(np.asarray(shape.size) / 2.0)
     elif shape.kind == "cylinder":
         radius, length = shape.size
-        points = np.concatenate([_circle(radius, height) for height in _steps(length / 2.0)])
+        points = np.concatenate([_circle(radius, height) for height in _spaced(length / 2.0)])
     else:
         (radius,) = shape.size
-        latitudes = _steps(np.pi / 2.0, SPACING / radius)
+        latitudes = _spaced(np.pi / 2.0, SPACING / radius)
         points = np.concatenate([_circle(radius * np.cos(a), radius * np.sin(a)) for a in latitudes])
     return transform_points(shape.transform_shape_to_link, points)
 
 
-def _steps(half: float, spacing: float = SPACING) -> Float:
+def _spaced(half: float, spacing: float = SPACING) -> Float:
     """Evenly spaced numbers from -half to half, both included, no further apart than the spacing."""
     return np.linspace(-half, half, max(2, int(np.ceil(2.0 * half / spacing)) + 1))
 
 
 def _circle(radius: float, height: float) -> Float:
-    angles = _steps(np.pi, SPACING / max(radius, SPACING))
+    angles = _spaced(np.pi, SPACING / max(radius, SPACING))
     return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(len(angles), height)])
 
 
 def _box_points(half: Float) -> Float:
     """Points (n, 3) all over the surface of a box of half extents (3,), corners included."""
-    axes = [_steps(h) if h > 0.0 else np.zeros(1) for h in half]
+    axes = [_spaced(h) if h > 0.0 else np.zeros(1) for h in half]
     points = np.array(list(product(*axes)))
     on_surface = np.any(np.abs(points) >= half - 1e-12, axis=1)
     return points[on_surface]

@@ -207,13 +207,13 @@ def _hip(tree: KinematicTree, leg: LegConfig) -> Float:
 
 def _lengths(tree: KinematicTree, leg: LegConfig) -> Float:
     """Distances between the origins of successive joints of a leg and its sole [m]."""
-    lengths, step = [], np.eye(4)
+    lengths, transform = [], np.eye(4)
     for joint in tree.urdf.path_to(leg.sole):
-        step = step @ joint.transform_child_to_parent
+        transform = transform @ joint.transform_child_to_parent
         if joint.kind != "fixed":
-            lengths.append(float(np.linalg.norm(step[:3, 3])))
-            step = np.eye(4)
-    return np.array([*lengths[1:], float(np.linalg.norm(step[:3, 3]))])
+            lengths.append(float(np.linalg.norm(transform[:3, 3])))
+            transform = np.eye(4)
+    return np.array([*lengths[1:], float(np.linalg.norm(transform[:3, 3]))])
 
 
 def _check_posture(tree: KinematicTree, config: PostureConfig, posture: Posture, findings: Findings) -> None:

@@ -84,9 +84,9 @@ def _check_tree(urdf: Urdf, root: str | None, findings: Findings) -> None:
         return
     parents = {joint.child: joint.parent for joint in urdf.joints}
     for link in urdf.links:
-        name, steps = link.name, 0
-        while name in parents and steps <= len(urdf.links):
-            name, steps = parents[name], steps + 1
+        name, links_passed = link.name, 0
+        while name in parents and links_passed <= len(urdf.links):
+            name, links_passed = parents[name], links_passed + 1
         if name != roots[0]:
             findings.wrong(f"link {link.name!r} hangs in a circle of joints, not on {roots[0]!r}", link.line)
 

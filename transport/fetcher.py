@@ -78,8 +78,8 @@ class Fetcher:
     def take(self, source: str, number: int, payload: bytes) -> None:
         """Hand over a message that came by itself, unless a later one of its publisher came before."""
         with self._changed:
-            announced, moment = self._heard.get(source, (-1, 0.0))
-            self._patience.learn(time.monotonic() - moment if announced == number else 0.0)
+            announced, heard_at = self._heard.get(source, (-1, 0.0))
+            self._patience.learn(time.monotonic() - heard_at if announced == number else 0.0)
         self._hand_over(source, number, payload)
 
     def _hand_over(self, source: str, number: int, payload: bytes) -> None:
@@ -137,8 +137,8 @@ class Fetcher:
     def _left(self) -> float:
         """[s] until what is wanted counts as lost."""
         wanted = self._wanted()
-        _, moment = (0, 0.0) if wanted is None else self._heard.get(wanted[0], (0, 0.0))
-        return max(0.0, moment + self._patience.grace - time.monotonic())
+        _, heard_at = (0, 0.0) if wanted is None else self._heard.get(wanted[0], (0, 0.0))
+        return max(0.0, heard_at + self._patience.grace - time.monotonic())
 
     def _run(self) -> None:
         try:

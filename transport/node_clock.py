@@ -92,7 +92,7 @@ class NodeClock(Resource):
         """Wait until the node was asked at least once since it came, `timeout` [s] at most."""
         self._tried.wait(max(0.0, timeout))
 
-    def age(self, run: str, moment: float) -> float | None:
+    def age(self, run: str, reading: float) -> float | None:
         """[s] since a moment of the clock of a run of the node, what is not known of it counted as age; None: unknown.
 
         The node read its clock after it was asked; that moment counts as the one of asking, so that no age is too
@@ -100,7 +100,7 @@ class NodeClock(Resource):
         """
         with self._lock:
             bound = self._bounds.get(run)
-        return None if bound is None else max(0.0, clock.now() - bound.asked + bound.clock - moment)
+        return None if bound is None else max(0.0, clock.now() - bound.asked + bound.clock - reading)
 
     def ask(self, timeout: float = ANSWER_TIMEOUT) -> bool:
         """Ask now, in this thread; whether an answer came.
@@ -125,10 +125,10 @@ class NodeClock(Resource):
         item = status.item(STATUS_NAME)
         values = {} if item is None else item.values
         try:
-            run, moment = values["run"], float(values["clock_s"])
+            run, reading = values["run"], float(values["clock_s"])
         except (KeyError, ValueError):
             return
-        bound = _Bound(moment, asked, answered)
+        bound = _Bound(reading, asked, answered)
         with self._lock:
             self._status = status
             before = self._bounds.pop(run, None)

@@ -51,7 +51,7 @@ def _mix(data: bytes, offset: int, secret: int) -> int:
 def _middle(data: bytes) -> tuple[int, int]:
     """Low and high half for 129 to 240 bytes."""
 
-    def step(low: int, high: int, first: int, second: int, secret: int) -> tuple[int, int]:
+    def mix(low: int, high: int, first: int, second: int, secret: int) -> tuple[int, int]:
         low = (low + _mix(data, first, secret)) & MASK
         low ^= (_word(data, second) + _word(data, second + 8)) & MASK
         high = (high + _mix(data, second, secret + 16)) & MASK
@@ -61,12 +61,12 @@ def _middle(data: bytes) -> tuple[int, int]:
     length = len(data)
     low, high = length * PRIME64[0] & MASK, 0
     for i in range(4):
-        low, high = step(low, high, 32 * i, 32 * i + 16, 32 * i)
+        low, high = mix(low, high, 32 * i, 32 * i + 16, 32 * i)
     low, high = _avalanche(low), _avalanche(high)
     for i in range(4, length // 32):
-        low, high = step(low, high, 32 * i, 32 * i + 16, 3 + 32 * (i - 4))
+        low, high = mix(low, high, 32 * i, 32 * i + 16, 3 + 32 * (i - 4))
     # The tail is read from the end, second half first, with the secret taken near its 136th byte.
-    low, high = step(low, high, length - 16, length - 32, 136 - 17 - 16)
+    low, high = mix(low, high, length - 16, length - 32, 136 - 17 - 16)
     mixed = (low * PRIME64[0] + high * PRIME64[3] + length * PRIME64[1]) & MASK
     return _avalanche((low + high) & MASK), -_avalanche(mixed) & MASK
 

@@ -110,15 +110,15 @@ class EmulatedBoard:
         """What the board was like at a time [s] of its clock; None for now."""
         with self._lock:
             now = self._advance()
-            moment = now if at is None else at
+            instant = now if at is None else at
             return BoardView(
-                time=moment,
+                time=instant,
                 plugged=self._plugged,
-                laser_on=self._light.laser.at(moment),
+                laser_on=self._light.laser.at(instant),
                 laser_since=self._light.laser.since,
-                mirror_angle=self._mirror.true_angle(moment),
-                mirror_angle_commanded=self._mirror.believed_angle(moment),
-                moving=self._mirror.moving(moment),
+                mirror_angle=self._mirror.true_angle(instant),
+                mirror_angle_commanded=self._mirror.believed_angle(instant),
+                moving=self._mirror.moving(instant),
                 faults=int(self._faults()),
             )
 
@@ -179,25 +179,25 @@ class EmulatedBoard:
 
     def _run_sweep(self, now: float) -> None:
         while self._sweep.running:
-            moment = min(self._sweep.due, self._light.silent_at)
-            if moment > now:
+            instant = min(self._sweep.due, self._light.silent_at)
+            if instant > now:
                 break
-            self._light.advance(moment)
-            if self._light.silent_at <= moment:
-                self._light.cut(BoardFault.WATCHDOG, moment)
+            self._light.advance(instant)
+            if self._light.silent_at <= instant:
+                self._light.cut(BoardFault.WATCHDOG, instant)
             if self._light.may_shine:
                 self._sweep.act()
             else:
-                self._sweep.end(moment)
+                self._sweep.end(instant)
         ended, self._sweep.ended_at = self._sweep.ended_at, None
         if ended is not None and not self._mirror.moving(ended):
             self._report(ended)
 
-    def _report(self, moment: float) -> None:
-        self._light.advance(moment)
-        self._mirror.advance(moment)
+    def _report(self, instant: float) -> None:
+        self._light.advance(instant)
+        self._mirror.advance(instant)
         self._faults_reported = self._faults()
-        self._reports.append(self._status(Result.OK, 0, moment))
+        self._reports.append(self._status(Result.OK, 0, instant))
 
     def _faults(self) -> BoardFault:
         mirror, light = self._mirror.faults, self._light.faults
@@ -276,18 +276,18 @@ class EmulatedBoard:
         flags |= int(BoardFlag.COUNTS_EXPOSURES) if self.shutter.wired else 0
         return flags | (int(BoardFlag.SWEEPING | BoardFlag.MOVING) if self._sweep.running else 0)
 
-    def _status(self, result: Result, request: int, moment: float) -> bytes:
+    def _status(self, result: Result, request: int, instant: float) -> bytes:
         session = int(BoardFlag.SESSION) if self._session else 0
         return pack_status(
             result,
             request,
             self._sequence,
-            session | self._light.flags() | self._mirror.flags(moment) | self._sweep_flags(),
+            session | self._light.flags() | self._mirror.flags(instant) | self._sweep_flags(),
             self._faults(),
-            self._mirror.step(moment),
+            self._mirror.step(instant),
             self._mirror.motions,
             self._light.temperature(),
             self._mirror.home_error,
-            self._light.time_on(moment),
-            moment - self._power_up,
+            self._light.time_on(instant),
+            instant - self._power_up,
         )

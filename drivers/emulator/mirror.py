@@ -139,34 +139,34 @@ class MirrorUnit:
             self._target = None
         self._homing = False
 
-    def moving(self, moment: float) -> bool:
+    def moving(self, instant: float) -> bool:
         """Whether the mirror moved or settled at a moment [s]."""
         jammed = self.motions > 0 and self._plan.holds(FaultKind.JAMMED) is not None
-        return jammed or moment < self._motor.still_at
+        return jammed or instant < self._motor.still_at
 
     @property
     def still_at(self) -> float:
         """When the present motion ends and has settled [s]."""
         return self._motor.still_at
 
-    def step(self, moment: float) -> int:
+    def step(self, instant: float) -> int:
         """The step the firmware believes in."""
-        return round(self._motor.believed_position(moment))
+        return round(self._motor.believed_position(instant))
 
-    def flags(self, moment: float) -> int:
+    def flags(self, instant: float) -> int:
         """The bits of the flags that tell of the mirror."""
-        flags = int(BoardFlag.MOVING) if self.moving(moment) else 0
+        flags = int(BoardFlag.MOVING) if self.moving(instant) else 0
         return flags | (int(BoardFlag.HOMED) if self._homed else 0)
 
-    def true_angle(self, moment: float) -> float:
+    def true_angle(self, instant: float) -> float:
         """Where the mirror really was [rad]."""
-        position = self._motor.true_position(moment)
+        position = self._motor.true_position(instant)
         wobble = self._config.periodic_error * math.sin(2 * math.pi * position / PERIODIC_STEPS)
         return self._identity.angle_of(0) + position * self._identity.step_angle + wobble
 
-    def believed_angle(self, moment: float) -> float:
+    def believed_angle(self, instant: float) -> float:
         """Where the firmware believed the mirror to be [rad]."""
-        position = self._motor.believed_position(moment)
+        position = self._motor.believed_position(instant)
         return self._identity.angle_of(0) + position * self._identity.step_angle
 
     def _begin(self, target: int) -> None:

@@ -26,8 +26,8 @@ TALLEST = 32767
 # [byte] Of a summary on the wire, whatever the ground: 0.04 Mbit/s with a pause every 3 s. On a simulated walk one has
 # 8 to 13 kB with all cells.
 MAXIMUM_BYTES = 16_000
-# Traversability is sent in steps of 1 / STEPS.
-STEPS = 255
+# Traversability is sent as one of this many levels above 0.
+LEVELS = 255
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,17 +131,17 @@ def _with_all_cells(terrain: TerrainMessage) -> SummaryMessage:
     if beyond.any():
         hazard[_beside(beyond)] |= np.uint16(Hazard.EDGE)
         hazard[beyond] = np.uint16(Hazard.OUT_OF_RANGE)
-    steps = np.floor(score.astype(np.float64) * STEPS).astype(np.uint8)
-    hazard[(steps == 0) & (hazard == 0)] = np.uint16(Hazard.UNCERTAIN)
+    levels = np.floor(score.astype(np.float64) * LEVELS).astype(np.uint8)
+    hazard[(levels == 0) & (hazard == 0)] = np.uint16(Hazard.UNCERTAIN)
     unknown = (hazard & UNKNOWN_MASK) != 0
-    steps[hazard != 0] = 0
+    levels[hazard != 0] = 0
     return SummaryMessage(
         **origin_of(terrain),
         resolution=terrain.resolution,
         origin=terrain.origin,
         heights=np.where(unknown, UNKNOWN_HEIGHT, millimetres).astype("<i2"),
         hazard=hazard.astype("<u2"),
-        traversability=steps,
+        traversability=levels,
     )
 
 
@@ -163,7 +163,7 @@ def message_to_summary(message: SummaryMessage) -> TerrainSummary:
             robot=message.robot,
             elevation=heights,
             hazard=message.hazard.astype(np.uint16),
-            traversability=message.traversability.astype(np.float32) / np.float32(STEPS),
+            traversability=message.traversability.astype(np.float32) / np.float32(LEVELS),
             geometry=GridGeometry(message.origin, message.resolution, message.shape),
             frame=message.frame_id,
             stamp=message.stamp,

@@ -118,9 +118,9 @@ def check_transform(transform: Float, name: str) -> None:
 
 
 def format_indices(indices: tuple[int, ...]) -> str:
-    """Indices in words: `0 ... 69` or `0 ... 68 step 2` or the list."""
-    steps = set(np.diff(indices).tolist())
-    if len(steps) == 1:
-        step = steps.pop()
-        return f"{indices[0]} ... {indices[-1]}" + (f" step {step}" if step != 1 else "")
+    """Indices in words: `0 ... 69` or `0, 2 ... 68` or the list."""
+    strides = set(np.diff(indices).tolist())
+    if len(strides) == 1:
+        first = str(indices[0]) if strides == {1} else f"{indices[0]}, {indices[1]}"
+        return f"{first} ... {indices[-1]}"
     return ", ".join(map(str, indices))

@@ -251,8 +251,8 @@ def _jump(lines: FloorLines, stray: Float, on_floor: Mask) -> tuple[int, float] 
     whole = max(_fit(terms, z)[1], 1e-30)
     best, found = JUMP_SHARE, None
     for after in range(JUMP_STRIPES, len(z) - JUMP_STRIPES + 1):
-        step = (np.arange(len(z)) >= after).astype(float)
-        solved, rest = _fit(np.column_stack((terms, step)), z)
+        jump = (np.arange(len(z)) >= after).astype(float)
+        solved, rest = _fit(np.column_stack((terms, jump)), z)
         gone = 1.0 - rest / whole
         if gone > best and abs(solved[2]) > MAX_STRIPE_M:
             best, found = gone, (int(lines.index[entries[after]]), float(solved[2]))

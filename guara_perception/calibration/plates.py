@@ -151,8 +151,8 @@ def _line(
     span = kept.sum() / max(_visible_columns(camera, transform, height, coefficients), 1)
     if span < MIN_SPAN:
         return f"it is seen on {100 * span:.0f} % of its length, {100 * MIN_SPAN:.0f} % are needed"
-    row_step = _metres_per_row(camera, transform, height, pixels[kept])
-    rms_px = float(np.sqrt(np.mean((residual[kept] / row_step) ** 2)))
+    metres_per_row = _metres_per_row(camera, transform, height, pixels[kept])
+    rms_px = float(np.sqrt(np.mean((residual[kept] / metres_per_row) ** 2)))
     group = np.minimum(columns[kept] * BINS // camera.size[0], BINS - 1)
     count = np.bincount(group, minlength=BINS).astype(np.float64)
     used = count > 0

@@ -49,7 +49,7 @@ class Triangulator:
             transform_camera_to_footprint: (4, 4).
         """
         self._rays = ColumnRays(camera)
-        self._row_step = 1.0 / camera.matrix[1, 1]
+        self._per_row = 1.0 / camera.matrix[1, 1]
         self._rotation = transform_camera_to_footprint[:3, :3]
         self._translation = transform_camera_to_footprint[:3, 3]
 
@@ -75,7 +75,7 @@ class Triangulator:
         slope *= directions[2]
         np.subtract(self._rotation[2, 1], slope, out=slope)
         slope *= depth
-        slope *= self._row_step
+        slope *= self._per_row
         slope *= np.asarray(sigma_px, dtype=np.float64)
         return self._at_depth(directions, depth), np.abs(slope)
 

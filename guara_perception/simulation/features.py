@@ -170,7 +170,7 @@ class Step:
 
     def __post_init__(self) -> None:
         """Check."""
-        _check_steps(self)
+        _check_stairs(self)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -204,7 +204,7 @@ KINDS: dict[str, type[Feature] | type[Step]] = {
 }
 
 
-def _check_steps(step: Step) -> None:
+def _check_stairs(step: Step) -> None:
     _finite(step, "x")
     _positive(step, "height", "run")
     if isinstance(step.count, bool) or not isinstance(step.count, int) or not 1 <= step.count <= 100:

@@ -1,4 +1,4 @@
-"""A simple step planner: per leg, the best safe place near where the gait would set the foot, and a swing there."""
+"""A simple foot planner: per leg, the best safe place near where the gait would set the foot, and a swing there."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SWING_CLEARANCES_M = (0.030, 0.020)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlannedStep:
+class PlannedSwing:
     """A foothold and the way there.
 
     Attributes:
@@ -68,13 +68,13 @@ def plan_foothold(
     return next(_best_first(terrain, leg, wish, previous, robot), None)
 
 
-def plan_step(
+def plan_swing(
     terrain: TerrainGrid,
     leg: str,
     wish: tuple[float, float],
     previous: tuple[float, float] | None = None,
     robot: RobotModel | None = None,
-) -> PlannedStep | None:
+) -> PlannedSwing | None:
     """Choose where to set a foot, and how it gets there: the best place to which a swing is accepted.
 
     Args:
@@ -82,7 +82,7 @@ def plan_step(
         leg, wish, previous, robot: as in `plan_foothold`.
 
     Returns:
-        The step, or None when no safe place within reach can be swung to.
+        The swing, or None when no safe place within reach can be swung to.
 
     Raises:
         InvalidInput: as `plan_foothold` and `TerrainGrid.swing`.
@@ -97,14 +97,14 @@ def plan_step(
         for clearance in SWING_CLEARANCES_M:
             swing = terrain.swing(start, foothold.position, clearance, leg, robot)
             if swing.ok:
-                return PlannedStep(foothold, swing, clearance)
+                return PlannedSwing(foothold, swing, clearance)
     return None
 
 
 def refusals(
     terrain: TerrainGrid, leg: str, wish: tuple[float, float], robot: RobotModel | None = None
 ) -> tuple[Reason, ...]:
-    """Why `plan_step` found nothing: what is wrong with the wish or, where a foothold is near, with the way there."""
+    """Why `plan_swing` found nothing: what is wrong with the wish or, where a foothold is near, with the way there."""
     foothold = plan_foothold(terrain, leg, wish, robot=robot)
     if foothold is None:
         return terrain.check_foothold(wish[0], wish[1], leg=leg, robot=robot).reasons

@@ -68,16 +68,16 @@ class PolarView:
         tangent = radii.astype(np.float32) / drop
         return PolarView(viewpoint, (first, spacing), radius_spacing, np.maximum.accumulate(tangent, axis=1))
 
-    def meets(self, bearing: Float32, tangent: Float32, tangent_steps: int) -> Float32:
+    def meets(self, bearing: Float32, tangent: Float32, tangents: int) -> Float32:
         """Distance (h, w) [m] at which lines of sight (h, w) meet the ground; beyond the last radius: level ground."""
         limit = float(np.clip(tangent.max(), 0.01, float(self.horizon[:, -1].max())))
-        grid = np.linspace(0.0, limit, tangent_steps, dtype=np.float32)
+        grid = np.linspace(0.0, limit, tangents, dtype=np.float32)
         radii = (np.arange(self.horizon.shape[1] + 1) * self.radius_spacing).astype(np.float32)
-        table = np.empty((len(self.horizon), tangent_steps), dtype=np.float32)
+        table = np.empty((len(self.horizon), tangents), dtype=np.float32)
         start = np.zeros(1, np.float32)
         for row, horizon in zip(table, self.horizon, strict=True):
             row[:] = np.interp(grid, np.concatenate((start, horizon)), radii)
-        column, row = tangent * np.float32((tangent_steps - 1) / limit), self._row(bearing)
+        column, row = tangent * np.float32((tangents - 1) / limit), self._row(bearing)
         smooth, nearest = (
             np.asarray(cv2.remap(table, column, row, kind, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
             for kind in (cv2.INTER_LINEAR, cv2.INTER_NEAREST)

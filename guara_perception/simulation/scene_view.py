@@ -17,7 +17,7 @@ from guara_perception.simulation.relief import Relief
 # How far camera and laser look, and how finely: half a pixel's width on the ground at most.
 RADIUS_M = 1.3
 RADIUS_SPACING_M = 0.001
-TANGENT_STEPS = 2400
+TANGENTS = 2400
 LASER_BEARINGS = 3000
 LASER_RADIUS_M = 0.75
 SUN_DIRECTION = np.array([0.35, 0.45, 0.82])
@@ -127,7 +127,7 @@ def _ground_points(relief: Relief, camera: Float, ways: Float32) -> Float32:
     first, last = float(bearing.min()), float(bearing.max())
     count = int(2 * ways.shape[1] * max((last - first) / 2.2, 0.5))
     view = PolarView.around(relief, camera, (first, last), count, RADIUS_M, RADIUS_SPACING_M)
-    radius = view.meets(bearing, tangent, TANGENT_STEPS)
+    radius = view.meets(bearing, tangent, TANGENTS)
     points = ways * (radius / level)[..., None]
     points += camera.astype(np.float32)
     return points

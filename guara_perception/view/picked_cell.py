@@ -34,8 +34,8 @@ def met_by_ray(terrain: TerrainGrid, origin: npt.ArrayLike, direction: npt.Array
         near, far = max(near, float(one)), min(far, float(other))
     if far <= near:
         return None
-    steps = np.arange(near, far, PART_OF_CELL * terrain.resolution)[:, None]
-    points = start + steps * along
+    lengths = np.arange(near, far, PART_OF_CELL * terrain.resolution)[:, None]
+    points = start + lengths * along
     iy, ix = terrain.geometry.indices(points[:, 0], points[:, 1])
     inside = terrain.geometry.contains(iy, ix)
     met = np.flatnonzero(inside)[points[inside, 2] <= heights[iy[inside], ix[inside]] + 1e-9]

@@ -17,7 +17,7 @@ from drivers import (
     timing,
 )
 from drivers.emulator import EmulatedBoard, EmulatedCamera, Fault, FaultKind, emulated_backend
-from drivers.errors import AcquisitionNotEntered, BadPattern, CameraEnded, MirrorOutOfRange
+from drivers.errors import AcquisitionNotEntered, BadFiringOrder, CameraEnded, MirrorOutOfRange
 from drivers.protocol import BoardFault, Request
 
 ALL_MODES = list(OffFrames)
@@ -303,7 +303,7 @@ def test_misuse_is_refused_in_words(board: LaserBoard, camera: EmulatedCamera, p
         list(acquire(board, camera, pattern))
     with pytest.raises(AcquisitionNotEntered, match=r"with acquire\(\.\.\.\) as stripes"):
         list(acquire(board, camera, pattern).groups())
-    with pytest.raises(BadPattern, match="holds no stripe"):
+    with pytest.raises(BadFiringOrder, match="holds no stripe"):
         acquire(board, camera, [])
     with pytest.raises(MirrorOutOfRange, match="travel is"), acquire(board, camera, [(0, 1.0)]):
         pytest.fail("a pattern beyond the travel must not begin")

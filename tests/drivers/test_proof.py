@@ -160,9 +160,9 @@ def test_light_is_the_sum_of_the_channels_where_it_is_sampled(
         image.setflags(write=False)
     grid = _SampleGrid.of(image)
     total = image.astype(np.int64) if image.ndim == 2 else image.astype(np.int64).sum(axis=2)
-    np.testing.assert_array_equal(grid.light(image), total[:: grid.row_step, :: grid.column_step])
-    rows = (first // grid.row_step, (first + 50) // grid.row_step)
-    expected = total[:: grid.row_step, :: grid.column_step][rows[0] : rows[1]]
+    np.testing.assert_array_equal(grid.light(image), total[:: grid.row_stride, :: grid.column_stride])
+    rows = (first // grid.row_stride, (first + 50) // grid.row_stride)
+    expected = total[:: grid.row_stride, :: grid.column_stride][rows[0] : rows[1]]
     np.testing.assert_array_equal(grid.light(image, rows), expected)
 
 

@@ -22,10 +22,10 @@ from transport.messages.terrain_message import TerrainMessage
 
 # Between two values, powers of two so that each is a float32: of heights, which scatter by 0.1 mm and more, of
 # differences of heights and of clearance [m], of slope [rad].
-HEIGHT_STEP, RELIEF_STEP, CLEARANCE_STEP, SLOPE_STEP = 2.0**-13, 2.0**-12, 2.0**-10, 2.0**-9
+HEIGHT_UNIT, RELIEF_UNIT, CLEARANCE_UNIT, SLOPE_UNIT = 2.0**-13, 2.0**-12, 2.0**-10, 2.0**-9
 # Bits after the leading one: a variance may become an eighth larger, a score a 32nd smaller.
 VARIANCE_BITS, SCORE_BITS = 3, 5
-# float32 holds whole numbers up to here: larger multiples of a step stay as they are.
+# float32 holds whole numbers up to here: larger multiples of a unit stay as they are.
 WHOLE_NUMBERS = 2.0**23
 MANTISSA_BITS = 23
 
@@ -46,12 +46,12 @@ def rounded(terrain: TerrainMessage) -> TerrainMessage:
     return dataclasses.replace(terrain, layers=layers, metadata=json.dumps(metadata))
 
 
-def _in_steps(step: float, whole: Callable[[Float], Float]) -> Callable[[Array], Array]:
-    def to_steps(values: Array) -> Array:
-        count = values.astype(np.float64) / step
-        return np.where(np.abs(count) < WHOLE_NUMBERS, whole(count) * step, values).astype(np.float32)
+def _in_multiples(unit: float, whole: Callable[[Float], Float]) -> Callable[[Array], Array]:
+    def to_multiples(values: Array) -> Array:
+        count = values.astype(np.float64) / unit
+        return np.where(np.abs(count) < WHOLE_NUMBERS, whole(count) * unit, values).astype(np.float32)
 
-    return to_steps
+    return to_multiples
 
 
 def _in_bits(bits: int, *, up: bool) -> Callable[[Array], Array]:
@@ -69,16 +69,16 @@ def _in_bits(bits: int, *, up: bool) -> Callable[[Array], Array]:
 
 ROUND: Mapping[str, Callable[[Array], Array]] = MappingProxyType(
     {
-        "elevation": _in_steps(HEIGHT_STEP, np.rint),
-        "elevation_min": _in_steps(HEIGHT_STEP, np.floor),
-        "elevation_max": _in_steps(HEIGHT_STEP, np.ceil),
+        "elevation": _in_multiples(HEIGHT_UNIT, np.rint),
+        "elevation_min": _in_multiples(HEIGHT_UNIT, np.floor),
+        "elevation_max": _in_multiples(HEIGHT_UNIT, np.ceil),
         "variance": _in_bits(VARIANCE_BITS, up=True),
-        "slope": _in_steps(SLOPE_STEP, np.ceil),
-        "step_height": _in_steps(RELIEF_STEP, np.ceil),
-        "roughness": _in_steps(RELIEF_STEP, np.ceil),
-        "clearance": _in_steps(CLEARANCE_STEP, np.floor),
+        "slope": _in_multiples(SLOPE_UNIT, np.ceil),
+        "step_height": _in_multiples(RELIEF_UNIT, np.ceil),
+        "roughness": _in_multiples(RELIEF_UNIT, np.ceil),
+        "clearance": _in_multiples(CLEARANCE_UNIT, np.floor),
         "traversability": _in_bits(SCORE_BITS, up=False),
     }
 )
 # [m] An elevation is off by at most so much; of a variance the true one is more than this one over 1 + so much.
-ROUNDING: Mapping[str, float] = MappingProxyType({"elevation": HEIGHT_STEP / 2, "variance": 2.0**-VARIANCE_BITS})
+ROUNDING: Mapping[str, float] = MappingProxyType({"elevation": HEIGHT_UNIT / 2, "variance": 2.0**-VARIANCE_BITS})

@@ -12,7 +12,7 @@ from typing import Any
 
 from guara_perception.app.client import TerrainClient
 from guara_perception.exceptions import PerceptionError
-from guara_perception.simulation.planner import plan_step, refusals
+from guara_perception.simulation.planner import plan_swing, refusals
 from transport import TransportError
 
 GRID_TIMEOUT_S = 60.0
@@ -48,7 +48,7 @@ def answer(client: TerrainClient, request: dict[str, Any], steps: set[int]) -> d
     steps.add(client.wait_for_step(step, timeout=GRID_TIMEOUT_S, confirmed=True).step)
     terrain = client.wait_for_step(step, timeout=GRID_TIMEOUT_S, extent=request["extent"], confirmed=True)
     x, y, leg = request["x"], request["y"], request["leg"]
-    found = plan_step(terrain, leg, (x, y))
+    found = plan_swing(terrain, leg, (x, y))
     reply: dict[str, Any] = {
         "step": terrain.step,
         "leg": leg,

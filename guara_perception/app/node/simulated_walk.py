@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
-from guara_perception.simulation.planner import plan_step
+from guara_perception.simulation.planner import plan_swing
 from guara_perception.simulation.stand import OutOfReach
 from guara_perception.simulation.walk import Choice, WalkEnded, WalkPause
 from transport import Session
@@ -51,7 +51,7 @@ def walk_until_stopped(
         latest = node.latest_map
         if latest is None or latest.step != pause.step:
             return pause.nominal
-        found = plan_step(latest, pause.next_leg, pause.nominal, robot=robot.robot)
+        found = plan_swing(latest, pause.next_leg, pause.nominal, robot=robot.robot)
         return None if found is None else (found.foothold.x, found.foothold.y)
 
     last: WalkPause | None = None

@@ -20,22 +20,22 @@ PAGE = """<!doctype html>
 <style>
 body {font: 18px/1.4 sans-serif; margin: 1.5rem; background: #1d2124; color: #f2f2f2}
 #words {font-size: 1.5rem; min-height: 4.5rem; margin: 0 0 1rem} img {max-width: 100%; border: 1px solid #555}
-#step {color: #9ad1c9}
+#task {color: #9ad1c9}
 </style></head><body>
-<div id="step">connecting</div><p id="words"></p><img id="picture" alt="what the camera sees">
+<div id="task">connecting</div><p id="words"></p><img id="picture" alt="what the camera sees">
 <script>
 let shown = -1;
 async function look() {
   try {
     const state = await (await fetch("state.json", {cache: "no-store"})).json();
-    document.getElementById("step").textContent = state.step;
+    document.getElementById("task").textContent = state.task;
     document.getElementById("words").textContent = state.words;
     if (state.number !== shown) {
       shown = state.number;
       if (shown > 0) document.getElementById("picture").src = "picture.jpg?" + shown;
     }
   } catch (error) {
-    document.getElementById("step").textContent = "the recording has ended";
+    document.getElementById("task").textContent = "the recording has ended";
   }
   setTimeout(look, 200);
 }
@@ -61,7 +61,7 @@ class LivePage:
             InvalidInput: the port is taken.
         """
         self._lock = threading.Lock()
-        self._step = self._words = ""
+        self._task = self._words = ""
         self._picture: Image | None = None
         self._number = 0
         page = self
@@ -98,10 +98,10 @@ class LivePage:
         self._server.shutdown()
         self._server.server_close()
 
-    def tell(self, step: str) -> None:
-        """Show which step it is."""
+    def tell(self, task: str) -> None:
+        """Show which task of the session it is."""
         with self._lock:
-            self._step, self._words = step, ""
+            self._task, self._words = task, ""
 
     def watch(self, picture: Image, words: str) -> None:
         """Show a picture and what to do."""
@@ -111,7 +111,7 @@ class LivePage:
 
     def _answer(self, path: str) -> tuple[bytes, str]:
         with self._lock:
-            state = {"step": self._step, "words": self._words, "number": self._number}
+            state = {"task": self._task, "words": self._words, "number": self._number}
             picture = self._picture
         if path == "/":
             return PAGE.encode(), "text/html; charset=utf-8"

@@ -188,16 +188,16 @@ def _behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geom
     start = _start(targets, sensor_origin, top)
     length = np.hypot(sensor_origin[0] - targets[:, 0], sensor_origin[1] - targets[:, 1])
     # Half cells from the target on; those beyond the stretch of a shorter line are all at its end.
-    step = geometry.resolution / 2 / np.maximum(length, geometry.resolution)
+    spacing = geometry.resolution / 2 / np.maximum(length, geometry.resolution)
     # Cells counted with a border of one, where nothing is known: what lies beyond the grid is cut to it.
     around = np.pad(elevation.astype(np.float32), 1, constant_values=np.nan)
     hidden = []
     # All lines at once would take megabytes.
     for first in range(0, len(targets), LINES_TOGETHER):
         block = slice(first, first + LINES_TOGETHER)
-        samples = int(np.ceil((1 - start[block]) / step[block]).max()) + 1
+        samples = int(np.ceil((1 - start[block]) / spacing[block]).max()) + 1
         centres = np.arange(samples, dtype=np.float32)[:, None] + np.float32(0.5)
-        share = np.maximum(1 - centres * step[block].astype(np.float32), start[block].astype(np.float32))
+        share = np.maximum(1 - centres * spacing[block].astype(np.float32), start[block].astype(np.float32))
         hidden.append(_is_blocked(around, targets[block], share, sensor_origin, geometry))
     return np.concatenate(hidden)
 

@@ -20,7 +20,7 @@ HIGHEST_M = 0.14
 BESIDE_CELLS = 20
 # In the scan a bound counts where it holds over all neighbours too; in the map, one cell further than it may drift.
 AROUND_CELLS = 1
-LARGEST_DRIFT_CELLS = 10
+FARTHEST_DRIFT_CELLS = 10
 # Of heights of a scan and the pose of the body, as assumed; `benchmarks.lines_of_sight` holds it to the truth. A height
 # that is less certain proves no way.
 BOUND_SIGMA_M = 0.003
@@ -125,7 +125,7 @@ class LinesOfSight:
                 np.full(inside.size, look.pause), in_odom[inside, 0], in_odom[inside, 1], transform
             )
             drift = np.ceil(confidence * np.sqrt(aside.max()) / geometry.resolution)
-            if drift > LARGEST_DRIFT_CELLS:
+            if drift > FARTHEST_DRIFT_CELLS:
                 continue
             bounds = _worst_around(look.bounds, AROUND_CELLS + int(drift))[iy[inside], ix[inside]]
             raised = confidence * np.sqrt(max(self._map.rise_variance - look.rise, 0.0))

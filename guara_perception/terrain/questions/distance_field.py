@@ -66,8 +66,8 @@ def distance_field(terrain: LayeredGrid, low: float, high: float) -> DistanceFie
 
     if not (np.isfinite([low, high]).all() and low < high):
         raise InvalidInput(f"heights {low} ... {high} m: both must be finite and the second the larger one")
-    step = terrain.resolution
-    layers = int(np.ceil((high - low) / step - 1e-9))
+    spacing = terrain.resolution
+    layers = int(np.ceil((high - low) / spacing - 1e-9))
     if layers * terrain.hazard.size > MOST_VOXELS:
         raise InvalidInput(
             f"{layers} x {terrain.hazard.size} voxels, allowed: {MOST_VOXELS}; ask for fewer heights or a coarser grid"
@@ -76,10 +76,10 @@ def distance_field(terrain: LayeredGrid, low: float, high: float) -> DistanceFie
     margin = limits_of(terrain).confidence * np.sqrt(terrain.variance.astype(np.float64))
     top = np.where(unreliable, np.inf, terrain.elevation_max.astype(np.float64) + margin)
     # A voxel that holds any ground is solid; beside the grid all is, and so is what lies below it.
-    bottoms = low + step * np.arange(layers)
+    bottoms = low + spacing * np.arange(layers)
     solid = np.ones((layers + 1, terrain.shape[0] + 2, terrain.shape[1] + 2), dtype=bool)
     solid[1:, 1:-1, 1:-1] = bottoms[:, None, None] < top
     outside, inside = (distance_transform_edt(mask) if mask.any() else np.zeros(mask.shape) for mask in (~solid, solid))
     # From centre to centre the nearest surface is up to half a diagonal nearer than the other centre.
-    values = np.where(solid, -np.maximum(inside - 0.5, 0.0), np.maximum(outside - 0.5 * np.sqrt(3.0), 0.0)) * step
-    return DistanceField(values[1:, 1:-1, 1:-1].astype(np.float32), (*terrain.origin, float(low)), step)
+    values = np.where(solid, -np.maximum(inside - 0.5, 0.0), np.maximum(outside - 0.5 * np.sqrt(3.0), 0.0)) * spacing
+    return DistanceField(values[1:, 1:-1, 1:-1].astype(np.float32), (*terrain.origin, float(low)), spacing)

@@ -215,11 +215,11 @@ def _grow(window: _Window, seed: tuple[np.intp, ...] | tuple[int, int] | None, l
     padded = cv2.copyMakeBorder(ground.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=(0,))
     border = (cv2.dilate(padded, np.ones((3, 3), np.uint8)) > 0) & (padded == 0)
     by, bx = np.nonzero(border)
-    step = window.resolution
-    squares = np.column_stack((window.x[0] + (bx - 1) * step, window.y[0] + (by - 1) * step))
+    resolution = window.resolution
+    squares = np.column_stack((window.x[0] + (bx - 1) * resolution, window.y[0] + (by - 1) * resolution))
     at = np.array([window.x[ix], window.y[iy]])
     far = np.array([[1, 0, at[0] + 2], [-1, 0, 2 - at[0]], [0, 1, at[1] + 2], [0, -1, 2 - at[1]]])
-    polygon = grow_polygon(at, np.vstack((far, window.bounds)), squares, step / 2)
+    polygon = grow_polygon(at, np.vstack((far, window.bounds)), squares, resolution / 2)
     return _region(window, polygon, plane, ground, leg)
 
 

@@ -158,9 +158,9 @@ def _is_below(along: Float, heights: Float, a: int, b: int, c: int) -> bool:
 
 def _bends(way: Float) -> Float:
     """The points of a way at which it changes its direction, and its ends."""
-    steps = np.diff(way, axis=0)
-    steps = steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1e-12)
-    turns = np.linalg.norm(np.diff(steps, axis=0), axis=1) > 1e-6
+    directions = np.diff(way, axis=0)
+    directions = directions / np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-12)
+    turns = np.linalg.norm(np.diff(directions, axis=0), axis=1) > 1e-6
     return np.asarray(way[np.concatenate(([True], turns, [True]))])
 
 

@@ -20,7 +20,7 @@ def transform(calibration: gp.Calibration, robot: RobotModel, paper_scan: gp.Sca
     return np.asarray(pose @ calibration.transform_camera_to_base)
 
 
-@pytest.mark.parametrize("place", [0, 9, 20, 34])
+@pytest.mark.parametrize("index", [0, 9, 20, 34])
 def test_a_band_holds_all_rows_of_its_laser_plane(
     calibration: gp.Calibration, transform: np.ndarray, index: int
 ) -> None:

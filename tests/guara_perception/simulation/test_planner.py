@@ -9,7 +9,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.exceptions import InvalidInput
-from guara_perception.simulation.planner import plan_foothold, plan_step, refusals
+from guara_perception.simulation.planner import plan_foothold, plan_swing, refusals
 from kinematics import RobotModel, Stance, load_robot
 
 WISH = (0.405, -0.18)
@@ -85,12 +85,12 @@ def test_a_step_leads_over_what_lies_between(robot: RobotModel) -> None:
     board = dataclasses.replace(
         gp.assess_terrain(heights, 0.005, origin=(-0.6, -0.35)), metadata=terrain.metadata, extent="map"
     )
-    step = plan_step(board, "rf", WISH, robot=robot)
-    assert step is not None
-    np.testing.assert_allclose(step.swing.points[0], (0.30, -0.18, 0.0), atol=0.002)
-    np.testing.assert_allclose(step.swing.points[-1], step.foothold.position)
-    assert step.swing.points[:, 2].max() >= 0.04 + step.clearance
-    assert board.check_path(step.swing.points, step.clearance).ok
+    planned = plan_swing(board, "rf", WISH, robot=robot)
+    assert planned is not None
+    np.testing.assert_allclose(planned.swing.points[0], (0.30, -0.18, 0.0), atol=0.002)
+    np.testing.assert_allclose(planned.swing.points[-1], planned.foothold.position)
+    assert planned.swing.points[:, 2].max() >= 0.04 + planned.clearance
+    assert board.check_path(planned.swing.points, planned.clearance).ok
 
 
 @pytest.mark.slow
@@ -101,10 +101,10 @@ def test_where_the_straight_way_is_barred_another_is_found(robot: RobotModel) ->
     assert wanted is not None
     x, y, z = wanted.position
     assert not narrow.check_path([[0.30, -0.18, 0.0], [0.30, -0.18, 0.06], [x, y, 0.06], [x, y, z]], 0.02).ok
-    step = plan_step(narrow, "rf", WISH, robot=robot)
-    assert step is not None
-    assert narrow.check_path(step.swing.points, step.clearance).ok
+    planned = plan_swing(narrow, "rf", WISH, robot=robot)
+    assert planned is not None
+    assert narrow.check_path(planned.swing.points, planned.clearance).ok
     across = ground(robot, (0.345, 0.350, -0.35, 0.35))
-    assert plan_step(across, "rf", (0.44, -0.18), robot=robot) is None
+    assert plan_swing(across, "rf", (0.44, -0.18), robot=robot) is None
     assert {reason.test for reason in refusals(across, "rf", (0.44, -0.18), robot)} == {"unknown"}
     assert refusals(ground(robot), "rf", (0.75, -0.18), robot)[0].test == "reach"

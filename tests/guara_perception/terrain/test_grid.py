@@ -70,7 +70,7 @@ def test_cells_are_half_open_and_found_by_their_corner(terrain: gp.TerrainGrid) 
 
 
 @pytest.mark.parametrize(
-    "place", [(0.4999, 0.0), (0.8001, 0.0), (0.6, -0.1001), (0.6, 0.1001), (np.nan, 0), (1e300, 0)]
+    "point", [(0.4999, 0.0), (0.8001, 0.0), (0.6, -0.1001), (0.6, 0.1001), (np.nan, 0), (1e300, 0)]
 )
 def test_outside_is_unknown_unscanned_and_not_traversable(terrain: gp.TerrainGrid, point: tuple[float, float]) -> None:
     """Off the grid, not finite or absurdly far: NaN, UNSCANNED, False; never an error."""

@@ -7,7 +7,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.app.demo.planner_process import PlannerProcess
 from guara_perception.exceptions import PlannerFailed
-from guara_perception.simulation.planner import plan_step
+from guara_perception.simulation.planner import plan_swing
 
 pytestmark = pytest.mark.slow
 
@@ -30,7 +30,7 @@ def test_foothold_is_that_of_the_grid(node, module_endpoint: str, paper_terrain:
     A foot swings from where it stands, which a single scan has not seen: there is a foothold and no way to it.
     """
     x, y = 0.72, 0.0
-    expected = plan_step(paper_terrain, "lf", (x, y))
+    expected = plan_swing(paper_terrain, "lf", (x, y))
     with PlannerProcess(module_endpoint, "guara") as planner:
         reply = planner.choose(step=5, leg="lf", x=x, y=y)
         far = planner.choose(step=5, leg="lf", x=5.0, y=5.0)

@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from drivers.errors import BadPattern
+from drivers.errors import BadFiringOrder
 
 
 @dataclass(frozen=True, slots=True)
-class PatternStripe:
+class PlannedStripe:
     """One stripe to be taken: its index in the standard pattern and the mirror angle [rad]."""
 
     index: int
@@ -23,23 +23,25 @@ RowRange = tuple[int, int]
 RowRangeOf = Callable[[int], RowRange]
 
 
-def check_pattern(pattern: Iterable[tuple[int, float]]) -> tuple[PatternStripe, ...]:
-    """The pattern as a tuple.
+def check_firing_order(firing_order: Iterable[tuple[int, float]]) -> tuple[PlannedStripe, ...]:
+    """The firing order as a tuple.
 
     Args:
-        pattern: pairs (index, mirror angle [rad]) in the order in which they are to be taken.
+        firing_order: pairs (index, mirror angle [rad]) in the order in which they are to be taken.
 
     Raises:
-        BadPattern: empty, an index twice or negative, an angle not finite.
+        BadFiringOrder: empty, an index twice or negative, an angle not finite.
     """
-    stripes = tuple(PatternStripe(int(index), float(angle)) for index, angle in pattern)
+    stripes = tuple(PlannedStripe(int(index), float(angle)) for index, angle in firing_order)
     if not stripes:
-        raise BadPattern("the pattern holds no stripe, at least one is needed")
+        raise BadFiringOrder("the firing order holds no stripe, at least one is needed")
     seen: set[int] = set()
     for stripe in stripes:
         if stripe.index < 0 or stripe.index in seen:
-            raise BadPattern(f"stripe index {stripe.index} in the pattern: each must be 0 or more, and come once")
+            raise BadFiringOrder(
+                f"stripe index {stripe.index} in the firing order: each must be 0 or more, and come once"
+            )
         if not math.isfinite(stripe.mirror_angle):
-            raise BadPattern(f"stripe {stripe.index} has mirror angle {stripe.mirror_angle}, it must be finite")
+            raise BadFiringOrder(f"stripe {stripe.index} has mirror angle {stripe.mirror_angle}, it must be finite")
         seen.add(stripe.index)
     return stripes

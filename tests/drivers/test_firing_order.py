@@ -1,0 +1,23 @@
+"""Patterns of stripes."""
+
+import math
+
+import pytest
+
+from drivers.errors import BadFiringOrder
+from drivers.firing_order import check_firing_order
+
+
+@pytest.mark.parametrize(
+    ("firing_order", "words"),
+    [
+        ([], "holds no stripe"),
+        ([(1, 0.0), (1, 0.1)], "stripe index 1 in the firing order"),
+        ([(-1, 0.0)], "stripe index -1"),
+        ([(3, math.nan)], "stripe 3 has mirror angle nan"),
+    ],
+)
+def test_bad_firing_orders_are_refused(firing_order: list, words: str) -> None:
+    """Each with the stripe concerned."""
+    with pytest.raises(BadFiringOrder, match=words):
+        check_firing_order(firing_order)
