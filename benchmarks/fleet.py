@@ -231,7 +231,7 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", default=",".join(map(str, SIZES)), help="numbers of robots")
-    parser.add_argument("--seconds", type=float, default=15.0, help="each fleet publishes for so long; at most 60")
+    parser.add_argument("--seconds", type=float, default=15.0, help="each fleet publishes for this long; at most 60")
     parser.add_argument(
         "--held", type=int, default=HELD, help="robots, or planners, of one process; 1 takes 65 MB each"
     )

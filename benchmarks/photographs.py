@@ -27,7 +27,7 @@ Method = Callable[[Image, Image | None, str, int], Float]
 # The laser's channel by its letter in the index; a mono picture has one.
 CHANNELS = {"b": 0, "g": 1, "r": 2, "m": 0}
 
-# A position this near is right; where a stripe is only allowed it may be off by so much more.
+# A position this near is right; where a stripe is only allowed it may be off by this much more.
 RIGHT_PX, MARGIN_PX = 3.0, 2.0
 BAND_PIXELS = 640 * 160
 

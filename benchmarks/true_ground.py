@@ -19,7 +19,7 @@ from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import RobotModel
 
 CELL_M = 0.001
-# The elevation of a cell is the mean of what lies within so much of its highest point, as a scan's is.
+# The elevation of a cell is the mean of what lies within this much of its highest point, as a scan's is.
 TOP_LAYER_M = 0.004
 # Ground beyond the border that is judged too, so that the border itself costs the oracle nothing.
 BEYOND_M = 0.100

@@ -40,7 +40,7 @@ from drivers.usb_link import UsbLink
 _Record = TypeVar("_Record")
 logger = logging.getLogger(__name__)
 WORTH_REPEATING = (BoardTimeout, BoardStalled, BoardTransferFailed, BadReply)
-# Of the board's watchdog: for so long a command is repeated.
+# Of the board's watchdog: for this long a command is repeated.
 WATCHDOG_SHARE = 0.5
 SWEEPS_SINCE = (1, 1)
 HOST_VERSION = PROTOCOL_MAJOR << 8 | PROTOCOL_MINOR

@@ -15,7 +15,7 @@ class Clock(Protocol):
         """Return the time [s]."""
 
     def sleep(self, seconds: float) -> None:
-        """Return when so much time has passed."""
+        """Return when this much time has passed."""
 
 
 class _MachineClock:

@@ -27,7 +27,7 @@ from kinematics.tree import KinematicTree
 # Of lengths [m] and axes [-] when a leg is recognised: the closed form must agree with the URDF to rounding.
 GEOMETRY_TOLERANCE = 1e-9
 
-# By so much the cosine of a straight knee may exceed 1.
+# By this much the cosine of a straight knee may exceed 1.
 ROUNDING = 1e-12
 
 
@@ -71,7 +71,7 @@ class LegGeometry:
             sole_pitch: (n,) pitch of the sole in the leg's plane [rad].
 
         Returns:
-            (n, 4) joint positions [rad] regardless of limits; NaN where the leg is too short or cannot fold so far.
+            (n, 4) joint positions [rad] regardless of limits; NaN where the leg is too short or cannot fold that far.
         """
         reach = soles_in_base - self.hip
         roll = np.arctan2(reach[:, 1], -reach[:, 2])

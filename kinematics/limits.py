@@ -41,7 +41,7 @@ class PauseLimits:
         minimum_feet: least number of feet that carry the body.
         camera_translation_limit: how far the camera may move during a scan [m].
         camera_rotation_limit: how far it may turn [rad].
-        time_limit: a pause whose planned end is not announced is over so long after the last word of it [s]; a
+        time_limit: a pause whose planned end is not announced is over this long after the last word of it [s]; a
             robot.toml without it takes 30 s.
     """
 

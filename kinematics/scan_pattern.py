@@ -12,7 +12,7 @@ from typing import Final
 from kinematics.findings import Findings
 from kinematics.toml_table import Table
 
-# The pattern may miss the area's ends by so much [m]: a cell.
+# The pattern may miss the area's ends by this much [m]: a cell.
 PATTERN_M: Final = 0.005
 
 

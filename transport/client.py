@@ -27,7 +27,7 @@ from transport.seldom import Seldom
 from transport.session import Session
 
 # [s] After subscribing, the last grid and the node's sign of life are there within this time: measured below 0.1 s on
-# a free machine, the rest is for a busy one. Only who asks in vain waits so long.
+# a free machine, the rest is for a busy one. Only who asks in vain waits that long.
 SETTLE = 2.0
 # [s] A node that lives and has a grid hands it over within this time, over a slow link or from a busy machine.
 FIRST_GRID = 5.0

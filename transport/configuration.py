@@ -11,7 +11,7 @@ from transport.exceptions import ConfigurationError
 # Where the node listens and clients connect unless configured otherwise: this machine only.
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
-# [ms] A side that says nothing for so long is taken as gone; a hung node is seen in under 2.5 s.
+# [ms] A side that says nothing for this long is taken as gone; a hung node is seen in under 2.5 s.
 LEASE_MS = 2000
 
 # [us] A sample that a link cannot take within this time is dropped for that link: the healthy readers wait as long.

@@ -203,7 +203,7 @@ class GridJudge:
         return terrain
 
     def wait_for_news(self, timeout: float) -> None:
-        """Ask the node; where the pause that it followed is over, wait so long for the next to begin [s]."""
+        """Ask the node; where the pause that it followed is over, wait this long for the next to begin [s]."""
         deadline = clock.now() + timeout
         while self.node.is_alive and self.clock.ask(timeout):
             if self._values_of("").get("standing") != "false" or clock.now() > deadline:

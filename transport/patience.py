@@ -22,7 +22,7 @@ class Patience:
         self._latest: float | None = None
 
     def learn(self, lateness: float) -> None:
-        """A message came by itself, so long after its announcement [s]; 0 or less where it came before."""
+        """A message came by itself, this long after its announcement [s]; 0 or less where it came before."""
         late = max(0.0, lateness)
         self._latest = late if self._latest is None else max(late, KEPT * self._latest)
 

@@ -35,7 +35,7 @@ from transport.session import Session
 
 # [s] A process that died is known to be gone within this time.
 GONE_WITHIN = 0.5
-# [s] A grid may take so long after its scan was said to be done, however little of the timeout is left.
+# [s] A grid may take this long after its scan was said to be done, however little of the timeout is left.
 ARRIVES_WITHIN = 2.0
 
 

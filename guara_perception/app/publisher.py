@@ -33,7 +33,7 @@ def publish_terrain(
             summary and its steppable regions.
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
         scan_end_clock: last frame by `transport.clock` [s]; None = by what the wall clock says of it now.
-        valid_for: at most so long after `scan_end`, besides the grid's own validity [s].
+        valid_for: at most this long after `scan_end`, besides the grid's own validity [s].
         stated: what the message's metadata say besides the grid's own, or instead.
 
     Returns:

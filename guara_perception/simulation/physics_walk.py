@@ -43,7 +43,7 @@ CLEARANCE_M = 0.060
 # Share of the time between two pauses for the body, with four feet down; the rest is the swing.
 BODY_SHARE = 0.4
 SETTLE_S = 1.0
-# The lanes are kept by turning the body back, by so much per swing at most [rad].
+# The lanes are kept by turning the body back, by this much per swing at most [rad].
 LARGEST_TURN = 0.03
 FALLEN_HEIGHT_M, FALLEN_TILT = 0.2, 0.35
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from kinematics import RobotModel
 
 
-# A body that cannot reach all footholds at its height crouches, by so much at a time and not below the lowest [m].
+# A body that cannot reach all footholds at its height crouches, by this much at a time and not below the lowest [m].
 CROUCH_STEP_M = 0.005
 DEEPEST_CROUCH_M = 0.060
 LARGEST_TILT = 0.12

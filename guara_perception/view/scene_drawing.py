@@ -22,7 +22,7 @@ STRIPE_COLOUR, FOOTHOLD_COLOUR, TRAIL_COLOUR, CELL_COLOUR = (230, 20, 60), (0, 1
 REGION_COLOUR = (0, 89, 61)
 HOLE_COLOUR, OBSTACLE_COLOUR = (122, 31, 31), tuple(round(255 * part) for part in rgb(HAZARD_COLOURS[Hazard.STEP]))
 SOLE_THICKNESS_M = 0.004
-# Lines on the ground lie so much above it [m].
+# Lines on the ground lie this much above it [m].
 LIFT_M = 0.002
 LINE_PX = 2.0
 # Outlines follow the edges of cells to this, one cell and a bit [m].

@@ -19,7 +19,7 @@ def test_measured_lag_is_never_too_short(
     with EmulatedCamera(emulated, scene, fps=60.0, exposure=exposure, latency=latency) as camera:
         measured = measure_lag(board, camera)
         assert not emulated.view().laser_on
-        # A frame counts as wholly lit from nine tenths of the light on: by so much of the exposure it may be short.
+        # A frame counts as wholly lit from nine tenths of the light on: by this much of the exposure it may be short.
         assert measured.lag >= 0.9 * exposure + latency - 1e-4
         assert measured.period == pytest.approx(1 / 60, rel=1e-6)
         # What 24 evenly spread moments leave open, twice over: only a machine that stalls makes it worse.

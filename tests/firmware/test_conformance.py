@@ -102,7 +102,7 @@ def test_silence_in_the_dark_is_no_fault(session) -> None:
 
 
 def keep_lit(bench, seconds: float):
-    """Ask often for so long; return the last answer."""
+    """Ask often for this long; return the last answer."""
     for _ in range(round(seconds / 0.3)):
         bench.board.wait(0.3)
         status = bench.ask(Request.STATUS)

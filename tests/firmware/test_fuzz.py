@@ -11,7 +11,7 @@ from drivers.records import BoardStatus
 from tests.firmware.conftest import HELLO, HostBoard
 
 MILLISECONDS = 1_000_000
-# The laser must be dark so long after the last request of a session.
+# The laser must be dark this long after the last request of a session.
 LIMIT_US = 400_000
 
 

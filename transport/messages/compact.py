@@ -80,5 +80,5 @@ ROUND: Mapping[str, Callable[[Array], Array]] = MappingProxyType(
         "traversability": _in_bits(SCORE_BITS, up=False),
     }
 )
-# [m] An elevation is off by at most so much; of a variance the true one is more than this one over 1 + so much.
+# [m] An elevation is off by at most this; the true variance is more than the one sent over 1 + this.
 ROUNDING: Mapping[str, float] = MappingProxyType({"elevation": HEIGHT_UNIT / 2, "variance": 2.0**-VARIANCE_BITS})

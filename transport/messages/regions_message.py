@@ -18,7 +18,7 @@ from transport.messages.submessages import checked_array, finite
 from transport.messages.typestore import REGIONS, message_class
 
 MAXIMUM_REGIONS, MAXIMUM_CORNERS = 1000, 256
-# By so much a half-plane's normal may differ from length 1, and a corner may lie outside of it or off the plane [m].
+# By this much a half-plane's normal may differ from length 1, and a corner may lie outside of it or off the plane [m].
 TOLERANCE = 1e-6
 
 

@@ -126,7 +126,7 @@ class ChipClock:
         return self._bus.chip.nanos / 1e9
 
     def sleep(self, seconds: float) -> None:
-        """Let the chip run for so long."""
+        """Let the chip run for this long."""
         with self._bus.lock:
             self._bus.chip.run(seconds)
 

@@ -13,7 +13,7 @@ from kinematics import SelfFilter
 from kinematics.state import RobotState
 from kinematics.tree import KinematicTree
 
-# The Guará's: the area begins so far ahead of the front feet, since the ground up to there is known from before.
+# The Guará's: the area begins this far ahead of the front feet, since the ground up to there is known from before.
 AREA_AHEAD_M = 0.20
 AREA_DEPTH_M, AREA_WIDTH_M = 0.45, 0.54
 # Beside the tracks of the soles: what the planner may step aside.

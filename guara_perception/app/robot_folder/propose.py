@@ -22,7 +22,7 @@ from kinematics.urdf_checks import root_link
 
 STANDING_HIGHER = (1.05, 1.03, 1.01)
 STRIPES_PER_M = 70 / 0.45
-# The first and the last stripe fall so far outside the area [m].
+# The first and the last stripe fall this far outside the area [m].
 PATTERN_MARGIN_M = 0.006
 # A sole without any shape to measure [m].
 UNKNOWN_SOLE_M = 0.030

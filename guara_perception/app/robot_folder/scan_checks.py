@@ -18,7 +18,7 @@ PICTURE_PX = (640, 512)
 CELLS = (46, 55)
 # Shares of the area that may be hidden or out of view before it is worth a word.
 HIDDEN_SHARE, UNSEEN_SHARE = 0.02, 0.005
-# The mirror's axis may be off the y axis by so much [rad].
+# The mirror's axis may be off the y axis by this much [rad].
 AXIS = 0.01
 
 

@@ -148,7 +148,7 @@ def _noise() -> Iterator[str]:
     yield ""
     yield "[pause]"
     yield "joint_speed_limit = 0.05       # rad/s"
-    yield "hold_time = 0.2                # s, all joints slow for so long"
+    yield "hold_time = 0.2                # s, all joints slow for this long"
     yield "minimum_feet = 3               # a support plane needs three"
     yield "camera_translation_limit = 0.0005   # between begin and end of a scan: a tenth of a grid cell"
     yield "camera_rotation_limit = 0.000873    # 0.05 degrees"
@@ -162,7 +162,7 @@ def _noise() -> Iterator[str]:
 
 def _limits(p: Proposal) -> Iterator[str]:
     height = p.scan.hip_height
-    # The body tips by 3 degrees when a foot falls so far.
+    # The body tips by 3 degrees when a foot falls this far.
     drop = min(round(0.055 * height, 3), 0.020)
     half = min(p.sole) / 2.0
     yield "[traversability]"

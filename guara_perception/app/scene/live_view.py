@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 THINNED = 3
 PICTURE_WIDTH_PX = 480
 JPEG_QUALITY = 80
-# Stripes so far from the middle are not worth a copy of their picture.
+# Stripes this far from the middle are not worth a copy of their picture.
 NEAR = 2
 
 

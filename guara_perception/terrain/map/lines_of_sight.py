@@ -16,7 +16,7 @@ from guara_perception.terrain.map.terrain_map import TerrainMap
 
 # Light that passes higher than this over the soles bounds nothing that a swing needs.
 HIGHEST_M = 0.14
-# Ground beside the scanned area over which light passed is bounded too, so far.
+# Ground beside the scanned area over which light passed is bounded too, this far out.
 BESIDE_CELLS = 20
 # In the scan a bound counts where it holds over all neighbours too; in the map, one cell further than it may drift.
 AROUND_CELLS = 1
@@ -24,7 +24,7 @@ FARTHEST_DRIFT_CELLS = 10
 # Of heights of a scan and the pose of the body, as assumed; `benchmarks.lines_of_sight` holds it to the truth. A height
 # that is less certain proves no way.
 BOUND_SIGMA_M = 0.003
-# The light may start to spread on the mirror, at a line lens before it, or farther away: by so much of what it would
+# The light may start to spread on the mirror, at a line lens before it, or farther away: by this much of what it would
 # spread from the mirror on. Bounds hold for all of these; between two of them the light that passes over one place
 # comes from points of the ground 15 mm apart, of which the neighbours count too.
 SPREADS = tuple(number / 7 for number in range(8))

@@ -48,8 +48,8 @@ ASIDE_SIGMA_M = 0.004
 # What differs by more is another thing, or its edge.
 LARGEST_DIFFERENCE_M = 0.05
 LEAST_CELLS = 50
-# An overlap contradicts when so much of it differs by more than Huber's limit, or when it goes against the prior; of
-# the prior's variance it must take so much that it can.
+# An overlap contradicts when this share of it differs by more than Huber's limit, or when it goes this many sigmas
+# against the prior; it says something only where it shrinks the prior's variance by this share.
 MOST_CONTRADICTING = 0.3
 MOST_SIGMAS = 4.0
 LEAST_SHRUNK = 0.01

@@ -166,7 +166,7 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
         yield Reason("reach", beyond, 0.0, "rad", f"of {leg} beyond its joints' limits")
 
 
-_EDGE = "too near to something unknown, hazardous or off the grid; so much clearance is always enough"
+_EDGE = "too near to something unknown, hazardous or off the grid; this much clearance is always enough"
 
 
 def _values(terrain: LayeredGrid, layer: str, rows: slice, columns: slice) -> Array:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from guara_perception.robot_model import RobotLike
 
 
-# Where the straight way is barred: corners at these shares of it, and so far beside it [m].
+# Where the straight way is barred: corners at these shares of it, and this far beside it [m].
 CORNER_SHARES = (0.25, 0.5, 0.75)
 ASIDE_M = (0.03, -0.03, 0.06, -0.06, 0.09, -0.09, 0.12, -0.12)
 # Over the least height: first what samples half a cell apart may miss, then more.

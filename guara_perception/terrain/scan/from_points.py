@@ -18,7 +18,7 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
 
-# A line of sight passes over a cell that reaches no higher than so much above it.
+# A line of sight passes over a cell that reaches no higher than this much above it.
 SIGHT_TOLERANCE_M = 0.002
 
 

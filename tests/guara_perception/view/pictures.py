@@ -28,7 +28,7 @@ from tests.guara_perception.view.chromium import Chromium, find_chromium
 SIZE_PX = (1440, 900)
 RERUN_PORT = 19876
 JPEG_QUALITY = 88
-# [s] Software draws slowly: for so long nothing may change.
+# [s] Software draws slowly: for this long nothing may change.
 STILL = 1.5
 PATIENCE = 120.0
 

@@ -83,7 +83,7 @@ def test_bounds_hold_wherever_the_laser_light_starts_to_spread(
 ) -> None:
     """No bound by light lies under the lowest light that truly passes over its cell.
 
-    The light of a lens so far behind the mirror passes over a cell from another place of the ground than that of a lens
+    The light of a lens this far behind the mirror passes over a cell from another place of the ground than that of a lens
     on it; cells of which that place was not seen have no bound by light.
     """
     origin = np.array([0.6, 0.0, 0.47])
@@ -94,7 +94,7 @@ def test_bounds_hold_wherever_the_laser_light_starts_to_spread(
     x, y = (axis.ravel() for axis in np.meshgrid(*terrain.geometry.centres()))
     seen = np.isfinite(high.ravel())
     points = np.column_stack((x, y, np.zeros(x.size)))[seen]
-    # Light from a point so far behind the axis, through the axis, to what was seen: where it is 20 to 140 mm high.
+    # Light from a point this far behind the axis, through the axis, to what was seen: where it is 20 to 140 mm high.
     to_axis = origin - points
     length = np.hypot(to_axis[:, 0], to_axis[:, 2])
     source = points + to_axis * (1 + behind / length)[:, None]
