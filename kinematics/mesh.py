@@ -20,7 +20,7 @@ from kinematics.exceptions import RobotFileError
 # [byte] A mesh file above this is not opened.
 LARGEST_MESH = 256 * 1024 * 1024
 
-# So many of the hull's largest faces are tried as the bottom of the box.
+# This many of the hull's largest faces are tried as the bottom of the box.
 DIRECTIONS = 80
 
 

@@ -266,7 +266,7 @@ def _check_sole_height(tree: KinematicTree, leg: LegConfig, state: RobotState, f
         side = "above" if above > 0.0 else "below"
         findings.wrong(
             f"[legs.{leg.name}] sole: the frame {leg.sole!r} is {1e3 * abs(above):.1f} mm {side} the lowest point "
-            "of its foot in the scan posture; every foothold is this much off: put it where the foot touches the ground",
+            "of its foot in the scan posture; every foothold is off by that: put it where the foot touches the ground",
             tree.config.root.line(f"legs.{leg.name}.sole"),
         )
 

@@ -1,4 +1,4 @@
-"""A TCP proxy that passes so many bytes a second: a slow link on one machine."""
+"""A TCP proxy that passes a given number of bytes a second: a slow link on one machine."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class SlowLink:
             except OSError:
                 if self._is_closed:
                     return
-                # Nobody listens at the far end: the near one is told so.
+                # Nobody listens at the far end: the near one learns of it.
                 near.close()
                 continue
             with self._lock:

@@ -11,9 +11,10 @@ ROOT = Path(__file__).parent.parent
 PACKAGES = ("kinematics", "drivers", "transport", "guara_perception")
 # What is refused -> what to write instead.
 REFUSED = {
-    r"\btold\b": "say who reports, shows or names it",
+    r"(?i:(?:\b|_)told(?:\b|_))": "say who reports, shows or names it",
     r"\buntold\b": "name the mask, e.g. is_unknown",
-    r"\bso many\b": "name the number, or say what it counts",
+    r"\b[Ss]o (?:many|much)\b": "name the number, say what it counts, or write this many",
+    r"\b(?:[Ff]or|by) so long\b": "name the number, or say what it counts",
     r"\b(?:transform|covariance|picture|grid|message|file|one) that is none\b": "say that it is not valid",
     r"\bhowever one leaves\b": "say by which way",
     r"\bdelay who\b": "delay whoever, or name it",
@@ -48,15 +49,18 @@ NAMES_ALLOWED = {
     ),
     "places": ("drivers/emulator/sweep.py", "tests/guara_perception/terrain/questions/test_foothold.py"),
 }
-# Words that are of the optics of eyes, not of sensors.
-ALLOWED = {"colour-blind eyes"}
+# Of the optics of eyes and of light, not of sensors and figures.
+ALLOWED = {"colour-blind eyes", "starts_to_spread"}
 
 
 def texts() -> list[Path]:
     """Every file of the packages, examples and documents that a user may read."""
-    folders = (*PACKAGES, "benchmarks", "examples", "docs")
+    folders = (*PACKAGES, "benchmarks", "examples", "docs", "firmware", "robots", "tests")
     found = [
-        path for folder in folders for path in (ROOT / folder).rglob("*") if path.suffix in (".py", ".md", ".toml")
+        path
+        for folder in folders
+        for path in (ROOT / folder).rglob("*")
+        if path.suffix in (".py", ".md", ".toml") and "node_modules" not in path.parts and path != Path(__file__)
     ]
     return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *found]
 

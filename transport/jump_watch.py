@@ -10,7 +10,7 @@ from transport.messages.terrain_message import Health
 
 logger = logging.getLogger(__name__)
 # [s] How long a jump of the clock stands in the status.
-TOLD_FOR = 60.0
+REPORTED_FOR = 60.0
 
 
 class JumpWatch:
@@ -28,7 +28,7 @@ class JumpWatch:
         if jump:
             self._jump = (jump, now)
             logger.warning("the clock has jumped by %+.1f s; the ages of grids do not depend on it", jump)
-        if self._jump is None or now - self._jump[1] > TOLD_FOR:
+        if self._jump is None or now - self._jump[1] > REPORTED_FOR:
             return []
         by, at = self._jump
         words = f"the clock jumped by {by:+.1f} s, {now - at:.0f} s ago; the ages of grids do not depend on it"

@@ -44,15 +44,15 @@ def claim_name(session: Session, robot: str, *, timeout: float = NAME_TIMEOUT) -
     """
     mine = uuid.uuid4().hex
     claim = AliveToken(session, claim_key(robot, mine))
-    deadline, is_told = time.monotonic() + timeout, False
+    deadline, is_reported = time.monotonic() + timeout, False
     while True:
         others = _tokens(session, alive_key(robot)) + _tokens(session, run_key(robot))
         claims = [key.rpartition("/")[2] for key in _tokens(session, claim_key(robot))]
         if not others and min([mine, *claims]) == mine:
             return claim
-        if not is_told:
+        if not is_reported:
             logger.warning("another node has the name %r; waiting until it is gone, %g s at most", robot, timeout)
-            is_told = True
+            is_reported = True
         if time.monotonic() > deadline:
             claim.close()
             raise NameTaken(

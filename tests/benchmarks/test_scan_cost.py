@@ -1,4 +1,4 @@
-"""Scans of two checkouts in turns: what is told of each, and what is refused."""
+"""Scans of two checkouts in turns: what is reported of each, and what is refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the node's benchmark says beside the reference extraction: ratios in the same moment, told at one speed."""
+"""What the node's benchmark says beside the reference extraction: ratios in the same moment, given at one speed."""
 
 from benchmarks.yardstick import beside
 

@@ -230,7 +230,7 @@ def test_without_aravis_it_says_how_to_install_it(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.slow
-def test_a_gi_for_another_python_is_told_from_none(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+def test_a_gi_for_another_python_is_distinguished_from_none(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     (tmp_path / "gi").mkdir()
     (tmp_path / "gi" / "__init__.py").write_text("from . import _gi\n")
     monkeypatch.setitem(sys.modules, "gi", None)

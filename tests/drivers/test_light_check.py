@@ -53,21 +53,21 @@ def test_usable_light_is_not_reported(good: StripeCapture) -> None:
         (stripe(20.0, 3.0), "light: the stripe is at 8 % of the full scale, too dark: expose longer, open the iris"),
     ],
 )
-def test_a_clipped_and_a_dark_stripe_are_told_once(bad: StripeCapture, words: str) -> None:
-    (told,) = problems(bad, bad, bad)
-    assert told.startswith(words) and "exposure in devices.toml" in told
+def test_a_clipped_and_a_dark_stripe_are_reported_once(bad: StripeCapture, words: str) -> None:
+    (reported,) = problems(bad, bad, bad)
+    assert reported.startswith(words) and "exposure in devices.toml" in reported
 
 
-def test_a_picture_that_is_clipped_without_the_laser_is_told() -> None:
+def test_a_picture_that_is_clipped_without_the_laser_is_reported() -> None:
     """A window over a fifth of the picture; a lamp in a hundredth is none. The off frame is looked at, or `on`."""
     good = stripe(180.0)
-    for of_rows, is_told in ((HEIGHT // 5, True), (HEIGHT // 100, False)):
+    for of_rows, is_reported in ((HEIGHT // 5, True), (HEIGHT // 100, False)):
         on, off = good.on.copy(), good.off.copy()
         on[:of_rows] = off[:of_rows] = 255
         for seen in (capture(on, off), capture(on, None)):
-            told = problems(seen)
-            assert len(told) == is_told
-            assert not told or told[0].startswith("light: 20 % of the picture is clipped without the laser")
+            reported = problems(seen)
+            assert len(reported) == is_reported
+            assert not reported or reported[0].startswith("light: 20 % of the picture is clipped without the laser")
 
 
 def test_a_stripe_that_shows_no_laser_is_passed_over() -> None:

@@ -1,4 +1,4 @@
-"""Locking settings in V4L2's units, with a capture that records what it is told."""
+"""Locking settings in V4L2's units, with a capture that records what is set."""
 
 import cv2
 import pytest
@@ -77,10 +77,10 @@ def test_what_is_held_is_read_without_setting_anything() -> None:
     """In the units of `CameraSettings`; an automatic that is on again is named; only what was locked is asked for."""
     capture = Capture()
     locked = lock_settings(capture, CameraSettings(exposure=0.0123, gain=4.0, white_balance=4500.0), "cam")
-    told = len(capture.order)
+    reported = len(capture.order)
     held = held_settings(capture, locked)
     assert held.values == {"exposure": pytest.approx(0.0123), "gain": 4.0, "white_balance": 4500.0}
-    assert held.automatic == () and len(capture.order) == told
+    assert held.automatic == () and len(capture.order) == reported
     capture.held |= {cv2.CAP_PROP_AUTO_EXPOSURE: 3.0, cv2.CAP_PROP_AUTO_WB: 1.0, cv2.CAP_PROP_GAIN: 9.0}
     held = held_settings(capture, locked)
     assert held.automatic == ("exposure", "white_balance") and held.values["gain"] == 9.0

@@ -193,7 +193,7 @@ def test_a_failure_while_closing_never_hides_the_error_under_way(emulated: Emula
 
 
 def test_a_failure_while_closing_is_raised_when_nothing_else_is() -> None:
-    """A board that could not be told to go dark is not passed over in silence."""
+    """A board that could not be switched dark is not passed over in silence."""
     emulated = EmulatedBoard()
     board = LaserBoard(BoardConfig(timeout=0.01), backend=emulated_backend(emulated))
     board.open()

@@ -10,7 +10,7 @@ LOCKED = CameraSettings(exposure=0.004, gain=0.0, white_balance=5000.0, gamma=1.
 SAME = {"exposure": 0.004, "gain": 0.0, "white_balance": 5000.0, "gamma": 1.0}
 
 
-class Told(ReplayCamera):
+class Reporting(ReplayCamera):
     """Holds what the test says."""
 
     def __init__(self, values: dict[str, float], automatic: tuple[str, ...] = ()) -> None:
@@ -25,29 +25,35 @@ class Told(ReplayCamera):
 @pytest.mark.parametrize(
     ("camera", "words"),
     [
-        (Told(SAME | {"exposure": 0.005}), "cam: exposure is 0.005 s, it was locked at 0.004 s: see that no other"),
-        (Told(SAME | {"gain": 6.0}), "cam: gain is 6, it was locked at 0: see that no other program uses the camera"),
-        (Told(SAME | {"white_balance": 4000.0}), "cam: white balance is 4000 K, it was locked at 5000 K"),
-        (Told(SAME | {"gamma": 0.45}), "cam: gamma is 0.45, it was locked at 1"),
-        (Told(SAME, ("exposure",)), "cam: automatic exposure is on, it was locked at 0.004 s: see"),
-        (Told({}, ("white_balance",)), "cam: automatic white balance is on, it was locked at 5000 K"),
+        (
+            Reporting(SAME | {"exposure": 0.005}),
+            "cam: exposure is 0.005 s, it was locked at 0.004 s: see that no other",
+        ),
+        (
+            Reporting(SAME | {"gain": 6.0}),
+            "cam: gain is 6, it was locked at 0: see that no other program uses the camera",
+        ),
+        (Reporting(SAME | {"white_balance": 4000.0}), "cam: white balance is 4000 K, it was locked at 5000 K"),
+        (Reporting(SAME | {"gamma": 0.45}), "cam: gamma is 0.45, it was locked at 1"),
+        (Reporting(SAME, ("exposure",)), "cam: automatic exposure is on, it was locked at 0.004 s: see"),
+        (Reporting({}, ("white_balance",)), "cam: automatic white balance is on, it was locked at 5000 K"),
     ],
 )
-def test_a_change_is_told_by_name_with_both_values(camera: Camera, words: str) -> None:
-    (told,) = setting_changes(camera, LOCKED)
-    assert told.startswith(words) and told.endswith("start anew: settings are locked when it is opened")
+def test_a_change_is_reported_by_name_with_both_values(camera: Camera, words: str) -> None:
+    (reported,) = setting_changes(camera, LOCKED)
+    assert reported.startswith(words) and reported.endswith("start anew: settings are locked when it is opened")
 
 
 @pytest.mark.parametrize(
     ("camera", "locked"),
     [
-        (Told(SAME), LOCKED),
-        (Told(SAME | {"exposure": 0.00404}), LOCKED),
-        (Told({"exposure": 9.0}, ("exposure",)), CameraSettings(gain=1.0)),
-        (Told({}), LOCKED),
+        (Reporting(SAME), LOCKED),
+        (Reporting(SAME | {"exposure": 0.00404}), LOCKED),
+        (Reporting({"exposure": 9.0}, ("exposure",)), CameraSettings(gain=1.0)),
+        (Reporting({}), LOCKED),
         (ReplayCamera([]), LOCKED),
     ],
 )
-def test_what_is_as_it_was_or_not_told_is_no_change(camera: Camera, locked: CameraSettings) -> None:
+def test_what_is_as_it_was_or_not_reported_is_no_change(camera: Camera, locked: CameraSettings) -> None:
     """The camera's own rounding, what was not locked, and cameras that cannot be read."""
     assert setting_changes(camera, locked) == ()

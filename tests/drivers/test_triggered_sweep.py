@@ -159,7 +159,7 @@ def test_a_camera_without_trigger_is_refused(rig: Rig, board: LaserBoard) -> Non
         list(stripes)
 
 
-def test_a_board_of_1_0_is_told_from_one_that_sweeps(rig: Rig) -> None:
+def test_a_board_of_1_0_is_distinguished_from_one_that_sweeps(rig: Rig) -> None:
     """It works as before, and refuses a sweep in words."""
     import dataclasses
 

@@ -177,7 +177,7 @@ def test_what_is_held_is_read_back_later() -> None:
         (FakeVideo(), {"path": "/dev/video9"}, CameraNotFound, "No such file"),
     ],
 )
-def test_what_is_not_there_is_told(video: FakeVideo, options: dict, kind: type[Exception], words: str) -> None:
+def test_what_is_not_there_is_reported(video: FakeVideo, options: dict, kind: type[Exception], words: str) -> None:
     with pytest.raises(kind, match=words):
         V4l2Camera(video=video, **options).open()
     assert not video.is_open

@@ -68,9 +68,9 @@ def run(name: str, words: list[str], folder: Path) -> str:
 @pytest.mark.parametrize("name", RUNS)
 def test_example_runs(name: str, folder: Path):
     """Its output holds what its text promises; its pictures are pictures."""
-    words, told = RUNS[name]
+    words, reported = RUNS[name]
     printed = run(name, words, folder)
-    assert all(word in printed for word in told), printed
+    assert all(word in printed for word in reported), printed
     for word in words:
         if word.endswith(".png"):
             picture = cv2.imread(str(folder / word))

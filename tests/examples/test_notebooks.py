@@ -13,7 +13,7 @@ import pytest
 FOLDER = Path(__file__).parents[2] / "docs" / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 # What each must say, and how many pictures it must show.
-TOLD = {
+PRINTED = {
     "read-a-grid.ipynb": (["known 91%", "not traversable: a sole here", "traversable, score", "xarray.Dataset"], 3),
     "foot-path.ipynb": (["refused: edge", "half-planes", "clearance 31 mm", "refused: unknown"], 3),
 }
@@ -22,7 +22,7 @@ TOLD = {
 def test_all_are_listed_and_in_the_documents() -> None:
     """None is left out here, and each is linked from a page."""
     pages = "".join(path.read_text() for path in FOLDER.parent.glob("*.md"))
-    assert {path.name for path in NOTEBOOKS} == set(TOLD)
+    assert {path.name for path in NOTEBOOKS} == set(PRINTED)
     assert all(f"notebooks/{path.name}" in pages for path in NOTEBOOKS)
 
 
@@ -46,8 +46,8 @@ def test_it_runs(path: Path) -> None:
     nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(FOLDER)}}).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
     said = "".join(output.get("text", "") or output.get("data", {}).get("text/plain", "") for output in outputs)
-    told, pictures = TOLD[path.name]
-    assert [text for text in told if text not in said] == [], said
+    reported, pictures = PRINTED[path.name]
+    assert [text for text in reported if text not in said] == [], said
     shown = [output.data["image/png"] for output in outputs if "image/png" in output.get("data", {})]
     assert len(shown) == pictures
     for picture in shown:

@@ -31,6 +31,6 @@ def test_the_diagram_is_drawn_from_the_firmware() -> None:
         assert name == "LED" or f"GP{number} {name}" in drawn
 
 
-def test_nobody_is_told_that_silicon_has_run_it() -> None:
+def test_no_page_claims_that_silicon_has_run_it() -> None:
     """Until somebody has."""
     assert "No silicon has run this yet" in (DOCS / "build.md").read_text()

@@ -60,7 +60,7 @@ def test_descriptors_come_from_the_device(bus: ChipBus) -> None:
     assert configuration[18:] == bytes([7, 5, REPORT_ENDPOINT, 3, REPORT_SIZE, 0, 1])
 
 
-def test_windows_is_told_to_bind_winusb(bus: ChipBus) -> None:
+def test_windows_binds_winusb(bus: ChipBus) -> None:
     """BOS names the request; its answer, longer than a packet, names WINUSB and an interface GUID."""
     bos = bus.control(0x80, 6, 0x0F00, 0, 255, 1.0)
     assert bos[:2] == b"\x05\x0f" and int.from_bytes(bos[2:4], "little") == len(bos)

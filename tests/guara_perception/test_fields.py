@@ -82,7 +82,7 @@ def test_every_finite_object_is_read_as_it_was_written(tmp_path_factory: pytest.
 
 
 @pytest.mark.parametrize("reader", ["raw", "text", "integer", "number", "sub", "sequence"])
-def test_missing_and_null_are_told_apart(reader: str):
+def test_missing_and_null_are_distinguished(reader: str):
     """A field that is not there is missing; one that is null is said to be null."""
     assert refusal(lambda: getattr(fields(), reader)("x")) == "some.json: part.x is missing"
     assert refusal(lambda: getattr(fields(x=None), reader)("x")) == "some.json: part.x is null, a value is needed"
@@ -96,7 +96,7 @@ def test_has_is_false_for_null():
 
 
 @pytest.mark.parametrize(
-    ("reader", "value", "told"),
+    ("reader", "value", "reported"),
     [
         ("text", 1, "is a whole number, it must be a text"),
         ("integer", 1.5, "is a number, it must be a whole number"),
@@ -110,9 +110,9 @@ def test_has_is_false_for_null():
         ("sequence", {}, "is an object, it must be a list"),
     ],
 )
-def test_wrong_kind_is_named(reader: str, value: object, told: str):
+def test_wrong_kind_is_named(reader: str, value: object, reported: str):
     """The message says what kind of value was given and what kind is needed."""
-    assert refusal(lambda: getattr(fields(x=value), reader)("x")) == f"some.json: part.x {told}"
+    assert refusal(lambda: getattr(fields(x=value), reader)("x")) == f"some.json: part.x {reported}"
 
 
 def test_text_lists_what_is_allowed():
@@ -148,7 +148,7 @@ def test_array_has_the_shape_that_was_asked_for():
 
 
 @pytest.mark.parametrize(
-    ("value", "told"),
+    ("value", "reported"),
     [
         ([1, 2], "has shape 2, it must be 3"),
         (5, "has shape a single value, it must be 3"),
@@ -162,9 +162,9 @@ def test_array_has_the_shape_that_was_asked_for():
         ([1, float("nan"), 3], "holds NaN or infinity, all values must be finite"),
     ],
 )
-def test_bad_arrays_are_refused(value: object, told: str):
+def test_bad_arrays_are_refused(value: object, reported: str):
     """Other shapes, texts, truth values, gaps and NaN are no array of numbers."""
-    assert refusal(lambda: fields(x=value).array("x", (3,))) == f"some.json: part.x {told}"
+    assert refusal(lambda: fields(x=value).array("x", (3,))) == f"some.json: part.x {reported}"
 
 
 def test_nested_places_are_written_as_a_path():

@@ -40,7 +40,7 @@ def test_health_names_the_effect_of_light_and_what_to_change(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_lamps_that_flicker_strongly_are_told_without_laser_off_pictures_too() -> None:
+def test_lamps_that_flicker_strongly_are_reported_without_laser_off_pictures_too() -> None:
     """From frame to frame the picture is brighter and darker; the scan has too few returns for another reason."""
     recording = simulated(SIZE, STRIPES, dataclasses.replace(WEAK, flicker=0.3))
     processor = recording.processor()
@@ -62,15 +62,18 @@ def test_a_dark_room_does_not_flicker(laser: float) -> None:
 
 
 @pytest.mark.slow
-def test_pictures_that_were_not_used_are_told_by_stripe() -> None:
+def test_pictures_that_were_not_used_are_reported_by_stripe() -> None:
     """The report holds each with its reason, in order; in plain light there are none."""
     for light, count in ((real_light({"drift": 1.0}), STRIPES), (Light(), 0)):
         recording = simulated(SIZE, STRIPES, light)
         processor = recording.processor()
         recording.add_to(processor)
         data = processor.finish().metadata
-        unused, told = data["off_pictures_unused"], f"flicker: for {count} of {STRIPES} stripes the laser-off picture"
-        assert any(reason.startswith(told) for reason in data["health"]["reasons"]) == (count > 0)
+        unused, reported = (
+            data["off_pictures_unused"],
+            f"flicker: for {count} of {STRIPES} stripes the laser-off picture",
+        )
+        assert any(reason.startswith(reported) for reason in data["health"]["reasons"]) == (count > 0)
         assert len(unused) == count
         assert [int(index) for index in unused] == sorted(int(index) for index in unused)
         assert all("laser-off picture" in why or "brightness" in why for why in unused.values())

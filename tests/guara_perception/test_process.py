@@ -201,11 +201,11 @@ def test_stance_that_is_not_the_robots_is_refused_with_the_scans_name(paper_scan
     """A joint or a leg that the robot lacks is named, with those it has and the file it came from."""
     joints = dict(paper_scan.stance.joint_positions)
     joints["lf_hap_joint"] = joints.pop("lf_haa_joint")
-    for stance, told in (
+    for stance, reported in (
         (dataclasses.replace(paper_scan.stance, joint_positions=joints), "unknown joint 'lf_hap_joint'.*lf_haa_joint"),
         (dataclasses.replace(paper_scan.stance, support_feet=("lf", "xx", "lh")), "unknown leg 'xx'.*lf, rf, lh, rh"),
     ):
-        with pytest.raises(gp.InvalidInput, match=f"scan.json: stance: {told}"):
+        with pytest.raises(gp.InvalidInput, match=f"scan.json: stance: {reported}"):
             gp.process_scan(dataclasses.replace(paper_scan, stance=stance), calibration, robot)
 
 
@@ -235,7 +235,7 @@ def test_one_bad_frame_is_left_unknown_or_refused_when_strict(paper_scan, calibr
         gp.process_scan(blank, calibration, robot, strict=True)
 
 
-def test_other_calibration_than_recorded_is_told(paper_scan, calibration, robot, caplog):
+def test_other_calibration_than_recorded_is_reported(paper_scan, calibration, robot, caplog):
     """A scan that names another calibration is processed, with a warning that names both."""
     scan = dataclasses.replace(paper_scan, calibration_hash="0123456789abcdef")
     used = dataclasses.replace(calibration, hash="fedcba9876543210")
@@ -245,8 +245,8 @@ def test_other_calibration_than_recorded_is_told(paper_scan, calibration, robot,
 
 
 @pytest.mark.slow
-def test_mirror_that_stood_elsewhere_is_told(paper_scan, calibration, robot, caplog):
-    """Stripes are paired by index, but a commanded angle that is not the calibrated one is told."""
+def test_mirror_that_stood_elsewhere_is_reported(paper_scan, calibration, robot, caplog):
+    """Stripes are paired by index, but a commanded angle that is not the calibrated one is reported."""
     stripes = tuple(dataclasses.replace(s, mirror_angle=s.mirror_angle + 1e-3) for s in paper_scan.stripes)
     with caplog.at_level(logging.WARNING):
         gp.process_scan(paper_scan, calibration, robot, pictures=False)

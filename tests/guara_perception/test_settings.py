@@ -73,7 +73,7 @@ def test_wrong_values_are_refused_with_table_and_field(
         Settings.of(load_robot(folder))
 
 
-def test_all_wrong_values_are_told_at_once(robot: RobotModel, tmp_path: Path) -> None:
+def test_all_wrong_values_are_reported_at_once(robot: RobotModel, tmp_path: Path) -> None:
     """Faults in five tables: one refusal that lists them all."""
     folder = Path(shutil.copytree(robot.folder, tmp_path / "guara"))
     text = (folder / "robot.toml").read_text()

@@ -44,7 +44,7 @@ def reasons(scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel) -> tu
 
 
 @pytest.mark.slow
-def test_orientation_order_and_pattern_are_told_before_the_laser_is_blamed(paper_scan, calibration, robot) -> None:
+def test_orientation_order_and_pattern_are_reported_before_the_laser_is_blamed(paper_scan, calibration, robot) -> None:
     """A good scan, spoiled in one way each: the reason names that way, and no stronger laser."""
     frames = [stripe.on for stripe in paper_scan.stripes]
     every_second = dataclasses.replace(paper_scan, stripes=paper_scan.stripes[::2])
@@ -109,7 +109,7 @@ def mirror_slipped(calibration: gp.Calibration, robot: RobotModel, degrees: floa
 
 
 @pytest.mark.slow
-def test_not_found_found_elsewhere_and_not_usable_are_told_apart(paper_scan, calibration, robot) -> None:
+def test_not_found_found_elsewhere_and_not_usable_are_distinguished(paper_scan, calibration, robot) -> None:
     """A good scan, broken in each of the three ways: no light, light where no stripe can be, light that clips."""
     elsewhere = "where none can be, too high or too low: the calibration is of another rangefinder, camera or mirror"
     for moved_calibration in (

@@ -94,7 +94,7 @@ def test_the_map_knows_more_ground_with_it(both: tuple[gp.TerrainGrid, gp.Terrai
 
 
 def test_a_node_gives_the_map_the_wide_grid_in_the_words_of_the_published_one() -> None:
-    """Of a coarse scan with some of the stripes between both count; what was lost is told of the wide cells."""
+    """Of a coarse scan with some of the stripes between both count; what was lost is reported of the wide cells."""
     scan, frames = recording("paper")
     coarse = gp.ScanProcessor(truth(), guara(), scan.stance, "coarse")
     for index, on, off in frames[::2]:

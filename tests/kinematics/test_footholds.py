@@ -118,7 +118,7 @@ def stayed(now: np.ndarray, before: np.ndarray, turn_limit: float = 0.26) -> lis
     return find_stayed_feet(now, NOISE[:, :3, :3], before, NOISE[:, :3, :3], slip_sigmas=4.5, turn_limit=turn_limit)
 
 
-def test_the_foot_that_swung_is_told_from_those_that_stayed() -> None:
+def test_the_foot_that_swung_is_distinguished_from_those_that_stayed() -> None:
     """However the body moved, one foot of four set down elsewhere is the one left out."""
     for swung in range(4):
         before = SOLES.copy()
@@ -136,6 +136,6 @@ def test_a_swing_that_keeps_a_distance_is_seen_by_its_turn() -> None:
 
 
 def test_nothing_in_common_means_none() -> None:
-    """With fewer than two feet nothing stayed that could be told."""
+    """With fewer than two feet nothing that stayed can be named."""
     assert stayed(SOLES[:1], SOLES[:1]) == []
     assert stayed(SOLES[:0], SOLES[:0]) == []

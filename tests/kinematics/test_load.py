@@ -1,4 +1,4 @@
-"""A robot folder as a whole: all that is wrong told at once, what is doubtful said, folders that are added tested."""
+"""A robot folder as a whole: all errors at once, what is doubtful as warnings, and every folder that is added."""
 
 from __future__ import annotations
 
@@ -59,13 +59,15 @@ def test_what_is_wrong_in_all_three_files_comes_at_once(broken_folder: Callable[
     assert len(caught.value.findings) == 8, caught.value.findings
     for file, texts in wanted.items():
         lines = next(folder.rglob(file)).read_text().splitlines()
-        told = [re.match(rf".*{file}:(\d+): ", finding) for finding in caught.value.findings if f"{file}:" in finding]
-        found = [lines[int(match[1]) - 1] for match in told if match]
+        reported = [
+            re.match(rf".*{file}:(\d+): ", finding) for finding in caught.value.findings if f"{file}:" in finding
+        ]
+        found = [lines[int(match[1]) - 1] for match in reported if match]
         for text in texts:
             assert any(text in line for line in found), (text, caught.value.findings)
 
 
-def test_geometry_is_told_beside_wrong_settings(broken_folder: Callable[..., Path]) -> None:
+def test_geometry_is_reported_beside_wrong_settings(broken_folder: Callable[..., Path]) -> None:
     """A sole frame 20 mm too high does not hide behind a wrong setting, nor the other way round."""
     folder = broken_folder("robot.toml", "margin = 0.010", "margin = -1.0")
     edit(folder / "urdf" / "guara.urdf", ('<origin xyz="0 0 -0.100"', '<origin xyz="0 0 -0.080"'))
@@ -129,7 +131,7 @@ def test_joints_in_degrees_are_refused(robot: RobotModel) -> None:
         robot.state(in_degrees)
 
 
-def test_joints_beyond_their_limits_are_told_in_one_warning(robot: RobotModel) -> None:
+def test_joints_beyond_their_limits_are_reported_in_one_warning(robot: RobotModel) -> None:
     """Every joint of the robot is beyond its limit; one warning names three and counts the others."""
     with pytest.warns(JointLimitWarning) as caught:
         state = robot.state(robot.tree.upper_limits + 0.1)

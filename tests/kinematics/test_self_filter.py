@@ -43,7 +43,7 @@ def _transform(shape) -> np.ndarray:  # noqa: ANN001
 
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_rays_along_the_axes_are_exact(kind: str) -> None:
-    """Rays with zero components, beside and through a shape, are told right."""
+    """Rays with zero components, beside and through a shape, are judged right."""
     shape = place_shape(Shape(kind, KINDS[kind], np.eye(4)), "link", np.eye(4), 0.0)
     for axis in range(3):
         start = np.zeros(3)
@@ -100,7 +100,7 @@ def test_coarse_tests_change_nothing(robot: RobotModel) -> None:
 
 
 def test_another_frame_changes_nothing(robot: RobotModel) -> None:
-    """Points given in a frame that is turned and moved are told as the same points in the body's frame."""
+    """Points given in a frame that is turned and moved are judged as the same points in the body's frame."""
     state = robot.state(robot.posture("scan"))
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = rotation_from_rpy(0.1, -0.05, 0.02), (0.02, -0.01, 0.4)

@@ -198,8 +198,8 @@ def test_what_is_not_used_is_passed_over_and_named(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         robot = load_robot(broken_folder("urdf/guara.urdf", old, new))
-    told = [str(warning.message) for warning in caught if issubclass(warning.category, RobotFileWarning)]
-    assert len(told) == (message is not None) and all(str(message) in text for text in told)
+    reported = [str(warning.message) for warning in caught if issubclass(warning.category, RobotFileWarning)]
+    assert len(reported) == (message is not None) and all(str(message) in text for text in reported)
     for leg in robot.legs:
         ours = robot.state(robot.posture("scan")).soles_in_base([leg])
         np.testing.assert_array_equal(ours, guara.state(guara.posture("scan")).soles_in_base([leg]))

@@ -167,7 +167,7 @@ def run_node(endpoint: str, mode: str = "listen", security: str = "", robot: str
             elif command == "step":
                 server.begin_step(int(words[0]))
             elif command == "crash":
-                raise RuntimeError("crashed as told")
+                raise RuntimeError("crashed as asked")
             elif command == "quit":
                 break
         pauses.close()
@@ -225,7 +225,7 @@ def run_exit(endpoint: str, how: str) -> None:
         client.on_terrain(lambda _: None)
     say("ready")
     if how == "raise":
-        raise RuntimeError("crashed as told")
+        raise RuntimeError("crashed as asked")
     if how == "sys_exit":
         sys.exit(5)
     if how == "wait_grid":

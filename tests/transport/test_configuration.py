@@ -38,7 +38,7 @@ def test_an_endpoint_that_zenoh_would_not_take_is_refused(endpoint: str) -> None
         ("tcp/robot:7447", False),
     ],
 )
-def test_local_endpoints_are_told_from_open_ones(endpoint: str, local: bool) -> None:
+def test_local_endpoints_are_distinguished_from_open_ones(endpoint: str, local: bool) -> None:
     """Only what cannot be reached from outside counts as local."""
     assert is_local(endpoint) is local
 

@@ -10,7 +10,7 @@ from tests.transport.client_at import client_at
 from transport import keys
 
 
-def test_nothing_in_time_is_a_timeout_and_a_death_is_told(start, endpoint: str, eventually) -> None:
+def test_nothing_in_time_is_a_timeout_and_a_death_is_reported(start, endpoint: str, eventually) -> None:
     """Waiting in vain says whether the node lives; its killing is seen."""
     router = start("router", endpoint)
     node = start("node", endpoint, "connect")

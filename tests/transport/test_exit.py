@@ -24,7 +24,7 @@ def test_a_script_that_closes_nothing_ends(start, shared_node, how: str, code: i
     script = start("exit", endpoint, how)
     assert script.wait() == code
     if how == "raise":
-        assert any("crashed as told" in line for line in script.errors)
+        assert any("crashed as asked" in line for line in script.errors)
 
 
 @pytest.mark.parametrize("how", ["wait_grid", "wait_scan", "wait_connect"])

@@ -16,7 +16,7 @@ from transport.messages.status_message import STATUS_NAME, Status, StatusItem, e
 
 
 @pytest.mark.slow
-def test_all_that_live_are_told_with_step_age_health_and_links(start, endpoint: str, eventually) -> None:
+def test_all_that_live_are_reported_with_step_age_health_and_links(start, endpoint: str, eventually) -> None:
     """A robot that is a client of the router, one with an uplink, one that shows life and nothing more; one killed."""
     start("router", endpoint)
     own = free_endpoint()

@@ -98,7 +98,7 @@ def test_callback_sees_only_newer_grids_and_survives_errors(endpoint: str, peer,
 
 @pytest.mark.slow
 def test_a_damaged_grid_is_an_error_not_an_older_grid(endpoint: str, peer, eventually) -> None:
-    """After damage the reader is told, waiting passes it over, and the next grid is fine again."""
+    """After damage the reader gets an error, waiting passes it over, and the next grid is fine again."""
     with transport.open_node(listen=endpoint) as session:
         publisher = transport.Publisher(session, keys.terrain_key())
         with client_at(endpoint) as client:
@@ -168,7 +168,7 @@ def test_a_grid_outlives_only_its_pauses(endpoint: str, peer, eventually) -> Non
 
 @pytest.mark.slow
 def test_without_a_node_the_scanner_is_unavailable(endpoint: str) -> None:
-    """Nobody there is told from nothing new."""
+    """Nobody there is distinguished from nothing new."""
     with transport.open_node(listen=endpoint), client_at(endpoint) as client:
         with pytest.raises(transport.ScannerUnavailable, match="no node of robot 'guara' is to be seen"):
             client.latest()
@@ -227,11 +227,11 @@ def test_status_tells_how_the_node_does(endpoint: str, peer, eventually) -> None
         with client_at(endpoint) as client:
             server.publish(peer.make_terrain(1, step=7))
 
-            def is_told() -> bool:
+            def is_reported() -> bool:
                 status = client.status()
                 return status is not None and status.items[0].values["last_scan_step"] == "7"
 
-            assert eventually(is_told)
+            assert eventually(is_reported)
             status = client.status()
             assert status.level is transport.Health.WARN and status.item("scanner").message == "warm"
             assert int(status.items[0].values["links"]) == 1

@@ -34,8 +34,8 @@ with transport.PerceptionClient(transport.open_client(sys.argv[1], timeout=180.0
 
 def say(peer, server: transport.PerceptionServer, sequence: int, *, age: float = 0.0, **fields: object):
     """A grid as a node of today sends it: with its run, and the end of its scan by a clock that never steps."""
-    told = {"run": server.run, "epoch": "walk-a", "scan_end_clock": clock.now() - age, "provisional": False}
-    metadata = json.dumps({**told, **fields.pop("metadata", {})})
+    reported = {"run": server.run, "epoch": "walk-a", "scan_end_clock": clock.now() - age, "provisional": False}
+    metadata = json.dumps({**reported, **fields.pop("metadata", {})})
     end = time.time_ns() - round(age * 1e9)
     return peer.make_terrain(sequence, metadata=metadata, stamp=end, **fields)
 
@@ -124,7 +124,7 @@ def ways(client: transport.PerceptionClient) -> dict[str, Callable[[], object]]:
 
 
 def test_an_old_grid_is_old_for_every_way_of_receiving(node, endpoint: str, peer) -> None:
-    """A planner that joins gets the last grid, an hour old, and is told so whichever way it asks."""
+    """A planner that joins gets the last grid, an hour old, and learns its age whichever way it asks."""
     node.publish(say(peer, node, 1, age=3600.0, valid_for=420.0))
     node.flush()
     with transport.PerceptionClient(transport.open_client(endpoint, timeout=PATIENCE)) as client:
@@ -183,18 +183,18 @@ def test_ages_do_not_depend_on_the_clocks_on_the_wall(node, endpoint: str, peer,
         assert abs(estimate - behind) <= doubt + 0.01
 
 
-def test_a_jump_of_the_nodes_clock_is_told(node, client, eventually, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_jump_of_the_nodes_clock_is_reported(node, client, eventually, monkeypatch: pytest.MonkeyPatch) -> None:
     """Set back by an hour: the status says by how much; and the planner's own jump stands in its offset."""
     assert eventually(lambda: client.clock_offset is not None)
     real = time.time_ns
     monkeypatch.setattr(time, "time_ns", lambda: real() - 3600 * 10**9)
     node.status_changed()
 
-    def is_told() -> bool:
+    def is_reported() -> bool:
         item = client.status().item("clock")
         return item is not None and "jumped by -3600.0 s" in item.message
 
-    assert eventually(is_told)
+    assert eventually(is_reported)
     assert client._judge.clock.ask()
     assert client.clock_offset.jumps == 1
 
@@ -235,7 +235,7 @@ def test_a_second_node_waits_for_the_port_of_the_first(
     folder = None
     if is_secured:
         folder = transport.init_security(tmp_path / "keys")
-        # On all networks, as a secured node listens unless told otherwise.
+        # On all networks, as a secured node listens unless configured otherwise.
         endpoint = endpoint.replace("tcp/127.0.0.1", "tls/0.0.0.0")
     first = start("node", endpoint, "listen", str(folder or ""))
     with pytest.raises(transport.ConnectionFailed, match=r"waited 1 s for the port"):

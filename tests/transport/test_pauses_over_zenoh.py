@@ -1,4 +1,4 @@
-"""Stance pauses between processes: both ends are heard, what is no announcement is told."""
+"""Stance pauses between processes: both ends are heard, what is no announcement is reported as such."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def test_both_ends_of_a_pause_reach_the_node(start, endpoint: str, peer) -> None
 
 
 @pytest.mark.slow
-def test_an_announcement_that_is_none_is_told_and_the_next_one_heard(endpoint: str, eventually) -> None:
+def test_an_announcement_that_is_none_is_reported_and_the_next_one_heard(endpoint: str, eventually) -> None:
     """Damaged bytes, or a joint that is NaN, must not pass unnoticed: it may have been the end of a pause."""
     refused: list[str] = []
     heard: list[int] = []
@@ -60,8 +60,8 @@ def test_who_comes_within_a_pause_hears_its_begin_and_not_its_holds(endpoint: st
         publisher = transport.StancePublisher(other)
 
         def say(phase: transport.PausePhase, stamp: int) -> None:
-            told = {"robot": "guara", "step": 5, "phase": phase, "stamp": stamp, "stance": peer.make_stance()}
-            publisher.publish(transport.StancePause(**told))
+            reported = {"robot": "guara", "step": 5, "phase": phase, "stamp": stamp, "stance": peer.make_stance()}
+            publisher.publish(transport.StancePause(**reported))
             publisher.flush(30.0)
 
         say(transport.PausePhase.BEGIN, 1)

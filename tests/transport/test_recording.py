@@ -245,7 +245,7 @@ def test_a_cut_file_is_mended_wherever_it_was_cut(tmp_path: Path, peer) -> None:
     assert counts == sorted(counts) and counts[0] == 0 and counts[-1] == 3 * 14
 
 
-def test_a_damaged_piece_is_left_out_and_told(tmp_path: Path, peer) -> None:
+def test_a_damaged_piece_is_left_out_and_reported(tmp_path: Path, peer) -> None:
     """Flipped bytes inside a chunk cost that chunk, not the file, and reading the file itself says so."""
     _write(tmp_path / "a.mcap", peer, scans=3)
     data = bytearray((tmp_path / "a.mcap").read_bytes())

@@ -63,7 +63,7 @@ def test_each_failure_has_its_name(shared_node, behaviour: str, error: type, wor
 
 
 def test_a_second_request_meanwhile_is_busy(start, endpoint: str) -> None:
-    """Only one scan runs; the other asker is told at once."""
+    """Only one scan runs; the other asker is refused at once."""
     node = start("node", endpoint)
     with _client(endpoint) as one, _client(endpoint) as two:
         waiting = threading.Thread(target=_ignore_errors, args=(one,))
@@ -109,13 +109,13 @@ def test_a_scanner_that_dies_or_hangs_is_gone(start, endpoint: str, number: sign
 
 @pytest.mark.slow
 def test_after_a_timeout_the_scanner_takes_the_next_request(endpoint: str, peer) -> None:
-    """The handler is told that the deadline passed, and the scanner is free when it returns."""
-    told = threading.Event()
+    """The handler learns that the deadline passed, and the scanner is free when it returns."""
+    reported = threading.Event()
 
     def scan(job: transport.ScanJob) -> transport.TerrainMessage:
         if job.request.id == "first":
             assert job.cancelled.wait(30.0) and job.remaining == 0.0
-            told.set()
+            reported.set()
         server.publish(terrain := peer.make_terrain(server.next_sequence("footprint")))
         return terrain
 
@@ -125,7 +125,7 @@ def test_after_a_timeout_the_scanner_takes_the_next_request(endpoint: str, peer)
         with _client(endpoint) as client:
             with pytest.raises(transport.ScanTimeout):
                 client.request_scan(timeout=0.3, request_id="first")
-            assert told.wait(30.0)
+            assert reported.wait(30.0)
             deadline = time.monotonic() + 30.0
             while True:
                 try:

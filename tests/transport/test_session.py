@@ -22,7 +22,7 @@ def test_unreachable_router_says_what_to_check(endpoint: str) -> None:
 
 @pytest.mark.slow
 def test_taken_port_says_what_to_check(endpoint: str) -> None:
-    """A second node on one port is told what may be the cause."""
+    """A second node on one port is refused with what may be the cause."""
     with transport.open_node(listen=endpoint):
         with pytest.raises(ConnectionFailed, match=r"Address already in use.*another node or a Zenoh router"):
             transport.open_node(listen=endpoint)

@@ -87,18 +87,18 @@ def test_what_contradicts_or_exposes_is_refused(endpoint: str) -> None:
 
 
 @pytest.mark.slow
-def test_two_robots_of_one_name_that_meet_later_are_told(start, endpoint: str, eventually) -> None:
+def test_two_robots_of_one_name_that_meet_later_are_reported(start, endpoint: str, eventually) -> None:
     """Each claims its name while the site is away; when it comes both say so, and readers keep to one of the two."""
     site, other = free_endpoint(), free_endpoint()
     nodes = [start("node", each, "listen", "", "guara", site) for each in (endpoint, other)]
     start("router", site)
 
-    def told(client: transport.PerceptionClient) -> bool:
+    def reported(client: transport.PerceptionClient) -> bool:
         status = client.status()
         item = None if status is None else status.item("name")
         return item is not None and item.level is transport.Health.ERROR and "another node lives" in item.message
 
     with _client(endpoint) as first, _client(other) as second:
-        assert eventually(lambda: told(first) and told(second))
+        assert eventually(lambda: reported(first) and reported(second))
         nodes[0].kill()
-        assert eventually(lambda: not told(second))
+        assert eventually(lambda: not reported(second))

@@ -90,7 +90,7 @@ class SimulatedGait:
     """Announces the pauses of a simulated walk as a gait controller would."""
 
     def __init__(self, publisher: StancePublisher, instance: str, time_available: float = 0.0) -> None:
-        """Send through `publisher` as the robot `instance`, which stands for this long [s]; 0 when that is not known."""
+        """Send through `publisher` as the robot `instance`, which stands this long [s]; 0 when not known."""
         self._publisher, self._instance, self._epoch = publisher, instance, uuid.uuid4().hex
         self._time_available = time_available
 

@@ -110,7 +110,7 @@ class WalkMap:
             covariance_since_last=pose.covariance_since_last,
             own_covariance=pose.own_covariance,
             known_ground=known_ground,
-            metadata=self._told(pose),
+            metadata=self._reported(pose),
             time=time,
         )
         way.epoch, way.step, way.stance = epoch, step, stance
@@ -148,12 +148,12 @@ class WalkMap:
             terrain,
             _transform_of(terrain, pose),
             pose.covariance,
-            metadata={**self._told(pose), "health": dict(terrain.metadata["health"])},
+            metadata={**self._reported(pose), "health": dict(terrain.metadata["health"])},
             time=time,
         )
         return self._latest
 
-    def _told(self, pose: OdometryPose) -> dict[str, object]:
+    def _reported(self, pose: OdometryPose) -> dict[str, object]:
         return {
             "slipped_feet": list(pose.slipped_feet),
             "odometry_residual": pose.residual,

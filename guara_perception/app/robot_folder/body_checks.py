@@ -73,7 +73,7 @@ def _soles(robot: RobotModel, state: RobotState) -> Iterator[Finding]:
             yield wrong(
                 f"legs.{name}.sole",
                 f"{leg.sole!r} is {1e3 * abs(above):.1f} mm {where} the lowest point of the foot in the scan posture: "
-                "every foothold is this much off; move the frame to where the foot touches the ground",
+                "every foothold is off by that; move the frame to where the foot touches the ground",
             )
 
 

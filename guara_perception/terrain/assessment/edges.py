@@ -12,7 +12,7 @@ from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK
 
 # A height of a single scan may change when a stripe beside it is lost, so one more ring must be known.
 EXTRA_RING_CELLS = 1
-# So much wider is the sole in the fused map at least.
+# The sole in the fused map is wider by at least this [cells].
 LEAST_MARGIN_CELLS = 1
 # How far the ground of the fused map may lie aside of where the map has it [cells]; more than that makes no difference.
 LARGEST_DRIFT_CELLS = 6

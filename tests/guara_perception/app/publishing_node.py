@@ -1,4 +1,4 @@
-"""A node in its own process that publishes one stored grid when told to; arguments: endpoint, robot, grid file.
+"""A node in its own process that publishes one stored grid when asked to; arguments: endpoint, robot, grid file.
 
 Commands on standard input, each answered by "done": `publish STEP [AGE_S]`, `map STEP`, `break STEP` (a grid with one
 flipped bit), `look` (points and picture of the scan that was published last), `pause STEP`, `serve`, `quit`.

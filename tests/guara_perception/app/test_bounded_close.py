@@ -46,7 +46,7 @@ def test_a_device_that_hangs_is_left_behind_in_words() -> None:
 
 @pytest.mark.slow
 def test_a_driver_that_keeps_pythons_lock_is_left_behind_too() -> None:
-    """No thread of Python's runs any more; where it hung is told."""
+    """No thread of Python's runs any more; where it hung is reported."""
     result = run("ctypes.PyDLL(None).pause()")
     assert (result.returncode, result.stdout) == (1, "used\n")
     assert "__exit__" in result.stderr

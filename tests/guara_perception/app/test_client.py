@@ -18,7 +18,7 @@ NODE = Path(__file__).with_name("publishing_node.py")
 
 @pytest.fixture(scope="module")
 def node(start, module_endpoint: str, terrain_file: Path):
-    """A node that publishes what it is told; steps count up through the module."""
+    """A node that publishes what it is asked to; steps count up through the module."""
     process = start(NODE, module_endpoint, "guara", terrain_file)
     assert process.line() == "ready"
     return process
@@ -31,7 +31,7 @@ def client(node, module_endpoint: str) -> Iterator[gp.TerrainClient]:
         yield connected
 
 
-def test_running_node_without_a_grid_is_told(client: gp.TerrainClient, eventually: Callable):
+def test_running_node_without_a_grid_is_reported(client: gp.TerrainClient, eventually: Callable):
     """Alive, but nothing published yet: stale, with the reason. Runs first, before anything is published."""
     assert eventually(lambda: client.is_alive)
     with pytest.raises(gp.StaleTerrain, match="has published no footprint grid yet"):
@@ -49,8 +49,8 @@ def test_late_joiner_gets_the_last_grid_bit_for_bit(node, module_endpoint: str, 
         assert not terrain.layer(name).flags.writeable
     assert terrain.origin == paper_terrain.origin and terrain.resolution == paper_terrain.resolution
     assert (terrain.frame, terrain.extent) == ("base_footprint", "footprint")
-    told = {name: terrain.metadata[name] for name in paper_terrain.metadata}
-    assert told == dict(paper_terrain.metadata)
+    reported = {name: terrain.metadata[name] for name in paper_terrain.metadata}
+    assert reported == dict(paper_terrain.metadata)
 
 
 def test_wait_for_step_returns_that_step_or_a_later_one(node, client: gp.TerrainClient):

@@ -59,7 +59,7 @@ def test_what_is_written_is_read_back(devices: Devices, tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [
         ("", "format is missing"),
         ('format = "guara-devices/2"\n[camera]\nsource = "0"', "guara-devices/1"),
@@ -73,12 +73,12 @@ def test_what_is_written_is_read_back(devices: Devices, tmp_path: Path):
         ("#" * 100_000, "has 100000 bytes, 65536 are allowed"),
     ],
 )
-def test_wrong_files_are_refused_by_field(tmp_path: Path, text: str, told: str):
+def test_wrong_files_are_refused_by_field(tmp_path: Path, text: str, reported: str):
     """File, field, what was given and what is allowed."""
     (tmp_path / "devices.toml").write_text(text)
     with pytest.raises(gp.FileFormatError) as error:
         load_devices(tmp_path / "devices.toml")
-    assert told in str(error.value) and "devices.toml" in str(error.value)
+    assert reported in str(error.value) and "devices.toml" in str(error.value)
 
 
 def test_no_file_says_who_writes_one(tmp_path: Path):
@@ -95,16 +95,16 @@ def test_cameras_of_every_kind_are_made(own_camera: str):
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "reported"),
     [
         ("NotOne", "is no drivers.Camera: derive the class from it"),
         ("Missing", "cannot be made"),
         ("WantsMore", "cannot be made"),
     ],
 )
-def test_classes_that_are_no_cameras_are_refused(own_camera: str, name: str, told: str):
+def test_classes_that_are_no_cameras_are_refused(own_camera: str, name: str, reported: str):
     """One line that says why."""
-    with pytest.raises(gp.InvalidInput, match=told):
+    with pytest.raises(gp.InvalidInput, match=reported):
         Devices(f"{own_camera}:{name}").camera()
 
 

@@ -25,7 +25,7 @@ def test_missing_devices_are_named_with_the_remedy() -> None:
 
 
 def test_a_file_can_stand_in_for_a_camera(tmp_path: Path) -> None:
-    """A picture sequence opens, and its size is told."""
+    """A picture sequence opens, and its size is reported."""
     cv2.imwrite(str(tmp_path / "frame_000.png"), np.zeros((120, 160, 3), np.uint8))
     finding = doctor.check_camera(Devices(source=str(tmp_path / "frame_%03d.png")))
     assert (finding.level, "160x120" in finding.message) == (OK, True)
@@ -36,7 +36,7 @@ def test_usb_backend_comes_with_the_package() -> None:
     assert doctor.check_usb().level == OK
 
 
-def test_a_taken_port_is_told(free_endpoint: str) -> None:
+def test_a_taken_port_is_reported(free_endpoint: str) -> None:
     """Free, taken, and no endpoint at all."""
     assert doctor.check_endpoint(free_endpoint).level == OK
     host, port = free_endpoint.removeprefix("tcp/").split(":")
@@ -61,13 +61,13 @@ def test_a_taken_port_is_told(free_endpoint: str) -> None:
 def test_calibration_is_judged_by_verdict_and_age(
     calibration: gp.Calibration, changes: dict[str, object], level: str, said: str
 ) -> None:
-    """Good and fresh is ok; old, unknown and refused are told apart."""
+    """Good and fresh is ok; old, unknown and refused are distinguished."""
     fresh = {"created": datetime.now(UTC).isoformat()}
     finding = doctor.judge_calibration(dataclasses.replace(calibration, **{**fresh, **changes}))  # type: ignore[arg-type]
     assert finding.level == level and said in finding.message
 
 
-def test_calibration_that_is_not_there_is_told(tmp_path: Path) -> None:
+def test_calibration_that_is_not_there_is_reported(tmp_path: Path) -> None:
     """None given is a warning with the remedy, a missing file a failure."""
     assert doctor.check_calibration(None).level == WARN
     assert doctor.check_calibration(tmp_path / "none.json").level == FAIL

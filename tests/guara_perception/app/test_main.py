@@ -70,7 +70,7 @@ def test_no_command_at_all_shows_the_help_and_is_bad_usage(guara):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (["proces"], "No such command 'proces'"),
         (["process"], "Missing argument 'SCAN'"),
@@ -82,11 +82,11 @@ def test_no_command_at_all_shows_the_help_and_is_bad_usage(guara):
         (["--nonsense"], "No such option"),
     ],
 )
-def test_bad_usage_is_one_line_and_exit_2(guara, words: list[str], told: str):
-    """Usage mistakes are told in one line that starts with the program's name."""
+def test_bad_usage_is_one_line_and_exit_2(guara, words: list[str], reported: str):
+    """Usage mistakes are reported in one line that starts with the program's name."""
     said = guara(*words)
     assert said.code == 2 and said.out == ""
-    assert told in said.err and said.err.startswith("guara: ") and said.err.count("\n") == 1
+    assert reported in said.err and said.err.startswith("guara: ") and said.err.count("\n") == 1
 
 
 def fail_with(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
@@ -218,8 +218,8 @@ def test_verbose_behind_the_command_shows_the_log(data: Path, tmp_path: Path):
         assert done.stdout.splitlines()[-1] == level
 
 
-def test_warnings_are_told_in_words_and_once(guara, monkeypatch: pytest.MonkeyPatch):
-    """Python's warnings become one line each of the program; one that differs by its numbers is not told again."""
+def test_warnings_are_reported_in_words_and_once(guara, monkeypatch: pytest.MonkeyPatch):
+    """Python's warnings become one line each of the program; one that differs by its numbers is not reported again."""
 
     def callback() -> None:
         for angle in (0.7, 0.8):

@@ -71,7 +71,7 @@ def test_times_default_to_the_grids_stamp(paper_terrain: gp.TerrainGrid):
     assert message.scan_start == message.scan_end == message.stamp == paper_terrain.stamp
 
 
-def test_degraded_scan_is_told(paper_terrain: gp.TerrainGrid):
+def test_degraded_scan_is_reported(paper_terrain: gp.TerrainGrid):
     """Health and its reasons come along; a level that is not known counts as a warning, never as fine."""
     for level, health in (("degraded", Health.WARN), ("failed", Health.ERROR), ("odd", Health.WARN)):
         metadata = {**paper_terrain.metadata, "health": {"level": level, "reasons": ["stripe 4: blank"]}}
@@ -87,7 +87,7 @@ def test_grid_without_a_scan_can_be_sent():
 
 
 @pytest.mark.parametrize(
-    ("layer", "value", "told"),
+    ("layer", "value", "reported"),
     [
         ("hazard", 0x1000, "a cell is traversable with a hazard"),
         ("hazard", 0x0001, "elevation is NaN without an unknown flag, or known with one"),
@@ -98,7 +98,7 @@ def test_grid_without_a_scan_can_be_sent():
         ("variance", -1.0, "variance of a known cell is NaN or negative"),
     ],
 )
-def test_broken_grid_is_refused_on_arrival(message: TerrainMessage, layer: str, value: float, told: str):
+def test_broken_grid_is_refused_on_arrival(message: TerrainMessage, layer: str, value: float, reported: str):
     """One safe cell changed so that it contradicts itself: refused, with sender, step, rule and cell."""
     iy, ix = np.argwhere(message.layers["hazard"] == 0)[0]
     layers = {name: array.copy() for name, array in message.layers.items()}
@@ -106,7 +106,7 @@ def test_broken_grid_is_refused_on_arrival(message: TerrainMessage, layer: str, 
     with pytest.raises(gp.UnsafeGrid) as caught:
         message_to_terrain(dataclasses.replace(message, layers=layers))
     text = str(caught.value)
-    assert text.startswith("grid received from 'guara', step 0: ") and told in text
+    assert text.startswith("grid received from 'guara', step 0: ") and reported in text
     assert f"the first at iy={iy}, ix={ix}" in text
 
 

@@ -29,6 +29,6 @@ def test_what_is_wrong_stands_at_the_end(paper_terrain: gp.TerrainGrid):
 
 
 def test_grid_without_a_report_has_a_line_too():
-    """Terrain assessed from heights alone says `?` for what nobody told."""
+    """Terrain assessed from heights alone says `?` for what nobody said."""
     line = summary(gp.assess_terrain(np.zeros((4, 6), np.float32), 0.02))
     assert line.startswith("step 0, ?, 6x4 cells of 20 mm, known 100%, traversable 0%, attitude from ?")

@@ -174,7 +174,7 @@ def test_what_cannot_be_shown_is_refused(guara: Callable, tmp_path: Path, robot:
 def test_live_grids_are_shown_as_they_come(
     start: Callable, free_endpoint: str, terrain_file: Path, robot: RobotModel, eventually: Callable
 ) -> None:
-    """Every grid that a node publishes becomes a moment, until told to stop."""
+    """Every grid that a node publishes becomes a moment, until asked to stop."""
     node = start(NODE, free_endpoint, "guara", terrain_file)
     assert node.line() == "ready"
     shown: list[Moment] = []

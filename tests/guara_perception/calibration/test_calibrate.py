@@ -250,7 +250,7 @@ def test_wrong_one_of_five_plates_is_named(
     assert text.startswith(f"plate {plates[wrong].name} contradicts the others: they put its top at {true:.1f} mm")
 
 
-def test_plates_that_cannot_be_told_apart_are_both_named(result: CalibrationResult) -> None:
+def test_plates_that_cannot_be_distinguished_are_both_named(result: CalibrationResult) -> None:
     """Where the rest agrees equally well without either, the report blames none alone."""
     entry = LeaveOneOut(0, 1e-3, 1e-4, 1e-3, 1e-3, 1e-5, 0.4e-3)
     disagreements = (0.4e-3, 0.9e-3, 0.5e-3, 1.2e-3)
@@ -298,8 +298,8 @@ def test_a_floor_that_is_not_level_is_not_good(
     gravity = (float(np.sin(angle)), 0.0, -float(np.cos(angle)))
     stance = dataclasses.replace(session.stance, gravity_in_base=gravity)
     found = calibrate_session(dataclasses.replace(session, stance=stance), robot)
-    told = [reason for reason in found.reasons if reason.startswith("mount by joints and gravity")]
-    assert told == [
+    reported = [reason for reason in found.reasons if reason.startswith("mount by joints and gravity")]
+    assert reported == [
         "mount by joints and gravity is 1 degrees, above 0.5: level the floor; check that all soles lie flat on it, "
         "the zeros of the joints, and how the IMU is mounted"
     ]

@@ -96,7 +96,7 @@ def test_arrays_are_copies_and_read_only():
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "reported"),
     [
         ({"size": (640,)}, "camera size is (640,), it must be (width, height)"),
         ({"size": (8, 512)}, "each 16 to 8192 px"),
@@ -112,8 +112,8 @@ def test_arrays_are_copies_and_read_only():
         ({"distortion": np.full(5, np.inf)}, "it must be 5 finite ones"),
     ],
 )
-def test_nonsense_is_refused(change: dict, told: str):
+def test_nonsense_is_refused(change: dict, reported: str):
     """Each message says what was given and what a camera needs."""
     with pytest.raises(gp.InvalidInput) as caught:
         dataclasses.replace(camera(), **change)
-    assert told in str(caught.value)
+    assert reported in str(caught.value)

@@ -159,7 +159,9 @@ def test_recorded_scan(paper_scan: gp.Scan, calibration: gp.Calibration, robot: 
 
 
 @pytest.mark.slow
-def test_mirrored_frames_are_told_from_a_drift(paper_scan: gp.Scan, calibration: gp.Calibration, robot) -> None:
+def test_mirrored_frames_are_distinguished_from_a_drift(
+    paper_scan: gp.Scan, calibration: gp.Calibration, robot
+) -> None:
     """Left and right swapped look like a camera that moved; the check says what it is, and only then."""
     mirrored = dataclasses.replace(paper_scan, read_frame=lambda name: paper_scan.read_frame(name)[:, ::-1].copy())
     drift = scan_drift(run_scan(mirrored, calibration, robot))

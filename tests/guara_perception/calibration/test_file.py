@@ -69,7 +69,7 @@ def test_file_has_the_promised_fields(calibration_file: Path, calibration: gp.Ca
     assert list(to_dict(calibration)) == FIELDS
 
 
-def test_edited_file_is_told_and_its_own_hash_is_used(calibration_file: Path, tmp_path: Path, caplog):
+def test_edited_file_is_reported_and_its_own_hash_is_used(calibration_file: Path, tmp_path: Path, caplog):
     """A file that was changed by hand is loaded with a warning, and grids carry the hash of what it holds."""
     path = edited(calibration_file, tmp_path / "edited.json", lambda c: c["stripes"][0].update(mirror_angle=0.1))
     with caplog.at_level(logging.WARNING):
@@ -160,14 +160,14 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize(("change", "told"), BAD.values(), ids=BAD)
-def test_bad_field_is_refused_by_name(calibration_file: Path, tmp_path: Path, change, told: str):
+@pytest.mark.parametrize(("change", "reported"), BAD.values(), ids=BAD)
+def test_bad_field_is_refused_by_name(calibration_file: Path, tmp_path: Path, change, reported: str):
     """Each message starts with the file and says field, what was given and what is allowed."""
     path = edited(calibration_file, tmp_path / "bad.json", change)
     with pytest.raises(gp.FileFormatError) as caught:
         gp.load_calibration(path)
     message = str(caught.value)
-    assert message.startswith(f"{path}: ") and told in message and "\n" not in message
+    assert message.startswith(f"{path}: ") and reported in message and "\n" not in message
 
 
 def test_missing_file_is_refused(tmp_path: Path):

@@ -70,7 +70,7 @@ def test_the_joints_put_every_sole_where_it_stands(robot: RobotModel, seed: int)
 
 
 def test_one_foot_moves_and_three_stay(robot: RobotModel) -> None:
-    """Between two pauses only the announced leg's sole moves; it lands where it was told to."""
+    """Between two pauses only the announced leg's sole moves; it lands where it was commanded to."""
     pauses = list(simulate_walk(World(), robot, lambda p: (p.nominal[0] + 0.02, p.nominal[1] - 0.01), cycles=2))
     for one, two in itertools.pairwise(pauses):
         moved = [leg for leg in robot.legs if (one.soles_in_world[leg] != two.soles_in_world[leg]).any()]

@@ -232,7 +232,7 @@ def test_a_laser_off_picture_of_no_use_counts_as_none() -> None:
     """Exposed half as long, or of another place: the picture itself shows the stripe, and the profile says why."""
     on, off = picture(np.full(COLUMNS, 40.0), peak=90.0)
     rng = np.random.default_rng(3)
-    # Contrast as a scene has it, so that there is an exposure to be told.
+    # Contrast as a scene has it, so that there is an exposure to compare.
     scene = np.repeat(np.repeat(rng.uniform(0, 50, (ROWS // 8, COLUMNS // 10, 1)), 8, axis=0), 10, axis=1)
     other = np.repeat(np.repeat(rng.uniform(0, 50, (ROWS // 8, COLUMNS // 10, 1)), 8, axis=0), 10, axis=1)
     bright = (on + scene).clip(0, 255).astype(np.uint8)

@@ -22,24 +22,24 @@ def test_differences_are_counted_by_side(make_scan):
     flags = np.zeros((108, 90), np.uint16)
     flags[:, :5] = gp.Hazard.DROPOUT
     a, b = make_scan(0.0), make_scan(0.002, flags=flags)
-    told = gp.compare(a, b)
-    assert told.mean == pytest.approx(0.002, abs=1e-8) and told.largest == pytest.approx(0.002, abs=1e-8)
-    assert told.known_only_in_a == 5 * 108 and told.known_only_in_b == 0
-    assert told.free_only_in_a > 0 and told.free_only_in_b == 0
-    assert np.isnan(told.difference[:, :5]).all() and np.isfinite(told.difference[:, 5:]).all()
-    assert "mean +2.000 mm" in repr(told) and f"only in a {5 * 108}, only in b 0" in repr(told)
+    reported = gp.compare(a, b)
+    assert reported.mean == pytest.approx(0.002, abs=1e-8) and reported.largest == pytest.approx(0.002, abs=1e-8)
+    assert reported.known_only_in_a == 5 * 108 and reported.known_only_in_b == 0
+    assert reported.free_only_in_a > 0 and reported.free_only_in_b == 0
+    assert np.isnan(reported.difference[:, :5]).all() and np.isfinite(reported.difference[:, 5:]).all()
+    assert "mean +2.000 mm" in repr(reported) and f"only in a {5 * 108}, only in b 0" in repr(reported)
     with pytest.raises(ValueError):
-        told.difference[0, 0] = 0.0
+        reported.difference[0, 0] = 0.0
 
 
 def test_nothing_in_common_has_no_mean(make_scan):
     """NaN, not zero: an error that was not measured is none."""
-    told = gp.compare(make_scan(0.0), make_scan(0.0, flags=int(gp.Hazard.UNSCANNED)))
-    assert np.isnan(told.rms) and told.known_in_both == 0
+    reported = gp.compare(make_scan(0.0), make_scan(0.0, flags=int(gp.Hazard.UNSCANNED)))
+    assert np.isnan(reported.rms) and reported.known_in_both == 0
 
 
 def test_other_cells_are_refused(make_scan):
-    """Both geometries are told."""
+    """Both geometries are named."""
     fine = make_scan(0.0)
     with pytest.raises(gp.InvalidInput, match=r"a has \(108, 90\) cells .* both must have the same cells"):
         gp.compare(fine, fine.coarser(2))

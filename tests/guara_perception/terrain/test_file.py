@@ -64,8 +64,8 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize(("change", "told"), BAD.values(), ids=BAD)
-def test_bad_content_is_refused_by_name(saved: Path, tmp_path: Path, change, told: str):
+@pytest.mark.parametrize(("change", "reported"), BAD.values(), ids=BAD)
+def test_bad_content_is_refused_by_name(saved: Path, tmp_path: Path, change, reported: str):
     """Each message starts with the file and says which array is wrong, how, and what it must be."""
     with np.load(saved) as content:
         arrays = dict(content)
@@ -75,7 +75,7 @@ def test_bad_content_is_refused_by_name(saved: Path, tmp_path: Path, change, tol
     with pytest.raises(gp.FileFormatError) as caught:
         gp.load_terrain(path)
     message = str(caught.value)
-    assert message.startswith(f"{path}: ") and told in message and "\n" not in message
+    assert message.startswith(f"{path}: ") and reported in message and "\n" not in message
 
 
 def test_unsafe_content_is_refused(saved: Path, tmp_path: Path):

@@ -182,7 +182,7 @@ def test_steppable_regions_are_outlined_when_their_box_is_ticked(
 def test_a_walk_is_played_and_leaves_a_trail(
     page: Chromium, robot: RobotModel, grid: gp.TerrainGrid, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The button plays to the end; the robot moves over the ground, its way behind it; the eye stays when told to."""
+    """The button plays to the end; the robot moves over the ground, its way behind it; the eye stays when asked to."""
     with BrowserView(robot, port=18120) as view:
         view.show_recording([moment(grid, step, 0.2 * step) for step in range(4)])
         open_page(page, view.address, "step 0")
@@ -198,7 +198,7 @@ def test_a_walk_is_played_and_leaves_a_trail(
 
         # Forwards is to the right in the picture.
         assert centre(last) > centre(first) + 20
-        # From the end it begins anew, and stops when told to.
+        # From the end it begins anew, and stops when asked to.
         monkeypatch.setattr(browser, "PLAY_PERIOD_S", 3600.0)
         press(page, "play")
         page.wait_for("document.body.innerText.includes('step 0')")

@@ -55,7 +55,7 @@ def test_scales_have_a_bar_and_say_what_is_unknown(grid: gp.TerrainGrid) -> None
     assert "0 no foot here" in legend_html(terrain_mesh(grid, "traversability"))
 
 
-def test_a_place_is_told_line_by_line(grid: gp.TerrainGrid) -> None:
+def test_a_place_is_reported_line_by_line(grid: gp.TerrainGrid) -> None:
     """What `explain` says, the verdict in bold, for known, unknown and outside."""
     known = cell_text(grid.explain(0.70, 0.10))
     assert known.startswith("**x=0.700 y=0.100**  \n60.0 mm high") and known.splitlines()[-1].startswith(

@@ -77,7 +77,7 @@ def test_pauses_of_a_gait_that_knows_no_walks_are_read(peer, byte_order: str) ->
         transport.decode_stance_pause(whole[:-9])
 
 
-def test_a_phase_of_a_later_version_is_told_apart_from_damage(peer) -> None:
+def test_a_phase_of_a_later_version_is_distinguished_from_damage(peer) -> None:
     """It is refused in words that say what is known, by an error of its own."""
     message = make_stance_pause(sample_pause(peer))
     message.phase = 9
@@ -99,7 +99,7 @@ def test_an_announcement_beyond_the_limit_is_refused() -> None:
 
 
 def test_unknown_gravity_stays_unknown(peer) -> None:
-    """No gravity is told from a gravity of zero."""
+    """No gravity is distinguished from a gravity of zero."""
     stance = transport.StanceMessage(joint_positions={}, support_feet=())
     terrain = peer.make_terrain(shape=(1, 1), stance=stance)
     assert transport.decode_terrain(transport.encode_terrain(terrain)).stance.gravity_in_base is None

@@ -83,7 +83,7 @@ def _broken(change) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "reported"),
     [
         (lambda m: setattr(m, "nx", 7), "has 48 bytes; 56 are|of 56 bytes|bytes"),
         (lambda m: setattr(m, "nx", 0), "summary of 4 x 0 cells"),
@@ -98,11 +98,11 @@ def _broken(change) -> bytes:
         (lambda m: setattr(m, "run", "r" * 101), "longer than 100"),
     ],
 )
-def test_what_is_not_as_it_must_be_is_refused(change, told: str) -> None:
+def test_what_is_not_as_it_must_be_is_refused(change, reported: str) -> None:
     """In words, and as an error of messages or of names."""
     from transport import TransportError
 
-    with pytest.raises(TransportError, match=told):
+    with pytest.raises(TransportError, match=reported):
         decode_summary(_broken(change))
 
 
@@ -120,7 +120,7 @@ def test_one_that_is_withdrawn_and_knows_a_cell_is_refused(layer: str) -> None:
         decode_summary(encode(message))
 
 
-def test_another_version_is_told() -> None:
+def test_another_version_is_reported() -> None:
     """A later major version is refused; a bomb is not opened."""
     with pytest.raises(VersionError, match="summary of version 2.0"):
         decode_summary(_broken(lambda m: setattr(m, "version_major", 2)))

@@ -68,11 +68,11 @@ def test_the_end_of_a_certificate_is_said_in_time(folder: Path) -> None:
     assert judge_security(folder)[0] is judge_security(folder / "node")[0] is Health.OK
     ca = Credentials((folder / "ca" / "ca.pem").read_bytes(), (folder / "ca" / "ca.key").read_bytes())
     ends = {20: (Health.WARN, "expires in 20 days"), -3: (Health.ERROR, "expired 3 days ago")}
-    for days, (level, told) in ends.items():
+    for days, (level, reported) in ends.items():
         (folder / "gait" / "gait.pem").write_bytes(make_certificate(ca, "gait", ["gait"], days=days).certificate)
         assert abs(days_left(folder / "gait" / "gait.pem") - days) < 0.1
         found, message = judge_security(folder)
-        assert found is level and f"gait/gait.pem {told}" in message and "guara security renew" in message
+        assert found is level and f"gait/gait.pem {reported}" in message and "guara security renew" in message
 
 
 def test_a_key_that_others_can_read_is_refused(endpoint: str, folder: Path) -> None:
@@ -126,7 +126,7 @@ def test_a_folder_of_an_earlier_version_works_and_says_so_until_it_is_renewed(
             assert tx["lease"] == 1500 and tx["queue"]["size"] == QUEUES
 
 
-def test_mistakes_are_told(folder: Path, tmp_path: Path) -> None:
+def test_mistakes_are_reported(folder: Path, tmp_path: Path) -> None:
     """No such member, no CA, a role that cannot be shared."""
     with pytest.raises(SecurityError, match="no member 'rex'; members: node, gait"):
         revoke(folder, "rex")

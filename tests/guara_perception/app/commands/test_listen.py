@@ -14,7 +14,7 @@ GUARA = ("-m", "guara_perception.app.main")
 
 @pytest.fixture(scope="module")
 def node(start, module_endpoint: str, terrain_file: Path):
-    """A node that publishes what it is told."""
+    """A node that publishes what it is asked to."""
     process = start(NODE, module_endpoint, "guara", terrain_file)
     assert process.line() == "ready"
     return process

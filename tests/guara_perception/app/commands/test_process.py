@@ -196,9 +196,9 @@ BAD_SCANS: dict[str, tuple[Change, str]] = {
 }
 
 
-@pytest.mark.parametrize(("change", "told"), BAD_SCANS.values(), ids=BAD_SCANS)
+@pytest.mark.parametrize(("change", "reported"), BAD_SCANS.values(), ids=BAD_SCANS)
 def test_bad_scan_is_refused(
-    guara, paper_copy: Path, calibration_file: Path, tmp_path: Path, change: Change, told: str
+    guara, paper_copy: Path, calibration_file: Path, tmp_path: Path, change: Change, reported: str
 ):
     """Exit 2, one line that names file and field; no output file, whole or half, nor one beside it."""
     change(paper_copy)
@@ -206,7 +206,7 @@ def test_bad_scan_is_refused(
     folder.mkdir()
     said = guara("process", paper_copy, "-c", calibration_file, "-o", folder / "out.npz")
     assert said.code == 2 and said.out == ""
-    assert told in said.err and said.err.startswith(f"guara: {paper_copy}") and said.err.count("\n") == 1
+    assert reported in said.err and said.err.startswith(f"guara: {paper_copy}") and said.err.count("\n") == 1
     assert list(folder.iterdir()) == []
 
 
@@ -221,15 +221,15 @@ BAD_CALIBRATIONS: dict[str, tuple[Callable[[dict], object], str]] = {
 }
 
 
-@pytest.mark.parametrize(("change", "told"), BAD_CALIBRATIONS.values(), ids=BAD_CALIBRATIONS)
-def test_bad_calibration_is_refused(guara, data: Path, calibration_file: Path, tmp_path: Path, change, told: str):
+@pytest.mark.parametrize(("change", "reported"), BAD_CALIBRATIONS.values(), ids=BAD_CALIBRATIONS)
+def test_bad_calibration_is_refused(guara, data: Path, calibration_file: Path, tmp_path: Path, change, reported: str):
     """The calibration is checked as the scan is, and must be the scan's."""
     content = json.loads(calibration_file.read_text())
     change(content)
     bad = tmp_path / "bad.json"
     bad.write_text(json.dumps(content))
     said = guara("process", data / "scans" / "paper", "-c", bad, "-o", tmp_path / "out.npz")
-    assert said.code == 2 and said.out == "" and told in said.err
+    assert said.code == 2 and said.out == "" and reported in said.err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.json"]
 
 
@@ -270,9 +270,9 @@ def bad_options(data: Path, calibration: Path, folder: Path) -> dict[str, tuple[
 @pytest.mark.parametrize("case", bad_options(Path(), Path(), Path()))
 def test_bad_option_is_refused(guara, data: Path, calibration_file: Path, tmp_path: Path, case: str):
     """Options are checked before any work, and nothing is written."""
-    words, told = bad_options(data, calibration_file, tmp_path)[case]
+    words, reported = bad_options(data, calibration_file, tmp_path)[case]
     said = guara("process", *words)
-    assert said.code == 2 and said.out == "" and told in said.err and said.err.count("\n") == 1
+    assert said.code == 2 and said.out == "" and reported in said.err and said.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 

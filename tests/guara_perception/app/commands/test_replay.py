@@ -96,7 +96,7 @@ def _write_foreign(path: Path, topic: str, schema: str, encoding: str, payload: 
 
 
 @pytest.mark.parametrize("kind", FOREIGN)
-def test_a_foreign_recording_is_told(guara, calibration_file: Path, tmp_path: Path, kind: str):
+def test_a_foreign_recording_is_reported(guara, calibration_file: Path, tmp_path: Path, kind: str):
     """A well-formed .mcap of somebody else: one line and exit 2 from whoever wants a scan, never a traceback."""
     path = tmp_path / "foreign.mcap"
     _write_foreign(path, *FOREIGN[kind])

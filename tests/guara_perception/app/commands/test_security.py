@@ -22,7 +22,7 @@ def keys(tmp_path: Path) -> Path:
 
 
 def _give(keys: Path, name: str, days: int) -> None:
-    """A certificate that ends in so many days."""
+    """A certificate that ends in `days` days."""
     ca = Credentials((keys / "ca" / "ca.pem").read_bytes(), (keys / "ca" / "ca.key").read_bytes())
     made = make_certificate(ca, name, [name, "localhost"], days=days)
     (keys / name / f"{name}.pem").write_bytes(made.certificate)
@@ -56,7 +56,7 @@ def test_add_and_revoke_say_what_to_copy(guara, keys: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (["router", "KEYS", "--robot", "guara", "--robot", "r/x"], "r/x"),
         (["router", "KEYS", "--robot", "node"], "robot name 'node' cannot be in a certificate"),
@@ -82,12 +82,12 @@ def test_add_and_revoke_say_what_to_copy(guara, keys: Path) -> None:
         (["revoke", "KEYS", "rex"], "has no member 'rex'"),
     ],
 )
-def test_mistakes_end_in_one_line(guara, keys: Path, tmp_path: Path, words: list[str], told: str) -> None:
+def test_mistakes_end_in_one_line(guara, keys: Path, tmp_path: Path, words: list[str], reported: str) -> None:
     """Exit 2, and the folder is as it was."""
     before = sorted(path.relative_to(keys) for path in keys.rglob("*"))
     given = {"KEYS": keys, "NOWHERE": tmp_path / "nowhere"}
     said = guara("security", *(given.get(word, word) for word in words))
-    assert said.code == 2 and told in said.err and said.err.count("\n") == 1 and said.out == ""
+    assert said.code == 2 and reported in said.err and said.err.count("\n") == 1 and said.out == ""
     assert sorted(path.relative_to(keys) for path in keys.rglob("*")) == before
 
 
@@ -109,12 +109,12 @@ FLAWS: dict[str, tuple[Callable[[Path], None], Health, str, str, int]] = {
 @pytest.mark.parametrize("flaw", FLAWS)
 def test_doctor_and_status_warn_in_time(guara, keys: Path, flaw: str) -> None:
     """The same words in both; doctor's exit code is 1 only when nothing would start."""
-    make, level, word, told, code = FLAWS[flaw]
+    make, level, word, reported, code = FLAWS[flaw]
     make(keys)
     item = certificates_item(keys)
-    assert item.name == "certificates" and item.level is level and told in item.message
+    assert item.name == "certificates" and item.level is level and reported in item.message
     said = guara("doctor", "--only", "certificates", "--security", keys)
-    assert said.code == code and said.out.startswith(word) and told in said.out
+    assert said.code == code and said.out.startswith(word) and reported in said.out
 
 
 def test_doctor_says_when_it_was_given_no_folder(guara, tmp_path: Path) -> None:

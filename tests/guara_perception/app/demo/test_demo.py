@@ -31,7 +31,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 
 
 @pytest.mark.heavy
-def test_each_pause_is_told_and_the_check_passes(demo: tuple[Path, str]) -> None:
+def test_each_pause_is_reported_and_the_check_passes(demo: tuple[Path, str]) -> None:
     """Five pauses, each with mode, coverage and foothold; the planner missed none."""
     lines = demo[1].splitlines()
     assert [line.split()[1] for line in lines if line.startswith("step")] == ["0", "1", "2", "3", "4"]

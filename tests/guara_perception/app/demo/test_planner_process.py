@@ -1,4 +1,4 @@
-"""The demo's planner in its own process: it answers from the grid that it received, and its end is told."""
+"""The demo's planner in its own process: it answers from the grid that it received, and its end is reported."""
 
 from pathlib import Path
 
@@ -42,7 +42,7 @@ def test_foothold_is_that_of_the_grid(node, module_endpoint: str, paper_terrain:
     assert far["foothold"] is None and far["reasons"]
 
 
-def test_no_node_is_told_and_nothing_is_left_behind(free_endpoint: str, capfd):
+def test_no_node_is_reported_and_nothing_is_left_behind(free_endpoint: str, capfd):
     """A planner that cannot connect ends with one line of its own, and the demo says that it ended."""
     with pytest.raises(PlannerFailed, match=r"the planner process ended \(exit code 1\)"):
         PlannerProcess(free_endpoint, "guara")
@@ -50,7 +50,7 @@ def test_no_node_is_told_and_nothing_is_left_behind(free_endpoint: str, capfd):
     assert said.startswith("planner: cannot connect to") and "Traceback" not in said
 
 
-def test_planner_that_died_is_told(node, module_endpoint: str):
+def test_planner_that_died_is_reported(node, module_endpoint: str):
     """Asking a dead planner is an error at once, and closing it twice is none."""
     planner = PlannerProcess(module_endpoint, "guara")
     planner._process.kill()

@@ -17,7 +17,7 @@ def recording(data: Path, tmp_path: Path) -> Path:
     return convert(data / "scans" / "paper", tmp_path / "paper.mcap")
 
 
-def told(guara, path: Path) -> dict[str, object]:
+def reported(guara, path: Path) -> dict[str, object]:
     """What `--json` prints."""
     said = guara("info", path, "--json")
     assert said.code == 0, said.err
@@ -27,16 +27,16 @@ def told(guara, path: Path) -> dict[str, object]:
 @pytest.mark.slow
 def test_each_kind_is_known(guara, data: Path, root: Path, terrain_file: Path, calibration_file: Path, recording: Path):
     """Grid, recording, calibration, scan, session and robot, each with its own figures."""
-    grid = told(guara, terrain_file)
+    grid = reported(guara, terrain_file)
     assert grid["kind"] == "grid" and grid["cells"] == [90, 108] and 0.8 < grid["known"] < 1
-    assert told(guara, recording)["scans"] == [{"step": 0, "mode": "coarse", "stripes": 35}]
-    calibration = told(guara, calibration_file)
+    assert reported(guara, recording)["scans"] == [{"step": 0, "mode": "coarse", "stripes": 35}]
+    calibration = reported(guara, calibration_file)
     assert calibration["kind"] == "calibration" and calibration["picture_size"] == [640, 512]
-    scan = told(guara, data / "scans" / "paper")
+    scan = reported(guara, data / "scans" / "paper")
     assert scan["kind"] == "scan" and scan["laser_off_frames"] == 1 and scan["carries_calibration"] is False
-    session = told(guara, data / "calibration")
+    session = reported(guara, data / "calibration")
     assert session["kind"] == "calibration session" and session["plates"] == [0.0, 0.04, 0.08]
-    assert told(guara, root / "robots" / "guara")["legs"] == ["lf", "rf", "lh", "rh"]
+    assert reported(guara, root / "robots" / "guara")["legs"] == ["lf", "rf", "lh", "rh"]
 
 
 def test_words_for_people(guara, terrain_file: Path, data: Path):
@@ -71,6 +71,6 @@ def test_json_of_process_is_that_of_info(guara, data: Path, calibration_file: Pa
     said = guara("process", data / "scans" / "paper", "-c", calibration_file, "-o", tmp_path / "t.npz", "--json")
     printed = json.loads(said.out)
     assert printed.pop("file") == str(tmp_path / "t.npz")
-    found = told(guara, tmp_path / "t.npz")
+    found = reported(guara, tmp_path / "t.npz")
     assert found.pop("kind") == "grid" and found == printed
     assert gp.load_terrain(tmp_path / "t.npz").step == printed["step"]

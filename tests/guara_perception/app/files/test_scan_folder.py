@@ -129,15 +129,15 @@ BAD_FIELDS = {
 }
 
 
-@pytest.mark.parametrize(("change", "told"), BAD_FIELDS.values(), ids=BAD_FIELDS)
-def test_bad_field_is_refused_by_name(edited_scan, change, told: str):
+@pytest.mark.parametrize(("change", "reported"), BAD_FIELDS.values(), ids=BAD_FIELDS)
+def test_bad_field_is_refused_by_name(edited_scan, change, reported: str):
     """Each message starts with the file and says field, what was given and what is allowed, on one line."""
     folder = edited_scan(change)
     with pytest.raises((gp.FileFormatError, gp.MissingFile)) as caught:
         gp.open_scan(folder)
     message = str(caught.value)
     assert message.startswith(str(folder / "scan.json"))
-    assert told in message and "\n" not in message
+    assert reported in message and "\n" not in message
 
 
 def test_missing_folder_and_missing_scan_file(tmp_path: Path):
@@ -174,7 +174,7 @@ def test_broken_frame_is_refused_when_it_is_read(paper_copy: Path, content: byte
 
 
 def test_frame_that_vanished_is_named(paper_copy: Path):
-    """A frame removed after the scan was opened is told by name."""
+    """A frame removed after the scan was opened is reported by name."""
     scan = gp.open_scan(paper_copy)
     (paper_copy / "on_002.jpg").unlink()
     with pytest.raises(gp.MissingFile, match="on_002.jpg: no such file"):

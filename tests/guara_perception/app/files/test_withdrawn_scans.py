@@ -1,4 +1,4 @@
-"""Scans of a recording whose grids the node took back are told from those that stand."""
+"""Scans of a recording whose grids the node took back are distinguished from those that stand."""
 
 import dataclasses
 import json
@@ -21,10 +21,10 @@ def grid(paper_terrain: gp.TerrainGrid) -> TerrainMessage:
     return terrain_to_message(dataclasses.replace(paper_terrain, pictures={}), robot="guara", sequence=1)
 
 
-def _said(grid: TerrainMessage, step: int, stamp: int, told: dict, extent: str = "footprint") -> TerrainMessage:
-    metadata = json.dumps({**json.loads(grid.metadata), "epoch": "walk", **told})
-    health = Health.ERROR if told.get("withdrawn") else Health.OK
-    if told.get("withdrawn"):
+def _said(grid: TerrainMessage, step: int, stamp: int, reported: dict, extent: str = "footprint") -> TerrainMessage:
+    metadata = json.dumps({**json.loads(grid.metadata), "epoch": "walk", **reported})
+    health = Health.ERROR if reported.get("withdrawn") else Health.OK
+    if reported.get("withdrawn"):
         nothing = {"elevation": np.full(grid.shape, np.nan, np.float32)}
         nothing["traversability"] = np.zeros(grid.shape, np.float32)
         grid = dataclasses.replace(grid, layers={**grid.layers, **nothing})

@@ -30,9 +30,16 @@ class Gait:
 
     def say(self, step: int, phase: PausePhase, stance: Stance | None = None, **fields: Any) -> None:
         message = stance_to_message(stance or self.stance)
-        told = {"robot": "guara", "step": step, "phase": phase, "stamp": time.time_ns(), "stance": message, **fields}
-        self.first_stamp = min(self.first_stamp, told["stamp"])
-        self.publisher.publish(StancePause(**told))
+        reported = {
+            "robot": "guara",
+            "step": step,
+            "phase": phase,
+            "stamp": time.time_ns(),
+            "stance": message,
+            **fields,
+        }
+        self.first_stamp = min(self.first_stamp, reported["stamp"])
+        self.publisher.publish(StancePause(**reported))
 
     def moved(self, angle: float = 0.02) -> Stance:
         """The stance with all knees bent further: the camera comes down, and forward."""

@@ -53,7 +53,7 @@ def test_a_live_scan_gives_the_grid_of_the_recording(rig: Rig) -> None:
 def test_a_frame_out_of_step_costs_its_own_stripe_of_a_group(rig: Rig) -> None:
     """Stripes that are handed over together are processed together, but for the one that cannot be used."""
     processor = rig.processor()
-    real, told = rig.camera.grab, []
+    real, reported = rig.camera.grab, []
 
     def grab(timeout: float) -> Frame:
         frame = real(timeout)
@@ -68,11 +68,11 @@ def test_a_frame_out_of_step_costs_its_own_stripe_of_a_group(rig: Rig) -> None:
         processor,
         rig.pattern,
         should_stop=lambda: False,
-        on_stripe=lambda capture: told.append(capture.index),
+        on_stripe=lambda capture: reported.append(capture.index),
     )
-    assert told == [index for index, _ in rig.pattern]
+    assert reported == [index for index, _ in rig.pattern]
     bad = [index for index, profile in processor.profiles.items() if profile.is_frame_bad]
-    assert bad and set(processor.points) == set(told) - set(bad)
+    assert bad and set(processor.points) == set(reported) - set(bad)
     assert any("changed its picture's size" in problem for problem in scan.problems)
 
 
@@ -102,7 +102,7 @@ def test_a_pause_that_ends_leaves_the_rest_unscanned(rig: Rig, stop_at: int) -> 
 @pytest.mark.parametrize("kind", TRANSFER_FAULTS, ids=lambda kind: kind.value)
 @pytest.mark.parametrize("skip", [0, 40])
 def test_no_transfer_fault_makes_anything_safer(rig: Rig, kind: FaultKind, skip: int) -> None:
-    """A fault of the bus at the begin, in the middle or at the end of a scan: survived, and told where it cost data."""
+    """A fault of the bus early, in the middle or late in a scan: survived, and reported where it cost data."""
     rig.board.inject(Fault(kind, skip=skip, count=4))
     processor = rig.processor()
     try:
@@ -175,7 +175,7 @@ def test_settings_that_hold_and_good_light_are_not_reported(simulated: Simulated
         ({"exposure": 0.0008}, ("exposure is 0.0008 s, it was locked at", "too dark: expose longer, open the iris")),
     ],
 )
-def test_what_another_program_changes_is_told_with_what_it_does_to_the_light(
+def test_what_another_program_changes_is_reported_with_what_it_does_to_the_light(
     simulated: SimulatedRobot, changed: dict[str, float], words: tuple[str, str]
 ) -> None:
     """The scan is taken all the same; the next one says it again."""
@@ -190,7 +190,7 @@ def test_what_another_program_changes_is_told_with_what_it_does_to_the_light(
         assert short_scan(simulated).problems == ()
 
 
-def test_a_camera_that_does_not_answer_is_told(rig: Rig) -> None:
+def test_a_camera_that_does_not_answer_is_reported(rig: Rig) -> None:
     """Reading back fails: what the camera says stands in the problems."""
     rig.rangefinder.lock(CameraSettings(gain=1.0))
 

@@ -23,7 +23,7 @@ def both(bench: Bench, step: int, *, confirmed: bool = False) -> tuple[gp.Terrai
     return footprint, bench.client.wait_for_step(step, timeout=TIMEOUT, extent="map", confirmed=confirmed)
 
 
-def told(bench: Bench, words: str) -> bool:
+def reported(bench: Bench, words: str) -> bool:
     return wait_until(lambda: any(words in item.message for item in bench.status.items()))
 
 
@@ -86,7 +86,7 @@ def test_a_grid_that_the_pause_contradicts_is_withdrawn(bench: Bench, how: str) 
     for extent in ("footprint", "map"):
         assert wait_until(lambda extent=extent: any(name == extent and is_withdrawn(grid) for name, grid in heard))
         assert all(is_withdrawn(grid) or grid.is_provisional for name, grid in heard if name == extent)
-    assert told(bench, "withdrawn") or "BEGIN" in how
+    assert reported(bench, "withdrawn") or "BEGIN" in how
 
 
 def test_the_part_of_a_withdrawn_scan_in_the_map_is_undone(bench: Bench) -> None:
@@ -136,7 +136,7 @@ def test_a_movement_ends_the_scan_at_once(bench: Bench) -> None:
     bench.gait.say(0, PausePhase.BEGIN)
     assert wait_until(lambda: bench.rig.board.view().laser_on)
     bench.gait.say(0, PausePhase.HOLD, bench.gait.moved())
-    assert told(bench, "camera moved by")
+    assert reported(bench, "camera moved by")
     assert wait_until(lambda: not bench.rig.board.view().laser_on)
     with pytest.raises(gp.ScanFailed, match="not in a stance pause"):
         bench.client.request_scan("coarse", timeout=TIMEOUT)
@@ -152,7 +152,7 @@ def test_a_pause_expires_when_its_gait_has_died(bench: Bench) -> None:
     message = bench.client._client.receiver().latest().message
     assert message.valid_for <= 8.0
     bench.gait.session.close()
-    assert told(bench, "no END within its time of 8 s")
+    assert reported(bench, "no END within its time of 8 s")
     assert is_withdrawn(wait_for_withdrawal(bench)) and is_withdrawn(wait_for_withdrawal(bench, "map"))
     with pytest.raises(gp.ScanFailed, match="not in a stance pause"):
         bench.client.request_scan("coarse", timeout=TIMEOUT)
@@ -172,10 +172,10 @@ def test_a_second_begin_with_the_same_joints_says_nothing_new(bench: Bench) -> N
     [(1e6, "is at 1e+06 rad, half a turn or more beyond its limits"), (3.0, "joints are where none can be")],
 )
 def test_joints_that_no_robot_can_have_are_refused(bench: Bench, position: float, words: str) -> None:
-    """At a million radians, or where no encoder is: told in the status, not scanned, the next pause is served."""
+    """At a million radians, or where no encoder is: reported in the status, not scanned, the next pause is served."""
     wild = Stance(dict.fromkeys(bench.gait.stance.joint_positions, position), bench.gait.stance.support_feet, None)
     bench.gait.say(0, PausePhase.BEGIN, wild)
-    assert told(bench, words)
+    assert reported(bench, words)
     bench.gait.say(1, PausePhase.BEGIN)
     assert bench.client.wait_for_step(0, timeout=TIMEOUT).step == 1
 
@@ -188,27 +188,27 @@ def test_a_phase_that_is_not_known_changes_nothing(bench: Bench) -> None:
     message = make_stance_pause(StancePause(robot="guara", step=0, phase=PausePhase.END, stamp=1, stance=stance))
     message.phase = 9
     bench.gait.publisher._publisher.put(bytes(encode(message)))
-    assert told(bench, "phase is 9; known: 1 (BEGIN), 2 (END) and 3 (HOLD)")
+    assert reported(bench, "phase is 9; known: 1 (BEGIN), 2 (END) and 3 (HOLD)")
     bench.gait.say(0, PausePhase.END)
     assert not both(bench, 0, confirmed=True)[0].is_provisional
 
 
 def test_the_frame_of_a_footprint_ends_with_its_pause(bench: Bench) -> None:
-    """Who asks for it after the next BEGIN is told so; the map goes on."""
+    """Who asks for it after the next BEGIN learns that it was withdrawn; the map goes on."""
     bench.gait.say(0, PausePhase.BEGIN)
     both(bench, 0)
     bench.gait.say(0, PausePhase.END)
     both(bench, 0, confirmed=True)
     bench.node._server.begin_step(1)
 
-    def is_told() -> bool:
+    def is_reported() -> bool:
         try:
             bench.client.latest()
         except gp.StaleTerrain as error:
             return "1 pauses old; allowed: 0" in str(error)
         return False
 
-    assert wait_until(is_told)
+    assert wait_until(is_reported)
     assert bench.client.latest(extent="map").step == 0
 
 
@@ -236,7 +236,7 @@ def test_ground_that_nobody_can_know_is_refused_in_words(bench: Bench, what: str
     """None of it goes into the map; the pause is scanned all the same, and the next one too."""
     fields, words = REFUSED_GROUND[what]
     bench.gait.say(0, PausePhase.BEGIN, **fields)
-    assert told(bench, words)
+    assert reported(bench, words)
     fused = both(bench, 0)[1]
     assert fused.metadata["known_ground"] == []
     bench.gait.say(0, PausePhase.END)
@@ -253,7 +253,7 @@ def test_the_node_is_not_moved_by_what_is_said_to_another_robot(bench: Bench) ->
     )
     for phase in (PausePhase.BEGIN, PausePhase.END):
         key.put(encode(make_stance_pause(StancePause(robot="other", step=0, phase=phase, stamp=1, stance=stance))))
-        assert told(bench, "the announcement is for robot 'other', this node is 'guara'")
+        assert reported(bench, "the announcement is for robot 'other', this node is 'guara'")
         bench.gait.say(0, PausePhase.BEGIN)
     assert bench.client.wait_for_step(0, timeout=TIMEOUT).metadata["sequence"] == 1
 
@@ -264,13 +264,13 @@ def test_walks_have_an_identity(bench: Bench) -> None:
     assert {grid.metadata["epoch"] for grid in both(bench, 5)} == {"walk-a"}
     bench.gait.say(5, PausePhase.END, epoch="walk-a")
     bench.gait.say(4, PausePhase.BEGIN, epoch="walk-a")
-    assert told(bench, "comes late, step 5 of walk 'walk-a' has begun")
+    assert reported(bench, "comes late, step 5 of walk 'walk-a' has begun")
     bench.gait.say(0, PausePhase.BEGIN, epoch="walk-b")
     footprint, fused = both(bench, 0)
     assert footprint.metadata["epoch"] == fused.metadata["epoch"] == "walk-b" and fused.looks.max() == 1
     bench.gait.say(0, PausePhase.END, epoch="walk-b")
     bench.gait.say(6, PausePhase.BEGIN, epoch="walk-a")
-    assert told(bench, "of walk 'walk-a', which is over")
+    assert reported(bench, "of walk 'walk-a', which is over")
     walks = []
     for step in (7, 8, 0):
         bench.gait.say(step, PausePhase.BEGIN)

@@ -107,8 +107,8 @@ def test_automatic_exposure_that_is_on_again_shows_in_health_and_status(bench: B
     (reason,) = health["reasons"]
     assert health["level"] == "degraded"
     assert "automatic exposure is on, it was locked at 0.004 s: see that no other program" in reason
-    told = {("scanner", Health.WARN, reason)}
-    assert wait_until(lambda: told <= {(item.name, item.level, item.message) for item in bench.status.items()})
+    reported = {("scanner", Health.WARN, reason)}
+    assert wait_until(lambda: reported <= {(item.name, item.level, item.message) for item in bench.status.items()})
     bench.rig.camera.automatic.clear()
     bench.gait.say(1, PausePhase.BEGIN)
     assert bench.client.wait_for_step(1, timeout=TIMEOUT).metadata["health"]["level"] == "ok"
@@ -131,7 +131,7 @@ def test_a_scan_during_which_the_camera_moved_is_not_published(bench: Bench) -> 
 
 
 def test_a_stance_that_is_no_stance_is_not_scanned(bench: Bench) -> None:
-    """An unknown foot is told in the status; nothing is published for that pause."""
+    """An unknown foot is reported in the status; nothing is published for that pause."""
     wrong = Stance(bench.gait.stance.joint_positions, ("lf", "xx", "rh"), None)
     bench.gait.say(0, PausePhase.BEGIN, wrong)
     assert wait_until(lambda: any("xx" in item.message for item in bench.status.items()))
@@ -234,8 +234,8 @@ def test_a_full_disk_costs_the_recording_and_not_the_scan(
         try:
             bench.gait.say(0, PausePhase.BEGIN)
             terrain = bench.client.wait_for_step(0, timeout=TIMEOUT)
-            told = "step 0 is not, or not wholly, recorded: cannot write"
-            assert wait_until(lambda: any(told in item.message for item in bench.status.items()))
+            reported = "step 0 is not, or not wholly, recorded: cannot write"
+            assert wait_until(lambda: any(reported in item.message for item in bench.status.items()))
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
     np.testing.assert_array_equal(terrain.hazard, rig.reference.hazard)

@@ -132,17 +132,17 @@ def bad_end(stance: Stance, what: str) -> bytes:
     message = make_stance_pause(
         StancePause(robot="guara", step=0, phase=PausePhase.END, stamp=1, stance=stance_to_message(stance))
     )
-    told = message.stance
+    reported = message.stance
     if what == "a joint is NaN":
-        told.joint_positions[5] = np.nan
+        reported.joint_positions[5] = np.nan
     elif what == "all joints are NaN":
-        told.joint_positions[:] = np.nan
+        reported.joint_positions[:] = np.nan
     elif what == "no joints":
-        told.joint_names, told.joint_positions = [], np.zeros(0)
+        reported.joint_names, reported.joint_positions = [], np.zeros(0)
     elif what == "a joint is missing":
-        told.joint_names, told.joint_positions = told.joint_names[1:], told.joint_positions[1:]
+        reported.joint_names, reported.joint_positions = reported.joint_names[1:], reported.joint_positions[1:]
     elif what == "gravity is NaN":
-        told.gravity_known, told.gravity_in_base.x = True, float("nan")
+        reported.gravity_known, reported.gravity_in_base.x = True, float("nan")
     return bytes(encode(message))
 
 
@@ -156,9 +156,9 @@ def test_a_scan_whose_pause_ends_with_joints_lost_is_not_used(bench: Bench, what
     payload = b"\x00\x01nonsense" if what == "no message" else bad_end(bench.gait.stance, what)
     bench.gait.publisher._publisher.put(payload)
     assert wait_until(lambda: any(item.name == "scan" for item in bench.status.items()))
-    told = [item for item in bench.status.items() if item.name in ("scan", "stance")]
-    assert all(item.level is Health.ERROR for item in told)
-    assert any("stance" in item.message or "joint" in item.message for item in told)
+    reported = [item for item in bench.status.items() if item.name in ("scan", "stance")]
+    assert all(item.level is Health.ERROR for item in reported)
+    assert any("stance" in item.message or "joint" in item.message for item in reported)
     assert not bench.rig.board.view().laser_on
     assert bench.node.latest_map is None
     bench.gait.say(1, PausePhase.BEGIN)
@@ -251,12 +251,12 @@ def test_a_router_that_dies_and_comes_back_costs_no_scan(
             with gp.TerrainClient(free_endpoint, timeout=TIMEOUT) as newcomer:
                 assert newcomer.wait_for_step(2, timeout=TIMEOUT).step == 2
 
-            def told() -> dict[str, str]:
+            def reported() -> dict[str, str]:
                 status = bench.client.status()
                 items = () if status is None else status.items
                 assert all(item.level is Health.OK for item in items)
                 return {name: value for item in items for name, value in item.values.items()}
 
-            assert wait_until(lambda: told().get("last_scan_step") == "2" and told().get("links") == "1")
+            assert wait_until(lambda: reported().get("last_scan_step") == "2" and reported().get("links") == "1")
     finally:
         router.kill()

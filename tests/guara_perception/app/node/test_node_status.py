@@ -14,7 +14,7 @@ def checked(verdict: str) -> Drift:
 
 
 def test_drift_warns_when_pauses_agree_and_counts_those_without_a_floor() -> None:
-    """One scan that drifts is told and no warning; two are; scans without a floor are counted."""
+    """One scan that drifts is reported and no warning; two are; scans without a floor are counted."""
     status = NodeStatus()
     said = []
     for verdict in (UNKNOWN, HOLDS, DRIFTING, UNKNOWN, DRIFTING):

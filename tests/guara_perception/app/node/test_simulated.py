@@ -83,7 +83,7 @@ def test_an_obstacle_brings_the_stripes_between_within_the_pause(free_endpoint: 
 
 
 def test_the_simulated_walk_goes_on_until_it_is_stopped(free_endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pause after pause is published, and the walk ends when told to."""
+    """Pause after pause is published, and the walk ends when asked to."""
     monkeypatch.setattr("guara_perception.app.node.simulated_walk.REST_S", 0.0)
     robot = SimulatedRobot(size=SIZE, fps=120.0)
     stop = threading.Event()

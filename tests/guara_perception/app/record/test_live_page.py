@@ -25,7 +25,7 @@ def get(address: str) -> bytes:
 
 @pytest.mark.slow
 def test_page_shows_step_words_and_picture():
-    """State and picture are the last ones told; before the first picture there is none."""
+    """State and picture are the last ones given; before the first picture there is none."""
     with LivePage() as page:
         assert b"<img" in get(page.address)
         with pytest.raises(urllib.error.HTTPError, match="404"):
@@ -55,9 +55,9 @@ def test_a_taken_port_is_refused():
 def test_person_is_asked_step_by_step(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     """Each request waits for a key, but for the board that is held up, whose advice is said once."""
     waited: list[str] = []
-    told: list[str] = []
+    reported: list[str] = []
     monkeypatch.setattr("click.pause", lambda words: waited.append(words))
-    operator = TextOperator(told.append)
+    operator = TextOperator(reported.append)
     operator.clear()
     for _ in range(3):
         operator.show_board("tilt it")
@@ -65,14 +65,14 @@ def test_person_is_asked_step_by_step(monkeypatch: pytest.MonkeyPatch, capsys: p
     operator.lay_crosses("(1, 2)", "cross 3 not found")
     operator.lay_plate(0.04)
     operator.lay_plate(0.0)
-    assert len(waited) == 5 and told.count("tilt it") == 1
+    assert len(waited) == 5 and reported.count("tilt it") == 1
     assert "cross 3 not found" in waited[2] and "plate of 40 mm" in waited[3] and "Clear the floor" in waited[4]
     assert capsys.readouterr().err.count("\n") == 6
 
 
 @pytest.mark.slow
 @pytest.mark.view
-def test_page_in_a_browser_shows_what_is_told(tmp_path):
+def test_page_in_a_browser_shows_what_is_reported(tmp_path):
     """Chromium shows the words and draws the picture; it asks no other machine for anything."""
     chromium = pytest.importorskip("websockets", reason="extra view") and find_chromium()
     if chromium is None:

@@ -203,14 +203,14 @@ def test_a_session_that_goes_on_is_locked_as_it_was_begun(unfinished: Path):
     assert not (unfinished / "plate_40").exists()
 
 
-def test_a_plate_in_light_that_clips_is_told(tmp_path: Path):
+def test_a_plate_in_light_that_clips_is_reported(tmp_path: Path):
     """The scan is whole; the words say what to do."""
     workshop = SimulatedWorkshop()
     workshop.lay_plate(0.04)
     with workshop.rangefinder as rangefinder:
         rangefinder.lock(CameraSettings(gain=12.0))
-        told = scan_uncalibrated(rangefinder, workshop.robot, workshop.stance, tmp_path / "plate_40", mode="coarse")
-    assert any("of the picture is clipped without the laser" in problem for problem in told)
+        reported = scan_uncalibrated(rangefinder, workshop.robot, workshop.stance, tmp_path / "plate_40", mode="coarse")
+    assert any("of the picture is clipped without the laser" in problem for problem in reported)
 
 
 @pytest.mark.heavy
@@ -258,7 +258,7 @@ def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (["--simulated", "--camera", "0"], "--simulated brings its own devices"),
         (["--simulated", "--printed-150", "15"], "--printed-150 is 15 mm, allowed: 135 ... 165"),
@@ -270,10 +270,10 @@ def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: P
         (["--robot", "dog"], "dog"),
     ],
 )
-def test_wrong_options_are_refused(guara, tmp_path: Path, words, told):
+def test_wrong_options_are_refused(guara, tmp_path: Path, words, reported):
     """Exit 2, one line, no folder."""
     said = guara("record", tmp_path / "s", *words)
-    assert said.code == 2 and told in said.err and said.err.count("\n") == 1
+    assert said.code == 2 and reported in said.err and said.err.count("\n") == 1
     assert not (tmp_path / "s").exists()
 
 

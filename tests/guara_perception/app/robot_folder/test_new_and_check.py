@@ -144,7 +144,7 @@ def test_a_missing_urdf_and_a_bad_name_are_refused(tmp_path: Path, capsys: pytes
 
 
 def test_a_height_may_be_asked_for(tmp_path: Path) -> None:
-    """The hips stand where they are told to."""
+    """The hips stand where they were asked to."""
     assert run(["robot", "new", str(SOURCES["tapir"]), "-o", str(tmp_path / "mine"), "--height", "0.30"]) == 0
     robot = load_robot(tmp_path / "mine")
     assert next(p.hip_height for p in robot.config.postures if p.name == "scan") == 0.30

@@ -109,7 +109,7 @@ def test_choices_of_the_mirror_need_the_mirror(words: list[str], capsys: pytest.
 
 
 def test_the_launch_file_and_its_picture_name_topics_that_are_there(root: Path) -> None:
-    """Every topic that RViz is told to draw is one of the mirror's."""
+    """Every topic that RViz is configured to draw is one of the mirror's."""
     text = (root / "ros" / "guara_msgs" / "rviz" / "guara.rviz").read_text()
     named = {line.split()[-1].strip("/") for line in text.splitlines() if line.strip().startswith("Value: /")}
     assert named and named <= ALWAYS | OF_THE_ROBOT

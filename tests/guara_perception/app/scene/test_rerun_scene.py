@@ -119,7 +119,7 @@ def test_what_is_no_scene_is_refused(tmp_path: Path, walk: Path, capsys: pytest.
     cv2.imwrite(str(picture), np.zeros((2, 2), np.uint8))
     (tmp_path / "cut.mcap").write_bytes(walk.read_bytes()[:3000])
     out = str(tmp_path / "a.rrd")
-    for words, told in (
+    for words, reported in (
         ([str(bare), "--save", out], "holds no scene"),
         ([str(picture), "--save", out], "Rerun shows recordings (.mcap)"),
         ([str(tmp_path / "none.mcap"), "--save", out], "no such file"),
@@ -128,7 +128,7 @@ def test_what_is_no_scene_is_refused(tmp_path: Path, walk: Path, capsys: pytest.
         ([], "give its FILE"),
     ):
         assert run(["view", "--rerun", *words]) == 2, words
-        assert told in capsys.readouterr().err
+        assert reported in capsys.readouterr().err
     assert run(["view", "--rerun", "-c", "calibration.json", str(walk)]) == 2
     assert "-c is for the browser's view" in capsys.readouterr().err
     assert run(["view", str(walk), "--save", out]) == 2

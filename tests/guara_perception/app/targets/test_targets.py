@@ -155,7 +155,7 @@ def test_command_says_what_it_printed(guara, tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (["-o", "t.txt"], "t.txt: it must end in .pdf"),
         (["-o", "t.pdf", "--board", "nine"], "--board is 'nine', it must be COLUMNSxROWS"),
@@ -167,9 +167,9 @@ def test_command_says_what_it_printed(guara, tmp_path: Path):
         (["-o", "t.pdf", "--robot", "dog"], "dog"),
     ],
 )
-def test_wrong_options_are_refused(guara, tmp_path: Path, monkeypatch, words, told):
+def test_wrong_options_are_refused(guara, tmp_path: Path, monkeypatch, words, reported):
     """Exit 2, one line, nothing written."""
     monkeypatch.chdir(tmp_path)
     said = guara("targets", *words)
-    assert said.code == 2 and told in said.err and said.err.count("\n") == 1
+    assert said.code == 2 and reported in said.err and said.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []

@@ -84,7 +84,7 @@ def test_a_step_is_measured_to_the_height_of_the_box() -> None:
     np.testing.assert_allclose(terrain.step_height[5:-5, 23:], 0.0, atol=1e-7)
 
 
-def test_up_and_down_are_told_apart() -> None:
+def test_up_and_down_are_distinguished() -> None:
     """Below a box of 45 mm there is a step, on it a drop; a fall of 25 mm is too deep, a rise of 25 mm is not."""
     ground = np.zeros((40, 40))
     ground[:, 20:] = 0.045

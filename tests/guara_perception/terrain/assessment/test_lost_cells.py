@@ -32,7 +32,7 @@ def test_on_flat_ground_the_two_neighbouring_strips_are_lost(scan_grid: Any) -> 
     assert len(runs) == 40
 
 
-def test_only_unknown_cells_in_view_are_told(scan_grid: Any) -> None:
+def test_only_unknown_cells_in_view_are_reported(scan_grid: Any) -> None:
     """Known cells, dropouts and cells that the camera does not see are not lost."""
     flat, view = np.zeros(scan_grid.shape), np.ones(scan_grid.shape, dtype=bool)
     hazard = np.zeros(scan_grid.shape, np.uint16)

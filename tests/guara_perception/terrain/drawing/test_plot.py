@@ -39,7 +39,7 @@ def test_repr_says_what_the_grid_holds_in_three_lines(terrain):
 
 
 def test_repr_of_a_grid_that_knows_nothing(make_scan):
-    """No heights are told where there are none."""
+    """No heights are shown where there are none."""
     text = repr(make_scan(0.0, flags=int(gp.Hazard.UNSCANNED)))
     assert "known 0.0%, traversable 0.0%" in text and "heights" not in text and "UNSCANNED 9720" in text
 

@@ -32,7 +32,7 @@ def lab(colour: str, blindness: str) -> np.ndarray:
 
 @pytest.mark.parametrize("blindness", BLINDNESS)
 def test_hazard_colours_differ(blindness: str) -> None:
-    """Any two colours of the hazard map are told apart by eyes with and without red-green blindness."""
+    """Any two colours of the hazard map are distinguished by eyes with and without red-green blindness."""
     colours = {"free": style.FREE_COLOUR, **{str(f.name): c for f, c in style.HAZARD_COLOURS.items()}}
     distances = {
         (a, b): float(np.linalg.norm(lab(colours[a], blindness) - lab(colours[b], blindness)))

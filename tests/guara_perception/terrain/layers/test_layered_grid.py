@@ -46,8 +46,8 @@ def test_queries_ask_only_the_layers(terrain: gp.TerrainGrid, bare: LayeredGrid)
     assert not isinstance(bare, gp.TerrainGrid)
     x, y = (v.ravel() for v in np.meshgrid(np.linspace(0.48, 0.92, 23), np.linspace(-0.17, 0.17, 19)))
     np.testing.assert_array_equal(normal_at(bare, x, y), terrain.normal_at(x, y))
-    asked, told = check_foothold(bare, x, y), terrain.check_foothold(x, y)
-    assert list(asked) == list(told) and any(asked) and not all(asked)
+    asked, reported = check_foothold(bare, x, y), terrain.check_foothold(x, y)
+    assert list(asked) == list(reported) and any(asked) and not all(asked)
     assert [explain(bare, *point) for point in zip(x, y, strict=True)] == [
         terrain.explain(*point) for point in zip(x, y, strict=True)
     ]
@@ -96,7 +96,7 @@ def test_nothing_can_be_set_or_added(terrain: gp.TerrainGrid, bare: LayeredGrid)
         assert not hasattr(grid, "__dict__")
 
 
-def test_a_missing_name_is_told_with_the_class(terrain: gp.TerrainGrid, bare: LayeredGrid) -> None:
+def test_a_missing_name_is_reported_with_the_class(terrain: gp.TerrainGrid, bare: LayeredGrid) -> None:
     """The message says what was asked, and bare layers have no questions."""
     with pytest.raises(AttributeError, match="^TerrainGrid has no attribute 'slop'; layers: elevation, variance"):
         terrain.slop  # noqa: B018

@@ -83,8 +83,8 @@ def test_bounds_hold_wherever_the_laser_light_starts_to_spread(
 ) -> None:
     """No bound by light lies under the lowest light that truly passes over its cell.
 
-    The light of a lens this far behind the mirror passes over a cell from another place of the ground than that of a lens
-    on it; cells of which that place was not seen have no bound by light.
+    The light of a lens this far behind the mirror passes over a cell from another place of the ground than that of a
+    lens on it; cells of which that place was not seen have no bound by light.
     """
     origin = np.array([0.6, 0.0, 0.47])
     aside = np.abs(make_scan(0.0).geometry.centres()[1])

@@ -115,7 +115,7 @@ def test_a_turn_is_taken_off_too(robot: RobotModel, make_scan: MakeScan) -> None
 
 
 def test_an_overlap_that_contradicts_is_refused(robot: RobotModel, make_scan: MakeScan) -> None:
-    """Other ground than the map's, or far more than odometry can be off, moves nothing and is told."""
+    """Other ground than the map's, or far more than odometry can be off, moves nothing and is named in the report."""
     sure = SINCE_LAST / 100
     for other in (seen_from(make_scan, (0.3, 0.2), 1), seen_from(make_scan, (0.006, 0.0), 1)):
         terrain_map = gp.TerrainMap(robot)

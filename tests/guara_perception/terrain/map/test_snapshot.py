@@ -60,7 +60,7 @@ def test_each_cell_tells_of_all_that_it_touches(robot: RobotModel, make_scan: An
     memory = cells.memory
     flags = np.zeros(x.size, np.uint16)
     low, high = np.full(x.size, np.inf), np.full(x.size, -np.inf)
-    # A square of less than two cells touches no cell but those under its corners, middles of edges and centre.
+    # A square of less than two cells touches no cell but those under its corners, the centres of its edges and its own.
     for dx, dy in itertools.product((-reached, 0.0, reached), repeat=2):
         slot = cells.slots(*cells.indices(in_odom[:, 0] + dx, in_odom[:, 1] + dy))
         height = memory["height"][slot]
@@ -73,8 +73,8 @@ def test_each_cell_tells_of_all_that_it_touches(robot: RobotModel, make_scan: An
     known = (flags & 0xFF) == 0
     centre = cells.slots(*cells.indices(in_odom[:, 0], in_odom[:, 1]))
 
-    told = layers["hazard"].ravel() & np.uint16(0xFF | Hazard.CONFLICT | Hazard.STALE)
-    np.testing.assert_array_equal(told, flags)
+    reported = layers["hazard"].ravel() & np.uint16(0xFF | Hazard.CONFLICT | Hazard.STALE)
+    np.testing.assert_array_equal(reported, flags)
     assert known.any() and (flags & Hazard.CONFLICT).any() and (flags & Hazard.STALE).any()
     for name, expected in (
         ("elevation", memory["height"][centre] - 0.01),

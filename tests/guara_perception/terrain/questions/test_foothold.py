@@ -1,4 +1,4 @@
-"""Footholds: every failed test is told, nothing unknown is accepted, and the best one is the same every time."""
+"""Footholds: every failed test is reported, nothing unknown is accepted, and the best one is the same every time."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def test_unknown_reasons_name_cause_and_share() -> None:
     assert reasons(grid(heights), np.nan, 0.0)["unknown"].value == 1.0
 
 
-def test_uncertain_conflicting_and_stale_ground_is_told(robot: RobotModel) -> None:
+def test_uncertain_conflicting_and_stale_ground_is_reported(robot: RobotModel) -> None:
     """The flags that fusion sets are reasons of their own."""
     from guara_perception.settings import Settings
     from guara_perception.terrain.assessment.assess import assess_layers
@@ -217,7 +217,7 @@ def test_asking_for_a_leg_needs_a_stance(standing: gp.TerrainGrid) -> None:
 
 
 def test_a_limit_of_a_newer_version_is_left_out_and_its_flag_stays_a_hazard() -> None:
-    """A grid judged by one limit more: its limits are read, what the limit flagged is refused, and why is told."""
+    """A grid judged by one limit more: its limits are read, what the limit flagged is refused, and why is reported."""
     plain = grid(np.zeros((120, 120)))
     hazard, traversability = plain.hazard.copy(), plain.traversability.copy()
     hazard[40:60, 40:60] |= np.uint16(Hazard.STEP)

@@ -19,7 +19,7 @@ MakeGround = Callable[..., gp.TerrainGrid]
 
 @pytest.fixture
 def make_ground(robot: RobotModel) -> MakeGround:
-    """Level ground around a standing robot, unknown where told (x0, x1, y0, y1) [m]."""
+    """Level ground around a standing robot, unknown where asked (x0, x1, y0, y1) [m]."""
     stance = Stance(robot.posture("scan"), robot.legs, (0, 0, -1))
     pose = robot.stance_pose(stance)
     metadata: dict[str, Any] = {
