@@ -247,6 +247,7 @@ class PerceptionNode:
         return result[0]
 
     def _run(self) -> None:
+        self._scanner.make_ready()
         while True:
             with self._changed:
                 self._changed.wait_for(self._has_work, self._until_expiry())

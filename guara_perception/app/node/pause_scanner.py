@@ -88,6 +88,10 @@ class PauseScanner:
         """The map as it was fused last, None before the first pause."""
         return self._map.latest
 
+    def make_ready(self) -> None:
+        """Bring the mirror home and to the first stripe, so that the first pause need not wait for it."""
+        self._lost_steps()
+
     def scan(
         self, pause: Pause, mode: str, should_stop: Callable[[], bool], progress: Progress | None = None
     ) -> TerrainMessage:
@@ -252,18 +256,23 @@ class PauseScanner:
         Homing takes a tenth of a second, so the grid is published before and withdrawn when it was wrong. Nothing
         goes into the map before.
         """
-        try:
-            lost = self._rangefinder.lost_steps(self._sweeper.firing_order(self._settings.pattern("standard")))
-        except DriverError as error:
-            # A board that is gone said nothing false about the scan before; the next scan finds it again or fails.
-            self._status.problem("board", str(error))
-            return
-        self._status.solved("board")
+        lost = self._lost_steps()
         if lost:
             raise MirrorSlipped(
                 f"the mirror had lost {lost} steps by the end of the scan, its heights are wrong: the grid is "
                 "withdrawn. Check that the mirror turns freely"
             )
+
+    def _lost_steps(self) -> int:
+        """What `Rangefinder.lost_steps` gives for the standard pattern; 0 where the board cannot be asked."""
+        try:
+            lost = self._rangefinder.lost_steps(self._sweeper.firing_order(self._settings.pattern("standard")))
+        except DriverError as error:
+            # A board that is gone said nothing false about the scan before; the next scan finds it again or fails.
+            self._status.problem("board", str(error))
+            return 0
+        self._status.solved("board")
+        return lost
 
     def _finish(
         self, recording: ScanRecording | None, terrains: tuple[TerrainMessage, ...], stance_end: Stance | None

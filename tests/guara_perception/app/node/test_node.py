@@ -50,6 +50,12 @@ def test_each_pause_gives_a_grid_and_a_map(bench: Bench) -> None:
     assert all(item.level is Health.OK for item in bench.status.items())
 
 
+def test_the_mirror_stands_at_the_first_stripe_before_the_first_pause(bench: Bench) -> None:
+    """The board is homed when nobody waits for it, not in the first pause."""
+    _, first = bench.rig.pattern[0]
+    assert wait_until(lambda: abs(bench.rig.board.view().mirror_angle - first) < 1e-3)
+
+
 def test_views_get_points_and_picture_of_each_scan(bench: Bench, paper_scan: gp.Scan) -> None:
     """With the stamp of its grid: what the stripes gave, and the frame of the one in the middle."""
     session = bench.gait.session
