@@ -2,19 +2,40 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from drivers.arrays import Float
+from drivers.protocol import WAIT_UNIT_US
 
-# Waits before the triggers of a sweep, in 0.5 ms, by place; 0 behind them. The gaps they make are all different at the
-# sweep's beginning, so that few frames show any shift by whole triggers; single ones later show it again.
-WAITS = (0, 6, 0, 9, 3, 0, 12, 5, 0, 8) + (0,) * 9 + (5,) + (0,) * 13 + (7,) + (0,) * 17 + (6,)
+# Places of a sweep before whose triggers the board waits. A shift by one trigger shows once at each of them, one by more
+# triggers oftener; the first ones let few frames show it, the last ones show it when a camera has slept through a third
+# of a sweep. Distances between them are unlike, or a shift by one of these would bring all but the outermost together.
+WAITING_PLACES = (1, 3, 4, 8, 10, 15, 21, 27, 34)
+WAIT_UNIT = WAIT_UNIT_US * 1e-6
 # Number of frames that the true shift of the frames against the triggers must explain more than any other.
 MARGIN = 3
 # Share of the triggers so far whose frames must have come.
 LEAST_SHARE = 0.5
 # By how much two quartz clocks may differ.
 DRIFT = 2e-4
+
+
+def uneven_waits(count: int, tolerance: float) -> list[int]:
+    """Waits before the triggers of a sweep [0.5 ms], by place, so that no shift by whole triggers looks like the truth.
+
+    Each is twice the tolerance. Frames that belong to one offset lie within the tolerance; so two gaps that differ by
+    twice as much never explain frames by one and the same shift, however the frames lie within it. With nine of them
+    every shift misses ten frames or more, and any two triggers may be missed, doubled or late.
+
+    Args:
+        count: of the stripes.
+        tolerance: by how much differences of the two clocks may disagree [s].
+    """
+    # A hair less than whole units of a tolerance that no binary number is.
+    wait = math.ceil(2 * tolerance / WAIT_UNIT - 1e-6)
+    return [wait if place in WAITING_PLACES else 0 for place in range(count)]
 
 
 class ClockMatch:

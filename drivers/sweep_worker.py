@@ -18,11 +18,11 @@ from drivers.errors import CameraNotTriggered, CameraTimeout, LaserRefused
 from drivers.firing_order import PlannedStripe
 from drivers.frame import Frame
 from drivers.options import AcquireOptions, OffFrames
-from drivers.protocol import SWEEP_STRIPES, WAIT_UNIT_US, WAIT_UNITS, BoardFault, BoardFlag, Shot, describe_faults
+from drivers.protocol import SWEEP_STRIPES, WAIT_UNITS, BoardFault, BoardFlag, Shot, describe_faults
 from drivers.raw_stripe import RawStripe
 from drivers.stripe_worker import StripeWorker
 from drivers.sweep_options import SweepOptions
-from drivers.sweep_proof import WAITS, ClockMatch
+from drivers.sweep_proof import WAIT_UNIT, ClockMatch, uneven_waits
 from drivers.sweep_records import StripeRecord
 
 logger = logging.getLogger(__name__)
@@ -30,7 +30,6 @@ logger = logging.getLogger(__name__)
 FRAME_SLICE, REPORT_SLICE, FEED_PERIOD = 0.005, 0.001, 0.1
 # Seconds after the last trigger in which frames may still arrive.
 LAST_FRAMES = 0.1
-WAIT_UNIT = WAIT_UNIT_US * 1e-6
 NO_LASER = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERATURE | BoardFault.LASER_STUCK_ON
 
 
@@ -132,14 +131,17 @@ class SweepWorker(StripeWorker):
         return [stripe for place, stripe in enumerate(stripes, first) if place not in sweep.done]
 
     def _waits(self, steps: Sequence[int]) -> list[int]:
-        """Waits before the triggers [0.5 ms]: WAITS, where need be beyond the time that the camera needs anyway.
+        """Waits before the triggers [0.5 ms]: uneven ones until the clocks are matched, none after that.
 
-        A slow camera's period would swallow them, and all gaps would be even.
+        Where need be they are lengthened by the time that the camera needs anyway: its period would swallow them, and
+        all gaps would be even.
         """
+        if self._match.proved:
+            return [0] * len(steps)
         profile = self._board.motion_profile()
         needed = self._period * (2 if self._options.off is OffFrames.PER_STRIPE else 1)
-        waits = [0] * len(steps)
-        for place, wait in enumerate(WAITS[: len(steps)]):
+        waits = uneven_waits(len(steps), self._sweep_options.tolerance)
+        for place, wait in enumerate(waits):
             if wait:
                 move = profile.time(steps[place] - steps[max(place - 1, 0)])
                 spare = needed - (move + profile.settle + self._sweep_options.flash)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import random
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -30,7 +29,6 @@ from drivers.emulator import (
     emulated_backend,
 )
 from drivers.errors import BoardTooOld, CameraNotTriggered, LaserRefused
-from drivers.sweep_proof import WAITS, ClockMatch
 
 STRIPES = 70
 PATTERN = [(index, -0.14 + 0.46 * index / (STRIPES - 1)) for index in range(STRIPES)]
@@ -141,6 +139,17 @@ def test_a_frame_lost_on_its_way_is_taken_again(rig: Rig, board: LaserBoard) -> 
     assert "2 stripes were taken again" in report.notes
 
 
+def test_stripes_taken_again_do_not_wait(rig: Rig, board: LaserBoard) -> None:
+    """The clocks are matched by then: what uneven waits prove is proved."""
+    prepare(board, PATTERN)
+    rig.camera.dropped = frozenset(range(41, 46))
+    stripes, report = rig.scan(board)
+    assert len(stripes) == STRIPES and not wrong(rig, stripes)
+    assert "5 stripes were taken again" in report.notes
+    gaps = np.diff(rig.emulated.triggers())
+    assert gaps.size == STRIPES + 5 and gaps[-4:].max() < 1.05 * np.median(gaps)
+
+
 def test_what_is_missed_every_time_is_lost(rig: Rig, board: LaserBoard) -> None:
     """A camera that sees every second trigger only: half is proved twice over, nothing is guessed."""
     rig.emulated.shutter.missed = frozenset(range(1, 400, 2))
@@ -188,39 +197,6 @@ def test_leaving_early_puts_the_laser_out(rig: Rig, board: LaserBoard) -> None:
         next(iter(stripes))
     assert not rig.emulated.view().laser_on
     assert len(rig.emulated.triggers()) < STRIPES
-
-
-def times_of(waits: Callable[[int], float], count: int) -> np.ndarray:
-    return np.cumsum([0.008 + waits(place) for place in range(count)])
-
-
-def test_a_shift_is_never_taken_for_the_truth() -> None:
-    """Random sweeps with frames missing anywhere, extra ones and late ones: an offset is the true one, or none."""
-    rng = random.Random(3)
-    triggers = times_of(lambda place: 0.0005 * (WAITS[place] if place < len(WAITS) else 0), 71)
-    proved = 0
-    for _ in range(300):
-        share = rng.choice([0.02, 0.1, 0.3])
-        stamps = [time for time in triggers if rng.random() > share]
-        stamps += [rng.choice(triggers) + rng.uniform(0.001, 0.02) for _ in range(rng.randrange(6))]
-        seen = np.sort(np.array(stamps)) + 77.0
-        match = ClockMatch(0.001)
-        for count in range(1, 72):
-            match.learn(triggers[:count], seen[seen <= triggers[count - 1] + 77.004])
-        if match.proved:
-            proved += 1
-            found = match.frame_of(triggers[35], np.array([triggers[35] + 77.0]))
-            assert found == 0
-            assert match.frame_of(triggers[36], np.array([triggers[35] + 77.0])) is None
-    assert proved > 250
-
-
-def test_even_gaps_prove_nothing() -> None:
-    """Without the waits a missed first trigger would look like a missed last one: no offset is believed."""
-    triggers = times_of(lambda place: 0.0, 71)
-    match = ClockMatch(0.001)
-    match.learn(triggers, triggers[1:] + 5.0)
-    assert not match.proved
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,142 @@
+"""Which frame belongs to which trigger: the true offset of the clocks is found, or none, whatever triggers went wrong."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Mapping
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.arrays import Float
+from drivers.sweep_proof import WAIT_UNIT, ClockMatch, uneven_waits
+
+TOLERANCE = 0.001
+OFFSET, DELAY, EXPOSURE, ARRIVAL = 77.0, 50e-6, 0.004, 0.0055
+# Missed, doubled, or late by so many seconds.
+Fault = str | float
+# Stripes, seconds between their triggers, and whether an off frame comes first: with the firmware's ramp and 4 ms of
+# light, with 0.5 ms of light and no off frame, and a coarse sweep.
+SWEEPS = [(70, 0.0093, True), (70, 0.0059, False), (35, 0.0115, True)]
+
+
+def triggers_of(stripes: int, gap: float, has_off: bool, tolerance: float = TOLERANCE) -> Float:
+    """Times of a sweep's triggers."""
+    waits = uneven_waits(stripes, tolerance)
+    gaps = [EXPOSURE + 0.0002] * has_off + [gap + WAIT_UNIT * wait for wait in waits[1:]]
+    return np.cumsum([0.0, *gaps])
+
+
+def stamps_of(triggers: Float, faults: Mapping[int, Fault]) -> Float:
+    """What the camera says of its exposures; one that is asked for while the shutter is open does not come."""
+    found, closed = [], -1.0
+    for number, trigger in enumerate(triggers):
+        fault = faults.get(number)
+        if fault == "missed" or trigger < closed:
+            continue
+        start = trigger + DELAY + (fault if isinstance(fault, float) else 0.0)
+        found.append(start)
+        if fault == "doubled":
+            found.append(start + EXPOSURE + DELAY)
+        closed = found[-1] + EXPOSURE
+    return np.array(found) + OFFSET
+
+
+def proved_at(triggers: Float, stamps: Float) -> int | None:
+    """After how many triggers the offset is proved, as the scan's thread hears of them; None for never. It is true."""
+    match = ClockMatch(TOLERANCE)
+    arrivals = stamps - OFFSET + ARRIVAL
+    # A trigger is reported at the next one.
+    for count, now in enumerate([*triggers[1:], triggers[-1] + 0.1], 1):
+        match.learn(triggers[:count], stamps[arrivals <= now])
+        if match.proved:
+            middle = float(triggers[count // 2])
+            assert match.frame_of(middle, np.array([middle + OFFSET + DELAY])) == 0
+            return count
+    return None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sweep", SWEEPS)
+def test_any_two_triggers_may_go_wrong(sweep: tuple[int, float, bool]) -> None:
+    """Every trigger, and every pair of them, missed, doubled or late: the offset is proved, and the true one.
+
+    Late by little, by as much as a wait, by a gap with and without one, and by much. What comes after the proof cannot
+    change it, so that pairs are tried up to there.
+    """
+    triggers, gap = triggers_of(*sweep), sweep[1]
+    kinds: list[Fault] = ["missed", "doubled", 0.0011, 0.002, gap, gap + 0.002, 0.02]
+    tried = 0
+    for first in range(triggers.size):
+        for kind in kinds:
+            proved = proved_at(triggers, stamps_of(triggers, {first: kind}))
+            assert proved is not None
+            for second in range(first + 1, min(proved + 1, triggers.size)):
+                for other in kinds:
+                    assert proved_at(triggers, stamps_of(triggers, {first: kind, second: other})) is not None
+                    tried += 1
+    assert tried > 500
+
+
+@given(
+    stripes=st.integers(35, 140),
+    gap=st.floats(0.004, 0.06),
+    tolerance=st.sampled_from([0.0001, 0.0005, 0.001, 0.0015, 0.002]),
+)
+@settings(deadline=None)
+def test_every_shift_misses_frames(stripes: int, gap: float, tolerance: float) -> None:
+    """However frames lie within the tolerance, no shift by whole triggers brings all but nine of them to triggers."""
+    triggers = triggers_of(stripes, gap, has_off=False, tolerance=tolerance)
+    for shift in range(1, triggers.size):
+        spans = np.sort(triggers[shift:] - triggers[:-shift])
+        # Each frame may be off by the tolerance, so two that are not told apart may lie twice as far from one another.
+        alike = np.searchsorted(spans, spans + 2 * tolerance * (1 - 1e-6)) - np.arange(spans.size)
+        assert alike.max() <= triggers.size - 10
+
+
+@pytest.mark.parametrize("tolerance", [0.0001, 0.0007, 0.001, 0.002])
+def test_waits_are_twice_the_tolerance(tolerance: float) -> None:
+    """In whole units of the board's, and nowhere side by side all along."""
+    waits = uneven_waits(70, tolerance)
+    lengths = {wait for wait in waits if wait}
+    assert len(lengths) == 1 and 2 * tolerance <= lengths.pop() * WAIT_UNIT + 1e-9 < 2 * tolerance + WAIT_UNIT
+    places = [place for place, wait in enumerate(waits) if wait]
+    assert len(places) == 9 and len({after - here for here, after in pairwise(places)}) > 4
+
+
+def test_a_camera_may_sleep_through_the_first_frames() -> None:
+    """A third of a standard sweep, the half of a coarse one."""
+    for sweep, asleep in zip(SWEEPS, (20, 20, 14), strict=True):
+        triggers = triggers_of(*sweep)
+        assert proved_at(triggers, stamps_of(triggers, dict.fromkeys(range(asleep), "missed"))) is not None
+
+
+def test_a_shift_is_never_taken_for_the_truth() -> None:
+    """Random sweeps with frames missing anywhere, extra ones and late ones: an offset is the true one, or none."""
+    rng = random.Random(3)
+    triggers = triggers_of(70, 0.008, has_off=True)
+    proved = 0
+    for _ in range(300):
+        share = rng.choice([0.02, 0.1, 0.3])
+        stamps = [time for time in triggers if rng.random() > share]
+        stamps += [rng.choice(triggers) + rng.uniform(0.001, 0.02) for _ in range(rng.randrange(6))]
+        seen = np.sort(np.array(stamps)) + OFFSET
+        match = ClockMatch(TOLERANCE)
+        for count in range(1, 72):
+            match.learn(triggers[:count], seen[seen <= triggers[count - 1] + OFFSET + EXPOSURE])
+        if match.proved:
+            proved += 1
+            assert match.frame_of(triggers[35], np.array([triggers[35] + OFFSET])) == 0
+            assert match.frame_of(triggers[36], np.array([triggers[35] + OFFSET])) is None
+    assert proved > 250
+
+
+def test_even_gaps_prove_nothing() -> None:
+    """Without the waits a missed first trigger would look like a missed last one: no offset is believed."""
+    triggers = 0.008 * np.arange(71)
+    match = ClockMatch(TOLERANCE)
+    match.learn(triggers, triggers[1:] + 5.0)
+    assert not match.proved
