@@ -44,7 +44,7 @@ from transport.messages.terrain_codec import encode_terrain
 
 # Pictures of 80 kB fit into a socket's buffer whole: a machine that is busy with other things loses none of them.
 SIZE = (320, 256)
-FLASH = 0.003
+FLASH = 0.004
 # Bytes per second of a gigabit link, and its latency [s].
 LINK, LATENCY = 117e6, 0.0005
 # Of the camera's clock.
