@@ -9,9 +9,9 @@ import numpy as np
 from drivers.arrays import Float
 from drivers.protocol import WAIT_UNIT_US
 
-# Places of a sweep before whose triggers the board waits. A shift by one trigger shows once at each of them, one by more
-# triggers oftener; the first ones let few frames show it, the last ones show it when a camera has slept through a third
-# of a sweep. Distances between them are unlike, or a shift by one of these would bring all but the outermost together.
+# Places of a sweep before whose triggers the board waits. A shift by one trigger shows once at each, one by more
+# of them oftener: the first let few frames show it, the last show it when a camera has slept through a third of a
+# sweep. Their distances are unlike, or a shift by one of these would bring all but the outermost together.
 WAITING_PLACES = (1, 3, 4, 8, 10, 15, 21, 27, 34)
 WAIT_UNIT = WAIT_UNIT_US * 1e-6
 # Number of frames that the true shift of the frames against the triggers must explain more than any other.

@@ -1,4 +1,4 @@
-"""Which frame belongs to which trigger: the true offset of the clocks is found, or none, whatever triggers went wrong."""
+"""Which frame belongs to which trigger: the true offset of the clocks is found, or none, whatever went wrong."""
 
 from __future__ import annotations
 
