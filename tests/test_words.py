@@ -39,6 +39,7 @@ NAMES_ALLOWED = {
         "benchmarks/sweeps.py",
         "drivers/board_sweep.py",
         "drivers/emulator/sweep.py",
+        "drivers/sweep_proof.py",
         "drivers/sweep_records.py",
         "drivers/sweep_worker.py",
         "tests/drivers/test_triggered_sweep.py",

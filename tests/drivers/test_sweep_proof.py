@@ -92,7 +92,7 @@ def test_every_shift_misses_frames(stripes: int, gap: float, tolerance: float) -
     triggers = triggers_of(stripes, gap, has_off=False, tolerance=tolerance)
     for shift in range(1, triggers.size):
         spans = np.sort(triggers[shift:] - triggers[:-shift])
-        # Each frame may be off by the tolerance, so two that are not told apart may lie twice as far from one another.
+        # Each frame may be off by the tolerance, so two that are not distinguished may lie twice as far from one another.
         alike = np.searchsorted(spans, spans + 2 * tolerance * (1 - 1e-6)) - np.arange(spans.size)
         assert alike.max() <= triggers.size - 10
 
@@ -103,8 +103,8 @@ def test_waits_are_twice_the_tolerance(tolerance: float) -> None:
     waits = uneven_waits(70, tolerance)
     lengths = {wait for wait in waits if wait}
     assert len(lengths) == 1 and 2 * tolerance <= lengths.pop() * WAIT_UNIT + 1e-9 < 2 * tolerance + WAIT_UNIT
-    places = [place for place, wait in enumerate(waits) if wait]
-    assert len(places) == 9 and len({after - here for here, after in pairwise(places)}) > 4
+    waiting = [index for index, wait in enumerate(waits) if wait]
+    assert len(waiting) == 9 and len({after - here for here, after in pairwise(waiting)}) > 4
 
 
 def test_a_camera_may_sleep_through_the_first_frames() -> None:
