@@ -92,7 +92,7 @@ def test_every_shift_misses_frames(stripes: int, gap: float, tolerance: float) -
     triggers = triggers_of(stripes, gap, has_off=False, tolerance=tolerance)
     for shift in range(1, triggers.size):
         spans = np.sort(triggers[shift:] - triggers[:-shift])
-        # Each frame may be off by the tolerance, so two that are not distinguished may lie twice as far from one another.
+        # Each frame may be off by the tolerance, so two that are not distinguished may lie twice as far apart.
         alike = np.searchsorted(spans, spans + 2 * tolerance * (1 - 1e-6)) - np.arange(spans.size)
         assert alike.max() <= triggers.size - 10
 
