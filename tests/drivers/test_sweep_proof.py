@@ -16,7 +16,7 @@ from drivers.sweep_proof import WAIT_UNIT, ClockMatch, uneven_waits
 
 TOLERANCE = 0.001
 OFFSET, DELAY, EXPOSURE, ARRIVAL = 77.0, 50e-6, 0.004, 0.0055
-# Missed, doubled, or late by so many seconds.
+# "missed", "doubled", or by how many seconds it is late.
 Fault = str | float
 # Stripes, seconds between their triggers, and whether an off frame comes first: with the firmware's ramp and 4 ms of
 # light, with 0.5 ms of light and no off frame, and a coarse sweep.
