@@ -7,7 +7,7 @@ import pytest
 from drivers.protocol import BoardFault, BoardFlag, Request, Result, Shot, SweepOffFrames
 from drivers.records import BoardStatus
 from drivers.sweep_records import MotionProfile, StripeRecord
-from tests.firmware.conftest import HELLO
+from tests.firmware.boards import HELLO
 
 FLASH_US = 2000
 STRIPES = 6

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.protocol import FLASH_LONGEST_US, REQUESTS, Request
 from drivers.records import BoardStatus
-from tests.firmware.conftest import HELLO, HostBoard
+from tests.firmware.boards import HELLO, HostBoard
 
 MILLISECONDS = 1_000_000
 # The laser must be dark this long after the last request of a session.

@@ -9,10 +9,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -27,12 +26,11 @@ from guara_perception.view.moment import Moment
 from guara_perception.view.scene_drawing import REGION_COLOUR, TRAIL_COLOUR
 from kinematics import RobotModel
 from tests.guara_perception.view.chromium import Chromium, find_chromium
+from tests.guara_perception.view.scene_page import SCENE, click, is_laser, is_rust, open_page, press, share, tick, until
 
 # Asked, not imported: each worker collects this file, whichever tests it runs.
 needs_viser = pytest.mark.skipif(find_spec("viser") is None, reason="viser is not installed (extra `view`)")
 pytestmark = [pytest.mark.view, pytest.mark.heavy, needs_viser]
-
-PATIENCE_S = 90.0
 CHROMIUM = find_chromium()
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine (Debian: chromium)")
 
@@ -44,8 +42,6 @@ def page(tmp_path: Path) -> Iterator[Chromium]:
         yield chromium
 
 
-# Between the panels.
-SCENE = np.s_[:, 320:660]
 TERRAIN = rgb(HAZARD_COLOURS[gp.Hazard.EDGE])
 TRAIL = np.array(TRAIL_COLOUR) / 255
 # The camera's picture, red, green, blue: a colour that nothing else on the page has.
@@ -65,64 +61,6 @@ def moment(grid: gp.TerrainGrid, step: int = 7, x: float = 0.0) -> Moment:
         footholds={"rf": (0.5, -0.18, 0.0)},
         picture=lambda: picture,
     )
-
-
-def share(picture: np.ndarray, colour: Any, tolerance: int) -> float:
-    """Share of the pixels of (nearly) a colour, hue rather than brightness."""
-    wanted = np.array(colour) * 255
-    return float((np.abs(picture.astype(float) - wanted).max(axis=-1) < tolerance).mean())
-
-
-def is_rust(picture: np.ndarray) -> np.ndarray:
-    """Pixels of the Guará's body."""
-    red, green, blue = (picture[..., i].astype(int) for i in range(3))
-    return (red > 100) & (red > 1.7 * green) & (green > blue) & (red < 200) & (green < 95)
-
-
-def is_laser(picture: np.ndarray) -> np.ndarray:
-    """Pixels of stripes: red, and rather blue than green, as nothing else of the scene is."""
-    red, green, blue = (picture[..., i].astype(int) for i in range(3))
-    return (red > 150) & (red > green + 60) & (blue > green + 10)
-
-
-def until(page: Chromium, condition: Callable[[np.ndarray], bool], what: str) -> np.ndarray:
-    """The first picture of the page that meets a condition; drawing takes its time in software."""
-    deadline = time.monotonic() + PATIENCE_S
-    while True:
-        picture = page.screenshot()
-        if condition(picture):
-            return picture
-        assert time.monotonic() < deadline, f"never seen: {what}; page errors: {page.errors}"
-        time.sleep(0.3)
-
-
-def open_page(page: Chromium, address: str, text: str) -> None:
-    """Open the view, wait for a text of the panel, and close the notice that there is no graphics card."""
-    page.call("Page.navigate", url=address)
-    page.wait_for("document.querySelector('canvas') !== null")
-    page.wait_for(f"document.body.innerText.includes('{text}')")
-    page.evaluate("document.querySelectorAll('.mantine-Notification-closeButton').forEach(b => b.click())")
-
-
-def press(page: Chromium, label: str) -> None:
-    """Click the button with a label."""
-    find = f"[...document.querySelectorAll('button')].find(b => b.innerText.trim() === '{label}')"
-    page.wait_for(f"{find} !== undefined && !{find}.disabled")
-    page.evaluate(f"{find}.click()")
-
-
-def tick(page: Chromium, label: str) -> None:
-    """Click the check box beside a label."""
-    page.evaluate(
-        f"[...document.querySelectorAll('label')].find(l => l.innerText.trim() === '{label}')"
-        ".closest('div').parentElement.parentElement.querySelector('input[type=checkbox]').click()"
-    )
-
-
-def click(page: Chromium, x: int, y: int) -> None:
-    """Press and release the left button at a pixel."""
-    for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
-        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
 
 @needs_chromium

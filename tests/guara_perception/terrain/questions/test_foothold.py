@@ -1,14 +1,13 @@
-"""Footholds: every failed test is reported, nothing unknown is accepted, and the best one is the same every time."""
+"""Verdicts on footholds: every failed test is told, nothing unknown is accepted."""
 
 from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import guara_perception as gp
@@ -17,24 +16,7 @@ from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.layers.limits_of import known, limits_of
 from kinematics import KinematicsError, RobotModel, RobotNotFound, Stance, describe_robot, load_robot
-
-PROPERTY = settings(max_examples=40, deadline=None, derandomize=True)
-ORIGIN = (0.4, -0.3)
-
-
-def grid(heights: np.ndarray, **keywords: Any) -> gp.TerrainGrid:
-    """Any heights before the robot."""
-    return gp.assess_terrain(heights, 0.005, origin=ORIGIN, **keywords)
-
-
-def world(seed: int) -> gp.TerrainGrid:
-    """Flat ground with boxes and holes."""
-    rng = np.random.default_rng(seed)
-    heights = np.zeros((120, 120))
-    for _ in range(int(rng.integers(0, 6))):
-        iy, ix = rng.integers(0, 110, 2)
-        heights[iy : iy + 8, ix : ix + 10] = rng.choice([0.02, 0.05, -0.03, np.nan])
-    return grid(heights)
+from tests.guara_perception.terrain.questions.ground import ORIGIN, PROPERTY, grid, world
 
 
 def sole_cells(terrain: gp.TerrainGrid, x: float, y: float) -> tuple[np.ndarray, bool]:
@@ -259,88 +241,3 @@ def test_a_grid_without_limits_is_refused_in_words() -> None:
     bare = dataclasses.replace(world(0), metadata={})
     with pytest.raises(gp.InvalidInput, match="limits = None; a grid made by process_scan"):
         bare.check_foothold(0.7, 0.0)
-
-
-def test_on_perfect_ground_the_wish_itself_is_best() -> None:
-    """Nothing is better than the wish where all is alike, whether or not it is a cell centre."""
-    terrain = gp.assess_terrain(np.zeros((300, 300)), 0.005)
-    best = terrain.best_foothold(0.7512, 0.7498, 0.05)
-    assert best is not None
-    assert (best.x, best.y) == (0.7512, 0.7498)
-    assert best.z == 0.0
-    np.testing.assert_allclose(best.normal, [0, 0, 1])
-    assert best.score == 1.0
-
-
-@pytest.mark.slow
-@PROPERTY
-@given(st.integers(0, 500), st.floats(0.45, 0.95), st.floats(-0.25, 0.25), st.floats(0.0, 0.12))
-def test_the_best_foothold_is_allowed_near_and_the_same_every_time(
-    seed: int, x: float, y: float, radius: float
-) -> None:
-    """It passes check_foothold, lies within the radius, and asking again gives the same; None where nothing passes."""
-    terrain = world(seed)
-    best = terrain.best_foothold(x, y, radius)
-    cx, cy = (a.ravel() for a in np.meshgrid(*terrain.geometry.centres()))
-    near = np.hypot(cx - x, cy - y) <= radius
-    any_ok = terrain.check_foothold(cx[near], cy[near]).ok.any() if near.any() else False
-    if best is None:
-        assert not any_ok
-        return
-    assert terrain.check_foothold(best.x, best.y).ok
-    assert np.hypot(best.x - x, best.y - y) <= radius + 1e-9
-    again = terrain.best_foothold(x, y, radius)
-    assert again is not None
-    assert (again.x, again.y, again.value) == (best.x, best.y, best.value)
-
-
-def test_ties_go_to_the_smaller_x_then_y() -> None:
-    """Four equal places about the wish: the first by x, then by y."""
-    heights = np.full((121, 121), np.nan)
-    for iy, ix in ((60, 30), (60, 90), (30, 60), (90, 60)):
-        heights[iy - 12 : iy + 13, ix - 14 : ix + 15] = 0.0
-    terrain = gp.assess_terrain(heights, 0.005)
-    centre = 60.5 * 0.005
-    best = terrain.best_foothold(centre, centre, 0.16)
-    assert best is not None
-    assert best.x < centre
-    assert best.y == pytest.approx(centre)
-
-
-def test_the_previous_choice_is_kept_until_another_is_worth_a_third_more() -> None:
-    """Two ledges beside a gap: the choice stays on its side as the wish moves over the middle, then changes once."""
-    heights = np.zeros((120, 160))
-    heights[:, 78:82] = np.nan
-    terrain = gp.assess_terrain(heights, 0.005)
-    wishes = np.linspace(0.33, 0.47, 29)
-    free = [terrain.best_foothold(x, 0.3, 0.1) for x in wishes]
-    previous, chosen = None, []
-    for x in wishes:
-        previous = terrain.best_foothold(x, 0.3, 0.1, previous=previous)
-        assert previous is not None
-        chosen.append(previous.x > 0.4)
-    sides = [bool(foothold is not None and foothold.x > 0.4) for foothold in free]
-    assert sides != chosen
-    assert chosen == sorted(chosen)
-    assert chosen[-1]
-    # A place that is no longer allowed, or out of the radius, is not kept.
-    gap = terrain.best_foothold(0.33, 0.3, 0.1, previous=(0.4, 0.3))
-    assert gap is not None
-    assert gap.x < 0.38
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((np.nan, 0.0, 0.1), "the wish is"),
-        ((0.0, 0.0, -0.1), "radius is -0.1, it must be 0 ... 1 m"),
-        ((0.0, 0.0, 50.0), "radius is 50.0"),
-        ((0.0, 0.0, np.inf), "radius is inf"),
-    ],
-)
-def test_bad_questions_are_refused(arguments: tuple[float, float, float], message: str) -> None:
-    """NaN, negative or absurd radius; a previous choice that is none."""
-    with pytest.raises(gp.InvalidInput, match=message):
-        world(0).best_foothold(*arguments)
-    with pytest.raises(gp.InvalidInput, match="must be a Foothold or a pair"):
-        world(0).best_foothold(0.6, 0.0, 0.1, previous="left")  # type: ignore[arg-type]

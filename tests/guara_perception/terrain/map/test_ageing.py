@@ -1,0 +1,75 @@
+"""Heights of the rolling map age by pauses and by seconds, and are stale in the end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import guara_perception as gp
+from guara_perception.settings import Settings
+from guara_perception.terrain.layers.hazard import Hazard
+from kinematics import RobotModel
+from tests.guara_perception.terrain.map.placed import AROUND, PLACE, ZERO, MakeScan, at, only
+
+
+def test_time_that_runs_backwards_makes_what_was_seen_before_stale(robot: RobotModel, make_scan: MakeScan) -> None:
+    """A clock set back by an hour: how old the cells are, is not known, so they count as old; and it is said."""
+    terrain_map = gp.TerrainMap(robot)
+    terrain_map.update(make_scan(0.0, stamp=10_000 * 10**9), at(), ZERO)
+    away = at(0.3)
+    later = terrain_map.update(make_scan(0.0, step=1, stamp=(10_000 + 1_000 - 3_600) * 10**9), away, ZERO)
+    old = np.isfinite(later.elevation) & (later.age > 0)
+    assert old.any() and ((later.hazard[old] & Hazard.STALE) != 0).all()
+    assert any("went back by 2.6e+03 s" in reason for reason in later.metadata["health"]["reasons"])
+
+
+def test_cells_age_by_the_clock_that_is_given(robot: RobotModel, make_scan: MakeScan) -> None:
+    """The wall clock was set back, a clock that never steps was not: 1,000 s are more than the validity of 420 s."""
+    terrain_map = gp.TerrainMap(robot)
+    terrain_map.update(make_scan(0.0, stamp=10_000 * 10**9), at(), ZERO, time=50.0)
+    later = terrain_map.update(make_scan(0.0, step=1, stamp=7_400 * 10**9), at(0.3), ZERO, time=1_050.0)
+    old = np.isfinite(later.elevation) & (later.age > 0)
+    assert old.any() and ((later.hazard[old] & Hazard.STALE) != 0).all()
+    assert later.metadata["health"]["level"] == "ok"
+
+
+def test_ground_turns_stale_by_pauses_and_by_seconds(robot: RobotModel, make_scan: MakeScan, scan_grid: Any) -> None:
+    """Beyond the validity of robot.toml in either measure a height is STALE; a new look makes it fresh."""
+    validity = Settings.of(robot)
+    hidden = only(Hazard.UNSCANNED, scan_grid, AROUND)
+    by_pauses = gp.TerrainMap(robot)
+    by_pauses.update(make_scan(0.0, step=0, stamp=1), at(), ZERO)
+    last = validity.validity_pauses
+    still = by_pauses.update(make_scan(0.0, flags=hidden, step=last, stamp=2), at(), ZERO)
+    assert still.hazard_at(*PLACE) == Hazard.NONE
+    stale = by_pauses.update(make_scan(0.0, flags=hidden, step=last + 1, stamp=3), at(), ZERO)
+    assert stale.hazard_at(*PLACE) & Hazard.STALE
+    assert stale.height_at(*PLACE) == 0.0
+    fresh = by_pauses.update(make_scan(0.0, step=last + 2, stamp=4), at(), ZERO)
+    assert fresh.hazard_at(*PLACE) == Hazard.NONE
+    by_seconds = gp.TerrainMap(robot)
+    by_seconds.update(make_scan(0.0, step=0, stamp=10**9), at(), ZERO)
+    late = 10**9 + int((validity.validity_seconds + 1) * 1e9)
+    assert (
+        by_seconds.update(make_scan(0.0, flags=hidden, step=1, stamp=late), at(), ZERO).hazard_at(*PLACE) & Hazard.STALE
+    )
+
+
+def test_validity_outlasts_what_a_hind_foot_needs(robot: RobotModel) -> None:
+    """Nine cycles of four pauses at 18.7 s each."""
+    validity = Settings.of(robot)
+    assert validity.validity_pauses >= 36
+    assert validity.validity_seconds >= 9 * 18.7
+
+
+def test_cells_seen_by_another_clock_are_stale(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
+    """A map that was filled by the wall clock, loaded and looked at by one that began at boot: of unknown age."""
+    terrain_map = gp.TerrainMap(robot)
+    terrain_map.update(make_scan(0.0, stamp=10_000 * 10**9), at(), ZERO)
+    terrain_map.save(tmp_path / "map.npz")
+    loaded = gp.TerrainMap.load(tmp_path / "map.npz", robot)
+    later = loaded.update(make_scan(0.0, step=1, stamp=10_001 * 10**9), at(0.3), ZERO, time=50.0)
+    old = np.isfinite(later.elevation) & (later.age > 0)
+    assert old.any() and ((later.hazard[old] & Hazard.STALE) != 0).all()
