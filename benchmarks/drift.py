@@ -17,9 +17,9 @@ import numpy as np
 import guara_perception as gp
 from benchmarks.scanned_walk import scanned_walk
 from benchmarks.terrain import FIRST_HIND_PAUSE, FOOT_HALF
-from benchmarks.walk import Ground, scan, walk
 from guara_perception.arrays import Float
 from kinematics import LegOdometry, RobotModel, Stance, load_robot
+from tests.analytic_walk import Ground, LevelGround, scan, walk
 
 # From the front of the scanned area to the hind feet.
 PAUSES_BETWEEN = 21
@@ -149,15 +149,6 @@ def _one_way(robot: RobotModel, looks: list[Look], *, registered: bool) -> MapEr
     x, y = np.sqrt(np.mean(sideways**2, axis=0))
     heights = 1e3 * np.concatenate(errors)
     return MapErrors(float(x), float(y), float(np.abs(sideways).max()), float(np.sqrt(np.mean(heights**2))), refused)
-
-
-@dataclass(frozen=True)
-class LevelGround(Ground):
-    """Nothing but a plane."""
-
-    def height_at(self, x: Float, y: Float) -> Float:
-        """0 everywhere."""
-        return np.zeros(np.broadcast_shapes(np.shape(x), np.shape(y)))
 
 
 def analytic(

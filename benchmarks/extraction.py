@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 from benchmarks.contenders import LITERAL, REFERENCE, USER, copy, extractors, touch
 from benchmarks.rounds import Timings, alternate, number
-from benchmarks.scenes import Recording
 from benchmarks.section import Effort, Section
 from guara_perception.arrays import Image
+from tests.scenes import Recording
 from tests.synthetic_stripes import CASES, stripe_errors, stripes
 
 FLOOR, ALL_FLOOR, COPY = "floor: band read once", "floor: all bytes read once", "floor: all bytes copied"

@@ -10,9 +10,9 @@ import numpy as np
 import guara_perception as gp
 from benchmarks import whole_scan
 from benchmarks.rounds import alternate, number
-from benchmarks.scenes import Recording, resized, simulated
 from benchmarks.section import Effort, Section
 from guara_perception.terrain.scan.assess_terrain import default_limits
+from tests.scenes import Recording, resized, simulated
 
 SMALL = (640, 512)
 CELL_M = 0.005

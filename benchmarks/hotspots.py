@@ -7,8 +7,8 @@ import pstats
 from pathlib import Path
 
 from benchmarks import whole_scan
-from benchmarks.scenes import ROBOTS, Recording
 from benchmarks.section import Section
+from tests.scenes import ROBOTS, Recording
 
 SHOWN = 16
 

@@ -18,11 +18,11 @@ import cv2
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.accuracy import Truth, figures
 from benchmarks.photographs import RIGHT_PX
-from benchmarks.scenes import Recording, simulated
 from guara_perception.arrays import Float
 from guara_perception.simulation import EFFECTS, Light, real_light
+from tests.grid_truth import figures, made_up
+from tests.scenes import Recording, simulated
 
 SIZE, STRIPES = (640, 512), 35
 ALL, ALL_STRENGTH = "all together", 1 / 3
@@ -32,7 +32,6 @@ CLEAN = Light(ambient=(0.0, 0.0, 0.0), speckle=0.0, bounce=0.0, shot_noise=0.0, 
 SEEN_LEVEL, GAP_LEVEL = 25, 5
 # Columns beside the end of a stripe are neither.
 BESIDE_END = 3
-MADE_UP_M = 0.005
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +47,7 @@ class Effect:
         known: share of the interior cells that the grid knows.
         mean_mm, p95_mm: error of their heights [mm].
         unsafe: cells called traversable that are dark or that nobody could see.
-        made_up: cells called traversable whose height is more than MADE_UP_M from all the true heights within them.
+        made_up: cells called traversable whose height is further than 5 mm from all the true heights within them.
         health: the scan's last reason, empty when it has none.
     """
 
@@ -100,13 +99,6 @@ def judge(recording: Recording, light: Light, *, with_off: bool) -> tuple[tuple[
         gaps += int(empty.sum())
         filled += int(np.isfinite(position[empty]).sum())
     return (right / max(seen, 1), wrong / max(right + wrong, 1), filled / max(gaps, 1)), processor.finish()
-
-
-def made_up(terrain: gp.TerrainGrid, truth: Truth) -> int:
-    """Cells called traversable at a height that is not there."""
-    height = np.asarray(terrain.elevation, np.float64)
-    beyond = (height > truth.high + MADE_UP_M) | (height < truth.low - MADE_UP_M)
-    return int(np.count_nonzero(beyond & (np.asarray(terrain.traversability) > 0)))
 
 
 def lights(strengths: Sequence[float], names: Sequence[str]) -> Iterator[tuple[str, float, Light]]:

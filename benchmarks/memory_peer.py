@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.scenes import robot_with, scan_stance, with_covariance
 from guara_perception import ScanProcessor
 from guara_perception.simulation.specimen import specimen
+from tests.scenes import robot_with, scan_stance, with_covariance
 
 
 def resident(field: str) -> float:

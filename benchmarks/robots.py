@@ -9,99 +9,17 @@ import argparse
 import os
 import sys
 import tempfile
-import time
-import warnings
-from dataclasses import dataclass
 from pathlib import Path
-
-from guara_perception.app.main import ENVIRONMENT
-
-# As the command does: before numpy is loaded.
-os.environ.update(ENVIRONMENT)
 
 import cv2
 import numpy as np
 
-from benchmarks.urdf_reader import worst_difference
-from guara_perception.app.robot_folder.check import check_robot
-from guara_perception.app.robot_folder.finding import Weight
-from guara_perception.app.robot_folder.new_robot import new_robot
-from guara_perception.app.robot_folder.trial_walk import TrialWalk, trial_walk
-from guara_perception.exceptions import PerceptionError
-from kinematics import KinematicsError, load_robot
-from kinematics.read_urdf import read_urdf
-from tests.stock_robots import FILES, StockRobotsMissing, stock_urdf
+from guara_perception.app.main import ENVIRONMENT
+from tests.stock_results import line, stock_result
+from tests.stock_robots import FILES, StockRobotsMissing
 
-
-@dataclass(frozen=True, slots=True)
-class StockResult:
-    """What came of one URDF.
-
-    Attributes:
-        name: of the robot.
-        notes: things in the file that are not used, named in one warning.
-        seconds: processor time of `robot new`.
-        findings: of `robot check` that are more than notes.
-        difference: of the stance pose from an independent reader, the largest number of the 4 x 4 matrices [m or -].
-        walk: ten pauses in simulation, None where it was not asked for or nothing loads.
-        error: why it ended early, empty when it did not.
-    """
-
-    name: str
-    notes: int
-    seconds: float
-    findings: tuple[str, ...]
-    difference: float
-    walk: TrialWalk | None
-    error: str
-
-    @property
-    def is_passed(self) -> bool:
-        """Whether it loads, is sound, and walks where it was to walk."""
-        return not self.error and not self.findings and (self.walk is None or self.walk.is_passed)
-
-
-def stock_result(name: str, folder: Path, *, with_walk: bool) -> StockResult:
-    """Make a folder of a stock URDF, check it, and let it walk.
-
-    Raises:
-        StockRobotsMissing: the packages of the extra are not installed.
-    """
-    source = stock_urdf(name)
-    notes, seconds = 0, float("nan")
-    try:
-        before = time.process_time()
-        new_robot(source, folder)
-        seconds = time.process_time() - before
-        notes = len(read_urdf(source).notes)
-        checked = check_robot(folder)
-        findings = tuple(str(finding) for finding in checked.findings if finding.weight is not Weight.NOTE)
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            robot = load_robot(folder)
-        difference = worst_difference(robot, source)
-        walk = trial_walk(robot) if with_walk else None
-    except (PerceptionError, KinematicsError, UserWarning) as error:
-        return StockResult(name, notes, seconds, (), float("nan"), None, f"{type(error).__name__}: {error}")
-    return StockResult(name, notes, seconds, findings, difference, walk, "")
-
-
-def line(result: StockResult) -> str:
-    """One robot in one line."""
-    if result.error:
-        return f"{result.name:<13} {result.error}"
-    text = (
-        f"{result.name:<13} {result.notes} notes  new {result.seconds:4.1f} s  "
-        f"{'sound' if not result.findings else f'{len(result.findings)} findings'}  stance {result.difference:.0e} m"
-    )
-    if result.walk is not None:
-        walk = result.walk
-        text += (
-            f"  walk {walk.pauses} pauses, {walk.feet} feet, {walk.feet_on_hazard} on a hazard, "
-            f"{walk.unknown_called_safe} unknown called safe, known {walk.known:.0%}"
-        )
-        text += f"  ended: {walk.ended}" if walk.ended else ""
-    return "\n".join([text, *(f"    {finding}" for finding in result.findings)])
+# As the command does: before numpy is loaded.
+os.environ.update(ENVIRONMENT)
 
 
 def main() -> None:

@@ -63,7 +63,7 @@ class Checkout:
 
         Args:
             folder: root of the checkout.
-            scan: DATA/scans/NAME, as in `benchmarks.scenes.recorded`.
+            scan: DATA/scans/NAME, as in `tests.scenes.recorded`.
 
         Raises:
             SystemExit: the folder holds no checkout.

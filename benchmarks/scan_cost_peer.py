@@ -52,7 +52,10 @@ def main_of_peer(scan: Path) -> None:
     import cv2
 
     cv2.setNumThreads(1)
-    recording = import_module("benchmarks.scenes").recorded(scan)
+    # Older revisions have it among their benchmarks.
+    checkout = Path(str(import_module("guara_perception").__file__)).parents[1]
+    scenes = "tests.scenes" if (checkout / "tests" / "scenes.py").is_file() else "benchmarks.scenes"
+    recording = import_module(scenes).recorded(scan)
     ours = import_module("benchmarks.whole_scan").ours
     by_path = sorted_by_path(import_module("guara_perception.stripes.precise"))
     for _ in sys.stdin:

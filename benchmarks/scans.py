@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 import guara_perception as gp
 from benchmarks import whole_scan
-from benchmarks.accuracy import Truth
 from benchmarks.contenders import LITERAL, LOOPS, OURS, USER, extractors, reference
 from benchmarks.rounds import Ratio, alternate, number
-from benchmarks.scenes import Recording
 from benchmarks.section import Effort, Section
 from guara_perception.app.node.live_scan import STRIPES_AFTER
 from guara_perception.settings import Settings
+from tests.grid_truth import Truth
+from tests.scenes import Recording
 
 REFERENCE = "reference extraction of the same frames"
 STAGES = ("prepare", "extract", "triangulate", "raster", "finish")

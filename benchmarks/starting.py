@@ -15,8 +15,8 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.rounds import alternate
-from benchmarks.scenes import ROBOTS, Recording
 from benchmarks.section import Effort, Section
+from tests.scenes import ROBOTS, Recording
 from tests.truth import truth_calibration
 
 ROOT = ROBOTS.parent

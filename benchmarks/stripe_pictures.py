@@ -17,9 +17,9 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.photographs import read
-from benchmarks.scenes import simulated
 from guara_perception.arrays import Image
 from guara_perception.simulation import real_light
+from tests.scenes import simulated
 
 # BGR of a position that is used, and of one that is not: seen, but doubtful.
 USED, DOUBTFUL = (80, 220, 40), (40, 150, 255)

@@ -10,13 +10,14 @@ from pathlib import Path
 
 import cv2
 
-from benchmarks import extraction, growth, hotspots, messaging, scans, scenes, starting, sweeps
+from benchmarks import extraction, growth, hotspots, messaging, scans, starting, sweeps
 from benchmarks.machine import machine
 from benchmarks.plots import error_against_time, growth_plot
 from benchmarks.remarks import remarks
 from benchmarks.report import to_terminal, write_page
 from benchmarks.section import FULL, QUICK, Effort, Section
 from benchmarks.targets import judged
+from tests import scenes
 
 ROOT = Path(__file__).resolve().parents[1]
 OWN_DATA = ROOT / "tests" / "data"

@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import scenes
 from benchmarks.section import Section
 from drivers import (
     AcquireOptions,
@@ -41,6 +40,7 @@ from drivers.emulator import (
     ExposureView,
     emulated_backend,
 )
+from tests import scenes
 
 FLASH = 0.004
 STRIPES = (35, 70)

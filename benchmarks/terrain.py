@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.walk import Ground, Pause, scan, seen_height, walk
 from guara_perception.arrays import Float
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
@@ -21,6 +20,7 @@ from guara_perception.terrain.map.look import look_at
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.registration import register
 from kinematics import LegOdometry, RobotModel, load_robot
+from tests.analytic_walk import Ground, Pause, scan, seen_height, walk
 from tests.truth import truth_calibration
 
 RESOLUTION = 0.005

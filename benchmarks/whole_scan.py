@@ -8,9 +8,9 @@ import numpy as np
 import guara_perception as gp
 from benchmarks import paper_chain as paper
 from benchmarks.contenders import Extract, literal, opencv_user
-from benchmarks.scenes import Recording
 from guara_perception.arrays import Float
 from guara_perception.settings import Settings
+from tests.scenes import Recording
 
 CELL_M = 0.005
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.contenders import reference
-from benchmarks.scenes import recorded
 from guara_perception.arrays import Float
+from tests.scenes import recorded
 
 # Per stripe where the limits were set: 0.57 ... 0.65 ms of an extraction that takes 1.75 times as long as this one.
 REFERENCE_STRIPE_S = 0.34e-3

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from benchmarks.accuracy import HEADER, figures, load_truth, row
+from benchmarks.accuracy import HEADER, row
 from kinematics import RobotModel
+from tests.grid_truth import figures, load_truth
 
 pytestmark = pytest.mark.slow
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks import mounting, scenes
+from benchmarks import mounting
+from tests import scenes
 
 pytestmark = pytest.mark.heavy
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import paper_chain, scenes
+from benchmarks import paper_chain
 from benchmarks.__main__ import PROGRAMS
 from benchmarks.contenders import LITERAL, OURS, USER
 from benchmarks.growth import fit
@@ -19,6 +19,7 @@ from benchmarks.rounds import alternate
 from benchmarks.section import QUICK
 from benchmarks.suite import measure, write
 from benchmarks.targets import TARGETS
+from tests import scenes
 
 pytestmark = pytest.mark.slow
 

@@ -6,11 +6,11 @@ import dataclasses
 
 import pytest
 
-from benchmarks.scenes import simulated
 from guara_perception.frame_pair import FramePair
 from guara_perception.light_diagnosis import LightLooks
 from guara_perception.simulation import Light, real_light
 from guara_perception.stripes.extract import extract_stripe
+from tests.scenes import simulated
 
 # Every second stripe of a coarse scan, in pictures of a camera with a quarter of the pixels.
 SIZE, STRIPES = (320, 256), 18

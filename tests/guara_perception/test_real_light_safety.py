@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from benchmarks.accuracy import figures
-from benchmarks.light import SIZE, STRIPES, made_up
-from benchmarks.scenes import Recording, simulated
 from guara_perception.simulation import EFFECTS, real_light
+from tests.grid_truth import figures, made_up
+from tests.scenes import Recording, simulated
 
 EVERY_LIGHT = {
     **{name: {name: 1.0} for name in EFFECTS},
@@ -26,7 +25,7 @@ EVERY_LIGHT = {
 @functools.lru_cache(maxsize=1)
 def rendered(light: str) -> Recording:
     """The benchmark's scene in one light."""
-    return simulated(SIZE, STRIPES, real_light(EVERY_LIGHT[light]), seed=5)
+    return simulated((640, 512), 35, real_light(EVERY_LIGHT[light]), seed=5)
 
 
 @pytest.mark.heavy
@@ -47,7 +46,7 @@ def test_no_light_makes_a_cell_traversable_that_is_dark_unseen_or_made_up(light:
 @pytest.mark.slow
 def test_a_height_that_is_not_there_would_be_counted() -> None:
     """A cell lifted by a centimetre is made up, and one beyond the pit's walls as well."""
-    recording = simulated((320, 256), STRIPES)
+    recording = simulated((320, 256), 35)
     assert recording.truth is not None
     processor = recording.processor()
     recording.add_to(processor)

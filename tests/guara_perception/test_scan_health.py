@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from benchmarks.accuracy import figures, load_truth
 from guara_perception.methods import METHODS
 from guara_perception.own_body import OwnBody
 from guara_perception.scan_report import advice, regional_coverage
 from kinematics import RobotModel, Stance
+from tests.grid_truth import figures, load_truth
 
 
 def safe(terrain: gp.TerrainGrid) -> np.ndarray:

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from benchmarks.accuracy import figures, load_truth
 from guara_perception.ranging.groups import in_groups
+from tests.grid_truth import figures, load_truth
 from tests.guara_perception.recordings import DATA, guara, recording, truth
 
 pytestmark = pytest.mark.slow

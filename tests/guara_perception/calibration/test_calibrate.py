@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from benchmarks.calibration import BEYOND_MM, IN_RANGE_MM, height_errors, worst_rms
 from guara_perception.calibration.board import to_grey
 from guara_perception.calibration.bundle import fit_camera
 from guara_perception.calibration.calibrate import calibrate_session
@@ -24,6 +23,7 @@ from guara_perception.calibration.plates import PlateLine, level_pixels
 from guara_perception.calibration.result import CalibrationResult
 from guara_perception.calibration.session import CalibrationSession, Fiducials, Plate
 from kinematics import RobotModel
+from tests.calibration_errors import BEYOND_MM, IN_RANGE_MM, height_errors, worst_rms
 from tests.guara_perception.calibration.breaking import with_frames, with_pictures, with_plate
 
 

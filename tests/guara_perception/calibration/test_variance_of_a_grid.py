@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.accuracy import load_truth
 from guara_perception.calibration.result import CalibrationResult
 from kinematics import RobotModel
+from tests.grid_truth import load_truth
 
 
 def test_error_over_sigma(result: CalibrationResult, paper_scan: gp.Scan, robot: RobotModel, data: Path) -> None:

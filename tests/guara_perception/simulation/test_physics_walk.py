@@ -8,7 +8,6 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from benchmarks.simulation import physics_figures, rms
 from guara_perception.exceptions import InvalidInput
 from guara_perception.extras import MissingExtra, optional_library
 from guara_perception.simulation.features import Box, Patch, Rock
@@ -17,6 +16,7 @@ from guara_perception.simulation.physics_walk import physics_walk
 from guara_perception.simulation.walk import WalkNoise
 from guara_perception.simulation.world import World
 from kinematics import RobotModel, load_robot
+from tests.physics_figures import physics_figures, rms
 
 # Asked, not imported: each worker collects this file, whichever tests it runs.
 needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="MuJoCo is not installed (extra `sim`)")

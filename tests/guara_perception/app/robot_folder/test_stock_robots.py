@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.robots import StockResult, line, stock_result
 from guara_perception.app.robot_folder.trial_walk import trial_walk
 from kinematics import load_robot
+from tests.stock_results import StockResult, line, stock_result
 from tests.stock_robots import FILES, StockRobotsMissing, stock_urdf
 
 pytestmark = pytest.mark.robots

@@ -11,7 +11,7 @@ import guara_perception as gp
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.hazard import Hazard
 from kinematics import RobotModel
-from tests.guara_perception.terrain.map.placed import AROUND, PLACE, ZERO, MakeScan, at, only
+from tests.guara_perception.terrain.map.poses import AROUND, PLACE, ZERO, MakeScan, at, only
 
 
 def test_time_that_runs_backwards_makes_what_was_seen_before_stale(robot: RobotModel, make_scan: MakeScan) -> None:

@@ -12,7 +12,7 @@ import guara_perception as gp
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.hazard import Hazard
 from kinematics import RobotModel
-from tests.guara_perception.terrain.map.placed import AROUND, PLACE, ZERO, MakeScan, at, drift, only, stance_metadata
+from tests.guara_perception.terrain.map.poses import AROUND, PLACE, ZERO, MakeScan, at, drift, only, stance_metadata
 
 
 def test_soles_make_ground_known_that_no_scan_saw(robot: RobotModel, make_scan: MakeScan) -> None:

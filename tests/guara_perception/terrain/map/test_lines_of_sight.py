@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from benchmarks.walk import CAMERA_IN_BASE, Ground, scan, seen_height, walk
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.map.lines_of_sight import NONE, _bounds
 from kinematics import LegOdometry, RobotModel, Stance
+from tests.analytic_walk import CAMERA_IN_BASE, Ground, scan, seen_height, walk
 
 MakeScan = Callable[..., gp.TerrainGrid]
 NO_DRIFT = 1e-12 * np.eye(6)

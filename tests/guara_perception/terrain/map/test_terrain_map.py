@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from kinematics import RobotModel
-from tests.guara_perception.terrain.map.placed import AROUND, PLACE, ZERO, MakeScan, at, drift, only
+from tests.guara_perception.terrain.map.poses import AROUND, PLACE, ZERO, MakeScan, at, drift, only
 
 
 def test_one_scan_comes_back_as_it_was(robot: RobotModel, make_scan: MakeScan) -> None:

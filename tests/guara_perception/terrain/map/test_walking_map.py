@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.terrain.layers.hazard import Hazard
 from kinematics import RobotModel
-from tests.guara_perception.terrain.map.placed import PLACE, ZERO, MakeScan, at, drift, only
+from tests.guara_perception.terrain.map.poses import PLACE, ZERO, MakeScan, at, drift, only
 
 
 @pytest.mark.slow

@@ -87,6 +87,15 @@ class Ground:
 
 
 @dataclass(frozen=True)
+class LevelGround(Ground):
+    """Nothing but a plane."""
+
+    def height_at(self, x: Float, y: Float) -> Float:
+        """0 everywhere."""
+        return np.zeros(np.broadcast_shapes(np.shape(x), np.shape(y)))
+
+
+@dataclass(frozen=True)
 class Pause:
     """One stance pause of a walk.
 

@@ -1,8 +1,6 @@
-"""Files made to harm: each is refused in words, within 300 MB and 5 s of processor time; damaged ones likewise."""
+"""Damaged files, cut anywhere or with bytes changed, end in words, as do values that nobody would write."""
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -10,7 +8,6 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from benchmarks.hostile import FILES, MEMORY_MB, SECONDS
 from guara_perception.app.files.camera_info import read_camera_info
 from guara_perception.app.files.open_scan import open_scans
 from guara_perception.calibration.file import to_json
@@ -25,24 +22,6 @@ from transport.security.folder import init_security, load_configuration
 ROOT = Path(__file__).resolve().parents[2]
 OURS = (gp.PerceptionError, KinematicsError, TransportError)
 MUTATIONS = 150
-
-
-@pytest.fixture(scope="module")
-def costs() -> dict[str, dict]:
-    """What each file of the benchmark cost, all read by one run of it."""
-    command = [sys.executable, "-m", "benchmarks.hostile", "--json"]
-    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=500, check=False)
-    assert run.returncode == 0, run.stderr[-2000:]
-    return {cost["name"]: cost for cost in map(json.loads, run.stdout.splitlines())}
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("name", list(FILES))
-def test_a_hostile_file_is_refused_within_bounds(costs: dict[str, dict], name: str) -> None:
-    """No traceback, no crash, no gigabyte, no minute."""
-    cost = costs[name]
-    assert cost["outcome"].startswith(("refused: ", "read"))
-    assert cost["memory"] <= MEMORY_MB * 1e6 and cost["seconds"] <= SECONDS, cost
 
 
 def _recording(path: Path) -> None:
@@ -147,9 +126,9 @@ def test_a_calibration_of_odd_values_ends_in_words(tmp_path: Path, paper_scan: g
     rng = np.random.default_rng(3)
     outcomes = {"refused": 0, "used": 0}
     for number in range(MUTATIONS):
-        path = paths[int(rng.integers(len(paths)))]
+        where = paths[int(rng.integers(len(paths)))]
         # What stands high up in the file as often as what stands deep down.
-        *way, last = path[: int(rng.integers(1, len(path) + 1))]
+        *way, last = where[: int(rng.integers(1, len(where) + 1))]
         content = json.loads(text)
         node = content
         for key in way:

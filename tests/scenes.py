@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-from benchmarks.accuracy import Truth, load_truth, truth_of
 from guara_perception.arrays import Image
 from guara_perception.ranging.groups import in_groups
 from guara_perception.settings import Settings
@@ -22,6 +21,7 @@ from guara_perception.simulation import Light, SimulatedRangefinder, World, spec
 from guara_perception.simulation.features import Box, Patch, Pit, Ramp
 from guara_perception.simulation.materials import material_index
 from kinematics import RobotModel, Stance, load_robot
+from tests.grid_truth import Truth, load_truth, truth_of
 
 ROOT = Path(__file__).resolve().parents[1]
 ROBOTS, OWN_DATA = ROOT / "robots", ROOT / "tests" / "data"

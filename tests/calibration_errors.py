@@ -1,0 +1,47 @@
+"""Errors of height that a calibration makes: the true laser planes seen by the true camera, sent through it."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+import guara_perception as gp
+from guara_perception.arrays import Float
+from guara_perception.calibration.height_rows import plane_in_frame
+
+IN_RANGE_MM = np.arange(-20, 81, 10)
+BEYOND_MM = np.arange(80, 121, 10)
+AREA_X, AREA_Y = (0.50, 0.95), (-0.27, 0.27)
+
+
+def height_errors(
+    truth: gp.Calibration, ours: gp.Calibration, transform_base_to_footprint: Float, heights_mm: npt.NDArray[np.int64]
+) -> dict[int, Float]:
+    """Errors of height [m] by stripe: true laser plane seen by the true camera, sent through our calibration."""
+    true_pose = transform_base_to_footprint @ truth.transform_camera_to_base
+    our_pose = transform_base_to_footprint @ ours.transform_camera_to_base
+    y = np.linspace(*AREA_Y, 201)
+    width, height = truth.camera.size
+    errors: dict[int, Float] = {}
+    for stripe in truth.stripes:
+        plane = plane_in_frame(stripe.plane, true_pose)
+        ours_in_camera = ours.stripe(stripe.index).plane
+        found = []
+        for level in heights_mm * 1e-3:
+            x = -(plane[1] * y + plane[2] * level + plane[3]) / plane[0]
+            points = np.column_stack((x, y, np.full(len(y), level)))
+            pixels = truth.camera.project((points - true_pose[:3, 3]) @ true_pose[:3, :3])
+            visible = (pixels[:, 0] >= 0) & (pixels[:, 0] <= width - 1) & (pixels[:, 1] >= 0)
+            visible &= (pixels[:, 1] <= height - 1) & (x > AREA_X[0]) & (x < AREA_X[1])
+            rays = ours.camera.rays(pixels[visible])
+            points = rays * (-ours_in_camera[3] / (rays @ ours_in_camera[:3]))[:, None]
+            found.append(points @ our_pose[2, :3] + our_pose[2, 3] - level)
+        errors[stripe.index] = np.concatenate(found)
+    return errors
+
+
+def worst_rms(errors: dict[int, Float]) -> tuple[float, int]:
+    """Largest rms over the stripes [mm] and the stripe's index."""
+    rms = {index: 1e3 * float(np.sqrt(np.mean(e**2))) for index, e in errors.items() if e.size}
+    index = max(rms, key=lambda i: rms[i])
+    return rms[index], index

@@ -1,0 +1,102 @@
+"""A walk in MuJoCo that perceives as it goes, and how far its map is from the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+import guara_perception as gp
+from guara_perception.simulation import SimulatedRangefinder, World, random_world, specimen
+from guara_perception.simulation.planner import plan_foothold
+from guara_perception.simulation.walk import WalkPause
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+from guara_perception.terrain.map.terrain_map import TerrainMap
+from kinematics import LegOdometry, RobotModel, load_robot
+
+# Under a foothold with this clearance the map is compared with the truth.
+CLEAR_M = 0.020
+
+
+@dataclass
+class WalkFigures:
+    """What the physics walk amounted to; errors in metres.
+
+    Attributes:
+        grids: pauses that gave a grid.
+        unsafe: cells that are unknown and traversable, in all grids.
+        front, hind: error of the map's height under each chosen foothold with clearance that was scanned.
+        declared: footholds on ground that only the gait vouched for.
+    """
+
+    grids: int = 0
+    unsafe: int = 0
+    front: list[float] = field(default_factory=list)
+    hind: list[float] = field(default_factory=list)
+    declared: int = 0
+
+
+def physics_figures(
+    seed: int, cycles: float = 6, size: tuple[int, int] = (640, 512), imu: float = 0.00175
+) -> WalkFigures:
+    """Walk over boxes in MuJoCo, scanning at every pause, treading where the planner says."""
+    from guara_perception.simulation.physics_walk import physics_walk
+    from guara_perception.simulation.walk import WalkNoise
+
+    robot = load_robot("guara")
+    world = random_world(seed, length=1.8, boxes=7, rocks=0, pits=0, dark=0, undulation=0.0, box_heights=(0.01, 0.04))
+    calibration = specimen(robot, (640, 512), seed=seed)
+    walker = _Walker(world, robot, calibration)
+    for pause in physics_walk(world, robot, walker.choose, cycles=cycles, seed=seed, noise=WalkNoise(imu=imu)):
+        walker.scan(pause)
+    return walker.figures
+
+
+class _Walker:
+    """Scans and maps at every pause and plans the footholds on the map."""
+
+    def __init__(self, world: World, robot: RobotModel, calibration: gp.Calibration) -> None:
+        self.figures = WalkFigures()
+        self._world, self._robot, self._calibration = world, robot, calibration
+        self._rangefinder = SimulatedRangefinder(world, calibration, robot)
+        self._map, self._odometry = TerrainMap(robot), LegOdometry(robot)
+        self._terrain: gp.TerrainGrid | None = None
+
+    def scan(self, pause: WalkPause) -> None:
+        """One scan, fused."""
+        self._rangefinder.set_pose(pause.transform_base_to_world, pause.joint_positions)
+        processor = gp.ScanProcessor(self._calibration, self._robot, pause.stance, "coarse", step=pause.step)
+        for index, on, off in self._rangefinder.frames(range(0, 70, 2)):
+            processor.add(index, on, off)
+        pose = self._odometry.update(pause.stance)
+        scan = processor.finish()
+        self._terrain = self._map.update(
+            processor.finish("wide"), pose.transform_footprint_to_odom, pose.covariance, known_ground=pause.known_ground
+        )
+        self.figures.grids += 1
+        for terrain in (scan, self._terrain):
+            unknown = (terrain.hazard & UNKNOWN_MASK) != 0
+            self.figures.unsafe += int((unknown & (terrain.traversability > 0)).sum())
+
+    def choose(self, pause: WalkPause) -> tuple[float, float]:
+        """The planner's foothold, or the gait's own where it finds none: physics then shows what happens."""
+        terrain = self._terrain
+        assert terrain is not None
+        found = plan_foothold(terrain, pause.next_leg, pause.nominal, robot=self._robot)
+        if found is None:
+            return pause.nominal
+        iy, ix = (int(i) for i in terrain.geometry.indices(found.x, found.y))
+        if terrain.looks[iy, ix] == 0:
+            self.figures.declared += 1
+        elif terrain.clearance[iy, ix] > CLEAR_M:
+            # By way of the body: what is compared is the map, not which feet the footprint's z = 0 was taken from.
+            to_footprint = np.array(terrain.metadata["transform_base_to_footprint"])
+            point = pause.transform_base_to_world @ np.linalg.solve(to_footprint, (found.x, found.y, found.z, 1.0))
+            error = float(point[2] - self._world.height(point[0], point[1]))
+            (self.figures.front if pause.next_leg.endswith("f") else self.figures.hind).append(error)
+        return found.x, found.y
+
+
+def rms(errors: list[float]) -> float:
+    """Root mean square, NaN of nothing."""
+    return float(np.sqrt(np.mean(np.square(errors)))) if errors else float("nan")
