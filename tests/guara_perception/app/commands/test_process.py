@@ -1,4 +1,4 @@
-"""`guara process`: the file it writes, and what it leaves out of damaged scans when it is told to go on."""
+"""`guara process`: the file it writes, and what it leaves out of damaged scans when it is to go on."""
 
 import json
 import zipfile

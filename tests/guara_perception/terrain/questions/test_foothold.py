@@ -1,4 +1,4 @@
-"""Verdicts on footholds: every failed test is told, nothing unknown is accepted."""
+"""Verdicts on footholds: every failed test is reported, nothing unknown is accepted."""
 
 from __future__ import annotations
 
