@@ -19,11 +19,12 @@ from tests.truth import truth_calibration
 
 DATA = Path(__file__).parent / "data"
 
-# A shell that starts the tests in the background lets them ignore Ctrl-C, and so would every program that they start
-# and interrupt. A handler that does nothing keeps it so for the tests alone: a new program gets the default of the
-# system.
-if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
-    signal.signal(signal.SIGINT, lambda *_: None)
+# A shell that starts the tests in the background lets them ignore Ctrl-C, `nohup` lets them ignore the end of a
+# terminal, and so would every program that they start and signal. A handler that does nothing keeps it so for the tests
+# alone: a new program gets the default of the system.
+for ignored in (signal.SIGINT, signal.SIGHUP):
+    if signal.getsignal(ignored) == signal.SIG_IGN:
+        signal.signal(ignored, lambda *_: None)
 
 
 # Collecting makes thousands of objects that all stay: to look through them for garbage costs a sixth of it.
