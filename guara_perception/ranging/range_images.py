@@ -7,17 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Array, Float, Float32
+from guara_perception.arrays import Array, Float, Float32, Index
 from guara_perception.ranging.groups import in_groups
+from guara_perception.ranging.lines import shares
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.ranging.surface import surface_keys, surface_of
+from guara_perception.ranging.surface import EVERYWHERE, surface_keys, surface_lines
 from guara_perception.readonly import readonly
 from guara_perception.terrain.assessment.raster import ROUNDING, TOP_LAYER_M
 
 # Picture size of the paper: rows along x, columns along y.
 ROWS, COLUMNS = 512, 640
-# Stripes and pairs whose samples are made and summed in one go: with more of them they no longer fit into the cache.
-TOGETHER = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,36 +56,42 @@ def range_images(
         x, y: the area in base_footprint [m].
         join_height: largest height difference of one surface [m].
     """
-    pixel = min((x[1] - x[0]) / ROWS, (y[1] - y[0]) / COLUMNS)
-    ortho, perspective = _Picture(x, y), _Picture(x, y)
-    for group in in_groups(surface_keys(points, pattern), TOGETHER):
-        cloud = surface_of(points, group, pattern, join_height, pixel).points
-        known = np.isfinite(cloud[2])
-        px, py, height = cloud if known.all() else cloud[:, known]
-        if not height.size:
-            continue
-        height = height.copy()
-        ortho.add(px, py, height)
-        perspective.add(*to_floor(px, py, height, camera_position), height)
+    size = np.array([(x[1] - x[0]) / ROWS, (y[1] - y[0]) / COLUMNS])
+    nadir, above = camera_position[:2], float(camera_position[2])
+    # Number of the nadir's row and column, as the pictures count them.
+    nadir_px = (nadir - (x[0], y[0])) / size + 1 + ROUNDING
+    ortho, perspective = _Picture(), _Picture()
+    keys, y_range = surface_keys(points, pattern), _of_use(points, (y[0] - size[1], y[1] + size[1]), nadir[1], above)
+    for group in in_groups(keys):
+        for lines in surface_lines(points, group, pattern, join_height, float(size.min()), y_range):
+            if not lines.opens.size:
+                continue
+            share, _, _ = shares(lines.number)
+            # From the nadir on, in pixels: the central projection onto the floor, which eqs. 20 and 21 undo, only
+            # stretches that.
+            first, difference = (lines.first[:2] - nadir[:, None]) / size[:, None], lines.difference[:2] / size[:, None]
+            row, column, height = (
+                share * along + start
+                for along, start in zip((*difference, lines.difference[2]), (*first, lines.first[2]), strict=True)
+            )
+            cut = lines.cut()
+            ortho.add(row + nadir_px[0], column + nadir_px[1], height, cut)
+            stretch = above / (above - height)
+            row *= stretch
+            column *= stretch
+            perspective.add(row + nadir_px[0], column + nadir_px[1], height, cut)
     return RangeImages(ortho.mean_mm(), perspective.mean_mm())
 
 
-def to_floor(x: Float, y: Float, height: Float, camera_position: Float) -> tuple[Float, Float]:
-    """Central projection from the optical centre onto the floor: the inverse of eqs. 20 and 21.
-
-    With the nadir (u0', v0') below the optical centre and H its height, eqs. 20 and 21 read
-    ortho = (perspective - nadir) (H - h) / H + nadir; here they are solved for the perspective position.
-
-    Args:
-        x, y, height: (n,) of points in base_footprint [m].
-        camera_position: (3,) optical centre in base_footprint.
-
-    Returns:
-        x and y on the floor, (n,) each.
-    """
-    nadir_x, nadir_y, above = camera_position.tolist()
-    stretch = above / (above - height)
-    return (x - nadir_x) * stretch + nadir_x, (y - nadir_y) * stretch + nadir_y
+def _of_use(
+    points: Mapping[int, StripePoints], y_range: tuple[float, float], nadir: float, above: float
+) -> tuple[float, float]:
+    """Range of y outside which no point falls into the other range in either picture."""
+    heights = np.concatenate([np.zeros(1), *(stripe.points[:, 2] for stripe in points.values())])
+    if np.nanmax(heights) >= above:
+        return EVERYWHERE
+    ends = [nadir + (y - nadir) * (1 - h / above) for y in y_range for h in (np.nanmin(heights), np.nanmax(heights))]
+    return min(ends), max(ends)
 
 
 class _Picture:
@@ -95,20 +100,29 @@ class _Picture:
     Only the samples' pixels and heights are kept until all are there, since each may raise the top of its pixel.
     """
 
-    def __init__(self, x: tuple[float, float], y: tuple[float, float]) -> None:
-        self._along_x = _PixelAxis(x, ROWS)
-        self._along_y = _PixelAxis(y, COLUMNS)
+    def __init__(self) -> None:
         self._highest = np.full((ROWS + 2) * (COLUMNS + 2), -np.inf)
         self._samples: list[tuple[int, Array, Float]] = []
 
-    def add(self, x: Float, y: Float, height: Float) -> None:
-        """Take samples at x and y (n,) of heights (n,), one or more, all known."""
-        pixel = self._along_x.numbers(x)
-        pixel *= COLUMNS + 2
-        pixel += self._along_y.numbers(y)
-        # Counted from the first one of this group: sums over a few rows stay in the processor's cache.
+    def add(self, row: Float, column: Float, height: Float, cut: Index) -> None:
+        """Take samples.
+
+        Args:
+            row, column: (n, c) of each, counted from 1 where the picture begins.
+            height: (n, c) of each, kept as it is.
+            cut: indices of those that are not to be taken.
+        """
+        pixel = row.astype(np.int32)
+        np.clip(pixel, np.int32(0), np.int32(ROWS + 1), out=pixel)
+        # Counted from the first row of this group: sums over a few rows stay in the processor's cache.
         first = int(pixel.min())
-        pixel -= first
+        pixel -= np.int32(first)
+        pixel *= np.int32(COLUMNS + 2)
+        columns = column.astype(np.int32)
+        pixel += np.clip(columns, np.int32(0), np.int32(COLUMNS + 1), out=columns)
+        pixel, height, first = pixel.reshape(-1), height.reshape(-1), first * (COLUMNS + 2)
+        # That is beside the picture.
+        pixel[cut] = 0
         # As numpy counts indices: with any other type `at` is many times slower.
         np.maximum.at(self._highest[first:], pixel.astype(np.intp), height)
         self._samples.append((first, pixel, height))
@@ -117,6 +131,8 @@ class _Picture:
         """Mean height (ROWS, COLUMNS) of the top layer of each pixel [mm], NaN where no sample fell."""
         total, count = np.zeros((2, self._highest.size))
         bottom = self._highest - TOP_LAYER_M
+        # Beside the picture no layer is above another.
+        bottom[:: COLUMNS + 2] = -np.inf
         for first, pixel, heights in self._samples:
             is_top = heights > bottom[first:].take(pixel)
             if not is_top.all():
@@ -128,20 +144,3 @@ class _Picture:
         with np.errstate(invalid="ignore"):
             mean = (total / count * 1e3).reshape(ROWS + 2, COLUMNS + 2)
         return np.ascontiguousarray(mean[1:-1, 1:-1], dtype=np.float32)
-
-
-class _PixelAxis:
-    """Numbers of the pixels along one axis of a picture, from 1: 0 and one more than there are lie beyond it."""
-
-    def __init__(self, limits: tuple[float, float], count: int) -> None:
-        self._per_metre = count / (limits[1] - limits[0])
-        self._offset = 1 + ROUNDING - limits[0] * self._per_metre
-        self._last = np.int32(count + 1)
-
-    def numbers(self, positions: Float) -> Array:
-        """Numbers (n,) int32 at positions (n,) [m]."""
-        # In place: new memory for each step would cost more than the work.
-        scaled = positions * self._per_metre
-        scaled += self._offset
-        numbers = scaled.astype(np.int32)
-        return np.clip(numbers, np.int32(0), self._last, out=numbers)

@@ -6,28 +6,26 @@ than `join_height`). Another stripe can only support a return, never create one:
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Array, Float, Mask
-from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
+from guara_perception.arrays import Array, Index, Mask
+from guara_perception.ranging.lines import Lines, sample_count, shares
+from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.terrain.assessment.raster import SurfaceSamples
 
 # A swath: that of a stripe as (index, index), that between a pair of neighbours as (index, next index).
 Key = tuple[int, int]
 
-# Samples along a joining line are at most a third of a cell apart, so no crossed cell is missed.
-SAMPLES_PER_CELL = 3
 # Returns less alike than this in strength may be cut by an edge or a shadow ...
 WEAK_RATIO = 0.4
 # ... and are joined only where their heights nearly agree.
 WEAK_JOIN_HEIGHT_M = 0.0015
-# Where a surface ends, the last stripe on it may hang over the edge by a share of its own width on the ground.
-OPEN_END_M = 0.0005
+EVERYWHERE = (-math.inf, math.inf)
 
 
 def linked_columns(heights: tuple[Array, Array], strengths: tuple[Array, Array], join_height: float) -> Mask:
@@ -90,6 +88,27 @@ def joined_surface(
     Returns:
         Samples of all pairs whose lines have one and the same number of samples, for each such number.
     """
+    joined = []
+    width = variance.shape[1]
+    for lines, indices, runs in _lines(points, links, resolution, wanted, swaths):
+        share, of_first, of_last = shares(lines.number)
+        samples = share * lines.difference[:, None]
+        samples += lines.first[:, None]
+        samples[2].reshape(-1)[lines.cut()] = np.nan
+        along = of_first * variance.take(indices).astype(np.float64)
+        along += of_last * variance.take(indices + width).astype(np.float64)
+        joined.append(SurfaceSamples(samples.reshape(3, -1), along.reshape(-1), runs * lines.number))
+    return joined
+
+
+def _lines(
+    points: Array,
+    links: tuple[Mask, Mask, Mask],
+    resolution: float,
+    wanted: Mask,
+    swaths: Sequence[int],
+) -> Iterator[tuple[Lines, Index, list[tuple[int, int]]]]:
+    """The lines of `joined_surface`, which of all points each begins at (c,), and swath and number of each run."""
     before, between, after = links
     difference = points[:, 1:] - points[:, :-1]
     # How many samples there are does not depend on which are wanted.
@@ -97,70 +116,17 @@ def joined_surface(
     lines = between & wanted
     lengths = lines.sum(axis=1).tolist()
     runs = [(n, (swath, length)) for n, swath, length in zip(numbers, swaths, lengths, strict=True) if length]
-    joined = []
     for number in sorted({n for n, _ in runs}):
         alike = [n == number for n in numbers]
         indices = np.flatnonzero(lines if all(alike) else lines & np.array(alike)[:, None])
-        samples, sample_variance = _line_samples(
+        alike_lines = Lines(
             points.reshape(3, -1).take(indices, axis=1).astype(np.float64),
             difference.reshape(3, -1).take(indices, axis=1).astype(np.float64),
-            (variance.take(indices).astype(np.float64), variance.take(indices + lines.shape[1]).astype(np.float64)),
-            (~before.take(indices), ~after.take(indices)),
+            ~before.take(indices),
+            ~after.take(indices),
             number,
         )
-        joined.append(SurfaceSamples(samples, sample_variance, [run for n, run in runs if n == number] * number))
-    return joined
-
-
-def _line_samples(
-    first: Float, difference: Float, variances: tuple[Float, Float], ends: tuple[Mask, Mask], n: int
-) -> tuple[Float, Float]:
-    """Samples (3, n * c) of c lines (3, c) cut short at their open ends, all first ones before all second ones."""
-    share, of_first, of_last = _shares(n)
-    samples = share * difference[:, None]
-    samples += first[:, None]
-    variance = of_first * variances[0]
-    variance += of_last * variances[1]
-    opens, closes = ends
-    at_ends = np.flatnonzero(opens | closes)
-    cut = np.minimum(OPEN_END_M / np.maximum(np.hypot(*difference[:2].take(at_ends, axis=1)), 1e-9), 0.5)
-    # Most often the cut is shorter than the way to the nearest sample.
-    if cut.max(initial=0.0) > min(share[0], 1 - share[-1]):
-        start, end = np.where(opens[at_ends], cut, 0.0), 1 - np.where(closes[at_ends], cut, 0.0)
-        heights = samples[2]
-        heights[:, at_ends] = np.where((share >= start) & (share <= end), heights[:, at_ends], np.nan)
-    return samples.reshape(3, -1), variance.reshape(-1)
-
-
-@functools.cache
-def _shares(n: int) -> tuple[Float, Float, Float]:
-    """Where on its line each of n samples lies (n, 1), and what it has of the variances of the line's two ends.
-
-    These positions never depend on other stripes: what is cut is left out, what is left does not move.
-    """
-    share = ((np.arange(n) + 0.5) / n)[:, None]
-    return share, (1 - share) ** 2, share**2
-
-
-def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> Float:
-    """Points (n, 3) along the lines between two stripes, in all columns in which both have a point."""
-    if not (ends[0].columns.size and ends[1].columns.size):
-        return np.empty((0, 3))
-    _, in_first, in_second = np.intersect1d(ends[0].columns, ends[1].columns, assume_unique=True, return_indices=True)
-    if not in_first.size:
-        return np.empty((0, 3))
-    first = ends[0].points[in_first]
-    difference = ends[1].points[in_second] - first
-    (n,) = sample_count(difference.T[:, None], np.ones((1, len(difference)), dtype=bool), resolution)
-    share = (np.arange(n) + 0.5)[:, None, None] / n
-    return np.asarray((first + share * difference).reshape(-1, 3))
-
-
-def sample_count(difference: Array, is_line: Mask, resolution: float) -> list[int]:
-    """Samples per line that leave no crossed cell out, for each of s sets of lines (3, s, w) that `is_line` names."""
-    squares = np.where(is_line, difference[0] ** 2 + difference[1] ** 2, 0)
-    longest = np.sqrt(squares.max(axis=1)).tolist()
-    return [min(max(math.ceil(SAMPLES_PER_CELL * length / resolution), 2), 64) for length in longest]
+        yield alike_lines, indices, [run for n, run in runs if n == number]
 
 
 def surface_keys(stripes: Collection[int], pattern: range) -> list[Key]:
@@ -174,7 +140,7 @@ def surface_of(
     pattern: range,
     join_height: float,
     resolution: float,
-    y_range: tuple[float, float] = (-np.inf, np.inf),
+    y_range: tuple[float, float] = EVERYWHERE,
 ) -> SurfaceSamples:
     """Surface of stripes, their points that the neighbours on both sides confirm, and of pairs, the lines between.
 
@@ -186,28 +152,90 @@ def surface_of(
         resolution: edge of the cells that will be filled [m].
         y_range: points and lines wholly on one side of it are not asked for [m].
     """
-    numbers = {key: number for number, key in enumerate(keys)}
-    indices = sorted({index for key in keys for index in key})
-    width = len(stripes[indices[0]].variance)
-    # Coordinates apart, each in one piece of memory: several times faster than points in rows.
-    points = np.empty((3, len(indices), width), dtype=np.float32)
-    for row, index in enumerate(indices):
-        points[:, row] = stripes[index].points.T
-    variance = np.array([stripes[index].variance for index in indices])
-    before, after = _links(stripes, indices, pattern, join_height)
-    low, high = points[1] < y_range[0], points[1] > y_range[1]
-    own = [numbers.get((index, index), -1) for index in indices]
-    confirmed = before & after & ~(low | high) & _named(own)
-    found = [confirmed_points(points, variance, confirmed, own)]
-    pairs = [numbers.get(key, -1) for key in itertools.pairwise(indices)]
-    if any(number >= 0 for number in pairs):
-        wanted = ~((low[:-1] & low[1:]) | (high[:-1] & high[1:]))
-        around = before[:-1], after[:-1] & _named(pairs), after[1:]
-        found += joined_surface(points, variance, around, resolution, wanted, pairs)
+    seen = _seen(stripes, keys, pattern, join_height, y_range)
+    variance = np.array([stripes[index].variance for index in seen.indices])
+    found = [confirmed_points(seen.points, variance, seen.confirmed, seen.own)]
+    if seen.has_pairs:
+        found += joined_surface(seen.points, variance, seen.links, resolution, seen.wanted, seen.pairs)
     return SurfaceSamples(
         np.concatenate([each.points for each in found], axis=1, dtype=np.float64),
         np.concatenate([each.variance for each in found], dtype=np.float64),
         [run for each in found for run in each.runs],
+    )
+
+
+def surface_lines(
+    stripes: Mapping[int, StripePoints],
+    keys: Sequence[Key],
+    pattern: range,
+    join_height: float,
+    resolution: float,
+    y_range: tuple[float, float] = EVERYWHERE,
+) -> Iterator[Lines]:
+    """The same surface as that of `surface_of`, as the lines on which its samples lie; a point is a line of one."""
+    seen = _seen(stripes, keys, pattern, join_height, y_range)
+    points = confirmed_points(seen.points, np.zeros_like(seen.points[0]), seen.confirmed, seen.own).points
+    goes_on = np.zeros(points.shape[1], dtype=bool)
+    yield Lines(points.astype(np.float64), np.zeros(points.shape), goes_on, goes_on, 1)
+    if seen.has_pairs:
+        for lines, _, _ in _lines(seen.points, seen.links, resolution, seen.wanted, seen.pairs):
+            yield lines
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What neighbouring stripes see together.
+
+    Attributes:
+        indices: of s stripes.
+        points: (3, s, w) float32 of theirs.
+        confirmed: (s, w) points that the stripes on both sides confirm, and that are asked for.
+        own: s numbers of swaths of the stripes, -1 for those that are not asked for.
+        links: see `joined_surface`.
+        wanted: (s - 1, w) columns in which lines are asked for.
+        pairs: s - 1 numbers of swaths of the pairs, -1 for those that are not asked for.
+    """
+
+    indices: list[int]
+    points: Array
+    confirmed: Mask
+    own: list[int]
+    links: tuple[Mask, Mask, Mask]
+    wanted: Mask
+    pairs: list[int]
+
+    @property
+    def has_pairs(self) -> bool:
+        """Whether any pair is asked for."""
+        return any(number >= 0 for number in self.pairs)
+
+
+def _seen(
+    stripes: Mapping[int, StripePoints],
+    keys: Sequence[Key],
+    pattern: range,
+    join_height: float,
+    y_range: tuple[float, float],
+) -> _Seen:
+    """What stripes see together, by the arguments of `surface_of`."""
+    numbers = {key: number for number, key in enumerate(keys)}
+    indices = sorted({index for key in keys for index in key})
+    # Coordinates apart, each in one piece of memory: several times faster than points in rows.
+    points = np.empty((3, len(indices), len(stripes[indices[0]].variance)), dtype=np.float32)
+    for row, index in enumerate(indices):
+        points[:, row] = stripes[index].points.T
+    before, after = _links(stripes, indices, pattern, join_height)
+    low, high = points[1] < y_range[0], points[1] > y_range[1]
+    own = [numbers.get((index, index), -1) for index in indices]
+    pairs = [numbers.get(key, -1) for key in itertools.pairwise(indices)]
+    return _Seen(
+        indices,
+        points,
+        before & after & ~(low | high) & _named(own),
+        own,
+        (before[:-1], after[:-1] & _named(pairs), after[1:]),
+        ~((low[:-1] & low[1:]) | (high[:-1] & high[1:])),
+        pairs,
     )
 
 
@@ -236,4 +264,4 @@ def _links(
 
 def _named(numbers: list[int]) -> Mask:
     """(n, 1) which of these are numbers of swaths."""
-    return np.array([[number >= 0] for number in numbers])
+    return np.array([number >= 0 for number in numbers], dtype=bool)[:, None]

@@ -8,8 +8,9 @@ import numpy as np
 
 from guara_perception.arrays import Flags
 from guara_perception.ranging.groups import TOGETHER, in_groups
+from guara_perception.ranging.lines import line_samples
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.ranging.surface import Key, line_samples, surface_of
+from guara_perception.ranging.surface import Key, surface_of
 from guara_perception.terrain.assessment.columns import runs
 from guara_perception.terrain.assessment.raster import (
     CellSamples,

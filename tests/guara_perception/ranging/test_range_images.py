@@ -2,25 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
+from guara_perception.arrays import Float
 from guara_perception.process import run_scan
 from guara_perception.ranging.paper.equations import ortho_u, ortho_v
-from guara_perception.ranging.range_images import COLUMNS, ROWS, range_images, to_floor
+from guara_perception.ranging.range_images import COLUMNS, ROWS, RangeImages, range_images
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 from guara_perception.ranging.surface import surface_keys, surface_of
-from guara_perception.terrain.assessment.raster import merge, rasterise
-from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.assessment.raster import ROUNDING, TOP_LAYER_M
 from kinematics import RobotModel
 
 EYE = np.array([0.4, 0.02, 0.5])
 X, Y = (0.50, 0.95), (-0.27, 0.27)
+
+
+def to_floor(x: Float, y: Float, height: Float, eye: Float) -> tuple[Float, Float]:
+    """Where rays from the optical centre through points meet the floor: eqs. 20 and 21 solved for the perspective.
+
+    With the nadir (u0', v0') below the optical centre and H its height they read
+    ortho = (perspective - nadir) (H - h) / H + nadir.
+    """
+    stretch = eye[2] / (eye[2] - height)
+    return (x - eye[0]) * stretch + eye[0], (y - eye[1]) * stretch + eye[1]
 
 
 @given(x=st.floats(0.4, 1.0), y=st.floats(-0.3, 0.3), z=st.floats(-0.1, 0.2))
@@ -81,24 +93,84 @@ def test_nothing_seen_gives_unknown_pictures() -> None:
     assert not images.ortho_image_mm.flags.writeable
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["paper", "dark", "tilt"])
-def test_pictures_are_those_of_all_samples_at_once(
-    name: str, data: Path, calibration: gp.Calibration, robot: RobotModel
-) -> None:
-    """Recorded scans: the same pixels known, and the same heights, as from one cloud rasterised like a grid."""
-    processor = run_scan(gp.open_scan(data / "scans" / name), calibration, robot)
-    pattern, eye = processor.settings.pattern(processor.mode), processor.camera_position
-    images = range_images(processor.points, pattern, eye, X, Y, processor.settings.join_height)
-    keys = surface_keys(processor.points, pattern)
+def plain(
+    stripes: Mapping[int, StripePoints], pattern: range, eye: Float, join_height: float
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Both pictures (ROWS, COLUMNS) [mm] by the definition: every sample at once, those of the top layer averaged."""
     pixel = min((X[1] - X[0]) / ROWS, (Y[1] - Y[0]) / COLUMNS)
-    cloud = surface_of(processor.points, keys, pattern, processor.settings.join_height, pixel).points
-    floor = np.stack([*to_floor(*cloud, eye), cloud[2]])
-    for picture, points in ((images.ortho_image_mm, cloud), (images.range_image_mm, floor)):
-        scale = np.array([ROWS / (X[1] - X[0]), COLUMNS / (Y[1] - Y[0]), 1.0])
-        unit = GridGeometry((0.0, 0.0), 1.0, (COLUMNS, ROWS))
-        scaled = (points.T - (X[0], Y[0], 0.0)) * scale
-        whole = merge([rasterise(scaled, np.zeros(len(scaled)), unit)], unit).elevation.T * 1e3
+    cloud = surface_of(stripes, surface_keys(stripes, pattern), pattern, join_height, pixel).points
+    cloud = cloud[:, np.isfinite(cloud[2])]
+    pictures = []
+    for x, y in (cloud[:2], to_floor(*cloud, eye)):
+        row = np.floor((x - X[0]) / (X[1] - X[0]) * ROWS + ROUNDING).astype(int)
+        column = np.floor((y - Y[0]) / (Y[1] - Y[0]) * COLUMNS + ROUNDING).astype(int)
+        inside = (row >= 0) & (row < ROWS) & (column >= 0) & (column < COLUMNS)
+        at, height = row[inside] * COLUMNS + column[inside], cloud[2, inside]
+        highest = np.full(ROWS * COLUMNS, -np.inf)
+        np.maximum.at(highest, at, height)
+        is_top = height > highest[at] - TOP_LAYER_M
+        total, count = np.zeros((2, ROWS * COLUMNS))
+        np.add.at(total, at[is_top], height[is_top])
+        np.add.at(count, at[is_top], 1)
+        with np.errstate(invalid="ignore"):
+            pictures.append((total / count * 1e3).reshape(ROWS, COLUMNS))
+    return pictures[0], pictures[1]
+
+
+def assert_plain(images: RangeImages, reference: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]) -> None:
+    """The same pixels known, and the same heights."""
+    for picture, whole in zip((images.ortho_image_mm, images.range_image_mm), reference, strict=True):
         np.testing.assert_array_equal(np.isnan(picture), np.isnan(whole))
         np.testing.assert_allclose(picture, whole, atol=1e-5)
-        assert np.isfinite(picture).mean() > 0.3
+
+
+@given(
+    seed=st.integers(0, 10_000),
+    roughness=st.sampled_from([0.0, 0.0005, 0.002]),
+    step=st.sampled_from([0.0, 0.003, 0.06, -0.05]),
+    first_x=st.floats(0.42, 0.9),
+    spacing=st.sampled_from([-0.002, 0.001, 0.006, 0.03]),
+    eye=st.tuples(st.floats(0.2, 0.6), st.floats(-0.4, 0.4), st.sampled_from([0.08, 0.3, 0.6])),
+    lost=st.frozensets(st.integers(0, 8), max_size=3),
+)
+@settings(max_examples=25, deadline=None, derandomize=True)
+def test_pictures_of_any_ground_are_those_by_the_definition(
+    seed: int,
+    roughness: float,
+    step: float,
+    first_x: float,
+    spacing: float,
+    eye: tuple[float, float, float],
+    lost: frozenset[int],
+) -> None:
+    """Rough ground, walls, overhangs, gaps, weak returns and lost stripes, seen from anywhere, beyond the edges too."""
+    random = np.random.default_rng(seed)
+    stripes = {}
+    for k in sorted(set(range(9)) - lost):
+        y = np.linspace(Y[0] - random.uniform(-0.1, 0.2), Y[1] + random.uniform(-0.1, 0.2), 300)
+        x = first_x + k * spacing + 0.02 * y
+        z = np.where((y > -0.1) & (y < 0.1) & (k > 2), step, 0.0) + random.normal(0, roughness + 1e-12, y.size)
+        points = np.column_stack((x, y, z))
+        points[random.random(y.size) < 0.1] = np.nan
+        nothing = ColumnPoints(np.empty(0, np.int32), np.empty((0, 3)))
+        strength = random.uniform(20, 100, y.size)
+        stripes[k] = StripePoints(points, np.full(y.size, 1e-8), strength, np.zeros(y.size, np.uint8), nothing, nothing)
+    images = range_images(stripes, range(9), np.array(eye), X, Y, 0.008)
+    assert_plain(images, plain(stripes, range(9), np.array(eye), 0.008))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["paper", "dark", "tilt"])
+def test_pictures_of_recorded_scans_are_those_by_the_definition(
+    name: str, data: Path, calibration: gp.Calibration, robot: RobotModel
+) -> None:
+    """Recorded scans: the same pixels known, and the same heights, and enough of them."""
+    processor = run_scan(gp.open_scan(data / "scans" / name), calibration, robot)
+    pattern, eye, join_height = (
+        processor.settings.pattern(processor.mode),
+        processor.camera_position,
+        processor.settings.join_height,
+    )
+    images = range_images(processor.points, pattern, eye, X, Y, join_height)
+    assert_plain(images, plain(processor.points, pattern, eye, join_height))
+    assert np.isfinite(images.ortho_image_mm).mean() > 0.3 and np.isfinite(images.range_image_mm).mean() > 0.3
