@@ -2,67 +2,152 @@
 
 from __future__ import annotations
 
+from operator import sub
+
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from guara_perception.arrays import Float, Float32, Index, Mask
 
 # In units of evidence: a path pays for every row that it moves by from one column to the next, but never more than
 # for a jump, and for every end.
-COST_PER_ROW = np.float32(0.7)
-COST_OF_JUMP = np.float32(6.0)
-COST_OF_END = np.float32(4.0)
-# Rows that a path may move by from one column to the next without jumping.
+COST_PER_ROW = 0.7
+COST_OF_JUMP = 6.0
+COST_OF_END = 4.0
+# Rows that a path may move by from one column to the next without jumping, and what each move costs.
 REACH_ROWS = 3
+MOVES = range(-REACH_ROWS, REACH_ROWS + 1)
+PRICES = tuple(COST_PER_ROW * abs(move) for move in MOVES)
+# Instead of a row: there is no stripe.
+NONE = -1
 
 
 def follow_stripe(evidence: Float32) -> tuple[Index, Mask, Float]:
     """Follow the stripe in several pictures of its evidence at once.
 
-    The Viterbi algorithm (Forney: The Viterbi algorithm, Proc. IEEE 61, 1973), run from both ends together: the sum
-    of the best paths up to a pixel from either side is the best path through it.
+    The Viterbi algorithm (Forney: The Viterbi algorithm, Proc. IEEE 61, 1973), run from both ends at once until the
+    two runs meet: the sum of the best paths up to a pixel from either side is the best path through it.
 
     Args:
         evidence: (pictures, columns, rows) how much more each pixel looks like stripe than like none.
 
     Returns:
-        Row per column (pictures, columns), whether the best path has a stripe there (pictures, columns), and the
-        evidence of the whole path, its costs paid (pictures,).
+        Row per column (pictures, columns), that of the nearest column with a stripe where there is none; whether there
+        is one (pictures, columns); and the evidence of the whole path, its costs paid (pictures,).
     """
     pictures, columns, rows = evidence.shape
-    both = np.empty((columns, 2 * pictures, rows), np.float32)
-    both[:, :pictures] = evidence.transpose(1, 0, 2)
-    both[:, pictures:] = both[::-1, :pictures]
-    # Rows beyond the picture's edges, in which no path runs.
-    padded = np.full((2 * pictures, rows + 2 * REACH_ROWS), -np.inf, np.float32)
-    best = padded[:, REACH_ROWS:-REACH_ROWS]
-    # Views of the same rows, moved by -REACH_ROWS ... REACH_ROWS.
-    moves = np.moveaxis(sliding_window_view(padded, 2 * REACH_ROWS + 1, axis=1), -1, 0)
-    price = -COST_PER_ROW * np.abs(np.arange(-REACH_ROWS, REACH_ROWS + 1, dtype=np.float32))[:, None, None]
-    moved = np.empty(moves.shape, np.float32)
-    stripe = np.empty((columns, 2 * pictures, rows), np.float32)
-    none = np.zeros((columns, 2 * pictures, 1), np.float32)
-    top, least = np.empty_like(none[0]), np.empty_like(none[0])
-    np.subtract(both[0], COST_OF_END, out=stripe[0])
-    # The fixed cost of a call counts here: memory is used again, and wrappers of numpy's functions are passed by.
+    middle = columns // 2
+    # Both halves in one array, whose rows and the gaps between, in which no path runs, lie in one piece: what is done
+    # at each column is a few calls on one short row of numbers, and the fixed cost of a call counts.
+    seen = np.empty((middle + 1, _begin(2 * pictures, rows)), np.float32)
+    seen[:, :REACH_ROWS] = seen[:, REACH_ROWS:].reshape(middle + 1, 2 * pictures, -1)[:, :, rows:] = -np.inf
+    by_half = _without_gaps(seen, rows)
+    by_half[:, :pictures] = evidence[:, : middle + 1].transpose(1, 0, 2)
+    by_half[:, pictures:] = evidence[:, ::-1][:, : middle + 1].transpose(1, 0, 2)
+    best, ends = _best_paths(seen, rows)
+    scores = _without_gaps(best, rows)
+    # The columns that the second half is through with when it meets the first one in the middle.
+    met = columns - 1 - middle
+    through = scores[middle, :pictures] + scores[met, pictures:] - by_half[middle, :pictures]
+    without = (ends[middle, 1, :pictures] + ends[met, 1, pictures:])[:, 0]
+    row = through.argmax(axis=1)
+    score = through.max(axis=1)
+    path = np.empty((pictures, columns), np.intp)
+    for picture in range(pictures):
+        start = int(row[picture]) if score[picture] > without[picture] else NONE
+        path[picture, : middle + 1] = _traced(best, ends, picture, rows, middle, start)[::-1]
+        path[picture, middle:] = _traced(best, ends, pictures + picture, rows, met, start)
+    return np.stack([_filled(each) for each in path]), path != NONE, np.maximum(score, without).astype(np.float64)
+
+
+def _best_paths(seen: Float32, rows: int) -> tuple[Float32, Float32]:
+    """Scores of the best paths up to every pixel.
+
+    Args:
+        seen: (columns, n) evidence of some pictures, one after the other with gaps.
+        rows: of each picture.
+
+    Returns:
+        Scores (columns, n); and (columns, 3, pictures, 1) of the best path that comes from elsewhere to a column, of
+        the best one with no stripe in it, and of the best one with a stripe.
+    """
+    best = np.empty_like(seen)
+    best[:, :2] = best[:, -2:] = -np.inf
+    scores = _without_gaps(best, rows)
+    columns, pictures = scores.shape[:2]
+    ends = np.zeros((columns, 3, pictures, 1), np.float32)
+    costs = np.array([[COST_OF_END, COST_OF_JUMP], [0.0, COST_OF_END]], np.float32)[:, :, None, None]
+    ended = np.empty((2, 2, pictures, 1), np.float32)
+    here, near = np.full((2, seen.shape[1]), -np.inf, np.float32)
+    start = _without_gaps(here[None], rows)[0]
+    # Moves by one row, and after these by two, are all up to REACH_ROWS, each at its price.
+    above, at, below, moved = here[:-2], here[1:-1], here[2:], near[1:-1]
+    above_2, at_2, below_2 = near[:-4], near[2:-2], near[4:]
+    one, two = np.empty(above.size, np.float32), np.empty(above_2.size, np.float32)
+    price_of_one, price_of_two = np.array([[COST_PER_ROW], [2 * COST_PER_ROW]], np.float32)
+    np.subtract(seen[0], np.float32(COST_OF_END), out=best[0])
     maximum, add, subtract, highest = np.maximum, np.add, np.subtract, np.maximum.reduce
-    for before, now, seen, none_before, none_now in zip(
-        stripe[:-1], stripe[1:], both[1:], none[:-1], none[1:], strict=True
+    for before, now, own, top, before_ends, now_ends, elsewhere in zip(
+        scores[:-1],
+        best[1:, 2:-2],
+        seen[1:, 2:-2],
+        ends[:-1, 2],
+        ends[:-1, 1:],
+        ends[1:, :2],
+        ends[1:, 0],
+        strict=True,
     ):
         highest(before, axis=1, keepdims=True, out=top)
-        subtract(none_before, COST_OF_END, out=least)
-        subtract(top, COST_OF_JUMP, out=none_now)
-        maximum(least, none_now, out=least)
-        maximum(before, least, out=best)
-        add(moves, price, out=moved)
-        highest(moved, axis=0, out=now)
-        add(now, seen, out=now)
-        subtract(top, COST_OF_END, out=none_now)
-        maximum(none_now, none_before, out=none_now)
-    through = stripe[:, :pictures]
-    through += stripe[::-1, pictures:]
-    through -= both[:, :pictures]
-    row = through.argmax(axis=2)
-    score = np.take_along_axis(through, row[..., None], axis=2)[..., 0]
-    without = none[:, :pictures, 0] + none[::-1, pictures:, 0]
-    return row.T, (score > without).T, np.maximum(score, without)[0].astype(np.float64)
+        subtract(before_ends, costs, out=ended)
+        highest(ended, axis=1, out=now_ends)
+        maximum(before, elsewhere, out=start)
+        maximum(above, below, out=one)
+        subtract(one, price_of_one, out=one)
+        maximum(at, one, out=moved)
+        maximum(above_2, below_2, out=two)
+        subtract(two, price_of_two, out=two)
+        maximum(at_2, two, out=now)
+        add(now, own, out=now)
+    return best, ends
+
+
+def _begin(picture: int, rows: int) -> int:
+    """Where the rows of a picture begin, or, with the number of pictures, how many there are with all the gaps."""
+    return REACH_ROWS + picture * (rows + REACH_ROWS)
+
+
+def _without_gaps(line: Float32, rows: int) -> Float32:
+    """View (columns, pictures, rows) of an array (columns, n) of pictures with gaps."""
+    return line[:, REACH_ROWS:].reshape(len(line), -1, rows + REACH_ROWS)[:, :, :rows]
+
+
+def _traced(best: Float32, ends: Float32, picture: int, rows: int, last: int, row: int) -> list[int]:
+    """Follow the best path of a picture back from a row (or NONE) of one column to the first column."""
+    begin, length = _begin(picture, rows), best.shape[1]
+    flat = memoryview(best.reshape(-1))  # type: ignore[arg-type]
+    elsewhere, none, top = ends[:, :, picture, 0].T.tolist()
+    path = [row]
+    for column in range(last - 1, -1, -1):
+        # What it costs more to come from a stripe elsewhere than from none.
+        extra = COST_OF_END
+        if row != NONE:
+            at = column * length + begin + row
+            near = map(sub, flat[at - REACH_ROWS : at + REACH_ROWS + 1].tolist(), PRICES)
+            score, move = max(zip(near, MOVES, strict=True))
+            if score >= elsewhere[column + 1]:
+                row += move
+                path.append(row)
+                continue
+            extra = COST_OF_JUMP - COST_OF_END
+        is_stripe = top[column] - extra > none[column]
+        row = int(best[column, begin : begin + rows].argmax()) if is_stripe else NONE
+        path.append(row)
+    return path
+
+
+def _filled(path: Index) -> Index:
+    """A path (columns,) with the row of the nearest stripe where there is none."""
+    known = np.flatnonzero(path != NONE)
+    if not known.size:
+        return np.zeros_like(path)
+    nearest = np.rint(np.interp(np.arange(path.size), known, np.arange(known.size))).astype(np.intp)
+    return np.asarray(path[known[nearest]])

@@ -89,23 +89,41 @@ def test_a_clipped_ridge_beside_the_path_makes_its_columns_ambiguous() -> None:
     assert (np.abs(profile.position_px - line()) < 1)[np.r_[:110, 210:COLUMNS]].mean() > 0.9
 
 
-def test_the_path_is_the_best_of_all() -> None:
-    """Against trying every path, for pictures small enough."""
+NO_STRIPE = 3
+
+
+def worth_of(states: tuple[int, ...], evidence: npt.NDArray[np.float32]) -> float:
+    """Evidence (columns, 3) of a path by its row in each column, or NO_STRIPE, its costs paid."""
+    value = 0.0
+    for before, state in zip((NO_STRIPE, *states), (*states, NO_STRIPE), strict=True):
+        if state != NO_STRIPE and before != NO_STRIPE:
+            value -= min(0.7 * abs(state - before), 6.0)
+        elif state != before:
+            value -= 4.0
+    return value + sum(float(evidence[i, state]) for i, state in enumerate(states) if state != NO_STRIPE)
+
+
+@pytest.mark.parametrize("columns", [1, 2, 4, 5])
+def test_the_path_is_the_best_of_all(columns: int) -> None:
+    """Against trying every path, for pictures small enough, several at once."""
     rng = np.random.default_rng(6)
-    for _ in range(20):
-        evidence = rng.normal(0, 4, (1, 4, 3)).astype(np.float32)
+    for _ in range(12):
+        evidence = rng.normal(0, 4, (2, columns, NO_STRIPE)).astype(np.float32)
         row, is_stripe, worth = follow_stripe(evidence)
-        best = -np.inf
-        for states in np.ndindex(4, 4, 4, 4):
-            value = 0.0
-            for i, state in enumerate(states):
-                before = states[i - 1] if i else 3
-                value += evidence[0, i, state] if state < 3 else 0.0
-                if state < 3 and before < 3:
-                    value -= min(0.7 * abs(state - before), 6.0)
-                elif (state < 3) != (before < 3):
-                    value -= 4.0
-            value -= 4.0 * (states[-1] < 3)
-            best = max(best, value)
-        assert worth[0] == pytest.approx(best, abs=1e-4)
-        assert row.shape == is_stripe.shape == (1, 4)
+        assert row.shape == is_stripe.shape == (2, columns)
+        for picture in range(2):
+            every = np.ndindex(*(NO_STRIPE + 1,) * columns)
+            best = max(worth_of(states, evidence[picture]) for states in every)
+            found = tuple(np.where(is_stripe[picture], row[picture], NO_STRIPE).tolist())
+            assert worth[picture] == pytest.approx(best, abs=1e-4)
+            assert worth_of(found, evidence[picture]) == pytest.approx(best, abs=1e-4)
+
+
+def test_without_a_stripe_the_row_is_that_of_the_nearest() -> None:
+    """Two pieces far apart with nothing between: each column has the row of the nearer one; none at all has no row."""
+    evidence = np.full((2, 40, 60), -5.0, np.float32)
+    evidence[0, :10, 7] = evidence[0, 30:, 50] = 9.0
+    row, is_stripe, _ = follow_stripe(evidence)
+    np.testing.assert_array_equal(is_stripe[0], np.r_[np.ones(10), np.zeros(20), np.ones(10)])
+    np.testing.assert_array_equal(row[0], np.r_[np.full(20, 7), np.full(20, 50)])
+    assert not is_stripe[1].any()
