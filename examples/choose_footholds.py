@@ -3,8 +3,6 @@
 python examples/choose_footholds.py terrain.npz footholds.png
 """
 
-import sys
-
 import matplotlib
 
 matplotlib.use("Agg")
@@ -33,4 +31,6 @@ def main(grid: str, picture: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    from arguments import call
+
+    call(main)

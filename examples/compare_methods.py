@@ -3,8 +3,6 @@
 python examples/compare_methods.py scans/paper calibration.json
 """
 
-import sys
-
 import guara_perception as gp
 
 
@@ -17,4 +15,6 @@ def main(scan: str, calibration: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    from arguments import call
+
+    call(main)

@@ -6,8 +6,6 @@ The depth picture is made from the grid here, as if a camera had looked at that 
 rest is what any depth camera needs: points in base_footprint, their sigma, where the camera is.
 """
 
-import sys
-
 import numpy as np
 
 import guara_perception as gp
@@ -65,4 +63,6 @@ def main(grid: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    from arguments import call
+
+    call(main)

@@ -6,8 +6,6 @@ Unknown heights are never filled in silently. This policy was trained with a mas
 must at least know what it cannot see.
 """
 
-import sys
-
 import numpy as np
 
 import guara_perception as gp
@@ -30,4 +28,6 @@ def main(grid: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    from arguments import call
+
+    call(main)

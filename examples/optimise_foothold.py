@@ -3,8 +3,6 @@
 python examples/optimise_foothold.py terrain.npz
 """
 
-import sys
-
 import numpy as np
 from scipy.optimize import minimize
 
@@ -47,4 +45,6 @@ def main(grid: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    from arguments import call
+
+    call(main)

@@ -5,7 +5,6 @@
 Name it in devices.toml as `source = "own_camera:FolderCamera"`; every command takes `--devices devices.toml`.
 """
 
-import sys
 import time
 from pathlib import Path
 
@@ -58,4 +57,6 @@ def main(folder: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    from arguments import call
+
+    call(main)

@@ -5,8 +5,6 @@
 Make a folder for your own with `guara robot new my.urdf -o robots/mine`.
 """
 
-import sys
-
 import numpy as np
 
 import guara_perception as gp
@@ -24,4 +22,6 @@ def main(name: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    from arguments import call
+
+    call(main)

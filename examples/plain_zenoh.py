@@ -9,6 +9,9 @@ import sys
 
 import zenoh
 
+if len(sys.argv) != 4:
+    print(f"{len(sys.argv) - 1} arguments given; usage: python {sys.argv[0]} ENDPOINT KEY FILE", file=sys.stderr)
+    sys.exit(2)
 endpoint, key, file = sys.argv[1:]
 configuration = zenoh.Config()
 configuration.insert_json5("mode", '"client"')

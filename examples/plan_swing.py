@@ -3,8 +3,6 @@
 python examples/plan_swing.py terrain.npz
 """
 
-import sys
-
 import numpy as np
 
 import guara_perception as gp
@@ -30,4 +28,6 @@ def main(grid: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    from arguments import call
+
+    call(main)

@@ -3,8 +3,6 @@
 python examples/plot_layers.py terrain.npz layers.png
 """
 
-import sys
-
 import matplotlib
 
 matplotlib.use("Agg")
@@ -24,4 +22,6 @@ def main(grid: str, picture: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    from arguments import call
+
+    call(main)

@@ -3,8 +3,6 @@
 python examples/read_grid.py scans/paper calibration.json
 """
 
-import sys
-
 import numpy as np
 
 import guara_perception as gp
@@ -22,4 +20,6 @@ def main(scan: str, calibration: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    from arguments import call
+
+    call(main)

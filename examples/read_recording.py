@@ -3,8 +3,6 @@
 python examples/read_recording.py walk.mcap
 """
 
-import sys
-
 import guara_perception as gp
 
 
@@ -22,4 +20,6 @@ def main(path: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    from arguments import call
+
+    call(main)

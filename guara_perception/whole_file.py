@@ -47,7 +47,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     except OSError as error:
         # The error of a full disk names no file, or the temporary one, which the user does not know.
         if error.filename is None or os.fspath(error.filename) == os.fspath(temporary):
-            error.filename, error.filename2 = str(path), None
+            raise OSError(error.errno, error.strerror, str(path)) from error
         raise
     finally:
         temporary.unlink(missing_ok=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import logging
 import os
@@ -44,6 +45,8 @@ COMMANDS = {
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OPENCV_LOG_LEVEL": "ERROR"}
 # A warning that differs by nothing but these is the same.
 NUMBER = re.compile(r"(?<=\s)-?\d+(\.\d+)?")
+# The disk is full or broken: no input would help.
+DISK_FAILED = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 EXIT_BAD_INPUT = 2
 EXIT_FAILED = 1
 EXIT_INTERRUPTED = 130
@@ -57,9 +60,15 @@ class LazyGroup(click.Group):
         return sorted(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import one command."""
+        """Import one command.
+
+        Raises:
+            click.UsageError: there is none of this name.
+        """
         if cmd_name not in COMMANDS:
-            return None
+            if cmd_name.startswith("-"):
+                return None
+            raise click.UsageError(f"no command {cmd_name!r}; allowed: {', '.join(COMMANDS)}")
         module = importlib.import_module(f"guara_perception.app.commands.{COMMANDS[cmd_name]}")
         command: click.Command = module.command
         _accept_verbose(command)
@@ -125,7 +134,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except (click.exceptions.Abort, KeyboardInterrupt):
         return _say("stopped", EXIT_INTERRUPTED)
     except click.ClickException as error:
-        return _say(error.format_message(), EXIT_BAD_INPUT)
+        return _say(_with_help(error), EXIT_BAD_INPUT)
     except BrokenPipeError:
         # Whoever read our output is gone (`guara listen | head -1`); Python would complain once more at its end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -133,7 +142,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if not is_expected(error):
             raise
-        return _say(str(error), EXIT_BAD_INPUT if is_bad_input(error) else EXIT_FAILED)
+        return _say(words_of(error), EXIT_BAD_INPUT if is_bad_input(error) else EXIT_FAILED)
     # What ctx.exit(code) gave; without it click hands on whatever the command returned, which is nothing.
     return code if isinstance(code, int) else 0
 
@@ -168,10 +177,30 @@ def is_expected(error: Exception) -> bool:
     return isinstance(error, OSError) or any(kind.__name__ in roots for kind in type(error).__mro__)
 
 
-def is_bad_input(error: Exception) -> bool:
+def is_bad_input(error: BaseException) -> bool:
     """Whether the user can mend it: a wrong value or a file that is not there, not a failure at run time."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, OSError) and cause.errno in DISK_FAILED:
+            return False
+        cause = cause.__cause__
     kinds = (ValueError, KeyError, FileNotFoundError, IsADirectoryError, NotADirectoryError, PermissionError)
     return isinstance(error, kinds)
+
+
+def words_of(error: Exception) -> str:
+    """What an error says; one of the file system without its number, the file first as our own have it."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"
+    return str(error)
+
+
+def _with_help(error: click.ClickException) -> str:
+    """A mistake in the words of a command, and where the right ones stand."""
+    text = error.format_message()
+    if isinstance(error, click.UsageError) and error.ctx is not None:
+        return f"{text.rstrip('.')} (see {error.ctx.command_path} --help)"
+    return text
 
 
 def _say(text: str, code: int) -> int:

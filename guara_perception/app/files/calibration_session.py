@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from guara_perception.app.files.scan_folder import open_scan_folder, read_picture
+from guara_perception.app.files.scan_folder import SCAN_FILE, open_scan_folder, read_picture
 from guara_perception.calibration.board import CHECKERBOARD, PATTERNS, BoardSpec
 from guara_perception.calibration.session import CalibrationSession, Fiducials, Plate
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
@@ -29,6 +29,9 @@ def open_session(folder: str | Path) -> CalibrationSession:
     folder = Path(folder)
     if not folder.is_dir():
         raise MissingFile(f"{folder}: no such folder; a calibration session is a folder with {SESSION_FILE}")
+    if not (folder / SESSION_FILE).is_file():
+        kind = "; this is the folder of a single scan" if (folder / SCAN_FILE).is_file() else ""
+        raise MissingFile(f"{folder}: no {SESSION_FILE} in it, so it is no calibration session{kind}")
     fields = read_json(folder / SESSION_FILE)
     fields.text("format", (FORMAT,))
     try:

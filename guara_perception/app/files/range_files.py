@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import cv2
 import numpy as np
 
+from guara_perception.app.files.write_picture import write_picture
 from guara_perception.arrays import Float32, Grey, Image
 from guara_perception.ranging.range_images import COLUMNS, ROWS
 from guara_perception.terrain.grid import TerrainGrid
@@ -78,5 +78,5 @@ def cause_image(terrain: TerrainGrid) -> Image:
 
 def _write(path: Path, image: Image) -> Path:
     with whole_file(path) as temporary:
-        cv2.imwrite(str(temporary), image)
+        write_picture(temporary, image)
     return path

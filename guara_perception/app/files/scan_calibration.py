@@ -6,7 +6,7 @@ from pathlib import Path
 
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import load_calibration, parse_calibration
-from guara_perception.exceptions import FileFormatError, InvalidInput
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 
 CALIBRATION_FILE = "calibration.json"
 
@@ -39,12 +39,14 @@ def calibration_for(scan: str | Path, given: str | Path | None) -> Calibration:
 
     Raises:
         InvalidInput: neither is there.
-        MissingFile, FileFormatError: the one to use cannot be read.
+        MissingFile, FileFormatError: the scan is not there, or the calibration to use cannot be read.
     """
     if given is not None:
         return load_calibration(given)
     carried = carried_calibration(scan)
     if carried is None:
+        if not Path(scan).exists():
+            raise MissingFile(f"{scan}: no such scan")
         raise InvalidInput(
             f"{scan} carries no {CALIBRATION_FILE}: give the calibration of the rangefinder that recorded it (-c)"
         )

@@ -13,10 +13,11 @@ import cv2
 
 from guara_perception.app.files.scan_calibration import CALIBRATION_FILE
 from guara_perception.app.files.scan_folder import FORMAT, SCAN_FILE
+from guara_perception.app.files.write_picture import write_picture
 from guara_perception.arrays import Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import save_calibration
-from guara_perception.exceptions import FileFormatError, InvalidInput
+from guara_perception.exceptions import InvalidInput
 
 if TYPE_CHECKING:
     from kinematics import Stance
@@ -74,7 +75,7 @@ class ScanFolderWriter:
             stamp: of the laser-on frame [ns since the epoch].
 
         Raises:
-            FileFormatError: a picture cannot be written.
+            OSError: a picture cannot be written.
         """
         entry: dict[str, object] = {"index": index, "mirror_angle": mirror_angle, "on": f"on_{index:03d}.png"}
         self._write(str(entry["on"]), on)
@@ -123,5 +124,7 @@ class ScanFolderWriter:
         return self.folder
 
     def _write(self, name: str, picture: Image) -> None:
-        if not cv2.imwrite(str(self._staging / name), picture, PNG_OPTIONS):
-            raise FileFormatError(f"{self.folder / name}: the picture cannot be written; is the disk full?")
+        try:
+            write_picture(self._staging / name, picture, PNG_OPTIONS)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self.folder / name)) from error

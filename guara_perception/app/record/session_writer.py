@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 
 from guara_perception.app.files.calibration_session import FORMAT, SESSION_FILE, board_to_dict
 from guara_perception.app.files.scan_folder import read_picture
+from guara_perception.app.files.write_picture import write_picture
 from guara_perception.arrays import Float, Image
 from guara_perception.calibration.board import BoardSpec
-from guara_perception.exceptions import FileFormatError, InvalidInput
+from guara_perception.exceptions import InvalidInput
 from guara_perception.fields import read_json
 from guara_perception.whole_file import whole_file
 
@@ -98,11 +98,10 @@ class SessionWriter:
         """Write a picture.
 
         Raises:
-            FileFormatError: it cannot be written.
+            OSError: it cannot be written.
         """
         with whole_file(self.folder / name) as temporary:
-            if not cv2.imwrite(str(temporary), picture):
-                raise FileFormatError(f"{self.folder / name}: the picture cannot be written; is the disk full?")
+            write_picture(temporary, picture)
 
     def plate_name(self, height: float) -> str:
         """Folder of a plate's scan."""

@@ -38,9 +38,10 @@ def new_robot(source: Path, folder: Path, *, name: str | None = None, hip_height
     urdf = read_urdf(source)
     check_urdf(urdf)
     proposal = propose(urdf, name, hip_height)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    made = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    made = None
     try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        made = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
         for file, text in (
             (f"urdf/{name}.urdf", plain_urdf(proposal.urdf)),
             (f"srdf/{name}.srdf", srdf_text(proposal)),
@@ -53,7 +54,9 @@ def new_robot(source: Path, folder: Path, *, name: str | None = None, hip_height
         if folder.is_dir():
             folder.rmdir()
         made.rename(folder)
-    except BaseException:
-        shutil.rmtree(made, ignore_errors=True)
-        raise
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(folder)) from error
+    finally:
+        if made is not None:
+            shutil.rmtree(made, ignore_errors=True)
     return proposal

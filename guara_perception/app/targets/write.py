@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,10 +49,13 @@ def write_targets(
         raise InvalidInput(f"{path}: it must end in .pdf")
     sheets = [ruler(), calibration_board(board), crosses(), mat(robot), labels(plates)]
     pages = [page for sheet in sheets for page in pages_of(sheet, paper)]
+    # No date inside: the same options give the same bytes.
+    metadata = {"Title": f"Calibration targets of {robot.name}", "CreationDate": None}
+    # Made in memory: on a full disk PdfPages fails a second time when it is closed.
+    content = io.BytesIO()
+    with PdfPages(content, metadata=metadata) as document:
+        for page in pages:
+            document.savefig(figure_of(page))
     with whole_file(path) as temporary:
-        # No date inside: the same options give the same bytes.
-        metadata = {"Title": f"Calibration targets of {robot.name}", "CreationDate": None}
-        with PdfPages(temporary, metadata=metadata) as document:
-            for page in pages:
-                document.savefig(figure_of(page))
+        temporary.write_bytes(content.getvalue())
     return pages

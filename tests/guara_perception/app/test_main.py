@@ -12,7 +12,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app import main as module
-from guara_perception.app.main import COMMANDS, LazyGroup, is_bad_input, run
+from guara_perception.app.main import COMMANDS, LazyGroup, is_bad_input, run, words_of
 from kinematics.exceptions import unknown_name
 from transport import ConnectionFailed, ScanFailed, StaleTerrain
 
@@ -72,8 +72,9 @@ def test_no_command_at_all_shows_the_help_and_is_bad_usage(guara):
 @pytest.mark.parametrize(
     ("words", "reported"),
     [
-        (["proces"], "No such command 'proces'"),
-        (["process"], "Missing argument 'SCAN'"),
+        (["proces"], "no command 'proces'; allowed: calibrate, cameras, "),
+        (["security", "remove"], "No such command 'remove'. Did you mean 'revoke'? (see guara security --help)"),
+        (["process"], "Missing argument 'SCAN' (see guara process --help)"),
         (["process", "x"], "Missing option '-o' / '--out'"),
         (["process", "x", "-o", "y.npz"], "x: no such scan"),
         (["process", "x", "-c", "c.json", "-o", "y.npz", "--resolution", "fine"], "'fine' is not a valid float"),
@@ -122,8 +123,30 @@ def test_errors_become_exit_codes(guara, monkeypatch: pytest.MonkeyPatch, error:
     fail_with(monkeypatch, error)
     said = guara("process")
     assert said.code == code and said.out == ""
-    assert said.err == f"guara: {error}\n"
+    assert said.err == f"guara: {words_of(error)}\n"
     assert is_bad_input(error) == (code == 2)
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device", "/x/t.npz"), "/x/t.npz: No space left on device"),
+        (OSError(errno.ENOSPC, "No space left on device"), "No space left on device"),
+        (FileNotFoundError("gone"), "gone"),
+        (gp.MissingFile("a.json: no such file"), "a.json: no such file"),
+    ],
+)
+def test_errors_of_the_file_system_begin_with_the_file(error: Exception, words: str):
+    """As our own messages do, and without the system's number."""
+    assert words_of(error) == words
+
+
+def test_a_full_disk_is_no_bad_input_whoever_reports_it():
+    """An error of ours that was caused by one ends in 1."""
+    for cause, is_bad in ((OSError(errno.ENOSPC, "full"), False), (OSError(errno.EACCES, "not allowed"), True)):
+        error = gp.InvalidInput("cannot write x")
+        error.__cause__ = cause
+        assert is_bad_input(error) is is_bad
 
 
 def test_message_of_several_lines_becomes_one(guara, monkeypatch: pytest.MonkeyPatch):

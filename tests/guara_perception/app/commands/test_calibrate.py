@@ -189,7 +189,7 @@ def test_no_session(tmp_path: Path) -> None:
     """A folder that is not there, and one without session.json, are said to be missing."""
     with pytest.raises(gp.MissingFile, match="no such folder; a calibration session is a folder with session.json"):
         open_session(tmp_path / "none")
-    with pytest.raises(gp.MissingFile, match="session.json: no such file"):
+    with pytest.raises(gp.MissingFile, match="no session.json in it, so it is no calibration session"):
         open_session(tmp_path)
 
 

@@ -1,0 +1,29 @@
+"""How the other examples take the words of their command line: a mistake ends in one line and exit code 2."""
+
+import inspect
+import sys
+from collections.abc import Callable
+
+from drivers import DriverError
+from guara_perception import PerceptionError
+from kinematics import KinematicsError
+from transport import TransportError
+
+
+def call(main: Callable[..., None]) -> None:
+    """Call the main function of an example with one word for each of its parameters.
+
+    Args:
+        main: takes only text.
+
+    Raises:
+        SystemExit: 2: another number of words, or a file, robot or value that cannot be used.
+    """
+    names, words = list(inspect.signature(main).parameters), sys.argv[1:]
+    try:
+        if len(words) != len(names):
+            raise ValueError(f"{len(words)} arguments given; usage: python {sys.argv[0]} {' '.join(names).upper()}")
+        main(*words)
+    except (PerceptionError, KinematicsError, DriverError, TransportError, OSError, ValueError) as error:
+        print(f"{sys.argv[0]}: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -1,0 +1,24 @@
+"""Writes a picture; OpenCV's own writer prints to the terminal and says nothing of a full disk but False."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+
+from guara_perception.arrays import Image
+
+
+def write_picture(path: Path, picture: Image, options: Sequence[int] = ()) -> None:
+    """Write a picture in the format that the suffix names.
+
+    Args:
+        path: to write.
+        picture: (h, w) or (h, w, 3) BGR.
+        options: of `cv2.imencode`.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    path.write_bytes(cv2.imencode(path.suffix, picture, list(options))[1].tobytes())

@@ -1,0 +1,47 @@
+"""A disk that takes no more: one line that names the file as the user does, exit code 1, nothing half-written left."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+# A limit of the size of files fails the writes of a process as a full disk does.
+CODE = """
+import json, resource, sys
+from guara_perception.app.main import run
+resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
+for words in json.loads(sys.argv[1]):
+    print("=> exit", run(words), file=sys.stderr, flush=True)
+"""
+
+
+@pytest.mark.slow
+def test_each_writing_command_names_its_file_and_leaves_none(
+    data: Path, calibration_file: Path, terrain_file: Path, root: Path, tmp_path: Path
+) -> None:
+    """Grid, pictures, calibration, export, scan folder, recording, targets, robot folder, keys."""
+    scan, out = data / "scans" / "paper", tmp_path / "out"
+    out.mkdir()
+    urdf = root / "robots" / "guara" / "urdf" / "guara.urdf"
+    commands = {
+        "t.npz": ["process", scan, "-c", calibration_file, "-o", out / "t.npz"],
+        "c.json": ["calibrate", data / "calibration", "-o", out / "c.json"],
+        "t.csv": ["export", terrain_file, "-o", out / "t.csv"],
+        "t.ply": ["export", terrain_file, "-o", out / "t.ply"],
+        "scan.mcap": ["convert", scan, out / "scan.mcap"],
+        "targets.pdf": ["targets", "-o", out / "targets.pdf"],
+        "robot": ["robot", "new", urdf, "-o", out / "robot"],
+        "keys": ["security", "init", out / "keys"],
+        "recorded/on_": ["scan", out / "recorded", "--simulated"],
+    }
+    words = json.dumps([[str(word) for word in given] for given in commands.values()])
+    done = subprocess.run([sys.executable, "-c", CODE, words], capture_output=True, text=True, check=True, timeout=300)
+    lines = [line for line in done.stderr.splitlines() if not line.startswith("INFO")]
+    assert lines[1::2] == ["=> exit 1"] * len(commands), done.stderr
+    for name, line in zip(commands, lines[::2], strict=True):
+        assert line.startswith("guara: ") and f"{out / name}" in line and "File too large" in line, line
+    assert list(out.iterdir()) == []
