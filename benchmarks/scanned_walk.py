@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterator
+import time
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,13 +13,17 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.true_ground import TrueGround
+from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
 from guara_perception.simulation import SimulatedRangefinder, random_world, specimen
 from guara_perception.simulation.planner import plan_foothold
 from guara_perception.simulation.walk import WalkPause, simulate_walk
 from guara_perception.simulation.world import World
 from guara_perception.terrain.layers.geometry import GridGeometry
-from kinematics import RobotModel
+from kinematics import LegOdometry, RobotModel
+
+# Before these the map holds little but what the gait declared.
+FIRST_STEP = 4
 
 
 @dataclass(frozen=True)
@@ -27,6 +32,57 @@ class ScannedPause:
 
     pause: WalkPause
     scan: gp.TerrainGrid
+
+
+@dataclass(frozen=True)
+class JudgedPause:
+    """One pause of a walk with its map and what is true there.
+
+    Attributes:
+        item: the pause and its scan.
+        fused: the map, of a walk that drifts.
+        ceiling: bounds of its unknown cells.
+        sight_seconds: of processor, what they took.
+        oracle: the map if all of it were known exactly.
+        dark: (ny, nx) cells with ground that swallows the laser.
+        from_world: (4, 4) into the scan's footprint, true.
+    """
+
+    item: ScannedPause
+    fused: gp.TerrainGrid
+    ceiling: gp.Ceiling
+    sight_seconds: float
+    oracle: gp.TerrainGrid
+    dark: Mask
+    from_world: Float
+
+
+def judged_walk(robot: RobotModel, truth: TrueGround, pauses: Iterable[ScannedPause]) -> Iterator[JudgedPause]:
+    """Fuse a walk as the node does, and set the truth beside it from FIRST_STEP on."""
+    terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
+    sight = gp.LinesOfSight(terrain_map)
+    for item in pauses:
+        pause, scan = item.pause, item.scan
+        pose = odometry.update(pause.stance)
+        fused = terrain_map.update(
+            scan,
+            pose.transform_footprint_to_odom,
+            pose.covariance,
+            known_ground=pause.known_ground,
+            covariance_since_last=pose.covariance_since_last,
+            own_covariance=pose.own_covariance,
+        )
+        begun = time.process_time()
+        sight.add(scan, fused)
+        ceiling = sight.ceiling(fused)
+        seconds = time.process_time() - begun
+        if pause.step < FIRST_STEP:
+            continue
+        to_world = pause.transform_base_to_world @ np.linalg.inv(np.array(scan.metadata["transform_base_to_footprint"]))
+        stance = {name: fused.metadata[name] for name in ("stance", "transform_base_to_footprint")}
+        oracle, dark = truth.grid(to_world, map_geometry(robot), robot, **stance)
+        from_world = np.asarray(np.linalg.inv(to_world), np.float64)
+        yield JudgedPause(item, fused, ceiling, seconds, oracle, dark, from_world)
 
 
 def scanned_walk(

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-from benchmarks.scanned_walk import ScannedPause, map_geometry, scanned_walk
+from benchmarks.scanned_walk import JudgedPause, ScannedPause, judged_walk, scanned_walk
 from benchmarks.true_ground import TrueGround
 from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
@@ -25,10 +25,8 @@ from guara_perception.terrain.assessment.edges import half_cells
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.questions.best_foothold import Foothold
 from guara_perception.terrain.questions.path import PathVerdict
-from kinematics import LegOdometry, RobotModel, load_robot
+from kinematics import RobotModel, load_robot
 
-# Before these the map holds little but what the gait declared.
-FIRST_STEP = 4
 CLEARANCE_M, APEX_M = 0.020, 0.060
 # Relief under a sole from which on ground that the oracle would refuse truly endangers a foot.
 DANGEROUS_RELIEF_M = 0.010
@@ -59,26 +57,9 @@ def main() -> None:
 def judge(robot: RobotModel, truth: TrueGround, pauses: list[ScannedPause]) -> Counter[str]:
     """Counts over one walk."""
     counts: Counter[str] = Counter()
-    terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
-    for item in pauses:
-        pause, scan = item.pause, item.scan
-        pose = odometry.update(pause.stance)
-        fused = terrain_map.update(
-            scan,
-            pose.transform_footprint_to_odom,
-            pose.covariance,
-            known_ground=pause.known_ground,
-            covariance_since_last=pose.covariance_since_last,
-            own_covariance=pose.own_covariance,
-        )
-        if pause.step < FIRST_STEP:
-            continue
-        to_base = np.linalg.inv(np.array(scan.metadata["transform_base_to_footprint"]))
-        to_world = pause.transform_base_to_world @ to_base
-        stance = {name: fused.metadata[name] for name in ("stance", "transform_base_to_footprint")}
-        oracle, dark = truth.grid(to_world, map_geometry(robot), robot, **stance)
-        cells(counts, robot, fused, oracle, dark)
-        swings(counts, robot, item, fused, oracle, dark, np.asarray(np.linalg.inv(to_world), np.float64))
+    for pause in judged_walk(robot, truth, pauses):
+        cells(counts, robot, pause.fused, pause.oracle, pause.dark)
+        swings(counts, robot, pause)
     return counts
 
 
@@ -127,47 +108,55 @@ def causes(fused: gp.TerrainGrid, sole: npt.NDArray[np.uint8]) -> dict[str, Mask
     }
 
 
-def swings(
-    counts: Counter[str],
-    robot: RobotModel,
-    item: ScannedPause,
-    fused: gp.TerrainGrid,
-    oracle: gp.TerrainGrid,
-    dark: Mask,
-    from_world: Float,
-) -> None:
+def swings(counts: Counter[str], robot: RobotModel, judged: JudgedPause) -> None:
     """The next swing: whether there is a place, whether the planner finds it, whether the way there is accepted."""
-    pause, leg = item.pause, item.pause.next_leg
-    kind = "hind" if pause.nominal[0] < 0 else "front"
-    wish = pause.nominal
+    pause, fused, oracle = judged.item.pause, judged.fused, judged.oracle
+    leg, wish = pause.next_leg, pause.nominal
+    kind = "hind" if wish[0] < 0 else "front"
     counts["swings"] += 1
     counts[f"swings {kind}"] += 1
-    for name, grid, reach in (("truth", oracle, None), ("map", fused, None), ("map with reach", fused, leg)):
-        found = plan_foothold(grid, reach, wish, robot=robot) if name != "truth" else _bright(grid, dark, wish)
-        counts[f"place: {name}"] += found is not None
-        counts[f"place: {name}, {kind}"] += found is not None
-    planned = plan_swing(fused, leg, wish, robot=robot)
-    counts["place: map with reach and a swing"] += planned is not None
-    if planned is not None:
-        truly = oracle.check_path(on_true_ground(planned.swing.points, oracle), planned.clearance)
-        counts["planned swings"] += 1
-        counts["planned swings, truth lacks over 1 mm"] += lack(truly) > REFUSED_BY_M
+    found = plan_foothold(fused, leg, wish, robot=robot)
+    for name, place in (
+        ("truth", _bright(oracle, judged.dark, wish)),
+        ("map", plan_foothold(fused, None, wish, robot=robot)),
+        ("map with reach", found),
+    ):
+        counts[f"place: {name}"] += place is not None
+        counts[f"place: {name}, {kind}"] += place is not None
+    for with_bounds, ceiling in (("", None), (" with bounds", judged.ceiling)):
+        planned = plan_swing(fused, leg, wish, robot=robot, ceiling=ceiling)
+        counts[f"place: map with reach and a swing{with_bounds}"] += planned is not None
+        if planned is not None:
+            truly = oracle.check_path(on_true_ground(planned.swing.points, oracle), planned.clearance)
+            counts[f"planned swings{with_bounds}"] += 1
+            counts[f"planned swings{with_bounds}, truth lacks over 1 mm"] += lack(truly) > REFUSED_BY_M
     if found is None:
         return
-    start = from_world[:3, :3] @ pause.soles_in_world[leg] + from_world[:3, 3]
+    start = judged.from_world[:3, :3] @ pause.soles_in_world[leg] + judged.from_world[:3, 3]
     end = np.array([found.x, found.y, found.z])
     true_end = np.array([found.x, found.y, oracle.height_at(found.x, found.y)])
     for shape, make in (("up-over-down", up_over_down), ("arc", arc)):
-        verdict = fused.check_path(make(start, end), CLEARANCE_M)
         by_truth = oracle.check_path(make(start, true_end), CLEARANCE_M)
         counts[f"{shape}: asked"] += 1
-        counts[f"{shape}: accepted"] += verdict.ok
         counts[f"{shape}: truly good"] += by_truth.ok
-        counts[f"{shape}: truly good and accepted"] += verdict.ok and by_truth.ok
-        counts[f"{shape}: accepted, truth lacks over 1 mm"] += verdict.ok and lack(by_truth) > REFUSED_BY_M
-        if by_truth.ok:
-            for reason in verdict.reasons:
-                counts[f"{shape}: refused for {reason.test} {reason.detail if reason.test == 'unknown' else ''}"] += 1
+        for with_bounds, ceiling in (("", None), (" with bounds", judged.ceiling)):
+            verdict = fused.check_path(make(start, end), CLEARANCE_M, ceiling=ceiling)
+            counts[f"{shape}: accepted{with_bounds}"] += verdict.ok
+            counts[f"{shape}: truly good and accepted{with_bounds}"] += verdict.ok and by_truth.ok
+            counts[f"{shape}: accepted{with_bounds}, truth lacks over 1 mm"] += (
+                verdict.ok and lack(by_truth) > REFUSED_BY_M
+            )
+            if by_truth.ok:
+                for reason in verdict.reasons:
+                    why = f"{reason.test} {reason.detail if reason.test == 'unknown' else ''}".strip()
+                    counts[f"{shape}: refused{with_bounds} for {why}"] += 1
+        if shape == "up-over-down" and by_truth.ok:
+            for with_bounds, ceiling in (("", None), (" with bounds", judged.ceiling)):
+                way = fused.swing(start, end, CLEARANCE_M, ceiling=ceiling)
+                counts[f"up-over-down: truly good, swing() finds a way{with_bounds}"] += way.ok
+                if way.ok:
+                    short = lack(oracle.check_path(on_true_ground(way.points, oracle), CLEARANCE_M))
+                    counts[f"up-over-down: way of swing(){with_bounds}, truth lacks over 1 mm"] += short > REFUSED_BY_M
 
 
 def on_true_ground(way: Float, oracle: gp.TerrainGrid) -> Float:
@@ -215,8 +204,9 @@ def line(counts: Counter[str]) -> str:
         f"recall {recall:.1f} %, free {counts['free']}, beyond oracle {counts['beyond oracle']}, unsafe by truth "
         f"{counts['free, unsafe by truth: relief']} + {counts['free, unsafe by truth: dark']}; places of "
         f"{counts['swings']}: truth {counts['place: truth']}, map {counts['place: map']}, with reach "
-        f"{counts['place: map with reach']}; swings accepted {counts['up-over-down: accepted']} of "
-        f"{counts['up-over-down: asked']}, arcs {counts['arc: accepted']}"
+        f"{counts['place: map with reach']}; of {counts['up-over-down: truly good']} truly good swings up, over, down "
+        f"{counts['up-over-down: truly good and accepted']} accepted, with bounds "
+        f"{counts['up-over-down: truly good and accepted with bounds']}; arcs {counts['arc: accepted']}"
     )
 
 

@@ -12,6 +12,7 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.questions.leg_reach import standing_sole
 
 if TYPE_CHECKING:
+    from guara_perception.terrain.layers.ceiling import Ceiling
     from guara_perception.terrain.layers.reason import Reason
     from guara_perception.terrain.questions.best_foothold import Foothold
     from guara_perception.terrain.questions.swing import Swing
@@ -74,12 +75,15 @@ def plan_swing(
     wish: tuple[float, float],
     previous: tuple[float, float] | None = None,
     robot: RobotModel | None = None,
+    *,
+    ceiling: Ceiling | None = None,
 ) -> PlannedSwing | None:
     """Choose where to set a foot, and how it gets there: the best place to which a swing is accepted.
 
     Args:
         terrain: the newest grid, with the stance of its pause in its metadata: the swing begins where the sole stands.
         leg, wish, previous, robot: as in `plan_foothold`.
+        ceiling: how high unknown ground can be at most (`LinesOfSight`); None lets no swing pass over any.
 
     Returns:
         The swing, or None when no safe place within reach can be swung to.
@@ -95,7 +99,7 @@ def plan_swing(
             continue
         tried.add((foothold.x, foothold.y))
         for clearance in SWING_CLEARANCES_M:
-            swing = terrain.swing(start, foothold.position, clearance, leg, robot)
+            swing = terrain.swing(start, foothold.position, clearance, leg, robot, ceiling=ceiling)
             if swing.ok:
                 return PlannedSwing(foothold, swing, clearance)
     return None

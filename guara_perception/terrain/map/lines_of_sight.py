@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Float32
+from guara_perception.arrays import Float, Float32, Index
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.ceiling import Ceiling
@@ -35,10 +35,12 @@ NONE = np.float32(9.0)
 class _Look:
     """Bounds (ny, nx) of one scan in its footprint [m], NONE where there is none; and where it was taken, and when.
 
-    `rise` is the variance of z that the walk had gathered by then [m^2].
+    `seen` (ny, nx) is the highest sample of each cell that it saw, NaN elsewhere; `rise` is the variance of z that the
+    walk had gathered by then [m^2].
     """
 
     bounds: Float32
+    seen: Float32
     geometry: GridGeometry
     transform_footprint_to_odom: Float
     step: int
@@ -51,15 +53,17 @@ class LinesOfSight:
     """Bounds of unknown ground over a walk, kept beside a `TerrainMap`.
 
     Every point that a scan saw proves that the laser's light reached it and that the camera saw it: along both ways
-    there was nothing, so ground below such a way is lower than it. A bound says nothing about whether a foot may be set
-    there; it lets a swing pass over ground that nobody saw: `check_path(..., ceiling=...)`.
+    there was nothing, so ground below such a way is lower than it, and the ground at the point itself is no higher. A
+    bound says nothing about whether a foot may be set there; it lets a swing pass over ground that nobody saw, or that
+    was seen and gave no return since: `check_path(..., ceiling=...)`.
 
     Taken to the safe side: from the highest sample of each cell seen, at the far edge of each cell passed; the least
     that holds over a cell and all its neighbours; moved aside and raised by what the map may have drifted since (its
-    confidence in sigmas), and one cell more. A bound is forgotten when ground of its age would be STALE, and with the
-    scan that the map took back. Where the laser's light starts to widen, on the mirror or at any distance before it,
-    is left open: a bound holds for all. A later look without return lifts no older bound: dark ground was dark before.
-    What no scan can see limits it too: a thing thinner than the gap between two stripes, or one put there later.
+    confidence in sigmas), and one cell more. A bound is forgotten when ground of its age would be STALE, with the
+    scan that the map took back, and where a later scan saw something higher. Where the laser's light starts to widen,
+    on the mirror or at any distance before it, is left open: a bound holds for all. A later look without return lifts
+    no older bound: it may be a hole by now, which is lower. What no scan can see limits it too: a thing thinner than
+    the gap between two stripes, or one put there later that returns no light.
 
     Example:
         fused = terrain_map.update(terrain, transform, covariance, covariance_since_last=since, own_covariance=own)
@@ -94,11 +98,12 @@ class LinesOfSight:
         geometry = terrain.geometry.widened(BESIDE_CELLS)
         transform = np.array(fused.metadata["transform_footprint_to_odom"])
         bounds = _bounds(terrain, geometry, _sensor_origins(terrain, self._map))
+        seen = _laid_out(np.asarray(terrain.elevation_max, np.float32), np.nan)
         pause, rise = self._map.pause, self._map.rise_variance
         first = terrain.step - int(fused.metadata["validity_pauses"])
         # A look of this pause or a later one is of a scan that was taken back.
         self._looks = [look for look in self._looks if first <= look.step and look.pause < pause]
-        self._looks.append(_Look(bounds, geometry, transform, terrain.step, pause, terrain.stamp, rise))
+        self._looks.append(_Look(bounds, seen, geometry, transform, terrain.step, pause, terrain.stamp, rise))
 
     def ceiling(self, fused: TerrainGrid) -> Ceiling:
         """The least bound of each cell of a map of the same walk, as it lies now.
@@ -119,17 +124,28 @@ class LinesOfSight:
             there = (in_odom - look.transform_footprint_to_odom[:3, 3]) @ look.transform_footprint_to_odom[:3, :3]
             iy, ix = look.geometry.indices(there[:, 0], there[:, 1])
             inside = np.flatnonzero(look.geometry.contains(iy, ix))
+            aside = self._map.sideways_drift.variances(
+                np.full(inside.size, look.pause),
+                in_odom[inside, 0],
+                in_odom[inside, 1],
+                look.transform_footprint_to_odom,
+            )
+            drift = np.ceil(confidence * np.sqrt(aside) / geometry.resolution).astype(np.intp)
+            near = (drift <= FARTHEST_DRIFT_CELLS).all(axis=0)
+            inside, drift = inside[near], drift[:, near]
             if not inside.size:
                 continue
-            aside = self._map.sideways_drift.variances(
-                np.full(inside.size, look.pause), in_odom[inside, 0], in_odom[inside, 1], transform
-            )
-            drift = np.ceil(confidence * np.sqrt(aside.max()) / geometry.resolution)
-            if drift > FARTHEST_DRIFT_CELLS:
-                continue
-            bounds = _worst_around(look.bounds, AROUND_CELLS + int(drift))[iy[inside], ix[inside]]
+            at = iy[inside], ix[inside]
+            # What stands over the place in that footprint counts from the one of now.
+            seen = np.full(x.size, np.nan, np.float32)
+            seen[inside] = look.seen[at] - there[inside, 2]
+            with np.errstate(invalid="ignore"):
+                broken = (seen > least + confidence * BOUND_SIGMA_M).reshape(geometry.shape)
+            if broken.any():
+                around = AROUND_CELLS + int(drift.max())
+                least[_worst_around(broken.astype(np.float32), around, around, 0.0).ravel() > 0] = NONE
+            bounds = _worst_of_each(look.bounds, at, AROUND_CELLS + drift)
             raised = confidence * np.sqrt(max(self._map.rise_variance - look.rise, 0.0))
-            # The bound stands over the place in that footprint, and counts from the one of now.
             higher = np.where(bounds < NONE, bounds - there[inside, 2] + raised, NONE).astype(np.float32)
             least[inside] = np.minimum(least[inside], higher)
         height = np.where(least < NONE, least, np.nan).astype(np.float32)
@@ -158,10 +174,22 @@ def _bounds(terrain: TerrainGrid, geometry: GridGeometry, origins: list[Float]) 
     x, y = terrain.geometry.centres()
     points = np.column_stack((x[ix], y[iy], high[iy, ix]))
     camera, laser = origins
-    seen = _worst_around(_passed(points, camera - points, geometry), AROUND_CELLS)
+    seen = _worst_around(_passed(points, camera - points, geometry), AROUND_CELLS, AROUND_CELLS)
     to_mirror = laser - points
-    lit = [_worst_around(_passed(points, to_mirror * (1, share, 1), geometry), AROUND_CELLS) for share in SPREADS]
-    return np.minimum(seen, np.maximum.reduce(lit))
+    lit = [
+        _worst_around(_passed(points, to_mirror * (1, share, 1), geometry), AROUND_CELLS, AROUND_CELLS)
+        for share in SPREADS
+    ]
+    own = np.full(terrain.shape, NONE, np.float32)
+    own[iy, ix] = high[iy, ix]
+    return np.minimum.reduce(
+        [seen, np.maximum.reduce(lit), _worst_around(_laid_out(own, NONE), AROUND_CELLS, AROUND_CELLS)]
+    )
+
+
+def _laid_out(values: Float32, beside: float | np.float32) -> Float32:
+    """Values of a scan's cells on the widened geometry."""
+    return np.asarray(np.pad(values, BESIDE_CELLS, constant_values=beside))
 
 
 def _passed(points: Float, way: Float, geometry: GridGeometry) -> Float32:
@@ -182,7 +210,18 @@ def _passed(points: Float, way: Float, geometry: GridGeometry) -> Float32:
     return least.reshape(geometry.shape)
 
 
-def _worst_around(bounds: Float32, cells: int) -> Float32:
+def _worst_of_each(bounds: Float32, at: tuple[Index, Index], around: Index) -> Float32:
+    """The highest bound (n,) within each cell's own number of cells along x and y, `around` (2, n)."""
+    worst = np.empty(around.shape[1], np.float32)
+    # One area for all cells that have it in common.
+    kind = around[0] * (FARTHEST_DRIFT_CELLS + AROUND_CELLS + 1) + around[1]
+    for cells in (np.flatnonzero(kind == value) for value in np.unique(kind)):
+        along_x, along_y = around[:, cells[0]].tolist()
+        worst[cells] = _worst_around(bounds, along_x, along_y)[at[0][cells], at[1][cells]]
+    return worst
+
+
+def _worst_around(bounds: Float32, along_x: int, along_y: int, beyond: float = float(NONE)) -> Float32:
     """The highest bound within a number of cells along x and y; beyond the border there is none."""
-    area = np.ones((2 * cells + 1, 2 * cells + 1), np.uint8)
-    return np.asarray(cv2.dilate(bounds, area, borderType=cv2.BORDER_CONSTANT, borderValue=(float(NONE),)))
+    area = np.ones((2 * along_y + 1, 2 * along_x + 1), np.uint8)
+    return np.asarray(cv2.dilate(bounds, area, borderType=cv2.BORDER_CONSTANT, borderValue=(beyond,)))

@@ -46,7 +46,7 @@ class SwingGround:
 def swing_ground(terrain: LayeredGrid, start: Float, ceiling: Ceiling | None = None) -> SwingGround:
     """The ground under a way that begins at `start` (3,).
 
-    Unknown cells for which a ceiling has a bound are taken to be as high as that.
+    Unknown cells for which a ceiling has a bound are taken to be as high as that, but for those under a standing sole.
 
     A sole that stands there bears on what lies below it: nothing there is higher than the sole, whether a scan saw it
     or not. So unknown cells that lie wholly under that sole, its own error taken off, are taken at its height. It says
@@ -64,7 +64,6 @@ def swing_ground(terrain: LayeredGrid, start: Float, ceiling: Ceiling | None = N
         hazard, top, variance = hazard.copy(), top.copy(), variance.copy()
         # The rounding of a variance gives it no room.
         hazard[bounded], top[bounded], variance[bounded] = 0, ceiling.height[bounded], ceiling.sigma**2 * (1 + rounding)
-        unknown &= ~bounded
     ground = SwingGround(terrain.geometry, hazard, top, variance, limits.confidence, rounding)
     half = np.array([limits.sole_length, limits.sole_width]) / 2 - terrain.resolution / 2 + 1e-9
     # The robot's model is asked only where it matters.

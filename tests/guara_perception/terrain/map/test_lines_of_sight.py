@@ -204,6 +204,81 @@ def test_who_saw_less_bounds_less(robot: RobotModel, make_scan: MakeScan, where:
     assert np.isfinite(ceilings[0]).sum() > np.isfinite(ceilings[2]).sum() > 0
 
 
+def sight_of(robot: RobotModel) -> tuple[gp.TerrainMap, gp.LinesOfSight]:
+    terrain_map = gp.TerrainMap(robot)
+    return terrain_map, gp.LinesOfSight(terrain_map)
+
+
+def test_ground_that_was_seen_is_no_higher_when_it_returns_nothing_later(
+    robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
+) -> None:
+    """The map forgets it, for it may be a hole by now; a swing may pass over it as low as over the ground before."""
+    terrain_map, sight = sight_of(robot)
+    first = make_scan(0.0, metadata=where)
+    sight.add(first, terrain_map.update(first, np.eye(4), NO_DRIFT))
+    later = make_scan(0.0, flags=flags_of(make_scan), step=1, metadata=where)
+    fused = terrain_map.update(later, np.eye(4), NO_DRIFT)
+    sight.add(later, fused)
+    hole = (fused.hazard & Hazard.DROPOUT) != 0
+    ceiling = sight.ceiling(fused)
+    assert hole.sum() == 48 and (np.abs(ceiling.height[hole]) < 1e-6).all()
+    low = over_the_hole(make_scan, 0.03)
+    assert fused.check_path(low, 0.015, ceiling=ceiling).ok and not fused.check_path(low, 0.015).ok
+    assert not fused.is_traversable(*low[0, :2] + (0, 0.06))
+
+
+@pytest.mark.parametrize("between", [0.0, 0.050])
+def test_no_bound_is_left_where_something_higher_was_seen_since(
+    robot: RobotModel, make_scan: MakeScan, where: dict[str, object], between: float
+) -> None:
+    """A box is put down, seen once, and returns nothing at the next look: no older bound lies below its top."""
+    terrain_map, sight = sight_of(robot)
+    heights = np.zeros(make_scan(0.0).shape)
+    heights[HOLE] = between
+    # Other ground is not seen again, so that no newer light passes over the place.
+    elsewhere = np.full(heights.shape, Hazard.UNSCANNED, np.uint16)
+    elsewhere[HOLE] = 0
+    for step, terrain in enumerate(
+        (
+            make_scan(0.0, metadata=where),
+            make_scan(heights, flags=elsewhere, step=1, metadata=where),
+            make_scan(flags=np.where(elsewhere, elsewhere, Hazard.DROPOUT), step=2, metadata=where),
+        )
+    ):
+        fused = terrain_map.update(terrain, np.eye(4), NO_DRIFT)
+        assert fused.step == step
+        sight.add(terrain, fused)
+    hole = (fused.hazard & Hazard.DROPOUT) != 0
+    bounds = sight.ceiling(fused).height[hole]
+    assert hole.sum() == 48
+    if between:
+        assert (np.isnan(bounds) | (bounds >= between)).all()
+    else:
+        assert np.isfinite(bounds).all()
+
+
+def test_each_cell_is_moved_by_what_it_may_have_drifted_itself(
+    robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
+) -> None:
+    """A wrong heading moves aside what is far, less what is near: of a strip that was seen more stays bounded there."""
+    terrain_map, sight = sight_of(robot)
+    flags = np.full(make_scan(0.0).shape, Hazard.UNSCANNED, np.uint16)
+    flags[40:68] = 0
+    terrain = make_scan(0.0, flags=flags, metadata=where)
+    sight.add(terrain, terrain_map.update(terrain, np.eye(4), NO_DRIFT))
+    nothing_seen = make_scan(flags=int(Hazard.UNSCANNED), step=1, metadata=where)
+    fused = terrain_map.update(nothing_seen, np.eye(4), np.diag([1e-12] * 5 + [0.01**2]))
+    level = np.abs(sight.ceiling(fused).height) < 1e-6
+    x = fused.geometry.centres()[0]
+    lost = []
+    for at in (0.55, 0.85):
+        column = np.abs(x - at).argmin()
+        lost.append((28 - level[:, column].sum()) / 2)
+        # By 2 sigma of the turn, and one cell.
+        assert lost[-1] >= np.ceil(2 * 0.01 * x[column] / 0.005) + 1
+    assert lost[0] < lost[1] < 14
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_on_a_walk_that_drifts_the_truth_is_below_the_bounds(robot: RobotModel, seed: int) -> None:

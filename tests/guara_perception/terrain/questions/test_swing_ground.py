@@ -69,6 +69,18 @@ def test_a_foot_may_lift_off_from_unknown_ground(make_ground: MakeGround, sole: 
     assert not terrain.check_foothold(*way[0, :2])
 
 
+def test_a_bound_from_light_that_passed_higher_takes_nothing_from_the_sole(
+    make_ground: MakeGround, sole: np.ndarray
+) -> None:
+    """Whatever ceiling hangs over the ground below the foot: what is accepted without bounds is so with them."""
+    terrain = make_ground(around(sole, 0.025, 0.02))
+    way = way_of(terrain)
+    for height in (0.0, 0.10, np.nan):
+        ceiling = gp.Ceiling(np.full(terrain.shape, height, np.float32), 0.003)
+        assert terrain.check_path(way, 0.020, ceiling=ceiling)
+        assert terrain.swing(way[0], way[-1], 0.020, ceiling=ceiling)
+
+
 def test_nothing_is_said_beside_the_sole(make_ground: MakeGround, sole: np.ndarray) -> None:
     """Unknown ground that reaches out from under the sole refuses the swing as ever."""
     for half in (0.06, 0.10):
