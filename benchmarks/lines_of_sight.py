@@ -1,7 +1,7 @@
 """Prints whether bounds of unknown ground by lines of sight hold against the truth.
 
 Walks over random worlds, scanned frame by frame, in the map that drifts as a walk does. What swings gain by the bounds
-is told by `usable_ground`.
+is shown by `usable_ground`.
 """
 
 from __future__ import annotations
