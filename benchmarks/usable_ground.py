@@ -116,13 +116,13 @@ def swings(counts: Counter[str], robot: RobotModel, judged: JudgedPause) -> None
     counts["swings"] += 1
     counts[f"swings {kind}"] += 1
     found = plan_foothold(fused, leg, wish, robot=robot)
-    for name, place in (
+    for name, foothold in (
         ("truth", _bright(oracle, judged.dark, wish)),
         ("map", plan_foothold(fused, None, wish, robot=robot)),
         ("map with reach", found),
     ):
-        counts[f"place: {name}"] += place is not None
-        counts[f"place: {name}, {kind}"] += place is not None
+        counts[f"place: {name}"] += foothold is not None
+        counts[f"place: {name}, {kind}"] += foothold is not None
     for with_bounds, ceiling in (("", None), (" with bounds", judged.ceiling)):
         planned = plan_swing(fused, leg, wish, robot=robot, ceiling=ceiling)
         counts[f"place: map with reach and a swing{with_bounds}"] += planned is not None
