@@ -184,8 +184,8 @@ def is_bad_input(error: BaseException) -> bool:
         if isinstance(cause, OSError) and cause.errno in DISK_FAILED:
             return False
         cause = cause.__cause__
-    kinds = (ValueError, KeyError, FileNotFoundError, IsADirectoryError, NotADirectoryError, PermissionError)
-    return isinstance(error, kinds)
+    files = (FileNotFoundError, FileExistsError, IsADirectoryError, NotADirectoryError, PermissionError)
+    return isinstance(error, (ValueError, KeyError, *files))
 
 
 def words_of(error: Exception) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from guara_perception.app.progress import progress
+from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
 if TYPE_CHECKING:
@@ -36,6 +37,8 @@ def command(context: click.Context, out: Path, view: bool, cycles: float, robot:
     from guara_perception.app.demo.pictures import draw_demo
     from guara_perception.app.demo.walk import PAUSES_PER_CYCLE, demo_walk
 
+    if out.exists() and not out.is_dir():
+        raise InvalidInput(f"--out is {out}, a file; pictures and recording need a folder")
     out.mkdir(parents=True, exist_ok=True)
     recording = out / "walk.mcap"
     recording.unlink(missing_ok=True)

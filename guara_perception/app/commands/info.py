@@ -8,6 +8,9 @@ from typing import Any
 
 import click
 
+# A walk holds hundreds of scans; --json names all of them.
+LONGEST_LIST = 8
+
 
 @click.command(name="info")
 @click.argument("file", type=click.Path(path_type=Path))
@@ -41,5 +44,8 @@ def _in_words(value: Any) -> str:
         return ", ".join(f"{name} {_in_words(entry)}" for name, entry in value.items())
     if isinstance(value, list):
         between = "; " if isinstance(value[0], dict) else ", "
-        return between.join(map(_in_words, value))
+        words = list(map(_in_words, value))
+        if len(words) > LONGEST_LIST:
+            return between.join([*words[:3], "...", words[-1]]) + f" ({len(words)} in all)"
+        return between.join(words)
     return str(value)

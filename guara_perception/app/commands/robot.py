@@ -106,12 +106,17 @@ def check(
     else:
         for finding in in_order:
             click.echo(str(finding))
-        click.echo(f"{folder}: {f'{bad} findings' if bad else 'sound'}, {weights.count(Weight.NOTE)} notes")
+        verdict = _count(bad, "finding") if bad else "sound"
+        click.echo(f"{folder}: {verdict}, {_count(weights.count(Weight.NOTE), 'note')}")
     if view and checked.robot is not None and Weight.UNUSABLE not in weights:
         from guara_perception.app.robot_folder.show import show_robot
 
         show_robot(checked.robot, port)
     context.exit(2 if Weight.UNUSABLE in weights else 1 if bad else 0)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 @command.command(name="mjcf")

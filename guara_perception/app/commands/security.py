@@ -114,7 +114,7 @@ def router(
 
 
 @command.command(name="check")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--robot", help="instance name of the robot; default: all of the folder")
 @click.pass_context
 def check(context: click.Context, folder: Path, robot: str | None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from guara_perception.app.files.scan_folder import open_scan_folder
+from guara_perception.calibration.calibration import format_indices
 from guara_perception.exceptions import InvalidInput, MissingFile
 from guara_perception.scan import Scan
 
@@ -28,9 +29,11 @@ def open_scan(path: str | Path, step: int | None = None) -> Scan:
     chosen = scans if step is None else [scan for scan in scans if scan.step == step]
     if len(chosen) == 1:
         return chosen[0]
-    held = ", ".join(str(scan.step) for scan in scans) or "none"
-    wanted = "which is not said" if step is None else f"{step} is wanted"
-    raise InvalidInput(f"{path}: it holds the scans of steps {held}, {wanted}: give the step of one of them")
+    if not scans:
+        raise InvalidInput(f"{path}: it holds no scan")
+    wanted = "" if step is None else f"step is {step}; "
+    held = format_indices(tuple(sorted(scan.step for scan in scans)))
+    raise InvalidInput(f"{path}: {wanted}it holds scans of the steps {held}: give one of these (--step)")
 
 
 def open_scans(path: str | Path) -> list[Scan]:

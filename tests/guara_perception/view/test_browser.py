@@ -251,7 +251,7 @@ def test_robot_check_shows_the_robot_and_what_it_would_see(page: Chromium, robot
                 break
         else:
             pytest.fail(f"the command ended with {process.wait(10)}: {''.join(said)}")
-        assert "guara: sound, 1 notes" in "".join(said)
+        assert "guara: sound, 1 note\n" in "".join(said)
         page.call("Page.navigate", url=address)
         page.wait_for("document.body.innerText.includes('a foot may be set here')")
         deadline = time.monotonic() + 60

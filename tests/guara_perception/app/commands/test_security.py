@@ -69,6 +69,7 @@ def test_add_and_revoke_say_what_to_copy(guara, keys: Path) -> None:
         (["router", "KEYS"], "Missing option '--robot'"),
         (["robot", "KEYS", "guara"], "the name 'guara' is taken or was shut out"),
         (["robot", "NOWHERE", "rex"], "cannot read the CA of"),
+        (["check", "NOWHERE"], "nowhere' does not exist"),
         (["check", "KEYS", "--robot", "rex"], "has no robot 'rex'; robots: guara"),
         (["add", "KEYS", "router"], "the name 'router' is taken or was shut out"),
         (["add", "KEYS", "rex.planner-2"], "holds several robots"),

@@ -47,6 +47,15 @@ def test_words_for_people(guara, terrain_file: Path, data: Path):
     assert "carries calibration: no\n" in said.out and "calibration hash:    none\n" in said.out
 
 
+def test_long_lists_are_cut_for_people(guara, monkeypatch: pytest.MonkeyPatch):
+    """Of a walk with many scans the first and the last are shown, and how many there are."""
+    scans = [{"step": step, "mode": "coarse"} for step in range(41)]
+    monkeypatch.setattr("guara_perception.app.files.info.describe_file", lambda _: {"scans": scans})
+    line = "step 0, mode coarse; step 1, mode coarse; step 2, mode coarse; ...; step 40, mode coarse (41 in all)"
+    assert line in guara("info", "walk.mcap").out
+    assert json.loads(guara("info", "walk.mcap", "--json").out) == {"scans": scans}
+
+
 def test_what_is_not_ours_is_refused(guara, tmp_path: Path):
     """Exit 2 with the kinds there are; nothing there says so."""
     (tmp_path / "notes.txt").write_text("hello")

@@ -1,0 +1,34 @@
+"""Of a recording with several scans one is chosen by its step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.files import open_scan as module
+
+CASES = {
+    "not chosen": ((0, 1, 2), None, "walk.mcap: it holds scans of the steps 0 ... 2: give one of these (--step)"),
+    "not there": ((1, 3), 2, "walk.mcap: step is 2; it holds scans of the steps 1, 3: give one"),
+    "none": ((), None, "walk.mcap: it holds no scan"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_which_scan_must_be_said(monkeypatch: pytest.MonkeyPatch, case: str) -> None:
+    """The steps that there are, and how to choose."""
+    steps, wanted, words = CASES[case]
+    monkeypatch.setattr(module, "open_scans", lambda _: [SimpleNamespace(step=step) for step in steps])
+    with pytest.raises(gp.InvalidInput) as caught:
+        gp.open_scan(Path("walk.mcap"), wanted)
+    assert words in str(caught.value)
+
+
+def test_of_a_pause_with_two_scans_the_later_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The coarse one and the same with the stripes between."""
+    scans = [SimpleNamespace(step=4, mode="coarse"), SimpleNamespace(step=4, mode="standard")]
+    monkeypatch.setattr(module, "open_scans", lambda _: scans)
+    assert gp.open_scan("walk.mcap").mode == "standard"
