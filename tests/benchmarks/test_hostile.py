@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.hostile import FILES, MEMORY_MB, SECONDS
+from benchmarks.hostile import MEMORY_MB, SECONDS
+from benchmarks.hostile_files import FILES
 
 ROOT = Path(__file__).resolve().parents[2]
 
