@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import cv2
 import numpy as np
 
 from guara_perception.arrays import Image
@@ -50,8 +51,7 @@ def extract_stripe(
         raise InvalidInput(f"along is {along!r}, allowed: 'columns', 'rows'")
     _check_picture(on)
     if along == "rows":
-        on = on.swapaxes(0, 1)
-        off = off.swapaxes(0, 1) if isinstance(off, np.ndarray) and off.ndim >= 2 else off
+        on, off = _turned(on), _turned(off) if isinstance(off, np.ndarray) and off.ndim >= 2 else off
     height, width = on.shape[:2]
     first, end = (0, height) if band is None else (int(band[0]), int(band[1]))
     if not 0 <= first < end <= height or end - first < 8:
@@ -81,6 +81,14 @@ def unusable_frame(band: Image, off: Image | None, shape: tuple[int, ...]) -> st
     if np.count_nonzero(is_clipped(sampled)) > 0.5 * sampled.size:
         return "more than half of the frame is white: exposure too long or too much light"
     return ""
+
+
+def _turned(picture: Image) -> Image:
+    """The picture with its rows as columns; in one piece of memory, which is quicker to read, if it can be used."""
+    turned = picture.swapaxes(0, 1)
+    if picture.dtype not in (np.uint8, np.uint16) or picture.ndim > 3:
+        return turned
+    return np.asarray(cv2.transpose(picture)).reshape(turned.shape)
 
 
 def _check_picture(on: Image) -> None:

@@ -28,13 +28,17 @@ def details(picture: Float32) -> Float32:
     """What of each channel (rows, columns, channels) changes across the columns within a few pixels."""
     smooth = cv2.GaussianBlur(picture, (3, 9), 0.8, sigmaY=1.6)
     padded = cv2.copyMakeBorder(smooth, 5, 5, 0, 0, cv2.BORDER_REPLICATE)
-    return np.asarray(smooth - np.float32(0.5) * (padded[:-10] + padded[10:])).reshape(picture.shape)
+    change = padded[:-10] + padded[10:]
+    change *= np.float32(-0.5)
+    change += smooth
+    return np.asarray(change).reshape(picture.shape)
 
 
 def covariance(detail: Float32, elsewhere: Mask) -> Float:
     """Covariance (channels, channels) of the details of a scene away from the stripe."""
     use = elsewhere[::COVARIANCE_ROWS, ::COVARIANCE_COLUMNS]
-    some = (detail[::COVARIANCE_ROWS, ::COVARIANCE_COLUMNS] * use[:, :, None]).reshape(-1, detail.shape[2])
+    some = np.ascontiguousarray(detail[::COVARIANCE_ROWS, ::COVARIANCE_COLUMNS]).reshape(-1, detail.shape[2])
+    some[np.flatnonzero(~use)] = 0
     seen = (some.T @ some).astype(np.float64) / max(int(use.sum()), 1)
     return np.asarray(seen + np.eye(len(seen)) * (LEAST_DEVIATION**2 + UNKNOWN_SHARE * np.trace(seen)))
 
@@ -66,14 +70,18 @@ def in_laser_colour(
     if channels > 1:
         transformed = cv2.transform(picture, weights[None].astype(np.float32))
         mixed = np.asarray(transformed, np.float32).reshape(picture.shape[:2])
-    full = (np.ascontiguousarray(frame[:, :, channel]) >= CLIPPED).astype(np.uint8)
+    full = cv2.extractChannel(frame, channel) >= CLIPPED
     if channels == 1 or not full.any():
-        return mixed, full > 0
-    core = cv2.dilate(full, np.ones((3, 1), np.uint8)) > 0
-    filled = np.asarray(cv2.morphologyEx(mixed, cv2.MORPH_CLOSE, np.ones((WIDEST_CORE_PX, 1), np.uint8)), np.float32)
-    inside, rim = picture[core], filled[core]
+        return mixed, full
+    core = cv2.dilate(full.view(np.uint8), np.ones((3, 1), np.uint8)).view(bool)
+    at = np.flatnonzero(core)
+    # What is further from every core than the closing reaches changes nothing.
+    rows = np.flatnonzero(core.any(axis=1))
+    first, last = max(int(rows[0]) - WIDEST_CORE_PX, 0), int(rows[-1]) + WIDEST_CORE_PX + 1
+    closed = cv2.morphologyEx(mixed[first:last], cv2.MORPH_CLOSE, np.ones((WIDEST_CORE_PX, 1), np.uint8))
+    inside, rim = picture.reshape(-1, channels).take(at, axis=0), closed.reshape(-1).take(at - first * core.shape[1])
     others = np.float32(OTHERS_SHARE) * (inside.sum(axis=1) - inside[:, channel])
-    mixed[core] = rim + np.clip(others, 0, np.float32(MOST_OF_CORE) * np.maximum(rim, 0))
+    mixed.reshape(-1)[at] = rim + np.clip(others, 0, np.float32(MOST_OF_CORE) * np.maximum(rim, 0))
     return mixed, core
 
 

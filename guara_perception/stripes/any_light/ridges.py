@@ -48,10 +48,12 @@ class Ridges:
 
     def evidence(self) -> Float32:
         """How much more each pixel looks like stripe than like none, (rows, columns)."""
-        evidence = np.minimum(self.strength, np.float32(LINEAR_SIGMAS)) - np.float32(ZERO_SIGMAS)
+        evidence = np.minimum(self.strength, np.float32(LINEAR_SIGMAS))
+        evidence -= np.float32(ZERO_SIGMAS)
         # Few pixels are that strong, and logarithms are dear.
-        strong = np.nonzero(self.strength > LINEAR_SIGMAS)
-        evidence[strong] += np.float32(LOG_GAIN) * np.log(self.strength[strong] / np.float32(LINEAR_SIGMAS))
+        strong = np.flatnonzero(self.strength > LINEAR_SIGMAS)
+        times = self.strength.reshape(-1).take(strong) / np.float32(LINEAR_SIGMAS)
+        evidence.reshape(-1)[strong] += np.float32(LOG_GAIN) * np.log(times)
         return np.asarray(evidence)
 
 
@@ -115,4 +117,5 @@ def ridge_of_width(light: Float32, sigma: float) -> Float32:
     side = max(round(SIDE_SIGMAS * sigma), 2)
     smooth = cv2.sepFilter2D(light, cv2.CV_32F, mean, taps, borderType=cv2.BORDER_REPLICATE)
     padded = cv2.copyMakeBorder(smooth, side, side, 0, 0, cv2.BORDER_REPLICATE)
-    return np.asarray(smooth - np.maximum(padded[: -2 * side], padded[2 * side :]))
+    higher = np.maximum(padded[: -2 * side], padded[2 * side :])
+    return np.asarray(np.subtract(smooth, higher, out=higher))
