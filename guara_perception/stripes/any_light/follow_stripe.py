@@ -15,8 +15,7 @@ COST_OF_JUMP = 6.0
 COST_OF_END = 4.0
 # Rows that a path may move by from one column to the next without jumping, and what each move costs.
 REACH_ROWS = 3
-MOVES = range(-REACH_ROWS, REACH_ROWS + 1)
-PRICES = tuple(COST_PER_ROW * abs(move) for move in MOVES)
+PRICES = tuple(COST_PER_ROW * abs(move) for move in range(-REACH_ROWS, REACH_ROWS + 1))
 # Instead of a row: there is no stripe.
 NONE = -1
 
@@ -111,7 +110,7 @@ def _best_paths(seen: Float32, rows: int) -> tuple[Float32, Float32]:
 
 
 def _begin(picture: int, rows: int) -> int:
-    """Where the rows of a picture begin, or, with the number of pictures, how many there are with all the gaps."""
+    """Where the rows of a picture begin; those of one more than there are, where all of them end, gaps included."""
     return REACH_ROWS + picture * (rows + REACH_ROWS)
 
 
@@ -131,10 +130,10 @@ def _traced(best: Float32, ends: Float32, picture: int, rows: int, last: int, ro
         extra = COST_OF_END
         if row != NONE:
             at = column * length + begin + row
-            near = map(sub, flat[at - REACH_ROWS : at + REACH_ROWS + 1].tolist(), PRICES)
-            score, move = max(zip(near, MOVES, strict=True))
+            near = list(map(sub, flat[at - REACH_ROWS : at + REACH_ROWS + 1].tolist(), PRICES))
+            score = max(near)
             if score >= elsewhere[column + 1]:
-                row += move
+                row += near.index(score) - REACH_ROWS
                 path.append(row)
                 continue
             extra = COST_OF_JUMP - COST_OF_END

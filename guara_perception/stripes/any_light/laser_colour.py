@@ -97,12 +97,15 @@ def rim_colour(picture: Float32, frame: Float32, row: Index, is_stripe: Mask, ch
     columns, last = _some(np.flatnonzero(is_stripe)), len(picture) - 1
     if not columns.size:
         return np.zeros(picture.shape[2])
-    rows = row[columns]
-    sides = [picture[np.clip(rows + side, 0, last), columns] for side in (-BACKGROUND_PX, BACKGROUND_PX)]
-    beside = np.float32(0.5) * (sides[0] + sides[1])
-    at = np.clip(rows + np.arange(-RIM_PX, RIM_PX + 1)[:, None], 0, last)
-    is_clear = frame[at, columns].max(axis=2, keepdims=True) < CLIPPED
-    added = ((picture[at, columns] - beside) * is_clear).sum(axis=0)
+    rows, width = row[columns], picture.shape[1]
+    pixels, as_delivered = picture.reshape(-1, picture.shape[2]), frame.reshape(-1, frame.shape[2])
+    above, below = (
+        pixels.take(np.clip(rows + side, 0, last) * width + columns, axis=0) for side in (-BACKGROUND_PX, BACKGROUND_PX)
+    )
+    at = np.clip(rows + np.arange(-RIM_PX, RIM_PX + 1)[:, None], 0, last) * width + columns
+    # Channel by channel: numpy is slow along an axis of three.
+    is_clear = np.logical_and.reduce([as_delivered[:, c].take(at) < CLIPPED for c in range(frame.shape[2])])
+    added = ((pixels.take(at, axis=0) - np.float32(0.5) * (above + below)) * is_clear[:, :, None]).sum(axis=0)
     bright = added[added[:, channel] >= upper_median(added[:, channel])]
     return upper_medians(bright.T).astype(np.float64)
 

@@ -222,27 +222,30 @@ def _first_looks(pictures: Pictures) -> list[FirstLook]:
     light, frame, detail = pictures.light, pictures.frame, pictures.detail
     every = np.ones(looked_at.size, dtype=bool)
     shape = light.shape[:2]
-    away = [_away(detail[:, :, channel].argmax(axis=0), every, shape, NEAR_PEAK_PX) for channel in range(channels)]
-    colours = list(np.eye(channels))
-    first: list[FirstLook] = []
+    away = [_away(detail[:, :, c].argmax(axis=0), every, shape, NEAR_PEAK_PX) for c in range(channels)]
+    rows, is_stripe, _ = _look(pictures, away, list(np.eye(channels)), is_texture_noise=False)
     nearest = np.minimum(np.arange(columns) // interval, looked_at.size - 1)
-    for look in range(2):
-        evidence = []
-        for channel in range(channels):
-            laser, _ = in_laser_colour(light, frame, covariance(detail, away[channel]), colours[channel], channel)
-            found = ridges(laser, away[channel] if look else None, pictures.level())
-            evidence.append(found.evidence().T)
-        rows, is_stripe, scores = follow_stripe(np.stack(evidence))
-        if not look:
-            between = (np.rint(np.interp(np.arange(columns), looked_at, row)).astype(np.intp) for row in rows)
-            first = [FirstLook(c, row, is_stripe[c, nearest]) for c, row in enumerate(between)]
-            if channels == 1:
-                return first
-        seen = [rim_colour(light, frame, rows[c], is_stripe[c], c) for c in range(channels)]
-        away = [_away(rows[c], is_stripe[c], shape, NEAR_PATH_PX) for c in range(channels)]
-        colours = [relative_colour(seen[c], c) for c in range(channels)]
+    between = (np.rint(np.interp(np.arange(columns), looked_at, row)).astype(np.intp) for row in rows)
+    first = [FirstLook(c, row, is_stripe[c, nearest]) for c, row in enumerate(between)]
+    if channels == 1:
+        return first
+    away = [_away(rows[c], is_stripe[c], shape, NEAR_PATH_PX) for c in range(channels)]
+    colours = [relative_colour(rim_colour(light, frame, rows[c], is_stripe[c], c), c) for c in range(channels)]
+    rows, is_stripe, scores = _look(pictures, away, colours, is_texture_noise=True)
     scores *= [_purity(pictures, rows[c], is_stripe[c], c) for c in range(channels)]
     return [first[c] for c in range(channels) if scores[c] >= HOPEFUL * scores.max()]
+
+
+def _look(
+    pictures: Pictures, away: list[Mask], colours: list[Float], *, is_texture_noise: bool
+) -> tuple[Index, Mask, Float]:
+    """Paths of a laser of each channel, of these colours, as `follow_stripe` gives them."""
+    evidence, level = [], pictures.level()
+    for channel, (elsewhere, colour) in enumerate(zip(away, colours, strict=True)):
+        scene = covariance(pictures.detail, elsewhere)
+        laser, _ = in_laser_colour(pictures.light, pictures.frame, scene, colour, channel)
+        evidence.append(ridges(laser, elsewhere if is_texture_noise else None, level).evidence())
+    return follow_stripe(np.stack(evidence).transpose(0, 2, 1))
 
 
 def _purity(pictures: Pictures, rows: Index, is_stripe: Mask, channel: int) -> float:
