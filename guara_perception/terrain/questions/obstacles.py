@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+import math
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -85,8 +86,17 @@ class _Cells:
 
     def some(self, which: Mask | Index) -> _Cells:
         """Those of a mask, or of indices into the arrays."""
-        indices = np.flatnonzero(which) if which.dtype == np.bool_ else which
-        return _Cells(*(getattr(self, entry.name).take(indices) for entry in fields(self)))
+        at = np.flatnonzero(which) if which.dtype == np.bool_ else which
+        return _Cells(
+            self.iy.take(at),
+            self.ix.take(at),
+            self.x.take(at),
+            self.y.take(at),
+            self.elevation.take(at),
+            self.variance.take(at),
+            self.rise.take(at),
+            self.hazard.take(at),
+        )
 
 
 def _known_cells(terrain: LayeredGrid) -> tuple[_Cells, FloorPlane | None]:
@@ -116,21 +126,25 @@ def _obstacle(cells: _Cells, terrain: LayeredGrid, floor: FloorPlane) -> Obstacl
     """The obstacle of some connected cells, all above the floor or all below."""
     sign = 1.0 if cells.rise[0] > 0 else -1.0
     height = sign * cells.rise
-    peak = float(quantile(height, TOP_QUANTILE))
-    top = cells.some(height >= peak - TOP_BAND_M - 3 * np.sqrt(cells.variance.mean()))
-    a, b, c = plane = _plane(top.x, top.y, top.elevation)
-    x, y = float(top.x.mean()), float(top.y.mean())
+    lowest = (
+        float(quantile(height, TOP_QUANTILE)) - TOP_BAND_M - 3 * math.sqrt(float(cells.variance.sum()) / height.size)
+    )
+    top = np.flatnonzero(height >= lowest)
+    top_x, top_y, top_z = (values.take(top) for values in (cells.x, cells.y, cells.elevation))
+    a, b, c = plane = _plane(top_x, top_y, top_z)
+    x, y = float(top_x.sum()) / top.size, float(top_y.sum()) / top.size
     z = a * x + b * y + c
-    residual = top.elevation - (a * top.x + b * top.y + c)
+    residual = top_z - (a * top_x + b * top_y + c)
     # The mean of the top: noise of neighbouring cells is shared, as if there were only one look per nine cells.
-    looks = max(residual.size / 9, 1.0)
-    variance = (float(top.variance.mean()) + float(residual @ residual) / residual.size) / looks + floor.sigma**2 / 9
+    looks = max(top.size / 9, 1.0)
+    scatter = (float(cells.variance.take(top).sum()) + float(residual @ residual)) / top.size
+    variance = scatter / looks + floor.sigma**2 / 9
     return Obstacle(
         outline=_outline(cells, terrain),
-        height=z - float(floor.height_at(x, y)),
+        height=z - (floor.a * x + floor.b * y + floor.c),
         top_plane=plane,
         position=np.array([x, y, z]),
-        sigma=float(np.sqrt(variance)),
+        sigma=math.sqrt(variance),
         hazard=int(np.bitwise_or.reduce(cells.hazard)),
         area=float(cells.ix.size) * terrain.resolution**2,
     )

@@ -143,12 +143,13 @@ def test_nothing_stands_on_an_empty_floor() -> None:
     assert gp.assess_terrain(low, 0.005).obstacles() == []
 
 
-def test_the_floor_is_found_under_a_crowd_of_boxes() -> None:
+@pytest.mark.parametrize("cells", [300, 4000, 40_000])
+def test_the_floor_is_found_under_a_crowd_of_boxes(cells: int) -> None:
     """With 45 % of the cells on boxes the floor is still the floor."""
     rng = np.random.default_rng(6)
-    x, y = rng.uniform(0, 0.5, (2, 4000))
-    z = 0.02 + 0.05 * x - 0.03 * y + rng.normal(0, 0.0003, 4000)
-    on_box = rng.random(4000) < 0.45
+    x, y = rng.uniform(0, 0.5, (2, cells))
+    z = 0.02 + 0.05 * x - 0.03 * y + rng.normal(0, 0.0003, cells)
+    on_box = rng.random(cells) < 0.45
     z[on_box] += rng.choice([0.02, 0.04, 0.08], on_box.sum())
     floor = fit_floor(x, y, z)
     assert floor is not None
