@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from guara_perception.arrays import Float, Image, Index
+from guara_perception.arrays import Array, Float, Image, Index
 from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
@@ -267,12 +267,13 @@ class ScanProcessor:
         """
         self._surface.layers("footprint")
 
-    def finish(self, area: str = "footprint") -> TerrainGrid:
+    def finish(self, area: str = "footprint", *, report: Mapping[str, Any] | None = None) -> TerrainGrid:
         """The terrain of what was added so far; at any time, and again after more stripes.
 
         Args:
             area: "footprint", or "wide": as far along y as the robot's map, of which the camera sees more the farther
                 away it is. `TerrainMap.update` knows more ground with it.
+            report: metadata of another grid of this scan, for this one too, but for the lost cells; None makes its own.
 
         Raises:
             InvalidInput: another area.
@@ -280,8 +281,20 @@ class ScanProcessor:
         """
         start = time.perf_counter()
         layers = self._surface.layers(area)
-        seconds = {**self._seconds, "finish": time.perf_counter() - start}
-        report = scan_report(
+        report = self._report(layers, time.perf_counter() - start) if report is None else report
+        is_lost = np.array([index in self._profiles and self._profiles[index].is_frame_bad for index in self._order])
+        return TerrainGrid(
+            layers=layers,
+            geometry=self._surface.grid(area),
+            stamp=self._stamp,
+            step=self._step,
+            extent="footprint",
+            metadata={**report, "lost_cells": self._surface.lost_cells(layers, is_lost, area)},
+        )
+
+    def _report(self, layers: Mapping[str, Array], finishing: float) -> dict[str, Any]:
+        """What the scan says of itself; `finishing` is how long its layers took at the end [s]."""
+        return scan_report(
             calibration=self._calibration,
             robot=self._robot,
             settings=self._settings,
@@ -294,19 +307,9 @@ class ScanProcessor:
             planned=self._order,
             layers=layers,
             laser_origin=self._geometry.sensor_origins[1],
-            seconds=seconds,
+            seconds={**self._seconds, "finish": finishing},
             wrong_frames=lambda: self._glances.wrong_frames(self._geometry, self._calibration),
             light=self._light,
-        )
-        is_lost = np.array([index in self._profiles and self._profiles[index].is_frame_bad for index in self._order])
-        report["lost_cells"] = self._surface.lost_cells(layers, is_lost, area)
-        return TerrainGrid(
-            layers=layers,
-            geometry=self._surface.grid(area),
-            stamp=self._stamp,
-            step=self._step,
-            extent="footprint",
-            metadata=report,
         )
 
     def _check_new(self, index: int, others: Sequence[int] = ()) -> None:

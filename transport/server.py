@@ -33,14 +33,13 @@ from transport.messages.encodings import cdr, compact
 from transport.messages.grids import grid_map_message, occupancy_message
 from transport.messages.regions_message import RegionsMessage, encode_regions
 from transport.messages.status_message import STATUS_NAME, StatusItem
-from transport.messages.summary_message import SummaryMessage, encode_summary
 from transport.messages.terrain_codec import encode_terrain
 from transport.messages.terrain_message import EXTENTS, LAYERS, Health, TerrainMessage
 from transport.messages.typestore import GRID_MAP, OCCUPANCY, REGIONS, STATUS, SUMMARY, TERRAIN
 from transport.name_watch import NameWatch
 from transport.node_name import NAME_TIMEOUT, claim_name
 from transport.outbox import Outbox
-from transport.payload import MadeOnce
+from transport.payload import MadeOnce, Payload
 from transport.publisher import LARGE, LARGEST, SMALL, Publisher
 from transport.query import QueryServer
 from transport.resource import Resource
@@ -154,7 +153,7 @@ class PerceptionServer(Resource):
         terrain: TerrainMessage,
         *,
         occupancy: Percent | None = None,
-        summary: Callable[[], SummaryMessage] | None = None,
+        summary: Callable[[], Payload] | None = None,
         regions: Callable[[], RegionsMessage] | None = None,
     ) -> None:
         """Hand over one grid; returns at once, encoding and sending happen on threads of the outbox.
@@ -165,8 +164,8 @@ class PerceptionServer(Resource):
             terrain: grid of either extent.
             occupancy: (ny, nx) int8 of the same grid; with it, and for extent "footprint", the OccupancyGrid
                 and the GridMap are published too.
-            summary: makes that of a map, to be sent after it; called when somebody has subscribed to it, on a thread of
-                the outbox.
+            summary: makes that of a map, as `encode_summary` does, to be sent after it; called when somebody has
+                subscribed to it, on a thread of the outbox.
             regions: makes those of a map, which takes time: it is called on a thread of the outbox.
 
         Raises:
@@ -193,11 +192,7 @@ class PerceptionServer(Resource):
             self._post_derived(terrain, occupancy)
         if summary is not None:
             make = summary
-            self._outbox.post(
-                self._summary.key,
-                lambda: self._summary.put(lambda: encode_summary(make())),
-                lane=self._summary.key,
-            )
+            self._outbox.post(self._summary.key, lambda: self._summary.put(make), lane=self._summary.key)
         if regions is not None:
             self._outbox.post(
                 self._regions.key, lambda: self._regions.put(encode_regions(regions())), lane=self._regions.key

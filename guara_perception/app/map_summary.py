@@ -70,8 +70,8 @@ class TerrainSummary(Gridded):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
 
-def summary_message(terrain: TerrainMessage, maximum: int = MAXIMUM_BYTES) -> SummaryMessage:
-    """The summary of a map's message. Whatever does not fit into the smaller numbers becomes unsafe, never safe.
+def summary_payload(terrain: TerrainMessage, maximum: int = MAXIMUM_BYTES) -> bytearray:
+    """The summary of a map's message, encoded. What does not fit into the smaller numbers becomes unsafe, never safe.
 
     Heights are rounded to the nearest millimetre, traversability down. A height beyond 32.767 m becomes unknown
     (`OUT_OF_RANGE`) and what is beside it `EDGE`; a traversability below 1/255 becomes `UNCERTAIN`. A map too rough to
@@ -83,10 +83,10 @@ def summary_message(terrain: TerrainMessage, maximum: int = MAXIMUM_BYTES) -> Su
     """
     summary = _with_all_cells(terrain)
     cells, whole = 1, summary
-    while len(encode_summary(summary)) > maximum and summary.shape != (1, 1):
+    while len(payload := encode_summary(summary)) > maximum and summary.shape != (1, 1):
         cells *= 2
         summary = merged(whole, cells)
-    return summary
+    return payload
 
 
 def merged(summary: SummaryMessage, cells: int) -> SummaryMessage:

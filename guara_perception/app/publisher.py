@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from guara_perception.app.map_regions import regions_message
-from guara_perception.app.map_summary import summary_message
+from guara_perception.app.map_summary import summary_payload
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.terrain.grid import TerrainGrid
 from transport import TerrainMessage, clock
@@ -59,7 +59,7 @@ def publish_terrain(
     else:
         server.publish(
             message,
-            summary=lambda: summary_message(message),
+            summary=lambda: summary_payload(message),
             regions=lambda: regions_message(terrain, message),
         )
     return message

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.app.map_summary import message_to_summary, summary_message
+from guara_perception.app.map_summary import message_to_summary, summary_payload
 from guara_perception.app.messages import message_to_terrain, terrain_to_message
 from guara_perception.app.publisher import publish_terrain
 from tests.interop.conftest import INSTALL
@@ -20,7 +20,7 @@ from tests.interop.ros_environment import environment
 from tests.ports import free_endpoint
 from transport import PerceptionServer, decode_terrain, open_node
 from transport.messages.codec import encode
-from transport.messages.summary_message import encode_summary
+from transport.messages.summary_message import decode_summary
 from transport.messages.terrain_codec import make_terrain
 
 pytestmark = pytest.mark.interop
@@ -91,10 +91,10 @@ def test_javascript_reads_the_summary_as_python_does(paper_terrain: gp.TerrainGr
     folder = root / "examples" / "javascript"
     if shutil.which("node") is None or not (folder / "node_modules" / "fzstd").is_dir():
         pytest.skip(f"node or libraries of the example are missing: {INSTALL}")
-    message = summary_message(terrain_to_message(paper_terrain, robot="rex", sequence=1))
+    sent = summary_payload(terrain_to_message(paper_terrain, robot="rex", sequence=1))
     payload = tmp_path / "summary.bin"
-    payload.write_bytes(encode_summary(message))
-    summary = message_to_summary(message)
+    payload.write_bytes(sent)
+    summary = message_to_summary(decode_summary(sent))
     for x, y in PLACES:
         words = ["node", folder / "read_summary.mjs", payload, str(x), str(y)]
         done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)

@@ -71,9 +71,9 @@ class Swept:
         Args:
             terrain: as it was published; the wide grid says the same of the scan.
         """
-        wide = self.processor.finish("wide")
+        wide = self.processor.finish("wide", report=terrain.metadata)
         if self.coarse is not None:
-            wide = refined(self.coarse.finish("wide"), wide)
+            wide = refined(self.coarse.finish("wide", report=terrain.metadata), wide)
         metadata = {**terrain.metadata, "lost_cells": wide.metadata["lost_cells"]}
         return dataclasses.replace(wide, stamp=terrain.stamp, metadata=metadata)
 

@@ -10,18 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.app.map_summary import MAXIMUM_BYTES, merged, message_to_summary, summary_message
+from guara_perception.app.map_summary import MAXIMUM_BYTES, merged, message_to_summary, summary_payload
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from transport import TerrainMessage
-from transport.messages.summary_message import decode_summary, encode_summary
+from transport.messages.summary_message import decode_summary
 
 PATIENCE = 60.0
 
 
 def _summary(terrain: gp.TerrainGrid) -> gp.TerrainSummary:
-    message = summary_message(terrain_to_message(terrain, robot="rex", sequence=3))
-    return message_to_summary(decode_summary(encode_summary(message)))
+    return message_to_summary(decode_summary(summary_payload(terrain_to_message(terrain, robot="rex", sequence=3))))
 
 
 def _map_message(terrain: gp.TerrainGrid) -> TerrainMessage:
@@ -39,7 +38,7 @@ def test_a_scanned_grid_is_small_and_close(paper_terrain: gp.TerrainGrid) -> Non
     assert lost.min() >= -1e-6 and lost.max() < 1 / 255 + 1e-6
     assert np.array_equal(small.traversability > 0, paper_terrain.traversability > 0)
     message = terrain_to_message(paper_terrain, robot="rex", sequence=3)
-    assert len(encode_summary(summary_message(message))) < 12_000
+    assert len(summary_payload(message)) < 12_000
     assert (small.robot, small.step, small.sequence, small.shape) == ("rex", paper_terrain.step, 3, paper_terrain.shape)
     assert not small.elevation.flags.writeable and not small.hazard.flags.writeable
     x, y = (float(centre[5]) for centre in paper_terrain.geometry.centres())
@@ -101,7 +100,7 @@ def test_noise_fits_too_and_no_cell_becomes_safer(
     layers["elevation"] = np.where(unknown, np.nan, rng.uniform(-32, 32, shape)).astype(np.float32)
     layers["traversability"] = np.where(hazard == 0, rng.uniform(0.01, 1, shape), 0).astype(np.float32)
     message = dataclasses.replace(_map_message(terrain), layers=layers)
-    sent = encode_summary(summary_message(message, maximum))
+    sent = summary_payload(message, maximum)
     assert len(sent) <= maximum
     small = message_to_summary(decode_summary(sent))
     cells = round(small.resolution / 0.005)
@@ -119,7 +118,7 @@ def test_noise_of_a_whole_map_gets_larger_cells_and_a_scanned_one_keeps_its_own(
     paper_terrain: gp.TerrainGrid,
 ) -> None:
     """A map of the size that the node publishes, known everywhere, each height and score its own."""
-    assert summary_message(_map_message(paper_terrain)).resolution == paper_terrain.resolution
+    assert decode_summary(summary_payload(_map_message(paper_terrain))).resolution == paper_terrain.resolution
     rng, shape = np.random.default_rng(1), (140, 320)
     terrain = gp.assess_terrain(np.zeros(shape, np.float32), 0.005)
     layers = dict(terrain.layers)
@@ -127,15 +126,16 @@ def test_noise_of_a_whole_map_gets_larger_cells_and_a_scanned_one_keeps_its_own(
     layers["elevation"] = rng.uniform(-32, 32, shape).astype(np.float32)
     layers["traversability"] = np.where(layers["hazard"] == 0, rng.uniform(0.01, 1, shape), 0).astype(np.float32)
     worst = dataclasses.replace(_map_message(terrain), layers=layers)
-    whole, small = summary_message(worst, 10**6), summary_message(worst)
-    assert len(encode_summary(whole)) > 100_000 > MAXIMUM_BYTES >= len(encode_summary(small))
+    payloads = summary_payload(worst, 10**6), summary_payload(worst)
+    assert len(payloads[0]) > 100_000 > MAXIMUM_BYTES >= len(payloads[1])
+    whole, small = map(decode_summary, payloads)
     assert (whole.resolution, small.resolution) == pytest.approx((0.005, 0.020))
     assert merged(whole, 512).shape == (1, 1)
 
 
 def test_a_summary_that_breaks_the_invariant_is_refused(paper_terrain: gp.TerrainGrid) -> None:
     """One flag that was lost on the way, and the cell would be safe: nothing is handed out."""
-    message = summary_message(terrain_to_message(paper_terrain, robot="rex", sequence=1))
+    message = decode_summary(summary_payload(terrain_to_message(paper_terrain, robot="rex", sequence=1)))
     for layer, value in (("hazard", 0), ("traversability", 200), ("heights", 5)):
         changed = np.array(getattr(message, layer))
         iy, ix = (int(i[0]) for i in np.nonzero(paper_terrain.hazard & UNKNOWN_MASK))
