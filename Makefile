@@ -58,8 +58,9 @@ test: install
 test-quick: install
 	WORKERS_PER_CORE=1 $(PYTEST) -m "not (slow or heavy or chip or interop or soak or robots)"
 
+# With as many examples as every test has (tests/thorough.py).
 test-all: install-extras
-	$(PYTEST)
+	THOROUGH=1 $(PYTEST)
 
 # ROS 2 from its wheels in an environment of its own, and Foxglove's decoders by npm. What cannot be had is left out,
 # and its tests say so.

@@ -81,11 +81,19 @@ class Recording:
 
 
 def simulated(
-    size: tuple[int, int] = (1280, 1024), stripes: int = 70, light: Light | None = None, seed: int = 0
+    size: tuple[int, int] = (1280, 1024),
+    stripes: int = 70,
+    light: Light | None = None,
+    seed: int = 0,
+    *,
+    is_uncertain: bool = True,
 ) -> Recording:
-    """The benchmark's own scene, the same on every machine; in ordinary light unless another is given."""
+    """The benchmark's own scene, the same on every machine; in ordinary light unless another is given.
+
+    Its calibration is exact, and as uncertain as a real one unless `is_uncertain` is false.
+    """
     robot = robot_with(stripes)
-    calibration = with_covariance(specimen(robot, size))
+    calibration = with_covariance(specimen(robot, size)) if is_uncertain else specimen(robot, size)
     stance = scan_stance(robot)
     rangefinder = SimulatedRangefinder(WORLD, calibration, robot, seed, light=light)
     view = rangefinder.set_pose(robot.stance_pose(stance).transform_base_to_footprint, robot.posture("scan"))

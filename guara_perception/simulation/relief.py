@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -39,8 +40,9 @@ class Relief:
     texture: Float32
 
     @staticmethod
+    @lru_cache(maxsize=1)
     def of(world: World, cell: float = CELL_M) -> Relief:
-        """Rasterise a world."""
+        """Rasterise a world; the last one is kept, for another rangefinder in it."""
         heights, material = world.raster(world.x, world.y, cell)
         height = heights.astype(np.float32)
         slope = np.dstack([_slope(height, cell, axis) for axis in (0, 1)]).astype(np.float32)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from guara_perception import FileFormatError, MissingFile
 from guara_perception.fields import Fields, read_json
+from tests.thorough import examples
 
 SOURCE = "some.json"
 
@@ -66,7 +67,7 @@ def test_not_finite_numbers_are_refused_wherever_they_stand(tmp_path: Path, numb
 
 
 @pytest.mark.slow
-@settings(max_examples=50, derandomize=True)
+@settings(max_examples=examples(50), derandomize=True)
 @given(
     st.recursive(
         st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
@@ -121,7 +122,7 @@ def test_text_lists_what_is_allowed():
     assert fields(x="a").text("x", ("a", "b")) == "a"
 
 
-@settings(max_examples=60, derandomize=True)
+@settings(max_examples=examples(60), derandomize=True)
 @given(st.integers(-100, 100), st.integers(-50, 0), st.integers(0, 50))
 def test_bounds_are_inclusive(value: int, low: int, high: int):
     """A number is accepted exactly when low <= value <= high."""

@@ -46,7 +46,7 @@ def test_no_light_makes_a_cell_traversable_that_is_dark_unseen_or_made_up(light:
 @pytest.mark.slow
 def test_a_height_that_is_not_there_would_be_counted() -> None:
     """A cell lifted by a centimetre is made up, and one beyond the pit's walls as well."""
-    recording = simulated((320, 256), 35)
+    recording = simulated((320, 256), 35, is_uncertain=False)
     assert recording.truth is not None
     processor = recording.processor()
     recording.add_to(processor)

@@ -15,6 +15,7 @@ from guara_perception.own_body import OwnBody
 from guara_perception.scan_report import advice, regional_coverage
 from kinematics import RobotModel, Stance
 from tests.grid_truth import figures, load_truth
+from tests.thorough import examples
 
 
 def safe(terrain: gp.TerrainGrid) -> np.ndarray:
@@ -45,7 +46,7 @@ def test_scan_without_off_frames_is_nearly_as_good(whole_without_off, data) -> N
 
 @pytest.mark.slow
 @given(lost=st.frozensets(st.integers(0, 34).map(lambda k: 2 * k), min_size=1, max_size=5))
-@settings(max_examples=5, deadline=None, derandomize=True)
+@settings(max_examples=examples(5), deadline=None, derandomize=True)
 def test_losing_frames_without_off_frames_makes_nothing_safe_or_known(
     paper_scan, calibration, robot, whole_without_off, lost
 ) -> None:
@@ -96,7 +97,7 @@ def whole_by_the_paper(paper_scan, calibration, robot, papers_frames) -> gp.Terr
 
 @pytest.mark.slow
 @given(lost=st.frozensets(st.integers(0, 34).map(lambda k: 2 * k), min_size=1, max_size=10))
-@settings(max_examples=6, deadline=None, derandomize=True)
+@settings(max_examples=examples(6), deadline=None, derandomize=True)
 def test_losing_stripes_with_the_papers_method_makes_nothing_safe(
     paper_scan, calibration, robot, papers_frames, whole_by_the_paper, lost
 ) -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.ranging.stripe_ranger import StripeRanger
 from tests.guara_perception.recordings import Frames, guara, recording, truth
+from tests.thorough import examples
 
 
 def processor(name: str, mode: str | None = None, method: str = "precise") -> gp.ScanProcessor:
@@ -51,7 +52,7 @@ def grouped(frames: Sequence[Frames], sizes: Sequence[int]) -> Iterator[list[gp.
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", "dark", "tilt"])
 @given(data=st.data())
-@settings(max_examples=4, deadline=None, derandomize=True)
+@settings(max_examples=examples(4), deadline=None, derandomize=True)
 def test_any_order_and_grouping_gives_the_same_bits(name: str, data: st.DataObject) -> None:
     """Lost stripes, blank frames and frames of another size among them; stripes one by one in order are the measure."""
     frames = recording(name)[1]

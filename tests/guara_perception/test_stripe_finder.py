@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.stripe_finder import SHARED_FROM, StripeFinder
+from tests.thorough import examples
 
 WIDTH, HEIGHT = 160, 120
 Frame = npt.NDArray[np.uint8]
@@ -73,7 +74,7 @@ def found_alone(method: str, has_off: bool) -> tuple[list, list[gp.StripeProfile
 @pytest.mark.parametrize("method", ["precise", "paper"])
 @pytest.mark.parametrize("has_off", [True, False])
 @given(cuts=st.lists(st.integers(1, 13), max_size=4))
-@settings(max_examples=12, deadline=None, derandomize=True)
+@settings(max_examples=examples(12), deadline=None, derandomize=True)
 def test_several_at_once_are_each_found_as_if_alone(method: str, has_off: bool, cuts: list[int]) -> None:
     """Whatever the groups: the same positions, sigmas, statuses and reasons, bad frames among them or not."""
     frames, alone = found_alone(method, has_off)

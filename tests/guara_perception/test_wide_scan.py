@@ -12,7 +12,9 @@ from guara_perception.app.node.live_scan import LiveScan
 from guara_perception.app.node.sweep import Swept
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
-from tests.guara_perception.recordings import DATA, guara, recording, truth
+from tests.calibrated_session import calibrated_session
+from tests.guara_perception.recordings import guara, recording, truth
+from tests.thorough import examples
 
 ROWS = slice(16, 124)  # the footprint's of the wide grid: 80 mm more on each side
 
@@ -61,7 +63,7 @@ def test_it_knows_more_the_farther_away(both: tuple[gp.TerrainGrid, gp.TerrainGr
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", "dark"])
 @given(data=st.data())
-@settings(max_examples=6, deadline=None, derandomize=True)
+@settings(max_examples=examples(6), deadline=None, derandomize=True)
 def test_losing_stripes_or_frames_makes_no_cell_of_it_safe(name: str, data: st.DataObject) -> None:
     """As of the footprint."""
     indices = [index for index, _, _ in recording(name)[1]]
@@ -73,10 +75,10 @@ def test_losing_stripes_or_frames_makes_no_cell_of_it_safe(name: str, data: st.D
 
 
 @pytest.mark.slow
-def test_heights_beside_the_footprint_are_as_good_as_inside() -> None:
+def test_heights_beside_the_footprint_are_as_good_as_inside(tmp_path_factory: pytest.TempPathFactory) -> None:
     """With a calibration from crosses and a plate, against the true one: 99 % within 0.3 mm there too."""
     of_truth = processor("tilt").finish("wide")
-    calibration = gp.calibrate(DATA / "calibration")
+    calibration = calibrated_session(tmp_path_factory).calibration
     again = gp.process_scan(recording("tilt")[0], calibration, guara(), area="wide", pictures=False)
     difference = np.abs(np.asarray(again.elevation - of_truth.elevation, np.float64))
     for rows in (np.delete(difference, ROWS, axis=0), difference[ROWS]):

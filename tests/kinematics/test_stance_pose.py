@@ -18,6 +18,7 @@ from kinematics.footprint import transform_base_to_footprint
 from kinematics.stance_pose import sole_covariances
 from kinematics.support import fit_support_plane
 from kinematics.urdf import rotation_from_rpy
+from tests.thorough import examples
 
 # A recorded stance: the body pitched 3 degrees nose down and rolled 2 degrees, hips at 0.360 m over a flat floor.
 TILT = {
@@ -219,7 +220,7 @@ def test_camera_covariance_agrees_with_sampling(attitude: str, feet: tuple[str, 
     mount = np.diag([0.001, 0.0015, 0.001, 0.002, 0.001, 0.003]) ** 2
     stance = tilted(GUARA, attitude == "imu", feet)
     pose = GUARA.stance_pose(stance, camera_covariance=mount, find_unloaded=False)
-    sampled = sampled_covariance(stance, attitude, mount, 2500)
+    sampled = sampled_covariance(stance, attitude, mount, examples(2500))
     sigmas = np.sqrt(np.diag(sampled))
     np.testing.assert_allclose(np.sqrt(np.diag(pose.camera_covariance)), sigmas, rtol=0.10)
     correlations = (pose.camera_covariance - sampled) / np.outer(sigmas, sigmas)

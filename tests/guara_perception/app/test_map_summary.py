@@ -13,6 +13,7 @@ import guara_perception as gp
 from guara_perception.app.map_summary import MAXIMUM_BYTES, merged, message_to_summary, summary_payload
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+from tests.thorough import examples
 from transport import TerrainMessage
 from transport.messages.summary_message import decode_summary
 
@@ -48,7 +49,7 @@ def test_a_scanned_grid_is_small_and_close(paper_terrain: gp.TerrainGrid) -> Non
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), share=st.floats(0, 0.4), tall=st.integers(0, 3))
 def test_no_cell_becomes_safer(seed: int, share: float, tall: int) -> None:
     """Whatever heights and gaps: what is not traversable in the map is not in the summary, unknown least of all."""
@@ -78,7 +79,7 @@ def test_no_cell_becomes_safer(seed: int, share: float, tall: int) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     shape=st.tuples(st.integers(1, 90), st.integers(1, 90)),

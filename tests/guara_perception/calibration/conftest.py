@@ -10,10 +10,9 @@ import pytest
 from guara_perception.app.files.calibration_session import open_session
 from guara_perception.calibration import stages
 from guara_perception.calibration.board import BoardSpec, BoardView
-from guara_perception.calibration.calibrate import calibrate_session
 from guara_perception.calibration.result import CalibrationResult
 from guara_perception.calibration.session import CalibrationSession
-from kinematics import RobotModel
+from tests.calibrated_session import calibrated_session
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -49,6 +48,6 @@ def few_stripes(session: CalibrationSession) -> CalibrationSession:
 
 
 @pytest.fixture(scope="session")
-def result(session: CalibrationSession, robot: RobotModel) -> CalibrationResult:
+def result(tmp_path_factory: pytest.TempPathFactory) -> CalibrationResult:
     """What it gives; immutable."""
-    return calibrate_session(session, robot)
+    return calibrated_session(tmp_path_factory)

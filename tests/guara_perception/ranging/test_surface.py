@@ -19,6 +19,7 @@ from guara_perception.ranging.surface_raster import SurfaceRaster
 from guara_perception.terrain.assessment.raster import SurfaceSamples
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
+from tests.thorough import examples
 
 COLUMNS = 40
 JOIN = 0.008
@@ -133,7 +134,7 @@ def surfaces(stripes: dict[int, StripePoints]) -> dict[tuple[int, int], set[tupl
 
 @pytest.mark.slow
 @given(data=st.data())
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=examples(40), deadline=None, derandomize=True)
 def test_losing_stripes_never_adds_a_sample(data: st.DataObject) -> None:
     """Random heights, gaps and strengths: samples without some stripes are a subset of those with all."""
     random = np.random.default_rng(data.draw(st.integers(0, 10_000)))
@@ -162,7 +163,7 @@ def test_raster_does_not_depend_on_the_order_of_the_stripes() -> None:
 
 @pytest.mark.slow
 @given(data=st.data())
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=examples(40), deadline=None, derandomize=True)
 def test_raster_does_not_depend_on_the_grouping_of_the_stripes(data: st.DataObject) -> None:
     """Stripes near and far apart, lost ones, walls, returns to mark: in any order and groups bit by bit the same."""
     random = np.random.default_rng(data.draw(st.integers(0, 10_000)))

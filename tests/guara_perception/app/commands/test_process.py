@@ -169,19 +169,6 @@ def test_two_methods_give_two_files(guara, data: Path, calibration_file: Path, t
 
 
 @pytest.mark.slow
-def test_figures_are_drawn_into_a_folder(guara, data: Path, calibration_file: Path, tmp_path: Path):
-    """`--figures` makes the folder and says how many files there are; each PNG is a readable picture."""
-    folder = tmp_path / "new" / "pictures"
-    scan = data / "scans" / "paper"
-    said = guara("process", scan, "-c", calibration_file, "-o", tmp_path / "out.npz", "--figures", folder)
-    assert said.code == 0 and said.out.splitlines()[-1].startswith(f"{folder}: {len(list(folder.iterdir()))} ")
-    pictures = list(folder.glob("*.png"))
-    assert len(pictures) >= 5
-    for picture in pictures:
-        assert min(cv2.imread(str(picture), cv2.IMREAD_UNCHANGED).shape[:2]) > 100
-
-
-@pytest.mark.slow
 def test_old_file_survives_a_failure(guara, paper_copy: Path, calibration_file: Path, tmp_path: Path):
     """A result from before is not touched by a run that fails half way."""
     out = tmp_path / "out.npz"

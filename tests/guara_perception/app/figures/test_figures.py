@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import cv2
@@ -10,9 +12,11 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
+from guara_perception.app.figures import figures
 from guara_perception.app.figures.figure_frames import as_grey, corrected_frame, middle_frame, stripes_together
 from guara_perception.app.figures.figures import draw_figures
 from guara_perception.app.files.range_files import OFFSET_MM, SCALE_MM, cause_image, to_8_bit, to_16_bit
+from guara_perception.app.main import run
 from guara_perception.process import run_scan, with_pictures
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
@@ -41,10 +45,15 @@ def processor(paper_scan, calibration, robot) -> gp.ScanProcessor:
 
 
 @pytest.fixture(scope="module")
-def drawn(processor, paper_scan, calibration, paper_terrain, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("figures") / "new"
-    paths = draw_figures(folder, paper_scan, calibration, processor, paper_terrain)
-    assert [path.name for path in paths] == NAMES
+def drawn(data: Path, calibration_file: Path, tmp_path_factory) -> Path:
+    """The pictures as `guara process` draws them; it makes the folder and says how many files there are."""
+    made = tmp_path_factory.mktemp("figures")
+    folder, scan, said = made / "new" / "pictures", data / "scans" / "paper", io.StringIO()
+    with redirect_stdout(said):
+        code = run(
+            ["process", str(scan), "-c", str(calibration_file), "-o", str(made / "t.npz"), "--figures", str(folder)]
+        )
+    assert code == 0 and said.getvalue().splitlines()[-1].startswith(f"{folder}: {len(NAMES)} ")
     return folder
 
 
@@ -129,8 +138,9 @@ def test_what_cannot_be_drawn_is_refused(processor, paper_scan, calibration, pap
         draw_figures(taken, paper_scan, calibration, processor, paper_terrain)
 
 
-def test_scan_of_nothing_can_be_drawn(paper_scan, calibration, robot, tmp_path: Path) -> None:
-    """All unknown: every picture is drawn all the same."""
+def test_scan_of_nothing_can_be_drawn(paper_scan, calibration, robot, tmp_path: Path, monkeypatch) -> None:
+    """All unknown: every picture is drawn all the same (those of frames, which show no grid, by the tests above)."""
+    monkeypatch.setattr(figures, "draw_frame", lambda path, *_: path.write_bytes(b"frame") and path)
     empty = gp.ScanProcessor(calibration, robot, paper_scan.stance, paper_scan.mode)
     paths = draw_figures(tmp_path, paper_scan, calibration, empty, with_pictures(empty.finish(), empty))
     assert all(path.stat().st_size > 0 for path in paths)

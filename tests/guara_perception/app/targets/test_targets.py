@@ -60,7 +60,9 @@ def test_board_is_found_and_its_squares_measure_30_mm(printed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("paper", PAPERS_MM)
+@pytest.mark.parametrize(
+    "paper", [pytest.param(paper, marks=[pytest.mark.heavy] * (paper == "letter")) for paper in PAPERS_MM]
+)
 def test_a_charuco_board_is_found_page_by_page(robot, tmp_path: Path, paper):
     """Each page shows its part of the board: every corner on it is the right one and where the drawing has it."""
     board = BoardSpec(9, 7, 0.03, CHARUCO)

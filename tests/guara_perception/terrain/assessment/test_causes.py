@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from guara_perception.terrain.assessment.causes import LookPlan, UnknownCauses, _behind_surface
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
+from tests.thorough import examples
 
 GRID = GridGeometry((0.5, -0.05), 0.005, (20, 60))
 SENSOR_ORIGINS = (np.array([0.4, 0.0, 0.5]), np.array([0.6, 0.0, 0.47]))
@@ -136,7 +137,7 @@ def test_plan_tells_the_cells_that_the_camera_sees() -> None:
 
 @pytest.mark.slow
 @given(st.integers(0, 100_000))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=examples(60), deadline=None, derandomize=True)
 def test_causes_found_again_are_those_found_at_once(seed: int) -> None:
     """Walls, gaps and stripes that come and go between two questions: no line of sight is kept that meets a change."""
     random = np.random.default_rng(seed)
@@ -161,7 +162,7 @@ def test_causes_found_again_are_those_found_at_once(seed: int) -> None:
 
 @pytest.mark.slow
 @given(st.integers(0, 100_000), st.integers(1, 200))
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=examples(30), deadline=None, derandomize=True)
 def test_a_line_of_sight_does_not_depend_on_the_others(seed: int, number: int) -> None:
     """Cells asked for alone have the causes that they have among others."""
     random = np.random.default_rng(seed)

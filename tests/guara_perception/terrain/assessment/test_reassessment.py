@@ -12,6 +12,7 @@ from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.assessment.reassessment import Reassessment
 from guara_perception.terrain.layers.hazard import Hazard
+from tests.thorough import examples
 
 SHAPE = (30, 70)
 
@@ -28,7 +29,7 @@ def ground(random: np.random.Generator) -> tuple[Raster, np.ndarray]:
 
 @pytest.mark.slow
 @given(st.integers(0, 100_000))
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=examples(80), deadline=None, derandomize=True)
 def test_judged_again_as_judged_at_once(seed: int) -> None:
     """Some columns change, of one layer or all, or of the flags alone, or none do; time after time."""
     random = np.random.default_rng(seed)

@@ -14,6 +14,7 @@ import guara_perception as gp
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.invariant import check_invariant
+from tests.thorough import examples
 
 # Three cells of disc, two by one cells of sole: windows small enough for small grids.
 LIMITS = TraversabilityLimits(
@@ -28,7 +29,7 @@ LIMITS = TraversabilityLimits(
     sole_width=0.015,
 )
 RESOLUTION = 0.005
-PROPERTY = settings(max_examples=60, deadline=None, derandomize=True)
+PROPERTY = settings(max_examples=examples(60), deadline=None, derandomize=True)
 
 
 def heights(seed: int, shape: tuple[int, int], roughness: float, step: float) -> np.ndarray:

@@ -280,7 +280,7 @@ def test_each_cell_is_moved_by_what_it_may_have_drifted_itself(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.heavy)])
 def test_on_a_walk_that_drifts_the_truth_is_below_the_bounds(robot: RobotModel, seed: int) -> None:
     """Boxes, dark ground and hidden places; every bounded unknown cell, at five places each (0 broken by over 5 mm)."""
     ground, bounded = Ground.random(seed), 0

@@ -13,6 +13,7 @@ import guara_perception as gp
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from kinematics import RobotModel
 from tests.guara_perception.terrain.map.poses import AROUND, PLACE, ZERO, MakeScan, at, drift, only
+from tests.thorough import examples
 
 
 def test_one_scan_comes_back_as_it_was(robot: RobotModel, make_scan: MakeScan) -> None:
@@ -200,7 +201,7 @@ def test_occluded_ground_fills_in(robot: RobotModel, make_scan: MakeScan, scan_g
 
 
 @pytest.mark.slow
-@settings(max_examples=15, deadline=None, derandomize=True)
+@settings(max_examples=examples(15), deadline=None, derandomize=True)
 @given(seed=st.integers(0, 1000))
 def test_losing_returns_never_makes_the_fused_map_safer(robot: RobotModel, make_scan: MakeScan, seed: int) -> None:
     """A look that loses returns (looked at, nothing seen) leaves no cell safe that was not safe with them."""

@@ -13,10 +13,11 @@ import guara_perception as gp
 from guara_perception.terrain.layers.hazard import Hazard
 from kinematics import RobotModel
 from tests.guara_perception.terrain.map.poses import PLACE, ZERO, MakeScan, at, drift, only
+from tests.thorough import examples
 
 
 @pytest.mark.slow
-@settings(max_examples=12, deadline=None, derandomize=True)
+@settings(max_examples=examples(12), deadline=None, derandomize=True)
 @given(yaw=st.floats(-np.pi, np.pi), x=st.floats(-3, 3), y=st.floats(-3, 3), z=st.floats(-0.2, 0.2))
 def test_a_look_from_anywhere_comes_back_in_place(
     robot: RobotModel, make_scan: MakeScan, scan_grid: Any, yaw: float, x: float, y: float, z: float

@@ -8,8 +8,9 @@ import numpy as np
 from hypothesis import settings
 
 import guara_perception as gp
+from tests.thorough import examples
 
-PROPERTY = settings(max_examples=40, deadline=None, derandomize=True)
+PROPERTY = settings(max_examples=examples(40), deadline=None, derandomize=True)
 ORIGIN = (0.4, -0.3)
 
 

@@ -15,11 +15,12 @@ import guara_perception as gp
 from guara_perception.app.messages import message_to_terrain, terrain_to_message
 from guara_perception.terrain.layers.rounding import rounding_of
 from kinematics import RobotModel
+from tests.thorough import examples
 from tests.truth import truth_calibration
 from transport import decode_terrain
 from transport.messages.compact import ROUNDING, encode_compact
 
-PROPERTY = settings(max_examples=10, deadline=None, derandomize=True)
+PROPERTY = settings(max_examples=examples(10), deadline=None, derandomize=True)
 SHARED = Path(__file__).parents[5] / "shared" / "data"
 RECORDED = ["paper", "dark", "tilt"]
 OTHERS = [

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
+from tests.thorough import examples
 
-PROPERTY = settings(max_examples=25, deadline=None, derandomize=True)
+PROPERTY = settings(max_examples=examples(25), deadline=None, derandomize=True)
 SIGMA = 0.0005
 
 

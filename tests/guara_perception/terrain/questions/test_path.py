@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.terrain.layers.polygon import distance_to_segment, inside_polygon, touched_cells
 from kinematics import RobotModel
+from tests.thorough import examples
 
 MakeScan = Callable[..., gp.TerrainGrid]
 
-PROPERTY = settings(max_examples=60, deadline=None, derandomize=True)
+PROPERTY = settings(max_examples=examples(60), deadline=None, derandomize=True)
 
 
 def holed(seed: int) -> gp.TerrainGrid:

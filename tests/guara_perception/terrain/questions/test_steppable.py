@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.terrain.questions.convex import grow_polygon
 from kinematics import RobotModel, Stance
+from tests.thorough import examples
 
-PROPERTY = settings(max_examples=40, deadline=None, derandomize=True)
+PROPERTY = settings(max_examples=examples(40), deadline=None, derandomize=True)
 
 
 def ground(seed: int) -> gp.TerrainGrid:
@@ -60,7 +61,7 @@ def test_every_point_inside_passes_check_foothold(seed: int, x: float, y: float,
 
 
 @pytest.mark.slow
-@settings(PROPERTY, max_examples=20)
+@settings(PROPERTY, max_examples=examples(20))
 @given(st.integers(0, 500))
 def test_regions_of_a_whole_grid(seed: int) -> None:
     """Each is safe inside, convex and counter-clockwise; together they hold nearly all of the safe ground."""
@@ -128,7 +129,7 @@ def test_reach_of_a_leg_bounds_it(robot: RobotModel) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=examples(60), deadline=None, derandomize=True)
 @given(st.integers(0, 10_000), st.integers(0, 80))
 def test_a_grown_polygon_enters_no_square(seed: int, count: int) -> None:
     """Random squares that do not hold the seed: it stays inside, and no square is touched."""

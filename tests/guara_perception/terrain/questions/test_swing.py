@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from kinematics import RobotModel, Stance
+from tests.thorough import examples
 
-PROPERTY = settings(max_examples=40, deadline=None, derandomize=True)
+PROPERTY = settings(max_examples=examples(40), deadline=None, derandomize=True)
 
 
 def ground(seed: int, unknown: float = 0.0005) -> gp.TerrainGrid:

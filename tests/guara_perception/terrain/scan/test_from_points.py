@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import RobotModel
+from tests.thorough import examples
 
 EYE = (0.40, 0.0, 0.50)
 
@@ -72,7 +73,7 @@ def test_heights_outside_the_gates_are_out_of_range(robot: RobotModel) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=15, deadline=None, derandomize=True)
+@settings(max_examples=examples(15), deadline=None, derandomize=True)
 @given(st.integers(0, 1000), st.floats(0.0, 0.1))
 def test_losing_the_points_of_any_cells_frees_no_other(seed: int, box: float) -> None:
     """All points of a random patch are lost: no cell is free that was not before."""
