@@ -51,7 +51,7 @@ LINK, LATENCY = 117e6, 0.0005
 CLOCK_OFFSET, CLOCK_DRIFT = 1234.5, 2e-5
 # Seconds for packets on loopback.
 PATIENCE = 20.0
-# The work is measured so often, and the quickest counts: a busy machine is never quicker than it is.
+# The work is measured this often, and the quickest counts: a busy machine is never quicker than it is.
 TRIES = 3
 Group = tuple[StripeCapture, ...]
 

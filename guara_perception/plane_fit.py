@@ -31,7 +31,7 @@ def solve_plane(terms: Float, z: Float) -> Float | None:
     """
     if len(z) < 3:
         return None
-    # Products of rows: for so few of them matrix products take five times as long.
+    # Products of rows: for few of them matrix products take five times as long.
     normal = np.vecdot(terms[:, None], terms)
     (xx, xy), (_, yy) = normal[:2, :2]
     smallest = 0.5 * (xx + yy - np.hypot(xx - yy, 2 * xy))

@@ -12,7 +12,7 @@ from kinematics.arrays import Float
 from kinematics.exceptions import JointLimitWarning, JointPositionError, unknown_name
 from kinematics.tree import KinematicTree
 
-# Radians: a posture that stands exactly on a limit is not beyond it.
+# Radians: a posture or a solution that stands exactly on a limit is not beyond it.
 LIMIT_TOLERANCE = 1e-9
 
 # Joints named in one warning; the others are counted.

@@ -10,14 +10,12 @@ import numpy.typing as npt
 
 from kinematics.arrays import Float, Mask, read_only
 from kinematics.exceptions import ArgumentError
+from kinematics.joint_positions import LIMIT_TOLERANCE
 from kinematics.leg import LegGeometry, find_leg_geometry
 from kinematics.numeric_ik import NumericLeg
 from kinematics.stance_pose import StancePose
 from kinematics.transforms import transform_points
 from kinematics.tree import KinematicTree
-
-# Radians: a solution on the limit is within it.
-LIMIT_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,6 +22,8 @@ from transport.session import Session
 logger = logging.getLogger(__name__)
 # Beats of the session's pulse, half a second each, between two messages without change.
 BEATS = 2
+# [s] Between two messages on change: who sends the node a thousand bad messages a second gets no thousand statuses.
+LEAST_GAP = 0.05
 CLOSE_TIMEOUT = 2.0
 
 
@@ -55,7 +57,7 @@ class StatusReporter(Resource):
         session.pulse.add(self, self._on_beat, first=True)
 
     def changed(self) -> None:
-        """Report now; returns at once."""
+        """Report now, or `LEAST_GAP` after the last report on change; returns at once."""
         self._wake.set()
 
     def follow(self, take: Callable[[bytearray], None]) -> None:
@@ -67,6 +69,7 @@ class StatusReporter(Resource):
             self._wake.wait()
             self._wake.clear()
             self._report()
+            time.sleep(LEAST_GAP)
 
     def _on_beat(self) -> None:
         self._beats += 1

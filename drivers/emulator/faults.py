@@ -44,20 +44,6 @@ class FaultKind(enum.Enum):
     """The mirror never reports to be still."""
 
 
-# Faults that hold from their injection on, until `clear`.
-STATE_FAULTS = frozenset(
-    {
-        FaultKind.LASER_STUCK_ON,
-        FaultKind.LASER_STUCK_OFF,
-        FaultKind.BLIND_SENSOR,
-        FaultKind.WRONG_VERSION,
-        FaultKind.NO_HOME_SWITCH,
-        FaultKind.JAMMED,
-        FaultKind.HOT,
-    }
-)
-
-
 @dataclass(frozen=True, slots=True)
 class Fault:
     """One fault.

@@ -12,9 +12,10 @@ from typing import Any
 
 import click
 
+from guara_perception.app.exit_codes import EXIT_FAILED
+
 # [s] A camera that is gone takes some seconds to be given up; the recording is closed before.
 CLOSE_TIMEOUT_S = 30.0
-EXIT_FAILED = 1
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from guara_perception.app.scene.planned_footholds import planned_footholds
 from guara_perception.arrays import Float32, Image
 from guara_perception.exceptions import PerceptionError
 from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.layered_grid import EXTENTS
 from guara_perception.view.moment import Moment
 from kinematics import KinematicsError
 from transport import TerrainMessage, open_client
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from transport.received import Received
 
 logger = logging.getLogger(__name__)
-EXTENTS = ("footprint", "map")
 # [s] For the router to say who lives.
 LOOK = 2.0
 

@@ -15,6 +15,8 @@ from typing import TextIO
 
 import click
 
+from guara_perception.app.exit_codes import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
+
 # Name of each command and its module under guara_perception.app.commands.
 COMMANDS = {
     name: name
@@ -47,9 +49,6 @@ ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OPENCV_LOG_LEVEL": "ERROR"}
 NUMBER = re.compile(r"(?<=\s)-?\d+(\.\d+)?")
 # The disk is full or broken: no input would help.
 DISK_FAILED = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
-EXIT_BAD_INPUT = 2
-EXIT_FAILED = 1
-EXIT_INTERRUPTED = 130
 
 
 class LazyGroup(click.Group):

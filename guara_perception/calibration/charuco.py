@@ -15,6 +15,7 @@ import numpy as np
 
 from guara_perception.arrays import Float, Float32, Grey, Index, Index32, Mask
 from guara_perception.calibration.board import BoardSpec, BoardView
+from guara_perception.calibration.checkerboard import MAX_GRID_MISFIT
 from guara_perception.exceptions import InvalidInput
 
 # A marker of 4 x 4 bits with its border is 6 cells wide and takes three quarters of a square, so that a square is 8
@@ -37,8 +38,6 @@ WINDOW_OF_SQUARE: Final = 0.1
 SMALLEST_WINDOW_PX: Final = 3
 # A window that the picture's rim cuts sees half a corner.
 RIM_PX: Final = 3
-# Lens distortion bends a board by a few per cent of a square; markers of another board lie elsewhere by a whole one.
-MAX_GRID_MISFIT: Final = 0.2
 # Other markers may lie about; a view in which most lie elsewhere shows another board.
 BELONGING_SHARE: Final = 0.5
 # Profiles across the edge from one corner to the next: along its middle, out to where markers begin.

@@ -16,7 +16,7 @@ BLUR_SIGMA_PX = 0.8
 WINDOW_OF_SQUARE = 0.35
 # A line beyond the rim of the board is no line of corners when it crosses black and white by less than this share.
 CROSSING_SHARE = 0.5
-# Lens distortion bends a board by a few per cent of a square.
+# Lens distortion bends a board by a few per cent of a square; markers of another board lie elsewhere by a whole one.
 MAX_GRID_MISFIT = 0.2
 # Inner corners that OpenCV needs at least.
 SMALLEST_PATTERN = (3, 3)

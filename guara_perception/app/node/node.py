@@ -83,6 +83,7 @@ class PerceptionNode:
         if mode not in SWEEPS:
             raise InvalidInput(f"mode is {mode!r}, allowed: {', '.join(SWEEPS)}")
         self.status = status or NodeStatus(calibration)
+        self.status.on_change = lambda: server.status_changed()
         self._mode, self._server, self._robot, self._recorder = mode, server, robot, recorder
         if recorder is not None:
             server.follow_status(recorder.add_status)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from guara_perception.app.robot_folder.scan_checks import PICTURE_PX
 from guara_perception.exceptions import InvalidInput, PerceptionError
 from guara_perception.settings import Settings
 from guara_perception.simulation.features import Box, Patch, Pit
@@ -22,7 +23,6 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import KinematicsError, LegOdometry, RobotModel
 
 PAUSES = 10
-PICTURE_PX = (640, 512)
 SOLE_SAMPLES = 7
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 # Ground that lies further off the plane of a region does not belong to it.
 PLANE_TOLERANCE_M = 0.006
-# The first plane is that of the ground so near to the seed.
+# The first plane is that of the ground this near to the seed.
 SEED_RADIUS_M = 0.03
 # A new region must be a third larger than the one around the previous choice, or the choice flips.
 HYSTERESIS = 1 / 3

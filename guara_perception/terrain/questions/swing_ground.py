@@ -18,7 +18,7 @@ from guara_perception.terrain.layers.rounding import rounding_of
 from guara_perception.terrain.questions.leg_reach import StandingSole, standing_soles
 from kinematics import KinematicsError
 
-# A way that begins so near to the centre of a standing sole begins there.
+# A way that begins this near to the centre of a standing sole begins there.
 SAME_PLACE_M = 0.010
 
 

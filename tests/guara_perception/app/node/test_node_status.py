@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import pytest
+
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift
+from tests.guara_perception.app.node.live_bench import Bench
 from transport import Health
+from transport.server import PerceptionServer
 
 
 def checked(verdict: str) -> Drift:
@@ -25,3 +29,13 @@ def test_drift_warns_when_pauses_agree_and_counts_those_without_a_floor() -> Non
     assert [verdict for _, verdict in said] == [UNKNOWN, HOLDS, HOLDS, HOLDS, DRIFTING]
     assert item.message.startswith("calibration: drifting, a floor in 3 of 5 scans; last scan: the floor lies +9.0 mm")
     assert (item.values["scans_unknown"], item.values["scans_drifting"], item.values["scans_holds"]) == ("2", "2", "1")
+
+
+def test_what_changes_is_sent_at_once(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not only with the next status of the second: a problem, what a pause confirmed, a scan."""
+    sent: list[PerceptionServer] = []
+    monkeypatch.setattr(PerceptionServer, "status_changed", lambda server: sent.append(server))
+    bench.status.problem("scan", "the mirror jammed")
+    assert len(sent) == 1
+    bench.status.confirmed(3)
+    assert len(sent) == 2

@@ -1,0 +1,8 @@
+"""What the `guara` command says to the shell when it ends; 0 is done."""
+
+from __future__ import annotations
+
+EXIT_FAILED = 1
+EXIT_BAD_INPUT = 2
+# As a shell has it for a program that Ctrl-C ended.
+EXIT_INTERRUPTED = 130
