@@ -114,7 +114,7 @@ def joints_for(robot: RobotModel, soles: np.ndarray) -> dict[str, float]:
 def odometry_errors(robot: RobotModel, *, gravity: bool, each_pause: bool, seeds: int) -> list[float]:
     """Error of the last position [m] of noisy crawls: 12 cycles, 0.2 degrees per joint, 1 mm of contact per axis.
 
-    Contact noise is drawn anew at each pause, or when a foot is set down (where it then stays).
+    Contact noise is drawn again at each pause, or when a foot is set down (where it then stays).
     """
     walk, errors = list(crawl(robot, 12, 0.030)), []
     for seed in range(seeds):

@@ -64,7 +64,7 @@ def run_planner(endpoint: str, shared: bool) -> None:
         def take(terrain: transport.TerrainMessage) -> None:
             counts["grids"] += 1
             counts["of other values than sent"] += not is_whole(dataclasses.replace(terrain, sequence=1))
-            # A node that was started anew counts from 1 again; its scans are later all the same.
+            # A node that was started again counts from 1 again; its scans are later all the same.
             counts["out of order"] += terrain.scan_end < newest.get(terrain.extent, 0)
             newest[terrain.extent] = terrain.scan_end
 

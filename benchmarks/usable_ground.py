@@ -104,7 +104,7 @@ def causes(fused: gp.TerrainGrid, sole: npt.NDArray[np.uint8]) -> dict[str, Mask
         "hidden": under_sole(Hazard.OCCLUDED),
         "other unknown": under_sole(Hazard.AMBIGUOUS | Hazard.OUT_OF_RANGE),
         "conflict, stale, uncertain": under_sole(Hazard.CONFLICT | Hazard.STALE | Hazard.UNCERTAIN),
-        "hazards that are none": under_sole(Hazard.STEEP | Hazard.STEP | Hazard.DROP | Hazard.ROUGH),
+        "flagged without need": under_sole(Hazard.STEEP | Hazard.STEP | Hazard.DROP | Hazard.ROUGH),
     }
 
 

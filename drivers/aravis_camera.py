@@ -59,7 +59,7 @@ class AravisCamera(Camera):
             device: name as `drivers.aravis_devices` gives it, or a network address; "" is the first one found.
             trigger: line on which the board's TRIGGER arrives ("Line1"), exposure begins at its rising edge; None: the
                 camera runs freely.
-            exposure_output: line that shall show when the camera exposes ("Line2"), for the board's EXPOSURE_ACTIVE;
+            exposure_output: line that shows when the camera exposes ("Line2"), for the board's EXPOSURE_ACTIVE;
                 None leaves the lines as they are.
             pixel_format: one of PIXEL_FORMATS; None: grey where the camera has it, otherwise its mosaic.
             size: (width, height) of the frames, from the sensor's middle; None for the whole sensor.

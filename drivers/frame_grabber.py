@@ -41,7 +41,7 @@ class FrameGrabber:
         self.last_stamp = timing.monotonic()
 
     def restart(self) -> None:
-        """Forget what waits in the camera, and begin to count anew."""
+        """Forget what waits in the camera, and begin to start counting again."""
         self._camera.flush()
         self._before = None
 

@@ -33,7 +33,7 @@ class BoardIdentity:
         zero_step: step at which `mirror_angle` is zero.
         watchdog: silence of the host after which the laser is put out [s].
         laser_limit: longest time the laser may be on in one go [s].
-        laser_rest: time the laser must be off before that time is counted anew [s].
+        laser_rest: time the laser must be off before that time is counted from 0 again [s].
     """
 
     protocol: tuple[int, int]

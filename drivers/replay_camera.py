@@ -15,7 +15,7 @@ class ReplayCamera(Camera):
     """Plays frames in their order; each grab takes the next, so nothing is ever dropped.
 
     Whoever opens recordings (folders, MCAP) hands them over as an iterable. Frames must come in the order in which
-    `acquire` asks for them. An iterable that can be iterated anew (a list) starts over when the camera is reopened.
+    `acquire` asks for them. An iterable that can be iterated again (a list) starts over when the camera is reopened.
     """
 
     lag = 0.0

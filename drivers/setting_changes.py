@@ -9,7 +9,7 @@ UNITS = {"exposure": " s", "gain": "", "white_balance": " K", "gamma": ""}
 TOLERANCE = 0.02
 # A step of gain or gamma in any unit; their locked value may be 0.
 ROUNDING = {"gain": 0.05, "gamma": 0.005}
-WHAT_TO_DO = "see that no other program uses the camera and start anew: settings are locked when it is opened"
+WHAT_TO_DO = "see that no other program uses the camera and start again: settings are locked when it is opened"
 
 
 def setting_changes(camera: Camera, locked: CameraSettings) -> tuple[str, ...]:

@@ -189,7 +189,7 @@ class UsbLink:
         try:
             device.get_active_configuration()
         except usb.core.USBError as error:
-            # pyusb's own "not set" carries no errno; only then may the configuration be set anew, since
+            # pyusb's own "not set" carries no errno; only then may the configuration be set again, since
             # setting it resets a board that another program may hold.
             if error.errno is not None:
                 raise

@@ -14,7 +14,7 @@ from transport import PausePhase, StanceMessage, StancePause, StancePublisher, o
 
 
 def main() -> None:
-    """Three pauses in the scan posture; a real gait reads the joints anew for every message."""
+    """Three pauses in the scan posture; a real gait reads the joints again for every message."""
     parser = argparse.ArgumentParser()
     parser.add_argument("endpoint")
     parser.add_argument("--pauses", type=int, default=3)

@@ -32,7 +32,7 @@ class FolderCamera(Camera):
         """Nothing to close."""
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Pictures that were taken cannot be exposed anew: nothing is held, and that is what is answered."""
+        """Pictures that were taken cannot be exposed again: nothing is held, and that is what is answered."""
         return CameraSettings()
 
     def grab(self, timeout: float) -> Frame:

@@ -11,7 +11,7 @@ With R the turn by a:
     x' = x - P_:s W e,   P' = P - P_:s W P_s:             the footholds, corrected by what the fit leaves over
     cov(footprint, x') = S H' V^-1 P_s:
 
-A foot set down anew gets its position from the footprint, with the covariance that this brings. So noise is neither
+A foot set down again gets its position from the footprint, with the covariance that this brings. So noise is neither
 counted twice nor summed from pause to pause as if these were independent, which would make the result twice too
 uncertain.
 """

@@ -96,14 +96,14 @@ class LegOdometry:
         return self._last
 
     def reset(self) -> None:
-        """Forget the walk: the next pause is a first one, and `odom` starts anew there."""
+        """Forget the walk: the next pause is a first one, and `odom` starts again there."""
         self._last, self._footholds = None, None
 
     def update(self, stance: Stance) -> OdometryPose:
         """The footprint of a new pause.
 
         Raises:
-            OdometryLost: fewer than two feet stayed since the last pause; nothing has changed, `reset` starts anew.
+            OdometryLost: fewer than two feet stayed since the last pause; nothing has changed, `reset` starts again.
             KinematicsError: as `RobotModel.stance_pose`.
         """
         last = self._last

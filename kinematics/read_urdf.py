@@ -21,7 +21,7 @@ from kinematics.xml_file import Element, parse_xml, read_xml
 
 Numbers = tuple[float, ...]
 
-# Of the largest moment: figures rounded to seven digits
+# Share of the largest moment of inertia, for figures that are rounded to seven digits.
 TRIANGLE_TOLERANCE = 1e-6
 
 
@@ -82,7 +82,7 @@ class _Reader:
             return numbers
         count = len(default)
         self.findings.wrong(
-            f"{where}: {what} is {text!r}; needed: {count} finite number{'s' * (count > 1)} parted by spaces", line
+            f"{where}: {what} is {text!r}; needed: {count} finite number{'s' * (count > 1)} separated by spaces", line
         )
         return default
 

@@ -306,7 +306,7 @@ def test_the_storages_of_a_router_are_read_by_zenoh(tmp_path: Path):
 
 @pytest.mark.slow
 def test_a_broken_example_is_noticed(reader: Reader, tmp_path: Path):
-    """The reader does fail: on an error, on an unknown target, on an option that is none."""
+    """The reader does fail: on an error, on an unknown target, on an unknown option."""
     with pytest.raises(AssertionError, match="exit 1"):
         reader.read(Block("here", "python", "raise SystemExit(1)", ""))
     with pytest.raises(AssertionError, match="exit 2"):

@@ -152,7 +152,7 @@ class GridJudge:
         return ""
 
     def _refused_order(self, terrain: Grid) -> str:
-        # While no node has announced its run, any may have started anew: its sequences mean nothing.
+        # While no node has announced its run, any may have started again: its sequences mean nothing.
         last = self._sequences.get(terrain.extent, 0) if self._run else 0
         if terrain.sequence <= last:
             return f"its sequence {terrain.sequence} comes after {last}"

@@ -128,7 +128,7 @@ def request_grid(
 
     def is_result(received: Received[TerrainMessage]) -> bool:
         terrain = received.message
-        # Sequences start anew with the node: a later number counts only for what came after the request.
+        # Sequences start again with the node: a later number counts only for what came after the request.
         is_later = received.number > before and terrain.sequence > done.sequence
         return is_later or (terrain.sequence, terrain.stamp) == (done.sequence, done.stamp)
 

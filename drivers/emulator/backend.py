@@ -104,7 +104,7 @@ class EmulatedBackend(usb.backend.IBackend):
         dev_handle.release()
 
     def clear_halt(self, dev_handle: Bus, ep: int) -> None:
-        """Clear a stall of an endpoint; its data toggle begins anew."""
+        """Clear a stall of an endpoint; its data toggle begins again."""
         _translated(lambda: dev_handle.command(TO_ENDPOINT, CLEAR_FEATURE, 0, ep, DESCRIPTOR_TIMEOUT))
 
     def ctrl_transfer(

@@ -49,7 +49,7 @@ def _end(seconds: float) -> None:
     try:
         click.echo(
             f"guara: camera or laser board did not close within {seconds:g} s, ended without them; the board's "
-            "watchdog puts the laser out: see that it is dark, then plug both in anew",
+            "watchdog puts the laser out: see that it is dark, then plug both in again",
             err=True,
         )
     finally:

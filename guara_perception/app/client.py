@@ -188,7 +188,7 @@ class TerrainClient:
             timeout: seconds.
             extent: "footprint" or "map".
             epoch: identity of the walk as the gait announces it; None takes the walk that the node is on. A gait that
-                counts anew should give it: before its first BEGIN is heard, the node is on the walk before.
+                starts counting again should give it: before its first BEGIN is heard, the node is on the walk before.
             confirmed: wait until the gait has said that the robot stood still through the scan; before, a grid is
                 provisional (`TerrainGrid.is_provisional`): it may be used while the robot stands, and may be withdrawn.
             max_age: as in `latest`; infinite takes grids of any age.

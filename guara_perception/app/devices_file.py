@@ -45,7 +45,7 @@ class Devices:
         settings: exposure [s], gain, white_balance [K], gamma: locked when the camera is opened and read back.
         board: vendor_id, product_id, serial of the laser board; missing ones are the protocol's.
         trigger: line of the camera on which the board's TRIGGER arrives: the board sweeps by itself; None: runs freely.
-        exposure_output: line of the camera that shall show when it exposes, or None.
+        exposure_output: line of the camera that shows when it exposes, or None.
         pixel_format: to ask for, or None for the camera's best.
     """
 

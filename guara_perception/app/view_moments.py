@@ -35,7 +35,7 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
     Args:
         path: a grid (.npz), a recording (.mcap) or a scan folder.
         robot: that recorded it.
-        calibration: with it, scans are processed anew and their stripes are shown; None = the one that a recording
+        calibration: with it, scans are processed again and their stripes are shown; None = the one that a recording
             carries, if it does.
 
     Raises:

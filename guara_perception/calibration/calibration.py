@@ -38,7 +38,7 @@ class StripePlane:
         length = float(np.linalg.norm(plane[:3]))
         if abs(length - 1) > 1e-3:
             raise InvalidInput(f"plane of stripe {self.index}: the normal has length {length:.4f}, it must be 1")
-        # Only where it matters: normalising anew would change the last bit, and with it the content hash.
+        # Only where it matters: normalising again would change the last bit, and with it the content hash.
         object.__setattr__(self, "plane", readonly(plane / length if abs(length - 1) > 1e-9 else plane))
 
 

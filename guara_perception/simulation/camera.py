@@ -24,7 +24,7 @@ def simulated_camera(
     """A free-running camera on the simulated rangefinder.
 
     Args:
-        rangefinder: its pose already set; it may be set anew between scans, from the same thread that grabs.
+        rangefinder: its pose already set; it may be set again between scans, from the same thread that grabs.
         board: the emulated board (of this process or another) whose laser and mirror light the scene.
         fps: frames per second.
         latency: from the end of an exposure to its arrival [s].

@@ -128,7 +128,7 @@ def _albedo_shift(stripes: Sequence[DetectedStripe], sigma: Float32) -> Float32:
     """How far the brightness gradient of the surface may have pulled the centre [px].
 
     Reflectance that changes by a factor exp(g) per row shifts a Gaussian stripe by g sigma^2 rows. The laser-off
-    picture shows the reflectance under ambient light, noise included, hence only a share of it.
+    picture shows the reflectance under ambient light, noise included, so only a share of it counts.
     """
     above = _stacked([stripe.above for stripe in stripes]).astype(np.float32)
     below = _stacked([stripe.below for stripe in stripes]).astype(np.float32)

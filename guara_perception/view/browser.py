@@ -139,7 +139,7 @@ class BrowserView:
         self._server.flush()
 
     def _is_other(self, part: str, *of: Any) -> bool:
-        """Whether a part is made of something else than when it was drawn last: what is sent anew flickers."""
+        """Whether a part is made of something else than when it was drawn last: what is sent again flickers."""
         before, self._drawn[part] = self._drawn.get(part), of
         return before != of
 

@@ -81,7 +81,7 @@ def test_video_file_is_read_whole(video: Path, backend: str) -> None:
 
 
 def test_reopening_a_file_starts_over(sequence: str) -> None:
-    """Open is harmless when open, and begins anew after close."""
+    """Open is harmless when open, and begins again after close."""
     camera = OpenCvCamera(sequence, backend="images")
     for _ in range(2):
         with camera:

@@ -41,7 +41,7 @@ class Reporting(ReplayCamera):
 )
 def test_a_change_is_reported_by_name_with_both_values(camera: Camera, words: str) -> None:
     (reported,) = setting_changes(camera, LOCKED)
-    assert reported.startswith(words) and reported.endswith("start anew: settings are locked when it is opened")
+    assert reported.startswith(words) and reported.endswith("start again: settings are locked when it is opened")
 
 
 @pytest.mark.parametrize(

@@ -117,7 +117,7 @@ def test_wrong_kind_is_named(reader: str, value: object, reported: str):
 
 
 def test_text_lists_what_is_allowed():
-    """A text that is none of those allowed is shown beside them."""
+    """A text that is not among those allowed is shown beside them."""
     assert refusal(lambda: fields(x="c").text("x", ("a", "b"))) == "some.json: part.x is 'c', allowed: 'a', 'b'"
     assert fields(x="a").text("x", ("a", "b")) == "a"
 

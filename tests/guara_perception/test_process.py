@@ -71,8 +71,8 @@ def test_resolutions_that_divide_the_area(paper_scan, calibration, robot, resolu
     assert terrain.shape == shape and terrain.origin == (0.50, -0.27)
     assert terrain.resolution == pytest.approx(resolution)
     fine = gp.process_scan(paper_scan, calibration, robot, pictures=False)
-    step = round(resolution / 0.005)
-    known = np.isfinite(fine.elevation).reshape(shape[0], step, shape[1], step).all(axis=(1, 3))
+    ratio = round(resolution / 0.005)
+    known = np.isfinite(fine.elevation).reshape(shape[0], ratio, shape[1], ratio).all(axis=(1, 3))
     np.testing.assert_array_equal(np.isfinite(terrain.elevation), known)
 
 
@@ -148,7 +148,7 @@ def test_missing_stripe_is_unknown_and_said(paper_scan, calibration, robot, pape
     assert not ((terrain.traversability > 0) & ~(paper_terrain.traversability > 0)).any()
 
 
-def test_pairing_is_by_index_not_by_place(paper_scan, calibration, robot, paper_terrain):
+def test_pairing_is_by_index_not_by_order(paper_scan, calibration, robot, paper_terrain):
     """The order of the list in scan.json means nothing."""
     shuffled = dataclasses.replace(paper_scan, stripes=paper_scan.stripes[::-1])
     same_bytes(gp.process_scan(shuffled, calibration, robot, pictures=False), paper_terrain)
@@ -184,7 +184,7 @@ def test_stripe_outside_the_pattern_is_refused(paper_scan, calibration, robot):
 
 
 def test_unknown_method_is_refused(paper_scan, calibration, robot):
-    """The methods there are are listed."""
+    """The message lists the methods."""
     with pytest.raises(gp.InvalidInput, match="method is 'exact', allowed: .*precise"):
         gp.process_scan(paper_scan, calibration, robot, method="exact")
 

@@ -37,7 +37,7 @@ def both(request: pytest.FixtureRequest) -> tuple[gp.TerrainGrid, gp.TerrainGrid
 
 
 def test_it_is_as_wide_as_the_map_and_as_deep_as_the_footprint(both: tuple[gp.TerrainGrid, gp.TerrainGrid]) -> None:
-    """Cells of both lie upon each other."""
+    """Cells of both lie on each other."""
     footprint, wide = both
     assert (footprint.shape, wide.shape) == ((108, 90), (140, 90))
     assert wide.origin == pytest.approx((footprint.origin[0], Settings.of(guara()).map_y[0]))

@@ -67,7 +67,7 @@ def test_rerun_finds_nothing_wrong(recording: Path) -> None:
 
 
 def test_the_layout_for_foxglove_is_what_its_classes_make(root: Path, counts: dict[str, int]) -> None:
-    """Its topics are in the recording; made anew with foxglove-sdk it is the same file."""
+    """Its topics are in the recording; made again with foxglove-sdk it is the same file."""
     text = (root / "docs" / "foxglove-layout.json").read_text()
     named = set(re.findall(r'"(/[a-z_/]+)"', text))
     assert len(named) == 8 and named <= set(counts)

@@ -37,7 +37,7 @@ def test_a_known_motion_is_found(stayed: tuple[str, ...]) -> None:
 
 @pytest.mark.slow
 def test_covariances_agree_with_sampling() -> None:
-    """After two pauses, one with a foot set down anew, footprint and footholds are as uncertain as sampling says."""
+    """After two pauses, one with a foot set down again, footprint and footholds are as uncertain as sampling says."""
     rng = np.random.default_rng(3)
     root = rng.normal(size=(4, 4)) * 1e-3
     noise = np.tile(root @ root.T + np.diag([1e-7] * 4), (4, 1, 1))

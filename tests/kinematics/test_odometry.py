@@ -177,7 +177,7 @@ def test_a_slipped_foot_is_found_and_left_out(guara: RobotModel, crawl: Crawl, p
 
 
 def test_too_few_feet_that_stayed_are_refused(guara: RobotModel, crawl: Crawl) -> None:
-    """When no two feet stayed the walk is lost: refused, nothing changed, and a reset starts anew."""
+    """When no two feet stayed the walk is lost: refused, nothing changed, and a reset starts again."""
     walk = list(crawl(2))
     odometry = LegOdometry(guara)
     before = odometry.update(Stance(walk[0][1], guara.legs, (0.0, 0.0, -1.0)))

@@ -81,7 +81,7 @@ FAULTS = {
         'xyz="0.400, 0, 0.140"',
         "joint 'camera_joint': xyz of <origin> is '0.400, 0, 0.140'",
     ),
-    "NaN": ('xyz="0.400 0 0.140"', 'xyz="nan 0 0.140"', "needed: 3 finite numbers parted by spaces"),
+    "NaN": ('xyz="0.400 0 0.140"', 'xyz="nan 0 0.140"', "needed: 3 finite numbers separated by spaces"),
     "unsupported type": (
         'name="lf_haa_joint" type="revolute"',
         'name="lf_haa_joint" type="planar"',

@@ -96,7 +96,7 @@ def test_a_flood_of_foreign_grids_does_not_flood_the_log(node, client, endpoint:
 
 @pytest.mark.slow
 def test_a_flood_of_malformed_announcements_does_not_flood_the_log(endpoint: str, eventually, caplog) -> None:
-    """2,000 that are none: the node hears of it, the log gets one line, and the next good one is heard."""
+    """2,000 invalid ones: the node hears of it, the log gets one line, and the next good one is heard."""
     refused: list[str] = []
     heard: list[int] = []
     with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint, timeout=PATIENCE) as other:

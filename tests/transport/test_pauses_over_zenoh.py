@@ -30,7 +30,7 @@ def test_both_ends_of_a_pause_reach_the_node(start, endpoint: str, peer) -> None
 
 
 @pytest.mark.slow
-def test_an_announcement_that_is_none_is_reported_and_the_next_one_heard(endpoint: str, eventually) -> None:
+def test_an_invalid_announcement_is_reported_and_the_next_one_heard(endpoint: str, eventually) -> None:
     """Damaged bytes, or a joint that is NaN, must not pass unnoticed: it may have been the end of a pause."""
     refused: list[str] = []
     heard: list[int] = []

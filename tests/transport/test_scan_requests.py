@@ -135,7 +135,7 @@ def test_after_a_timeout_the_scanner_takes_the_next_request(endpoint: str, peer)
                     assert time.monotonic() < deadline
 
 
-def test_a_request_that_is_none_is_refused(shared_node) -> None:
+def test_an_invalid_request_is_refused(shared_node) -> None:
     """Bytes that are no request get a refusal in words, and the scanner goes on."""
     _, endpoint = shared_node
     with transport.open_client(endpoint, timeout=180.0) as session:
@@ -174,7 +174,7 @@ def test_a_wrong_request_is_refused_before_it_is_sent(fields: dict, words: str) 
 
 @pytest.mark.slow
 def test_grids_of_an_earlier_node_do_not_answer_a_request(endpoint: str, peer) -> None:
-    """After a restart the numbers start anew; the grid returned is the one that was asked for."""
+    """After a restart the numbers start again; the grid returned is the one that was asked for."""
     router = transport.open_node(listen=endpoint)
     with _client(endpoint) as client:
         for stamp in (peer.STAMP, peer.STAMP + 10**12):

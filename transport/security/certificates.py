@@ -1,4 +1,4 @@
-"""The life of certificates: who has one, how long it is valid, making it anew, adding and shutting out a member."""
+"""The life of certificates: who has one, how long it is valid, making it again, adding and shutting out a member."""
 
 from __future__ import annotations
 
@@ -80,14 +80,14 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
         return Health.ERROR, f"{readable[0].relative_to(root)} can be read by others on this machine; chmod 600 it"
     name, days = min(left.items(), key=lambda item: item[1])
     if days <= 0:
-        return Health.ERROR, f"{name} expired {-days:.0f} days ago; `guara security renew`, then copy the folder anew"
+        return Health.ERROR, f"{name} expired {-days:.0f} days ago; `guara security renew`, then copy the folder again"
     if days <= WARNING_DAYS:
-        return Health.WARN, f"{name} expires in {days:.0f} days; `guara security renew`, then copy the folder anew"
+        return Health.WARN, f"{name} expires in {days:.0f} days; `guara security renew`, then copy the folder again"
     for node in (root, root / "node", *sorted(root.glob("*/node"))):
         if (node / "node.pem").is_file() and (node / CONFIGURATION).is_file() and not _has_present_rules(node):
             return Health.WARN, (
                 "the access rules were made by another version: planners may have to judge ages by wall clocks; "
-                "`guara security renew`, then copy the folder anew"
+                "`guara security renew`, then copy the folder again"
             )
     return Health.OK, f"{len(left)} certificates, the first ends in {days:.0f} days ({name})"
 

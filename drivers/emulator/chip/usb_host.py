@@ -81,7 +81,7 @@ class UsbHost:
             self._as_built(EP1_IN, value)
 
     def reset_bus(self) -> None:
-        """Drive a reset, and enumerate anew."""
+        """Drive a reset, and enumerate again."""
         self.enumerated = self.halted = self._report_data1 = False
         self._held = None
         self.reports.clear()

@@ -48,7 +48,7 @@ def command(
 ) -> None:
     """Replay recorded SCANs (folders or .mcap) in the order given, with fusion over pauses.
 
-    A scan whose step does not come after the one before begins another walk: the map starts anew. A scan whose grid
+    A scan whose step does not come after the one before begins another walk: the map starts again. A scan whose grid
     the node withdrew is left out.
 
     \b
@@ -89,7 +89,7 @@ def command(
         send = _publisher(stack, model.name, listen, connect, security) if publish else None
         for number, scan in enumerate(walk):
             if last is not None and scan.step <= last:
-                click.echo(f"step {scan.step} after step {last}: another walk, the map starts anew")
+                click.echo(f"step {scan.step} after step {last}: another walk, the map starts again")
                 walk_map = WalkMap(model, calibrated)
             last = scan.step
             with progress(f"Step {scan.step}") as show:

@@ -42,7 +42,7 @@ def _reasons(scans: Sequence[ScanRecord], taken_back: list[TerrainMessage]) -> d
     """Why the grids of scans were withdrawn, by the index of the scan: all scans of a pause go together.
 
     So do those of a pause that had confirmed its map before the robot moved: what is recorded does not tell them apart.
-    A gait that counts anew has the same step again: meant is the last scan of that step that began before.
+    A gait that starts counting again has the same step again: meant is the last scan of that step that began before.
     """
     found: dict[int, str] = {}
     for grid in taken_back:

@@ -116,7 +116,7 @@ class NodeStatus:
         )
 
     def problem(self, part: str, message: str) -> None:
-        """Take note of what went wrong in a part; it stands until the part works again or fails anew."""
+        """Take note of what went wrong in a part; it stands until the part works again or fails again."""
         with self._lock:
             if part == "scan":
                 self._failures += 1
@@ -134,7 +134,7 @@ class NodeStatus:
             self._items[item.name] = item
 
     def follow(self, item: Callable[[], StatusItem]) -> None:
-        """Ask for an item anew with every status; `item` must be quick."""
+        """Ask for an item again with every status; `item` must be quick."""
         with self._lock:
             self._followed.append(item)
 

@@ -48,7 +48,7 @@ class _Way:
 
 
 class WalkMap:
-    """Follows one walk. When the odometry is lost or another walk begins, the map starts anew and says so.
+    """Follows one walk. When the odometry is lost or another walk begins, the map starts again and says so.
 
     A scan that is fused may turn out to be wrong: `withdraw` undoes all since `keep`.
     """
@@ -68,7 +68,7 @@ class WalkMap:
 
     @property
     def restarts(self) -> tuple[str, ...]:
-        """Why the map was started anew, each time."""
+        """Why the map was started again, each time."""
         return tuple(self._way.restarts)
 
     def update(
@@ -142,7 +142,7 @@ class WalkMap:
         else:
             self._way.map.take_back()
         self._kept = self._way.copy()
-        # A map that began anew with this pause stands in another `odom` than the one before: nothing of that one.
+        # A map that began again with this pause stands in another `odom` than the one before: nothing of that one.
         known = TerrainMap(self._robot) if began_anew else self._way.map
         self._latest = known.view(
             terrain,
@@ -168,7 +168,7 @@ class WalkMap:
             return self._way.odometry.update(stance)
 
     def _restart(self, reason: str) -> None:
-        logger.warning("the map starts anew: %s", reason)
+        logger.warning("the map starts again: %s", reason)
         self._way.restarts.append(reason)
         self._way.odometry.reset()
         self._way.map = TerrainMap(self._robot)

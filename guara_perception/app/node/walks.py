@@ -35,7 +35,7 @@ class Walks:
         return ""
 
     def epoch_of(self, announcement: StancePause, last: Pause | None) -> str:
-        """The walk that a pause belongs to; where the gait tells none, one that counts anew begins another."""
+        """The walk that a pause belongs to; where the gait gives none, a step that goes back begins another."""
         if last is not None and last.given_epoch and last.given_epoch != announcement.epoch:
             self._past = [*self._past[1 - REMEMBERED :], last.given_epoch]
         if announcement.epoch:

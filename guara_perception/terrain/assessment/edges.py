@@ -88,7 +88,7 @@ def widest_window(kernel: Kernel, resolution: float, limits: TraversabilityLimit
 def clearance(flags: Flags, resolution: float) -> Float:
     """Signed distance to the nearest cell that carries a flag other than EDGE, or to the border [m]; negative inside.
 
-    Distances are from cell centre to the nearer face of the other cell, hence the half cells.
+    Distances are from cell centre to the nearer face of the other cell, which explains the half cells.
     """
     ny, nx = flags.shape
     bad = (flags & ALL_BUT_EDGE) != 0

@@ -16,7 +16,7 @@ So on level ground x, y and heading are left to the prior. So they are on a slop
 heights are off by a millimetre over areas as large as a ramp, which on one of 0.05 looks like 20 mm aside.
 
 Across its stripes a laser scan has an edge where the first stripe beyond it lies: off by up to their spacing, which
-grows with the distance, and always to the same side for the edges that face the robot. Laid one upon the other, such
+grows with the distance, and always to the same side for the edges that face the robot. Laid one on the other, such
 scans would creep. So of a scan of stripes the slopes across them count as level too, and only those along them tell.
 """
 

@@ -1,4 +1,4 @@
-"""`swing`: a way for a foot from where it stands to where it shall stand, over what lies between."""
+"""`swing`: a way for a foot from where it stands to where it will stand, over what lies between."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ def test_a_recording_shows_its_grids_in_order(
 def test_two_walks_of_one_recording_stay_apart(
     tmp_path: Path, robot: RobotModel, paper_terrain: gp.TerrainGrid, paper_scan: gp.Scan, calibration: gp.Calibration
 ) -> None:
-    """A gait that counts anew gives other moments: grids and scans of a step go with the walk that they are of."""
+    """A gait that counts from 0 again gives other moments: grids and scans of a step go with their own walk."""
     path = tmp_path / "walks.mcap"
     with RecordingWriter(path, robot="guara") as writer:
         stamp = 0

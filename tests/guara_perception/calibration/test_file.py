@@ -106,8 +106,8 @@ def test_index_that_was_not_calibrated_is_refused(calibration: gp.Calibration):
 
 
 def nan(content: dict[str, Any], *path: Any) -> None:
-    for step in path[:-1]:
-        content = content[step]
+    for key in path[:-1]:
+        content = content[key]
     content[path[-1]] = float("nan")
 
 

@@ -136,7 +136,7 @@ def test_a_walk_is_played_and_leaves_a_trail(
 
         # Forwards is to the right in the picture.
         assert centre(last) > centre(first) + 20
-        # From the end it begins anew, and stops when asked to.
+        # From the end it begins again, and stops when asked to.
         monkeypatch.setattr(browser, "PLAY_PERIOD_S", 3600.0)
         press(page, "play")
         page.wait_for("document.body.innerText.includes('step 0')")

@@ -1,4 +1,4 @@
-"""Tests of what ROS tools draw: clouds, transforms, markers, camera; read back by rules written here anew."""
+"""Tests of what ROS tools draw: clouds, transforms, markers, camera; read back by rules written here again."""
 
 import numpy as np
 import pytest

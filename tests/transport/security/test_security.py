@@ -164,7 +164,7 @@ def test_endpoints_without_encryption_are_refused(folder: Path, endpoint: str) -
 
 
 def test_a_broken_folder_is_named(folder: Path, tmp_path: Path) -> None:
-    """A folder that is none, a configuration that does not parse and a missing file are distinguished."""
+    """A folder without configuration, one that does not parse and a missing file are distinguished."""
     with pytest.raises(SecurityError, match=r"holds no zenoh.json5.*guara security init"):
         transport.open_client(security=tmp_path)
     (tmp_path / "zenoh.json5").write_text("{ mode: ")

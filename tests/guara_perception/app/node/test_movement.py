@@ -259,7 +259,7 @@ def test_the_node_is_not_moved_by_what_is_said_to_another_robot(bench: Bench) ->
 
 
 def test_walks_have_an_identity(bench: Bench) -> None:
-    """The gait's in BEGIN and grids; one that tells none and counts anew gets another; what comes late is refused."""
+    """The gait's in BEGIN and grids; a gait without one that counts from 0 again gets another; late ones are out."""
     bench.gait.say(5, PausePhase.BEGIN, epoch="walk-a")
     assert {grid.metadata["epoch"] for grid in both(bench, 5)} == {"walk-a"}
     bench.gait.say(5, PausePhase.END, epoch="walk-a")

@@ -97,7 +97,7 @@ def test_declared_ground_that_a_scan_contradicts_is_a_conflict(robot: RobotModel
         (np.eye(3), 0, 0),
     ],
 )
-def test_known_ground_that_is_none_is_refused(outline: Any, height: float, sigma: float) -> None:
+def test_invalid_known_ground_is_refused(outline: Any, height: float, sigma: float) -> None:
     """Two corners, NaN, three columns, infinite height: refused."""
     with pytest.raises(gp.InvalidInput, match="known ground"):
         gp.KnownGround(outline, height, sigma)

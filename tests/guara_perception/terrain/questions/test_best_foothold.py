@@ -89,7 +89,7 @@ def test_the_previous_choice_is_kept_until_another_is_worth_a_third_more() -> No
     ],
 )
 def test_bad_questions_are_refused(arguments: tuple[float, float, float], message: str) -> None:
-    """NaN, negative or absurd radius; a previous choice that is none."""
+    """NaN, negative or absurd radius; a previous choice that is not valid."""
     with pytest.raises(gp.InvalidInput, match=message):
         world(0).best_foothold(*arguments)
     with pytest.raises(gp.InvalidInput, match="must be a Foothold or a pair"):

@@ -57,6 +57,6 @@ def test_points_of_the_body_are_placed_by_the_pose(robot: RobotModel) -> None:
     ],
 )
 def test_bad_questions_are_refused(points: object, frame: str, message: str) -> None:
-    """Points of another shape, a frame that is none, a body whose pose the grid does not know."""
+    """Points of another shape, an unknown frame, a body whose pose the grid does not know."""
     with pytest.raises(gp.InvalidInput, match=message):
         gp.assess_terrain(np.zeros((4, 4)), 0.1).height_scan(points, frame)  # type: ignore[arg-type]

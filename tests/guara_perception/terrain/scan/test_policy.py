@@ -76,7 +76,7 @@ def test_with_little_time_only_the_needed_stripes_are_fired(
 def test_back_to_coarse_only_after_some_clear_pauses(
     robot: RobotModel, make_scan: MakeScan, pairs: np.ndarray, scan_grid: Any
 ) -> None:
-    """Hysteresis: standard goes on until enough pauses in a row were clear; one obstacle starts the count anew."""
+    """Hysteresis: standard goes on until enough pauses in a row were clear; one obstacle starts the count again."""
     policy = gp.ScanPolicy(robot)
     clear, blocked = make_scan(0.0), make_scan(box(scan_grid, 0.7, 0.1, 0.03))
     policy.decide(blocked, pairs)
