@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.forked import ForkedProcess, ForkServer
 from tests.ports import free_endpoint
 from tests.slow_link import SlowLink
 
@@ -42,14 +43,8 @@ def endpoint() -> str:
 class Process:
     """Another process and the lines that it says."""
 
-    def __init__(self, *words: str) -> None:
-        self.popen = subprocess.Popen(
-            [sys.executable, str(PEER), *words],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+    def __init__(self, popen: "subprocess.Popen[str] | ForkedProcess") -> None:
+        self.popen = popen
         self.lines: list[str] = []
         self.errors: list[str] = []
         self._queue: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -98,11 +93,17 @@ class Process:
         return code
 
 
-def _starter() -> Iterator[Callable[..., Process]]:
+def new_program(*words: str) -> "subprocess.Popen[str]":
+    """A new interpreter that runs `peer.py`."""
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    return subprocess.Popen([sys.executable, str(PEER), *words], text=True, **pipes)
+
+
+def starter(launch: Callable[..., "subprocess.Popen[str] | ForkedProcess"]) -> Iterator[Callable[..., Process]]:
     started: list[Process] = []
 
     def begin(*words: str) -> Process:
-        process = Process(*words)
+        process = Process(launch(*words))
         started.append(process)
         process.expect("ready")
         return process
@@ -113,16 +114,30 @@ def _starter() -> Iterator[Callable[..., Process]]:
             process.kill()
 
 
+@pytest.fixture(scope="session")
+def fork_server() -> Iterator[ForkServer]:
+    """Starts processes of `peer.py` where everything is imported already."""
+    server = ForkServer(PEER)
+    yield server
+    server.close()
+
+
 @pytest.fixture
-def start() -> Iterator[Callable[..., Process]]:
+def start(fork_server: ForkServer) -> Iterator[Callable[..., Process]]:
     """Starts a process of `peer.py` and waits until it is ready; all are ended with the test."""
-    yield from _starter()
+    yield from starter(fork_server.start)
+
+
+@pytest.fixture
+def start_program() -> Iterator[Callable[..., Process]]:
+    """As `start`, but each in an interpreter of its own, from its begin to its end."""
+    yield from starter(new_program)
 
 
 @pytest.fixture(scope="module")
-def shared_node() -> Iterator[tuple[Process, str]]:
+def shared_node(fork_server: ForkServer) -> Iterator[tuple[Process, str]]:
     """A node for all tests of a file that do it no harm, and its endpoint."""
-    for begin in _starter():
+    for begin in starter(fork_server.start):
         endpoint = free_endpoint()
         yield begin("node", endpoint), endpoint
 

@@ -17,22 +17,22 @@ import pytest
         ("thread", 0),
     ],
 )
-def test_a_script_that_closes_nothing_ends(start, shared_node, how: str, code: int) -> None:
+def test_a_script_that_closes_nothing_ends(start_program, shared_node, how: str, code: int) -> None:
     """With an open session, a subscription and a callback, the interpreter still ends, with its own code."""
     node, endpoint = shared_node
     node.tell("publish 1")
-    script = start("exit", endpoint, how)
+    script = start_program("exit", endpoint, how)
     assert script.wait() == code
     if how == "raise":
         assert any("crashed as asked" in line for line in script.errors)
 
 
 @pytest.mark.parametrize("how", ["wait_grid", "wait_scan", "wait_connect"])
-def test_ctrl_c_ends_every_wait(start, shared_node, how: str) -> None:
+def test_ctrl_c_ends_every_wait(start_program, shared_node, how: str) -> None:
     """A keyboard interrupt gets through while waiting for a grid, a scan or a connection."""
     node, endpoint = shared_node
     node.tell("publish 1")
-    script = start("exit", endpoint, how)
+    script = start_program("exit", endpoint, how)
     if how == "wait_scan":
         node.expect("scanning")
     script.send(signal.SIGINT)
@@ -40,16 +40,16 @@ def test_ctrl_c_ends_every_wait(start, shared_node, how: str) -> None:
     assert any("KeyboardInterrupt" in line for line in script.errors), script.errors
 
 
-def test_a_node_that_crashes_ends(start, endpoint: str) -> None:
+def test_a_node_that_crashes_ends(start_program, endpoint: str) -> None:
     """An uncaught error in the node's main thread ends its process although it serves and publishes."""
-    node = start("node", endpoint)
+    node = start_program("node", endpoint)
     node.tell("publish 1")
     node.tell("crash")
     assert node.wait() == 1
 
 
-def test_sigterm_ends_a_node(start, endpoint: str) -> None:
+def test_sigterm_ends_a_node(start_program, endpoint: str) -> None:
     """The usual way to stop a service works."""
-    node = start("node", endpoint)
+    node = start_program("node", endpoint)
     node.send(signal.SIGTERM)
     assert node.wait() == -signal.SIGTERM

@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 
 import transport
+from tests.forked import ForkServer
 from tests.ports import free_port
+from tests.transport.conftest import starter
 from transport import PerceptionClient, open_client
 from transport.fleet import robot_states
 from transport.keys import terrain_key
@@ -64,9 +66,8 @@ class Site:
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+def site(tmp_path_factory: pytest.TempPathFactory, fork_server: ForkServer) -> Iterator[Site]:
     """All nine processes."""
-    from tests.transport.conftest import _starter
 
     keys = init_security(tmp_path_factory.mktemp("site") / "keys", robot=ROBOTS)
     ports = {name: free_port() for name in (*ROBOTS, "top", *ROOMS)}
@@ -74,7 +75,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     for room, robots in ROOMS.items():
         make_router(keys, robots, name=room, listen=f"tls/127.0.0.1:{ports[room]}", uplink="top")
     add(keys, "desk", "fleet")
-    for start in _starter():
+    for start in starter(fork_server.start):
         made = Site(keys, {name: f"tls/localhost:{port}" for name, port in ports.items()}, start)
         for name in ports:
             made.run(name)
@@ -103,7 +104,7 @@ MAY = {
 }
 
 
-@pytest.mark.parametrize(("place", "member", "robot"), MAY)
+@pytest.mark.parametrize(("router", "member", "robot"), MAY)
 def test_each_may_do_what_the_table_says_and_nothing_else(
     site: Site, peer, router: str, member: str, robot: str
 ) -> None:
