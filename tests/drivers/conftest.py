@@ -25,6 +25,9 @@ from drivers.emulator import (
 HEIGHT, WIDTH = 256, 320
 ROOT = Path(__file__).resolve().parents[2]
 
+PATIENCE = 180.0
+"""[s] For anything that must happen at all; generous, because the machine may be loaded."""
+
 
 class Scene:
     """A flat grey scene with noise, in which the laser draws one red row."""
@@ -102,7 +105,7 @@ def pattern() -> list[tuple[int, float]]:
     return [(index, -0.14 + 0.46 * index / 69) for index in range(70)]
 
 
-def wait_until(condition: Callable[[], bool], patience: float = 20.0) -> None:
+def wait_until(condition: Callable[[], bool], patience: float = PATIENCE) -> None:
     """Wait until something is so; fail when it is not within `patience` [s]."""
     deadline = time.monotonic() + patience
     while not condition():
@@ -135,7 +138,7 @@ class EmulatorProcess:
 
     def stop(self) -> int:
         self.process.terminate()
-        status = self.process.wait(20)
+        status = self.process.wait(PATIENCE)
         assert self.process.stdout is not None
         self.process.stdout.close()
         return status
@@ -168,6 +171,6 @@ def host() -> Iterator[Callable[..., subprocess.Popen[str]]]:
     for process in started:
         if process.poll() is None:
             process.kill()
-        process.wait(20)
+        process.wait(PATIENCE)
         assert process.stdout is not None
         process.stdout.close()

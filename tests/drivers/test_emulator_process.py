@@ -14,6 +14,7 @@ from drivers.emulator.server import EmulatorServer, decode_fault, encode_fault
 from drivers.emulator.wire import parse_address
 from drivers.errors import BoardInUse, BoardStalled, BoardUnplugged
 from drivers.protocol import Request
+from tests.drivers.conftest import PATIENCE
 
 
 def test_driver_works_on_a_board_in_another_process(emulator_process) -> None:
@@ -55,7 +56,7 @@ def test_a_dead_emulator_is_an_unplugged_board(emulator_process) -> None:
     """When the process ends, the driver sees a device that left the bus."""
     with LaserBoard(backend=remote_backend(emulator_process.address)) as board:
         emulator_process.process.kill()
-        emulator_process.process.wait(20)
+        emulator_process.process.wait(PATIENCE)
         with pytest.raises(BoardUnplugged):
             board.status()
 
@@ -72,7 +73,7 @@ def test_claim_of_a_vanished_host_is_given_back(emulator_process, host, eventual
     with pytest.raises(BoardInUse):
         LaserBoard(backend=backend).open()
     process.kill()
-    process.wait(20)
+    process.wait(PATIENCE)
 
     def opens() -> bool:
         try:
@@ -99,7 +100,7 @@ def test_unix_socket_and_clean_end(tmp_path: Path) -> None:
     with LaserBoard(backend=remote_backend(address)) as board:
         assert board.serial == "U1"
     process.send_signal(signal.SIGTERM)
-    assert process.wait(20) == 0
+    assert process.wait(PATIENCE) == 0
     process.stdout.close()
 
 

@@ -10,6 +10,7 @@ import pytest
 from drivers import guard
 from drivers.emulator import RemoteBoard
 from drivers.protocol import BoardFault
+from tests.drivers.conftest import PATIENCE
 
 OPEN_AND_WAIT = """
 import sys, time
@@ -41,7 +42,7 @@ def test_watchdog_puts_the_laser_out_when_the_host_is_killed(emulator_process, h
     assert far.view().laser_on, "a living host keeps the laser on beyond the watchdog's time"
     killed = time.monotonic()
     process.kill()
-    process.wait(20)
+    process.wait(PATIENCE)
     eventually(lambda: not far.view().laser_on)
     off = far.switchings()[-1]
     # In the emulator's own clock: this is the protocol's limit, not a measure of this machine's speed.
@@ -56,7 +57,7 @@ def test_signals_switch_off_rather_than_wait_for_the_watchdog(
     """A host asked to end says goodbye to the board, without any `with` block."""
     process, far = begin(host, emulator_process.address)
     process.send_signal(number)
-    status = process.wait(20)
+    status = process.wait(PATIENCE)
     assert status == (128 + number if number != signal.SIGINT else -signal.SIGINT)
     assert not far.view().laser_on
     assert BoardFault.WATCHDOG not in BoardFault(far.view().faults)
@@ -66,7 +67,7 @@ def test_signals_switch_off_rather_than_wait_for_the_watchdog(
 def test_end_of_the_program_switches_off(emulator_process, host: Host, then: str) -> None:
     """A program that forgets to close the board leaves it dark at exit, also by an exception."""
     process, far = begin(host, emulator_process.address, then)
-    process.wait(20)
+    process.wait(PATIENCE)
     assert not far.view().laser_on
     assert BoardFault.WATCHDOG not in BoardFault(far.view().faults)
 
@@ -79,7 +80,7 @@ def test_handlers_of_the_program_are_left_alone(emulator_process, host: Host) ->
     assert process.stdout.readline() == "mine\n"
     assert process.poll() is None
     process.send_signal(signal.SIGINT)
-    process.wait(20)
+    process.wait(PATIENCE)
     assert not far.view().laser_on
 
 

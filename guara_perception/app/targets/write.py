@@ -10,7 +10,7 @@ from guara_perception.app.targets.drawings import calibration_board, crosses, la
 from guara_perception.app.targets.sheet import Page, figure_of, pages_of
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.exceptions import InvalidInput
-from guara_perception.whole_file import whole_file
+from guara_perception.whole_file import check_target, whole_file
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
@@ -47,6 +47,7 @@ def write_targets(
 
     if Path(path).suffix.lower() != ".pdf":
         raise InvalidInput(f"{path}: it must end in .pdf")
+    check_target(path)
     sheets = [ruler(), calibration_board(board), crosses(), mat(robot), labels(plates)]
     pages = [page for sheet in sheets for page in pages_of(sheet, paper)]
     # No date inside: the same options give the same bytes.
