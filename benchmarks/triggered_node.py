@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.sweeps import FIRMWARE
+from benchmarks.emulated_sweeps import FIRMWARE
 from drivers import CameraSettings, StripeCapture, usb_link
 from drivers.acquisition import StripeStream
 from drivers.aravis_camera import AravisCamera

@@ -39,7 +39,7 @@ REFUSED_NAMES = {
 }
 NAMES_ALLOWED = {
     "place": (
-        "benchmarks/sweeps.py",
+        "benchmarks/sweep_faults.py",
         "drivers/board_sweep.py",
         "drivers/emulator/sweep.py",
         "drivers/sweep_proof.py",

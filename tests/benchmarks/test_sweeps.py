@@ -6,19 +6,19 @@ import json
 
 import pytest
 
-from benchmarks import sweeps
+from benchmarks import emulated_sweeps, sweep_faults, sweeps
 
 pytestmark = pytest.mark.slow
 
 
 def test_a_triggered_sweep_stays_near_its_bound() -> None:
     """70 stripes at 4 ms of light: all proved, within 1.15 of the bound and 0.65 s."""
-    result = sweeps.triggered(70)
+    result = emulated_sweeps.triggered(70)
     assert result.proved == 70 and result.seconds <= min(1.15 * result.bound, 0.65)
 
 
 def test_no_wrong_stripe_and_every_fault_found() -> None:
-    found = sweeps.faults(12, seed=3)
+    found = sweep_faults.faults(12, seed=3)
     assert found.wrong_stripes == 0 and found.injected == found.found > 20
 
 

@@ -1,0 +1,149 @@
+"""Sweeps of emulated devices in emulated time: triggered by the board in Python or on its chip, and free-running."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from drivers import (
+    AcquireOptions,
+    BoardConfig,
+    Image,
+    LaserBoard,
+    StripeCapture,
+    SweepOptions,
+    acquire,
+    prepare,
+    timing,
+)
+from drivers.camera import Camera, CameraSettings
+from drivers.emulator import (
+    EmulatedBackend,
+    EmulatedBoard,
+    EmulatedCamera,
+    EmulatedClock,
+    EmulatedTriggeredCamera,
+    EmulatorConfig,
+    ExposureView,
+    emulated_backend,
+)
+
+FLASH = 0.004
+# Seconds that a transfer takes on a full-speed bus, for the emulated board.
+BUS_DELAY = 0.0003
+FIRMWARE = Path(__file__).resolve().parents[1] / "firmware" / "guara_board.uf2"
+
+
+def pattern_of(stripes: int) -> list[tuple[int, float]]:
+    """The standard pattern, or every second stripe of it."""
+    every = 70 // stripes
+    return [(index, -0.14 + 0.46 * index / 69) for index in range(0, 70, every)]
+
+
+class Picture:
+    """A small picture with one row of laser; its first two pixels number the exposure."""
+
+    def __init__(self, board: EmulatedBoard | None = None) -> None:
+        """Number the exposures of `board`, if one is given."""
+        self._board = board
+        self._number = 0
+
+    def __call__(self, view: ExposureView, settings: CameraSettings) -> Image:
+        """Draw an exposure."""
+        image = np.full((256, 80, 3), 40, np.uint8)
+        if view.laser_fraction > 0.2:
+            row = 20 + round((view.mirror_angle + 0.15) * 400)
+            image[max(0, row - 1) : row + 2, :, 2] = 200
+        if self._board is not None:
+            starts = [opening[0] for opening in self._board.openings(self._number)]
+            self._number += starts.index(view.start)
+            image[0, :2, 0] = divmod(self._number, 256)
+        return image
+
+
+@contextmanager
+def emulated(config: EmulatorConfig | None = None) -> Iterator[tuple[EmulatedBoard, LaserBoard]]:
+    """An emulated board in emulated time, with the driver on it."""
+    with timing.on_clock(EmulatedClock()):
+        board = EmulatedBoard(config or EmulatorConfig(bus_delay=BUS_DELAY))
+        with LaserBoard(BoardConfig(handle_signals=False), backend=emulated_backend(board)) as driver:
+            yield board, driver
+
+
+def bound_of(driver: LaserBoard, pattern: list[tuple[int, float]], flash: float) -> float:
+    """What moves, settling and flashes take by the board's own account of its motion [s]."""
+    profile = driver.motion_profile()
+    steps = [driver.step_at(angle) for _, angle in pattern]
+    moves = sum(profile.time(after - here) for here, after in zip(steps, steps[1:], strict=False))
+    return moves + len(steps) * (profile.settle + flash)
+
+
+def take(
+    driver: LaserBoard, camera: Camera, pattern: list[tuple[int, float]], options: AcquireOptions
+) -> list[StripeCapture]:
+    """One scan, from the first stripe's place."""
+    prepare(driver, pattern)
+    with camera, acquire(driver, camera, pattern, options) as stripes:
+        return list(stripes)
+
+
+@dataclass(frozen=True, slots=True)
+class Triggered:
+    """A triggered sweep: seconds from the first trigger to the end of the last flash, its bound, proved stripes."""
+
+    stripes: int
+    flash: float
+    seconds: float
+    bound: float
+    proved: int
+
+
+def triggered(stripes: int, flash: float = FLASH, fps: float = 0.0) -> Triggered:
+    """Sweep with the emulated board in Python and a camera of at most `fps` frames per second; 0 for any."""
+    pattern = pattern_of(stripes)
+    with emulated() as (board, driver):
+        board.shutter.wired, board.shutter.exposure = True, flash
+        camera = EmulatedTriggeredCamera(board, board.shutter, Picture(), fps=fps)
+        taken = take(driver, camera, pattern, AcquireOptions(sweep=SweepOptions(flash=flash)))
+        bound = bound_of(driver, pattern, flash)
+        return _result(stripes, flash, np.array(board.triggers()), bound, taken)
+
+
+def triggered_on_chip(stripes: int, flash: float = FLASH) -> Triggered:
+    """The same with the firmware on the emulated chip, and its ramp; needs the extra `firmware`."""
+    from drivers.emulator.chip import Chip, ChipBus, ChipClock, load_firmware
+
+    pattern = pattern_of(stripes)
+    chip = Chip(load_firmware(FIRMWARE))
+    chip.wiring.shutter.wired, chip.wiring.shutter.exposure = True, flash
+    chip.rewire()
+    bus = ChipBus(chip)
+    with (
+        ChipClock(bus),
+        LaserBoard(BoardConfig(handle_signals=False), backend=EmulatedBackend(bus)) as driver,
+    ):
+        camera = EmulatedTriggeredCamera(bus, chip.wiring.shutter, Picture())
+        taken = take(driver, camera, pattern, AcquireOptions(sweep=SweepOptions(flash=flash)))
+        return _result(stripes, flash, np.array(chip.world.triggers) / 1e9, bound_of(driver, pattern, flash), taken)
+
+
+def _result(stripes: int, flash: float, triggers: np.ndarray, bound: float, taken: list[StripeCapture]) -> Triggered:
+    proved = sum(stripe.on is not None and stripe.verdict.in_step for stripe in taken)
+    return Triggered(stripes, flash, float(triggers[-1] - triggers[0] + flash), bound, proved)
+
+
+def free_running(fps: int, stripes: int) -> float:
+    """Seconds from the first command to the last frame with a camera that runs freely."""
+    pattern = pattern_of(stripes)
+    exposure = min(0.008, 0.4 / fps)
+    with emulated() as (board, driver):
+        camera = EmulatedCamera(board, Picture(), fps=fps, exposure=exposure, latency=exposure)
+        prepare(driver, pattern)
+        with camera, acquire(driver, camera, pattern) as stripes_taken:
+            count = sum(1 for _ in stripes_taken)
+        assert count == stripes
+        return stripes_taken.report.duration
