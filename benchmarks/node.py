@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from guara_perception.app.main import ENVIRONMENT
 
@@ -110,8 +111,8 @@ def print_way_to_planner(bench: Bench, first: int, scans: int) -> None:
     made: list[tuple[float, gp.TerrainGrid]] = []
     finish = gp.ScanProcessor.finish
 
-    def noted(processor: gp.ScanProcessor, area: str = "footprint") -> gp.TerrainGrid:
-        terrain = finish(processor, area)
+    def noted(processor: gp.ScanProcessor, area: str = "footprint", **keywords: Any) -> gp.TerrainGrid:
+        terrain = finish(processor, area, **keywords)
         if area == "footprint":
             made.append((time.monotonic(), terrain))
         return terrain

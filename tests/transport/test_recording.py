@@ -114,7 +114,7 @@ def test_log_time_is_the_order_of_writing(tmp_path: Path, peer, monkeypatch: pyt
     from mcap.reader import make_reader
 
     clock = iter([50, 60, 40, *range(70, 200)])
-    monkeypatch.setattr("transport.recording.writer.time.time_ns", lambda: next(clock))
+    monkeypatch.setattr("transport.recording.topic_file.time.time_ns", lambda: next(clock))
     pictures = write_recording(tmp_path / "a.mcap", peer)
     with (tmp_path / "a.mcap").open("rb") as file:
         found = [(c, m) for _, c, m in make_reader(file).iter_messages(log_time_order=False)]

@@ -11,7 +11,7 @@ from typing import Any
 
 from transport.exceptions import RecordingError
 from transport.recording.limits import MAXIMUM_CHUNK, BoundedFile, Unpacker
-from transport.recording.writer import CHUNK_SIZE
+from transport.recording.topic_file import CHUNK_SIZE
 
 # [byte] Longer records are taken as damage; a chunk has 1 MiB, or one frame of a few MiB.
 RECORD_LIMIT = MAXIMUM_CHUNK + 1024 * 1024

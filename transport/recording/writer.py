@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Iterable
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, cast
+from typing import Any, Self
 
 from transport.exceptions import RecordingError
 from transport.keys import DEFAULT_ROBOT
@@ -18,24 +16,10 @@ from transport.messages.submessage_codec import make_stance
 from transport.messages.submessages import StanceMessage
 from transport.messages.terrain_codec import encode_terrain
 from transport.messages.terrain_message import TerrainMessage
-from transport.messages.typestore import message_class, message_definition
-from transport.recording.growing_file import GrowingFile
+from transport.messages.typestore import message_class
 from transport.recording.records import CAMERA_FRAME, FrameRecord, FrameReference, ScanRecord, make_frame
-from transport.recording.topics import (
-    CALIBRATION_NAME,
-    SCAN_END,
-    SCAN_START,
-    STRIPE,
-    TYPES,
-    Topics,
-    quality_of_service,
-)
-
-# [byte] Larger chunks compress no better, and a killed process loses the last one.
-CHUNK_SIZE = 1024 * 1024
-
-# [byte] What a full disk refused is kept in memory up to here, about one scan.
-MAXIMUM_PENDING = 64 * 1024 * 1024
+from transport.recording.topic_file import TopicFile
+from transport.recording.topics import CALIBRATION_NAME, SCAN_END, SCAN_START, STRIPE, TYPES, Topics
 
 NO_STANCE = StanceMessage(joint_positions={}, support_feet=())
 
@@ -72,29 +56,14 @@ class RecordingWriter:
         Raises:
             RecordingError: the file exists or cannot be written.
         """
-        from mcap.writer import CompressionType, Writer
-
         self.path = Path(path)
         self._topics = Topics(robot)
         self._atomic = atomic
-        self._sync = sync
-        self._partial = self.path.with_name(f".{self.path.name}.part") if atomic else self.path
         self._lock = threading.RLock()
-        self._channels: dict[str, int] = {}
-        self._schemas: dict[str, int] = {}
         self._stamps: dict[str, int] = {}
-        self._log_time = 0
         self._scan: ScanRecord | None = None
         self._stripes = 0
-        self._closed = False
-        if self.path.exists():
-            raise RecordingError(f"{self.path} exists; give another name, or remove it first")
-        try:
-            self._file = GrowingFile(self._partial)
-        except OSError as error:
-            raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
-        self._writer = Writer(cast(Any, self._file), chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
-        self._writer.start(profile="ros2", library="guara-perception")
+        self._file = TopicFile(self.path, self._topics, atomic=atomic, sync=sync)
         if calibration is not None:
             self.add_calibration(calibration)
 
@@ -107,16 +76,16 @@ class RecordingWriter:
     ) -> None:
         """Finish the file; an atomic one is dropped when the block was left by an error."""
         if error is not None and self._atomic:
-            self._discard()
+            with self._lock:
+                self._file.discard()
         else:
             self.close()
 
     def add_calibration(self, text: bytes) -> None:
         """Attach the text of a `calibration.json`; the last one counts."""
         with self._lock:
-            self._check_open()
-            self._writer.add_attachment(0, 0, CALIBRATION_NAME, "application/json", text)
-            self.flush()
+            self._file.attach(CALIBRATION_NAME, "application/json", text)
+            self._file.flush()
 
     @property
     def is_scan_open(self) -> bool:
@@ -140,7 +109,7 @@ class RecordingWriter:
                 calibration_hash=scan.calibration_hash,
                 stance=make_stance(scan.stance),
             )
-            self._add_payload("scan/start", encode(message))
+            self._file.add("scan/start", encode(message))
             self._scan, self._stripes = scan, 0
 
     def add_frame(self, frame: FrameRecord, *, laser_on: bool) -> FrameReference:
@@ -154,7 +123,7 @@ class RecordingWriter:
             given = frame.stamp or (self._scan.stamp if self._scan else 0)
             stamp = max(given, self._stamps.get(short, -1) + 1)
             self._stamps[short] = stamp
-            self._add_payload(short, encode(make_frame(frame, stamp)), stamp)
+            self._file.add(short, encode(make_frame(frame, stamp)), stamp)
             return FrameReference(self._topics.name(short), stamp)
 
     def add_stripe(
@@ -194,7 +163,7 @@ class RecordingWriter:
                 off_topic=off_at.topic if off_at else "",
                 off_stamp=make_time(off_at.stamp if off_at else 0),
             )
-            self._add_payload("scan/stripe", encode(message))
+            self._file.add("scan/stripe", encode(message))
             self._stripes += 1
 
     def end_scan(self, *, stance_end: StanceMessage | None = None, stamp: int | None = None) -> None:
@@ -214,9 +183,9 @@ class RecordingWriter:
                 has_stance_end=stance_end is not None,
                 stance_end=make_stance(stance_end or NO_STANCE),
             )
-            self._add_payload("scan/end", encode(message))
+            self._file.add("scan/end", encode(message))
             self._scan = None
-            self.flush()
+            self._file.flush()
 
     def add_terrain(self, terrain: TerrainMessage) -> None:
         """Add a grid of either extent; when this returns it is safe."""
@@ -247,13 +216,13 @@ class RecordingWriter:
                     raise RecordingError(
                         f"topic {short!r} does not take {message.__msgtype__}; topics are {', '.join(TYPES)}"
                     )
-                self._add_payload(short, encode(message))
-            self.flush()
+                self._file.add(short, encode(message))
+            self._file.flush()
 
     def add_status(self, payload: bytes | bytearray) -> None:
         """Add the CDR payload of a status of the node, as it was sent; it is safe with the next that is."""
         with self._lock:
-            self._add_payload("status", payload)
+            self._file.add("status", payload)
 
     def flush(self) -> None:
         """Hand all that was added to the operating system, and to the disk with `sync`.
@@ -262,14 +231,7 @@ class RecordingWriter:
             RecordingError: the disk is full or gone.
         """
         with self._lock:
-            self._check_open()
-            self._writer.flush()
-            try:
-                self._file.append()
-                if self._sync:
-                    self._file.sync()
-            except OSError as error:
-                raise RecordingError(f"cannot write {self.path}: {error.strerror}") from error
+            self._file.flush()
 
     def close(self) -> None:
         """Write the index, and give an atomic file its name; safe to call twice.
@@ -278,56 +240,9 @@ class RecordingWriter:
             RecordingError: the disk is full or gone.
         """
         with self._lock:
-            if self._closed:
-                return
-            self._closed = True
-            try:
-                self._writer.finish()
-                self._file.append()
-                self._file.sync()
-                if self._atomic:
-                    self._partial.replace(self.path)
-            except OSError as error:
-                raise RecordingError(f"cannot finish {self.path}: {error.strerror}") from error
-            finally:
-                self._file.close()
-
-    def _discard(self) -> None:
-        with self._lock:
-            self._closed = True
             self._file.close()
-            self._partial.unlink(missing_ok=True)
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise RecordingError(f"the recording {self.path} is closed")
 
     def _put(self, short: str, payload: bytes | bytearray) -> None:
         with self._lock:
-            self._add_payload(short, payload)
-            self.flush()
-
-    def _add_payload(self, short: str, payload: bytes | bytearray, stamp: int | None = None) -> None:
-        self._check_open()
-        if len(self._file.pending) > MAXIMUM_PENDING:
-            self.flush()
-        # A clock may be set back while it is recorded; readers want the order of writing.
-        self._log_time = max(self._log_time, time.time_ns())
-        self._writer.add_message(
-            self._channel(short), self._log_time, bytes(payload), self._log_time if stamp is None else stamp
-        )
-        # Nothing of this is acknowledged yet: an error shows, if it lasts, when it is.
-        with suppress(OSError):
-            self._file.append()
-
-    def _channel(self, short: str) -> int:
-        if short not in self._channels:
-            name = TYPES[short]
-            if name not in self._schemas:
-                text = message_definition(name).encode()
-                self._schemas[name] = self._writer.register_schema(name, "ros2msg", text)
-            topic = self._topics.name(short)
-            self._channels[short] = self._writer.register_channel(
-                topic, "cdr", self._schemas[name], {"offered_qos_profiles": quality_of_service(short)}
-            )
-        return self._channels[short]
+            self._file.add(short, payload)
+            self._file.flush()

@@ -1,0 +1,129 @@
+"""`TopicFile`: an MCAP file in the making, in which payloads stand by topic; what was flushed survives the process."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, cast
+
+from transport.exceptions import RecordingError
+from transport.messages.typestore import message_definition
+from transport.recording.growing_file import GrowingFile
+from transport.recording.topics import TYPES, Topics, quality_of_service
+
+# [byte] Larger chunks compress no better, and a killed process loses the last one.
+CHUNK_SIZE = 1024 * 1024
+# [byte] What a full disk refused is kept in memory up to here, about one scan.
+MAXIMUM_PENDING = 64 * 1024 * 1024
+
+
+class TopicFile:
+    """Not thread-safe. A topic is known to the file from its first payload on."""
+
+    def __init__(self, path: Path, topics: Topics, *, atomic: bool, sync: bool) -> None:
+        """Create the file; arguments as those of `RecordingWriter`.
+
+        Raises:
+            RecordingError: the file exists or cannot be written.
+        """
+        from mcap.writer import CompressionType, Writer
+
+        self._path, self._topics, self._atomic, self._sync = path, topics, atomic, sync
+        self._partial = path.with_name(f".{path.name}.part") if atomic else path
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._log_time = 0
+        self._closed = False
+        if path.exists():
+            raise RecordingError(f"{path} exists; give another name, or remove it first")
+        try:
+            self._file = GrowingFile(self._partial)
+        except OSError as error:
+            raise RecordingError(f"cannot write {path}: {error.strerror}") from error
+        self._writer = Writer(cast(Any, self._file), chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
+        self._writer.start(profile="ros2", library="guara-perception")
+
+    def attach(self, name: str, kind: str, content: bytes) -> None:
+        """Attach a file's content.
+
+        Raises:
+            RecordingError: the file is closed.
+        """
+        self._check_open()
+        self._writer.add_attachment(0, 0, name, kind, content)
+
+    def add(self, short: str, payload: bytes | bytearray, stamp: int | None = None) -> None:
+        """Add a CDR payload by the name of its topic in `TYPES`; `stamp` [ns] is its publish time, None for now.
+
+        Raises:
+            RecordingError: the file is closed, or what a full disk refused has grown beyond `MAXIMUM_PENDING`.
+        """
+        self._check_open()
+        if len(self._file.pending) > MAXIMUM_PENDING:
+            self.flush()
+        # A clock may be set back while it is recorded; readers want the order of writing.
+        self._log_time = max(self._log_time, time.time_ns())
+        self._writer.add_message(
+            self._channel(short), self._log_time, bytes(payload), self._log_time if stamp is None else stamp
+        )
+        # Nothing of this is acknowledged yet: an error shows, if it lasts, when it is.
+        with suppress(OSError):
+            self._file.append()
+
+    def flush(self) -> None:
+        """Hand all that was added to the operating system, and to the disk with `sync`.
+
+        Raises:
+            RecordingError: the disk is full or gone, or the file is closed.
+        """
+        self._check_open()
+        self._writer.flush()
+        try:
+            self._file.append()
+            if self._sync:
+                self._file.sync()
+        except OSError as error:
+            raise RecordingError(f"cannot write {self._path}: {error.strerror}") from error
+
+    def close(self) -> None:
+        """Write the index, and give an atomic file its name; safe to call twice.
+
+        Raises:
+            RecordingError: the disk is full or gone.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            self._writer.finish()
+            self._file.append()
+            self._file.sync()
+            if self._atomic:
+                self._partial.replace(self._path)
+        except OSError as error:
+            raise RecordingError(f"cannot finish {self._path}: {error.strerror}") from error
+        finally:
+            self._file.close()
+
+    def discard(self) -> None:
+        """Remove what was written."""
+        self._closed = True
+        self._file.close()
+        self._partial.unlink(missing_ok=True)
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise RecordingError(f"the recording {self._path} is closed")
+
+    def _channel(self, short: str) -> int:
+        if short not in self._channels:
+            name = TYPES[short]
+            if name not in self._schemas:
+                text = message_definition(name).encode()
+                self._schemas[name] = self._writer.register_schema(name, "ros2msg", text)
+            topic = self._topics.name(short)
+            self._channels[short] = self._writer.register_channel(
+                topic, "cdr", self._schemas[name], {"offered_qos_profiles": quality_of_service(short)}
+            )
+        return self._channels[short]
