@@ -7,40 +7,28 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
 from typing import Any
-
-import numpy as np
 
 from transport import clock
 from transport.arrays import Percent
 from transport.exceptions import MessageError, ReceiveTimeout
+from transport.grid_publishers import GridPublishers
 from transport.jump_watch import JumpWatch
 from transport.keys import (
     DEFAULT_ROBOT,
     alive_key,
-    grid_map_key,
-    occupancy_key,
-    regions_key,
     run_key,
-    summary_key,
-    terrain_key,
 )
 from transport.liveliness import AliveToken
 from transport.messages.codec import encode
-from transport.messages.compact import encode_compact
-from transport.messages.encodings import cdr, compact
-from transport.messages.grids import grid_map_message, occupancy_message
-from transport.messages.regions_message import RegionsMessage, encode_regions
+from transport.messages.regions_message import RegionsMessage
 from transport.messages.status_message import STATUS_NAME, StatusItem
-from transport.messages.terrain_codec import encode_terrain
-from transport.messages.terrain_message import EXTENTS, LAYERS, Health, TerrainMessage
-from transport.messages.typestore import GRID_MAP, OCCUPANCY, REGIONS, STATUS, SUMMARY, TERRAIN
+from transport.messages.terrain_message import EXTENTS, Health, TerrainMessage
+from transport.messages.typestore import STATUS
 from transport.name_watch import NameWatch
 from transport.node_name import NAME_TIMEOUT, claim_name
 from transport.outbox import Outbox
-from transport.payload import MadeOnce, Payload
-from transport.publisher import LARGE, LARGEST, SMALL, Publisher
+from transport.payload import Payload
 from transport.query import QueryServer
 from transport.resource import Resource
 from transport.ros2 import Ros2Mirror
@@ -50,10 +38,6 @@ from transport.status_reporter import StatusReporter
 from transport.views import ViewSender
 
 logger = logging.getLogger(__name__)
-# Layers of the GridMap: those of float32, the only type that it can hold, and the flags, which are whole numbers
-# below 2^24 and so come through exactly.
-GRID_MAP_LAYERS = (*(name for name, kind in LAYERS.items() if kind.dtype == np.float32), "hazard")
-
 # [s] How long the last word of a scan request waits for its terrain message to be sent.
 SEND_TIMEOUT = 2.0
 
@@ -104,19 +88,7 @@ class PerceptionServer(Resource):
         self._jumps = JumpWatch(robot)
         self._times: list[float] = []
         self._outbox = Outbox()
-        self._terrain = {
-            extent: self._publisher(terrain_key(robot, extent), cdr(TERRAIN), LARGEST if extent == "map" else LARGE)
-            for extent in EXTENTS
-        }
-        self._compact = {
-            extent: self._publisher(terrain_key(robot, extent, "compact"), compact(TERRAIN), LARGE)
-            for extent in EXTENTS
-        }
-        self._occupancy = self._publisher(occupancy_key(robot), cdr(OCCUPANCY), SMALL)
-        self._grid_map = self._publisher(grid_map_key(robot), cdr(GRID_MAP), LARGEST)
-        # Without history: a router on the way may thin it out, and nobody fetches what was left out on purpose.
-        self._summary = Publisher(session, summary_key(robot), latched=False, encoding=cdr(SUMMARY))
-        self._regions = self._publisher(regions_key(robot), cdr(REGIONS), SMALL)
+        self._grids = GridPublishers(session, robot, self._outbox)
         self.views = ViewSender(session, robot=robot)
         self._mirror = None if ros2_domain is None else Ros2Mirror(session, robot=robot, domain=ros2_domain)
         self._draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]] | None = None
@@ -131,10 +103,6 @@ class PerceptionServer(Resource):
         self._names = NameWatch(session, robot, self.run, self._status.changed)
         claim.close()
         super().__init__(session)
-
-    def _publisher(self, key: str, encoding: str, priority: str) -> Publisher:
-        """Of grids: who comes later gets the last, and so does who asks on the key."""
-        return Publisher(self._session, key, priority=priority, encoding=encoding, answers=True)
 
     def next_sequence(self, extent: str) -> int:
         """The sequence number that the next message of one extent must carry; each call gives a new one.
@@ -176,30 +144,16 @@ class PerceptionServer(Resource):
             raise MessageError(f"grid of robot {terrain.robot!r} given to the node of {self.robot!r}")
         if occupancy is not None and occupancy.shape != terrain.shape:
             raise MessageError(f"occupancy has shape {occupancy.shape}; the grid has {terrain.shape}")
-        publisher = self._terrain[terrain.extent]
         with self._lock:
             self._newest[terrain.extent] = terrain
             if self._standing is None and terrain.extent == "footprint":
                 # Nobody tells of pauses here, as in a replay: the newest scan is of the newest.
                 self._step, self._epoch = terrain.step, terrain.epoch
             self._times = [*self._times[-9:], time.monotonic()]
-        lane = terrain.extent
-        self._outbox.post(publisher.key, lambda: publisher.put(encode_terrain(terrain)), lane=lane)
-        small = self._compact[terrain.extent]
-        # Made when somebody reads it: it costs twenty times what the lossless one does.
-        self._outbox.post(small.key, lambda: small.put(lambda: encode_compact(terrain)), lane=lane)
-        if occupancy is not None and terrain.extent == "footprint":
-            self._post_derived(terrain, occupancy)
-        if summary is not None:
-            make = summary
-            self._outbox.post(self._summary.key, lambda: self._summary.put(make), lane=self._summary.key)
-        if regions is not None:
-            self._outbox.post(
-                self._regions.key, lambda: self._regions.put(encode_regions(regions())), lane=self._regions.key
-            )
+        self._grids.post(terrain, occupancy, summary, regions, self._mirror if self._draw is None else None)
         if self._draw is not None:
             draw = self._draw
-            self.mirror(lambda: draw(terrain), lane=lane)
+            self.mirror(lambda: draw(terrain), lane=terrain.extent)
         self._status.changed()
 
     def draw_with(self, draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]]) -> None:
@@ -225,26 +179,6 @@ class PerceptionServer(Resource):
                 mirror.put(name, message.__msgtype__, encode(message))
 
         self._outbox.post(f"ros2 {lane}", send, lane=f"ros2 {lane}")
-
-    def _post_derived(self, terrain: TerrainMessage, occupancy: Percent) -> None:
-        geometry = (terrain.resolution, terrain.origin, terrain.frame_id, terrain.stamp)
-
-        mirror = self._mirror if self._draw is None else None
-
-        def make_occupancy() -> bytearray:
-            return encode(occupancy_message(occupancy, *geometry))
-
-        def make_grid_map() -> bytearray:
-            layers = {name: terrain.layers[name] for name in GRID_MAP_LAYERS}
-            return encode(grid_map_message(layers, *geometry))
-
-        # Made when somebody reads them: planners do not.
-        sent = (
-            (self._occupancy, MadeOnce(make_occupancy), "occupancy", OCCUPANCY),
-            (self._grid_map, MadeOnce(make_grid_map), "grid_map", GRID_MAP),
-        )
-        for publisher, made, name, kind in sent:
-            self._outbox.post(publisher.key, partial(_send, publisher, made, mirror, name, kind), lane=terrain.extent)
 
     def flush(self, timeout: float = SEND_TIMEOUT) -> None:
         """Wait until all grids are sent; ReceiveTimeout when that takes longer than `timeout` [s]."""
@@ -307,7 +241,7 @@ class PerceptionServer(Resource):
             "last_scan_age_s": f"{time.monotonic() - times[-1]:.1f}" if times else "",
             "grids_per_s": f"{(len(times) - 1) / span:.2f}" if span > 0.0 else "0",
             "links": len(self._session.links()),
-            "published": sum(publisher.count for publisher in self._terrain.values()),
+            "published": self._grids.count,
             "superseded": self._outbox.superseded,
             "failed": failed,
             "longest_put_ms": f"{1000.0 * self._outbox.longest:.1f}",
@@ -339,15 +273,7 @@ class PerceptionServer(Resource):
             self._queries,
             self._mirror,
         ]
-        resources += [*self._terrain.values(), *self._compact.values(), self._occupancy, self._grid_map]
-        resources += [self._summary, self._regions, self.views]
+        resources += [self._grids, self.views]
         for resource in resources:
             if resource is not None:
                 resource.close()
-
-
-def _send(publisher: Publisher, made: MadeOnce, mirror: Ros2Mirror | None, name: str, kind: str) -> None:
-    """Put on the own key, and on a topic of ROS 2 where that is mirrored."""
-    publisher.put(made)
-    if mirror is not None:
-        mirror.put(name, kind, made())

@@ -24,8 +24,8 @@ from transport import (
     point_cloud_message,
     text_message,
 )
+from transport.grid_publishers import GRID_MAP_LAYERS
 from transport.recording import CAMERA_FRAME
-from transport.server import GRID_MAP_LAYERS
 
 if TYPE_CHECKING:
     from guara_perception.ranging.stripe_points import StripePoints

@@ -1,0 +1,126 @@
+"""`GridPublishers`: the keys on which a node publishes its grids, and what is made of each grid for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from transport.arrays import Percent
+from transport.keys import grid_map_key, occupancy_key, regions_key, summary_key, terrain_key
+from transport.messages.codec import encode
+from transport.messages.compact import encode_compact
+from transport.messages.encodings import cdr, compact
+from transport.messages.grids import grid_map_message, occupancy_message
+from transport.messages.regions_message import RegionsMessage, encode_regions
+from transport.messages.terrain_codec import encode_terrain
+from transport.messages.terrain_message import EXTENTS, LAYERS, TerrainMessage
+from transport.messages.typestore import GRID_MAP, OCCUPANCY, REGIONS, SUMMARY, TERRAIN
+from transport.outbox import Outbox
+from transport.payload import MadeOnce, Payload
+from transport.publisher import LARGE, LARGEST, SMALL, Publisher
+from transport.ros2 import Ros2Mirror
+from transport.session import Session
+
+# Layers of the GridMap: those of float32, the only type that it can hold, and the flags, which are whole numbers
+# below 2^24 and so come through exactly.
+GRID_MAP_LAYERS = (*(name for name, kind in LAYERS.items() if kind.dtype == np.float32), "hazard")
+
+
+class GridPublishers:
+    """Everything is encoded and sent on threads of the outbox; grids of one extent never wait for the other's."""
+
+    def __init__(self, session: Session, robot: str, outbox: Outbox) -> None:
+        """Declare the keys.
+
+        Args:
+            session: open session of the node.
+            robot: instance name.
+            outbox: of the node; closed by who made it, before these.
+
+        Raises:
+            SessionClosed: the session is closed.
+        """
+        self._outbox = outbox
+
+        def latched(key: str, encoding: str, priority: str) -> Publisher:
+            """Who comes later gets the last, and so does who asks on the key."""
+            return Publisher(session, key, priority=priority, encoding=encoding, answers=True)
+
+        self._terrain = {
+            extent: latched(terrain_key(robot, extent), cdr(TERRAIN), LARGEST if extent == "map" else LARGE)
+            for extent in EXTENTS
+        }
+        self._compact = {
+            extent: latched(terrain_key(robot, extent, "compact"), compact(TERRAIN), LARGE) for extent in EXTENTS
+        }
+        self._occupancy = latched(occupancy_key(robot), cdr(OCCUPANCY), SMALL)
+        self._grid_map = latched(grid_map_key(robot), cdr(GRID_MAP), LARGEST)
+        # Without history: a router on the way may thin it out, and nobody fetches what was left out on purpose.
+        self._summary = Publisher(session, summary_key(robot), latched=False, encoding=cdr(SUMMARY))
+        self._regions = latched(regions_key(robot), cdr(REGIONS), SMALL)
+
+    @property
+    def count(self) -> int:
+        """Terrain messages that were put."""
+        return sum(publisher.count for publisher in self._terrain.values())
+
+    def post(
+        self,
+        terrain: TerrainMessage,
+        occupancy: Percent | None,
+        summary: Callable[[], Payload] | None,
+        regions: Callable[[], RegionsMessage] | None,
+        mirror: Ros2Mirror | None,
+    ) -> None:
+        """Hand over a grid and what is derived from it; arguments as those of `PerceptionServer.publish`.
+
+        `mirror` takes occupancy and grid map for ROS 2 too; None where that is not wanted.
+        """
+        publisher, lane = self._terrain[terrain.extent], terrain.extent
+        self._outbox.post(publisher.key, lambda: publisher.put(encode_terrain(terrain)), lane=lane)
+        small = self._compact[terrain.extent]
+        # Made when somebody reads it: it costs twenty times what the lossless one does.
+        self._outbox.post(small.key, lambda: small.put(lambda: encode_compact(terrain)), lane=lane)
+        if occupancy is not None and terrain.extent == "footprint":
+            self._post_derived(terrain, occupancy, mirror)
+        if summary is not None:
+            make = summary
+            self._outbox.post(self._summary.key, lambda: self._summary.put(make), lane=self._summary.key)
+        if regions is not None:
+            self._outbox.post(
+                self._regions.key, lambda: self._regions.put(encode_regions(regions())), lane=self._regions.key
+            )
+
+    def close(self) -> None:
+        """Take back the keys."""
+        for publisher in (*self._terrain.values(), *self._compact.values(), self._occupancy, self._grid_map):
+            publisher.close()
+        self._summary.close()
+        self._regions.close()
+
+    def _post_derived(self, terrain: TerrainMessage, occupancy: Percent, mirror: Ros2Mirror | None) -> None:
+        geometry = (terrain.resolution, terrain.origin, terrain.frame_id, terrain.stamp)
+
+        def make_occupancy() -> bytearray:
+            return encode(occupancy_message(occupancy, *geometry))
+
+        def make_grid_map() -> bytearray:
+            layers = {name: terrain.layers[name] for name in GRID_MAP_LAYERS}
+            return encode(grid_map_message(layers, *geometry))
+
+        # Made when somebody reads them: planners do not.
+        sent = (
+            (self._occupancy, MadeOnce(make_occupancy), "occupancy", OCCUPANCY),
+            (self._grid_map, MadeOnce(make_grid_map), "grid_map", GRID_MAP),
+        )
+        for publisher, made, name, kind in sent:
+            self._outbox.post(publisher.key, partial(_send, publisher, made, mirror, name, kind), lane=terrain.extent)
+
+
+def _send(publisher: Publisher, made: MadeOnce, mirror: Ros2Mirror | None, name: str, kind: str) -> None:
+    """Put on the own key, and on a topic of ROS 2 where that is mirrored."""
+    publisher.put(made)
+    if mirror is not None:
+        mirror.put(name, kind, made())
