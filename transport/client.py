@@ -6,11 +6,12 @@ import logging
 import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from transport import clock
-from transport.exceptions import MessageError, ReceiveTimeout, ScannerGone, ScannerUnavailable, StaleTerrain
+from transport.exceptions import MessageError, StaleTerrain
 from transport.grid_judge import G, GridJudge
+from transport.grid_waiter import SETTLE, GridWaiter
 from transport.keys import DEFAULT_ROBOT, check_encoding, query_key, regions_key, summary_key, terrain_key
 from transport.messages.regions_message import RegionsMessage, decode_regions
 from transport.messages.scan_messages import ScanReply
@@ -26,14 +27,8 @@ from transport.scan_client import request_grid
 from transport.seldom import Seldom
 from transport.session import Session
 
-# [s] After subscribing, the last grid and the node's sign of life are there within this time: measured below 0.1 s on
-# a free machine, the rest is for a busy one. Only who asks in vain waits that long.
-SETTLE = 2.0
 # [s] A node that lives and has a grid hands it over within this time, over a slow link or from a busy machine.
 FIRST_GRID = 5.0
-# [s] A grid of a later pause than the one asked for may be of a walk that is over: when the robot does not stand, the
-# BEGIN of the next walk may be on its way.
-NEWS = 1.0
 
 logger = logging.getLogger(__name__)
 
@@ -61,10 +56,10 @@ class PerceptionClient:
         self._session = session
         self._receivers: dict[str, NewestReceiver[TerrainMessage]] = {}
         self._since: dict[str, float] = {}
-        self._summaries: NewestReceiver[SummaryMessage] | None = None
-        self._regions: NewestReceiver[RegionsMessage] | None = None
+        self._made_of_map: dict[str, NewestReceiver[Any]] = {}
         self._start = time.monotonic()
         self._judge = GridJudge(session, robot)
+        self._waiter = GridWaiter(self._judge, robot)
 
     def __enter__(self) -> Self:
         """The client itself."""
@@ -142,7 +137,7 @@ class PerceptionClient:
             if self.is_alive:
                 older = "" if self._encoding == "lossless" else "; nodes of earlier versions have none in 'compact'"
                 raise StaleTerrain(f"the node of {self.robot!r} runs, but has published no {extent} grid yet{older}")
-            raise self._unavailable()
+            raise self._waiter.unavailable()
         return self._judge.check(received, max_age, wait=SETTLE)
 
     def summary(self, *, timeout: float, max_age: float | None = None) -> SummaryMessage:
@@ -160,69 +155,29 @@ class PerceptionClient:
             ReceiveTimeout: none came although the node lives.
             ScannerGone, ScannerUnavailable: none came, and the node went away or was never seen.
         """
-        if self._summaries is None:
-            self._summaries = NewestReceiver(
-                self._session,
-                summary_key(self.robot),
-                decode_summary,
-                latched=False,
-                refusal=lambda summary: self._judge.refusal(summary, SummaryMessage.extent),
-            )
-        return self._newest_of(self._summaries, timeout, max_age)
+        receiver = self._of_map(SummaryMessage.extent, summary_key(self.robot), decode_summary, latched=False)
+        return self._waiter.newest(receiver, timeout, max_age)
 
     def regions(self, *, timeout: float, max_age: float | None = None) -> RegionsMessage:
         """The steppable regions of the newest map that may still be used, waited for as in `summary`.
 
         Arguments and errors as in `summary`, but the last that were sent are had too.
         """
-        if self._regions is None:
-            self._regions = NewestReceiver(
-                self._session,
-                regions_key(self.robot),
-                decode_regions,
-                refusal=lambda regions: self._judge.refusal(regions, RegionsMessage.extent),
+        receiver = self._of_map(RegionsMessage.extent, regions_key(self.robot), decode_regions)
+        return self._waiter.newest(receiver, timeout, max_age)
+
+    def _of_map(
+        self, extent: str, key: str, decode: Callable[[bytes], G], *, latched: bool = True
+    ) -> NewestReceiver[G]:
+        """The receiver of what is made of the map, subscribed to when first asked for."""
+        if extent not in self._made_of_map:
+            self._made_of_map[extent] = NewestReceiver(
+                self._session, key, decode, latched=latched, refusal=lambda made: self._judge.refusal(made, extent)
             )
-        return self._newest_of(self._regions, timeout, max_age)
-
-    def _newest_of(self, receiver: NewestReceiver[G], timeout: float, max_age: float | None) -> G:
-        stale: StaleTerrain | None = None
-
-        def accepts(received: Received[G]) -> bool:
-            nonlocal stale
-            try:
-                self._judge.check(received, max_age, wait=SETTLE)
-            except StaleTerrain as error:
-                stale = error
-                return False
-            return True
-
-        try:
-            return receiver.wait_until(accepts, timeout).message
-        except ReceiveTimeout as error:
-            if stale is not None:
-                raise stale from error
-            raise self._not_received(error, "") from error
-
-    def _not_received(self, error: ReceiveTimeout, stale: str) -> ReceiveTimeout | ScannerGone | ScannerUnavailable:
-        """Why nothing came in time, by what is known of the node."""
-        if self.is_alive:
-            return ReceiveTimeout(f"{error}{stale}")
-        if self._judge.node.was_seen:
-            return ScannerGone(f"{error}{stale}; the node of {self.robot!r} went away")
-        return self._unavailable(f"{error}{stale}; ")
+        return self._made_of_map[extent]
 
     def _first(self, extent: str, within: float) -> Received[TerrainMessage] | None:
-        left = self._since[extent] + within - time.monotonic()
-        try:
-            return self.receiver(extent).wait_for(lambda _: True, max(0.0, left))
-        except ReceiveTimeout:
-            return None
-
-    def _unavailable(self, found: str = "") -> ScannerUnavailable:
-        return ScannerUnavailable(
-            f"{found}no node of robot {self.robot!r} is to be seen: none runs on this router, the instance name "
-            f"differs, or this side may not read (the role of its certificate)"
-        )
+        return self._waiter.first(self.receiver(extent), self._since[extent] + within - time.monotonic())
 
     def receive(
         self,
@@ -247,23 +202,7 @@ class PerceptionClient:
             ScannerGone: none came, and the node went away.
             ScannerUnavailable: none came, and no node was ever seen.
         """
-        stale = ""
-
-        def accepts(received: Received[TerrainMessage]) -> bool:
-            nonlocal stale
-            if not predicate(received.message):
-                return False
-            try:
-                self._judge.check(received, max_age, wait=SETTLE)
-            except StaleTerrain as error:
-                stale = f"; {error}"
-                return False
-            return True
-
-        try:
-            return self.receiver(extent).wait_until(accepts, timeout, after=after)
-        except ReceiveTimeout as error:
-            raise self._not_received(error, stale) from error
+        return self._waiter.wait(self.receiver(extent), predicate, timeout, max_age, after=after)
 
     def wait_for(
         self,
@@ -296,17 +235,8 @@ class PerceptionClient:
             confirmed: do not take a provisional one.
             max_age: as in `receive`.
         """
-
-        def accepts(terrain: TerrainMessage) -> bool:
-            if terrain.step < step or (confirmed and terrain.provisional):
-                return False
-            if epoch is not None:
-                return terrain.epoch == epoch
-            if terrain.step > step:
-                self._judge.wait_for_news(NEWS)
-            return True
-
-        return self.wait_for(accepts, timeout=timeout, extent=extent, max_age=max_age)
+        predicate = self._waiter.is_of_step(step, epoch, confirmed=confirmed)
+        return self.wait_for(predicate, timeout=timeout, extent=extent, max_age=max_age)
 
     def on_terrain(
         self, callback: Callable[[TerrainMessage], None], *, extent: str = "footprint", max_age: float | None = None
@@ -344,7 +274,7 @@ class PerceptionClient:
         """
         receiver = self.receiver()
         if not self.wait_until_alive(min(timeout, SETTLE)):
-            raise self._unavailable()
+            raise self._waiter.unavailable()
         return request_grid(
             self._session,
             receiver,
