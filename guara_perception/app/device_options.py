@@ -47,7 +47,13 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--camera", help=camera),
         click.option("--trigger", metavar="LINE", help=trigger),
         click.option("--fps", type=click.FloatRange(min=0.1), help="frames per second to ask of the camera"),
-        click.option("--off-frames", type=off_frames, default="one", show_default=True),
+        click.option(
+            "--off-frames",
+            type=off_frames,
+            default="one",
+            show_default=True,
+            help="frames with the laser off: one for the scan, one per stripe (in changing light), or none",
+        ),
     )
 
     @functools.wraps(command)

@@ -101,7 +101,7 @@ def camera(emulated: EmulatedBoard, scene: Scene) -> Iterator[EmulatedCamera]:
 
 
 @pytest.fixture
-def pattern() -> list[tuple[int, float]]:
+def firing_order() -> list[tuple[int, float]]:
     return [(index, -0.14 + 0.46 * index / 69) for index in range(70)]
 
 

@@ -24,11 +24,13 @@ pytestmark = pytest.mark.usefixtures("emulated_time")
 @pytest.mark.slow
 @pytest.mark.parametrize("off", ALL_MODES)
 def test_a_scan_brings_every_stripe_in_step(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, scene, pattern: list, off: OffFrames
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, scene, firing_order: list, off: OffFrames
 ) -> None:
     """Each index once and in order, the stripe in each picture where its own mirror angle puts it."""
     rows = []
-    with acquire(board, camera, pattern, options(off), band=lambda index: band_of(scene, pattern[index][1])) as stripes:
+    with acquire(
+        board, camera, firing_order, options(off), band=lambda index: band_of(scene, firing_order[index][1])
+    ) as stripes:
         for stripe in stripes:
             assert stripe.on is not None
             excess = stripe.on[:, :, 2].astype(int) - stripe.on[:, :, 1]
@@ -53,102 +55,107 @@ def band_of(scene, angle: float) -> tuple[int, int]:
     return row - 6, row + 7
 
 
-def test_shared_off_frame_is_one_array(board: LaserBoard, camera: EmulatedCamera, pattern: list) -> None:
+def test_shared_off_frame_is_one_array(board: LaserBoard, camera: EmulatedCamera, firing_order: list) -> None:
     """With one off frame, all stripes carry the same, and its stamp is before theirs."""
-    with acquire(board, camera, pattern[:5], options(OffFrames.ONE)) as stripes:
+    with acquire(board, camera, firing_order[:5], options(OffFrames.ONE)) as stripes:
         taken = list(stripes)
     assert all(stripe.off is taken[0].off and stripe.off_stamp < stripe.on_stamp for stripe in taken)
     assert not taken[0].on.flags.writeable
 
 
 @pytest.mark.slow
-def test_even_stripes_first_stay_in_step(board: LaserBoard, camera: EmulatedCamera, pattern: list) -> None:
+def test_even_stripes_first_stay_in_step(board: LaserBoard, camera: EmulatedCamera, firing_order: list) -> None:
     """The even stripes, then those between: all in step, in the order asked for."""
-    order = sorted(pattern, key=lambda stripe: stripe[0] % 2)
+    order = sorted(firing_order, key=lambda stripe: stripe[0] % 2)
     with acquire(board, camera, order, options(OffFrames.ONE)) as stripes:
         taken = [stripe.index for stripe in stripes]
         assert stripes.report.in_step
     assert taken == [index for index, _ in order]
 
 
-def test_replayed_frames_go_to_their_stripes(board: LaserBoard, scene, pattern: list) -> None:
+def test_replayed_frames_go_to_their_stripes(board: LaserBoard, scene, firing_order: list) -> None:
     """A recording replays in the order of the scan; when it is too short, the scan says so and keeps what it has."""
     frames = []
-    for _, angle in pattern[:4]:
+    for _, angle in firing_order[:4]:
         for lit in (1.0, 0.0):
             view = type("View", (), {"laser_fraction": lit, "mirror_angle": angle})()
             frames.append(scene(view, type("Settings", (), {"exposure": 0.002})()))
-    with ReplayCamera(frames) as tape, acquire(board, tape, pattern[:4], options(OffFrames.PER_STRIPE)) as stripes:
+    with ReplayCamera(frames) as tape, acquire(board, tape, firing_order[:4], options(OffFrames.PER_STRIPE)) as stripes:
         for index, stripe in enumerate(stripes):
             np.testing.assert_array_equal(stripe.on, frames[2 * index])
             np.testing.assert_array_equal(stripe.off, frames[2 * index + 1])
         assert stripes.report.in_step
-    with ReplayCamera(frames[:5]) as tape, acquire(board, tape, pattern[:4], options(OffFrames.PER_STRIPE)) as stripes:
+    with (
+        ReplayCamera(frames[:5]) as tape,
+        acquire(board, tape, firing_order[:4], options(OffFrames.PER_STRIPE)) as stripes,
+    ):
         with pytest.raises(CameraEnded, match="no frame after the 5 it played"):
             list(stripes)
         assert [index for index, _ in stripes.report.verdicts] == [0, 1]
         assert "no frame after" in (stripes.report.failure or "")
 
 
-def test_a_camera_of_unknown_lag_is_in_step_too(board: LaserBoard, camera: EmulatedCamera, pattern: list) -> None:
+def test_a_camera_of_unknown_lag_is_in_step_too(board: LaserBoard, camera: EmulatedCamera, firing_order: list) -> None:
     """Frames are thrown away after every change instead."""
     camera.lag = None
-    with acquire(board, camera, pattern[:10], options(OffFrames.PER_STRIPE)) as stripes:
+    with acquire(board, camera, firing_order[:10], options(OffFrames.PER_STRIPE)) as stripes:
         assert len(list(stripes)) == 10
         report = stripes.report
     assert report.in_step and report.frames_skipped >= 2 * 20
 
 
 @pytest.mark.slow
-def test_a_lag_set_too_short_is_found_out(emulated: EmulatedBoard, board: LaserBoard, scene, pattern: list) -> None:
+def test_a_lag_set_too_short_is_found_out(
+    emulated: EmulatedBoard, board: LaserBoard, scene, firing_order: list
+) -> None:
     """With a camera that is slower than it says, frames belong to earlier commands, and the proof says so."""
     with EmulatedCamera(emulated, scene, fps=100.0, exposure=0.002, latency=0.015) as camera:
         camera.lag = 0.0
-        with acquire(board, camera, pattern[:20], options(OffFrames.PER_STRIPE)) as stripes:
+        with acquire(board, camera, firing_order[:20], options(OffFrames.PER_STRIPE)) as stripes:
             list(stripes)
         assert not stripes.report.in_step
         assert any("lag" in problem for problem in stripes.report.problems)
 
 
 def test_prepare_counts_the_steps_lost_in_a_scan(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list
 ) -> None:
     """Homing between scans finds what the pictures cannot: a few steps lost in the middle."""
-    assert prepare(board, pattern) == 0
+    assert prepare(board, firing_order) == 0
     emulated.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=10, amount=12))
-    with acquire(board, camera, pattern[:20], options(OffFrames.ONE)) as stripes:
+    with acquire(board, camera, firing_order[:20], options(OffFrames.ONE)) as stripes:
         list(stripes)
-    assert prepare(board, pattern) == 12
-    assert emulated.view().mirror_angle == pytest.approx(pattern[0][1], abs=1e-4)
+    assert prepare(board, firing_order) == 12
+    assert emulated.view().mirror_angle == pytest.approx(firing_order[0][1], abs=1e-4)
     assert not board.status().faults
-    assert prepare(board, pattern) == 0
+    assert prepare(board, firing_order) == 0
 
 
 def test_a_large_loss_of_steps_shows_in_the_band(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, scene, pattern: list
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, scene, firing_order: list
 ) -> None:
     """Lost by two stripes, the sweep leaves the rows where it can be."""
     emulated.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=10, amount=160))
-    bands = {index: band_of(scene, angle) for index, angle in pattern}
-    with acquire(board, camera, pattern[:20], options(OffFrames.ONE), band=bands.__getitem__) as stripes:
+    bands = {index: band_of(scene, angle) for index, angle in firing_order}
+    with acquire(board, camera, firing_order[:20], options(OffFrames.ONE), band=bands.__getitem__) as stripes:
         verdicts = {stripe.index: stripe.verdict for stripe in stripes}
     assert not stripes.report.in_step
     assert verdicts[5] is StripeVerdict.OK and verdicts[15] is StripeVerdict.OUT_OF_BAND
 
 
 def test_a_scan_finds_home_and_clears_faults_by_itself(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list
 ) -> None:
     """A board fresh from power-up scans without preparation."""
     emulated.unplug()
     emulated.replug()
-    with acquire(board, camera, pattern[:5], options(OffFrames.ONE)) as stripes:
+    with acquire(board, camera, firing_order[:5], options(OffFrames.ONE)) as stripes:
         assert len(list(stripes)) == 5
         assert stripes.report.in_step
 
 
 @pytest.mark.slow
-def test_a_watchdog_that_bit_in_mid_scan_is_reported(emulated: EmulatedBoard, scene, pattern: list) -> None:
+def test_a_watchdog_that_bit_in_mid_scan_is_reported(emulated: EmulatedBoard, scene, firing_order: list) -> None:
     """A host that fell asleep for 0.5 s: the scan goes on, and says that the laser was out meanwhile."""
     short = EmulatedBoard()
     with (
@@ -163,23 +170,23 @@ def test_a_watchdog_that_bit_in_mid_scan_is_reported(emulated: EmulatedBoard, sc
             return real(timeout)
 
         camera.grab = grab  # type: ignore[method-assign]
-        with acquire(board, camera, pattern[:6], options(OffFrames.ONE)) as stripes:
+        with acquire(board, camera, firing_order[:6], options(OffFrames.ONE)) as stripes:
             verdicts = [stripe.verdict for stripe in stripes]
         assert len(verdicts) == 6 and verdicts[0] is StripeVerdict.DARK
         assert any("put the laser out 1 times" in problem for problem in stripes.report.problems)
         assert BoardFault.WATCHDOG not in board.status().faults
 
 
-def test_misuse_is_refused_in_words(board: LaserBoard, camera: EmulatedCamera, pattern: list) -> None:
+def test_misuse_is_refused_in_words(board: LaserBoard, camera: EmulatedCamera, firing_order: list) -> None:
     """No with block, no stripes, an angle beyond the travel: each before anything moves."""
     with pytest.raises(AcquisitionNotEntered, match=r"with acquire\(\.\.\.\) as stripes"):
-        list(acquire(board, camera, pattern))
+        list(acquire(board, camera, firing_order))
     with pytest.raises(AcquisitionNotEntered, match=r"with acquire\(\.\.\.\) as stripes"):
-        list(acquire(board, camera, pattern).groups())
+        list(acquire(board, camera, firing_order).groups())
     with pytest.raises(BadFiringOrder, match="holds no stripe"):
         acquire(board, camera, [])
     with pytest.raises(MirrorOutOfRange, match="travel is"), acquire(board, camera, [(0, 1.0)]):
-        pytest.fail("a pattern beyond the travel must not begin")
+        pytest.fail("a firing order beyond the travel must not begin")
 
 
 @pytest.mark.parametrize(

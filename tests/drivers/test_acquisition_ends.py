@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("emulated_time")
 @pytest.mark.parametrize("off", ALL_MODES)
 @pytest.mark.parametrize("last", [0, 1, 34, 35, 69])
 def test_a_pause_that_ends_leaves_a_partial_scan(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list, off: OffFrames, last: int
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list, off: OffFrames, last: int
 ) -> None:
     """Stopped while stripe `last` is on its way: what came before is there, the rest missing, the laser off."""
     streams: list[StripeStream] = []
@@ -29,7 +29,7 @@ def test_a_pause_that_ends_leaves_a_partial_scan(
     def pause_is_over() -> bool:
         return bool(streams) and len(streams[0]._worker.fired) > last
 
-    scan = acquire(board, camera, pattern, options(off, queue_size=80), should_stop=pause_is_over)
+    scan = acquire(board, camera, firing_order, options(off, queue_size=80), should_stop=pause_is_over)
     streams.append(scan)
     with scan as stream:
         taken = [stripe.index for stripe in stream]
@@ -39,23 +39,23 @@ def test_a_pause_that_ends_leaves_a_partial_scan(
     assert report.fired == tuple(range(last + 1)), "a stripe that was lit but has no frame counts as fired"
     assert report.missing == tuple(range(last, 70))
     assert not emulated.view().laser_on
-    with acquire(board, camera, pattern[:3], options(off)) as again:
+    with acquire(board, camera, firing_order[:3], options(off)) as again:
         assert len(list(again)) == 3
 
 
-def test_a_scan_that_may_not_begin_is_empty(board: LaserBoard, camera: EmulatedCamera, pattern: list) -> None:
+def test_a_scan_that_may_not_begin_is_empty(board: LaserBoard, camera: EmulatedCamera, firing_order: list) -> None:
     """A pause already over yields nothing and fires nothing."""
-    with acquire(board, camera, pattern, should_stop=lambda: True) as stripes:
+    with acquire(board, camera, firing_order, should_stop=lambda: True) as stripes:
         assert list(stripes) == []
         assert stripes.report.fired == () and not stripes.report.in_step
 
 
 @pytest.mark.parametrize("off", ALL_MODES)
 def test_an_exception_in_the_loop_puts_the_laser_out(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list, off: OffFrames
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list, off: OffFrames
 ) -> None:
     """Whatever the caller's code raises, the laser is off when the block has been left, and stays off."""
-    with pytest.raises(ZeroDivisionError), acquire(board, camera, pattern, options(off)) as stripes:
+    with pytest.raises(ZeroDivisionError), acquire(board, camera, firing_order, options(off)) as stripes:
         for stripe in stripes:
             if stripe.index == 5:
                 raise ZeroDivisionError
@@ -66,14 +66,14 @@ def test_an_exception_in_the_loop_puts_the_laser_out(
 
 
 def test_laser_is_out_as_soon_as_the_scan_has_ended(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list
 ) -> None:
     """Not only when the block is left: the caller may take its time over the last stripe."""
     streams: list[StripeStream] = []
     scan = acquire(
         board,
         camera,
-        pattern,
+        firing_order,
         options(OffFrames.ONE),
         should_stop=lambda: bool(streams) and len(streams[0]._worker.fired) > 3,
     )
@@ -84,7 +84,7 @@ def test_laser_is_out_as_soon_as_the_scan_has_ended(
 
 
 def test_laser_goes_out_although_the_camera_hangs(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list
 ) -> None:
     """The thread of the scan sits in a grab; leaving the block puts the laser out without waiting for it."""
     real, outcome = camera.grab, []
@@ -98,7 +98,7 @@ def test_laser_goes_out_although_the_camera_hangs(
         return real(timeout)
 
     camera.grab = grab  # type: ignore[method-assign]
-    with pytest.raises(ZeroDivisionError), acquire(board, camera, pattern, options(OffFrames.ONE)):
+    with pytest.raises(ZeroDivisionError), acquire(board, camera, firing_order, options(OffFrames.ONE)):
         while not emulated.view().laser_on:
             time.sleep(0.002)
         raise ZeroDivisionError
@@ -107,10 +107,10 @@ def test_laser_goes_out_although_the_camera_hangs(
 
 
 def test_leaving_the_loop_early_ends_the_scan(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list
 ) -> None:
     """`break` is enough; the report tells what was handed out."""
-    with acquire(board, camera, pattern, options(OffFrames.ONE)) as stripes:
+    with acquire(board, camera, firing_order, options(OffFrames.ONE)) as stripes:
         for stripe in stripes:
             if stripe.index == 3:
                 break
@@ -121,10 +121,10 @@ def test_leaving_the_loop_early_ends_the_scan(
 
 @pytest.mark.parametrize("off", [OffFrames.ONE, OffFrames.PER_STRIPE])
 def test_a_slow_caller_makes_the_scan_wait_in_the_dark(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list, off: OffFrames, eventually
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list, off: OffFrames, eventually
 ) -> None:
     """A full queue pauses the scan with the laser off; afterwards it goes on in step, nothing counts as dropped."""
-    with acquire(board, camera, pattern[:12], options(off, queue_size=2)) as stripes:
+    with acquire(board, camera, firing_order[:12], options(off, queue_size=2)) as stripes:
         iterator = iter(stripes)
         taken = [next(iterator)]
         eventually(lambda: stripes._worker.items.full() and not emulated.view().laser_on)

@@ -14,7 +14,7 @@ from drivers.emulator import (
 from drivers.errors import BoardError, CameraTimeout, LaserDead, LaserRefused, LaserStuckOn
 from drivers.protocol import Request
 
-PATTERN = [(index, -0.1 + 0.02 * index) for index in range(12)]
+FIRING_ORDER = [(index, -0.1 + 0.02 * index) for index in range(12)]
 PHASES = {  # where in the scan a transfer fails: which command, how many pass first
     "before the first stripe": (Request.GO_TO, 0),
     "laser on": (Request.LASER, 1),
@@ -38,7 +38,7 @@ def scan(board: LaserBoard, camera: EmulatedCamera, off: OffFrames = OffFrames.O
     """Take a scan; return its stripes, its report and the error that ended it."""
     taken, failure = [], None
     choices = AcquireOptions(off=off, frame_timeout=0.5)
-    with acquire(board, camera, PATTERN, choices) as stripes:
+    with acquire(board, camera, FIRING_ORDER, choices) as stripes:
         try:
             for stripe in stripes:
                 taken.append(stripe)
@@ -62,7 +62,7 @@ def next_scan_is_whole(board: LaserBoard, camera: EmulatedCamera, emulated: Emul
     emulated.replug()
     camera.faults.clear()
     taken, report, failure = scan(board, camera)
-    assert failure is None and len(taken) == len(PATTERN) and report.in_step and not report.problems
+    assert failure is None and len(taken) == len(FIRING_ORDER) and report.in_step and not report.problems
 
 
 @pytest.mark.slow
@@ -95,7 +95,7 @@ def test_lasting_transfer_faults_end_the_scan(
     emulated.inject(Fault(kind, Request.GO_TO, skip=6, count=3))
     taken, report, failure = scan(quick_board, camera)
     assert isinstance(failure, BoardError) and "asked 3 times" in str(failure)
-    assert 0 < len(taken) < len(PATTERN) and report.missing
+    assert 0 < len(taken) < len(FIRING_ORDER) and report.missing
     assert not emulated.view().laser_on
     next_scan_is_whole(quick_board, camera, emulated)
 
@@ -120,7 +120,7 @@ def test_stuck_laser_ends_the_scan(
     _, _, failure = scan(quick_board, camera, off)
     assert isinstance(failure, LaserStuckOn)
     eventually(lambda: not emulated.view().laser_on)
-    with pytest.raises(LaserRefused), acquire(quick_board, camera, PATTERN):
+    with pytest.raises(LaserRefused), acquire(quick_board, camera, FIRING_ORDER):
         pytest.fail("a board with a stuck laser must not begin")
     next_scan_is_whole(quick_board, camera, emulated)
 
@@ -153,7 +153,7 @@ def test_hot_board_ends_the_scan(quick_board: LaserBoard, camera: EmulatedCamera
     """Over-temperature in mid scan: refused in words, dark, and whole again when cool."""
     stop_at = 4
     choices = AcquireOptions(off=OffFrames.PER_STRIPE, queue_size=1)
-    with pytest.raises(LaserRefused, match="too hot"), acquire(quick_board, camera, PATTERN, choices) as stripes:
+    with pytest.raises(LaserRefused, match="too hot"), acquire(quick_board, camera, FIRING_ORDER, choices) as stripes:
         for stripe in stripes:
             if stripe.index == stop_at:
                 emulated.inject(Fault(FaultKind.HOT, amount=65))
@@ -221,7 +221,7 @@ def test_lost_off_frame_is_said(
         return frame
 
     camera.grab = grab  # type: ignore[method-assign]
-    stream = acquire(quick_board, camera, PATTERN, AcquireOptions(off=off, frame_timeout=0.1))
+    stream = acquire(quick_board, camera, FIRING_ORDER, AcquireOptions(off=off, frame_timeout=0.1))
     with stream as stripes:
         taken = list(stripes)
     assert lost and any("1 off frames did not come" in problem for problem in stripes.report.problems)
@@ -276,6 +276,6 @@ def test_a_mirror_that_cannot_move_prevents_the_scan(
     another_board.inject(Fault(kind))
     config = BoardConfig(home_timeout=0.3, motion_timeout=0.3)
     with LaserBoard(config, backend=emulated_backend(another_board)) as board:
-        with pytest.raises(BoardError), acquire(board, camera, PATTERN):
+        with pytest.raises(BoardError), acquire(board, camera, FIRING_ORDER):
             pytest.fail("the scan must not begin")
         assert not another_board.view().laser_on

@@ -22,10 +22,10 @@ SIZES = {1: [1] * 11, 3: [3, 3, 3, 1, 1], 4: [4, 4, 2, 1], 100: [7, 2, 1, 1]}
 
 @pytest.mark.parametrize("together", SIZES)
 def test_stripes_together_arrive_in_order_and_the_last_alone(
-    board: LaserBoard, camera: EmulatedCamera, pattern: list, together: int
+    board: LaserBoard, camera: EmulatedCamera, firing_order: list, together: int
 ) -> None:
     """A group begins when its last stripe was fired; the last stripe of all waits for nobody."""
-    with acquire(board, camera, pattern[:11], options(together=together, queue_size=80)) as stream:
+    with acquire(board, camera, firing_order[:11], options(together=together, queue_size=80)) as stream:
         fired_before = [(stripe.index, len(stream.report.fired)) for stripe in stream]
         assert stream.report.in_step
     assert [index for index, _ in fired_before] == list(range(11))
@@ -37,7 +37,7 @@ def test_stripes_together_arrive_in_order_and_the_last_alone(
 
 
 def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_is_stopped(
-    board: LaserBoard, camera: EmulatedCamera, pattern: list
+    board: LaserBoard, camera: EmulatedCamera, firing_order: list
 ) -> None:
     """What was taken before a pause ended is not lost in a group that never fills."""
     streams: list[StripeStream] = []
@@ -49,7 +49,7 @@ def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_is_stop
         return len(streams[0]._worker.fired) > 6
 
     choices = options(together=5, queue_size=80)
-    with acquire(board, camera, pattern, choices, should_stop=pause_is_over) as stream:
+    with acquire(board, camera, firing_order, choices, should_stop=pause_is_over) as stream:
         streams.append(stream)
         is_there.set()
         taken = [stripe.index for stripe in stream]
@@ -58,25 +58,25 @@ def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_is_stop
 
 @pytest.mark.parametrize("together", SIZES)
 def test_groups_hold_the_stripes_that_are_handed_over_together(
-    board: LaserBoard, camera: EmulatedCamera, pattern: list, together: int
+    board: LaserBoard, camera: EmulatedCamera, firing_order: list, together: int
 ) -> None:
     """As many as were asked for, at most twice as many as still come, the last alone; one by one they are the scan."""
-    with acquire(board, camera, pattern[:11], options(together=together)) as stream:
+    with acquire(board, camera, firing_order[:11], options(together=together)) as stream:
         groups = [[stripe.index for stripe in group] for group in stream.groups()]
         assert stream.report.in_step
     assert [len(group) for group in groups] == SIZES[together]
     assert [index for group in groups for index in group] == list(range(11))
 
 
-def test_a_scan_of_one_stripe_is_one_group(board: LaserBoard, camera: EmulatedCamera, pattern: list) -> None:
+def test_a_scan_of_one_stripe_is_one_group(board: LaserBoard, camera: EmulatedCamera, firing_order: list) -> None:
     """The first stripe is the last."""
-    with acquire(board, camera, pattern[:1], options(together=8)) as stream:
+    with acquire(board, camera, firing_order[:1], options(together=8)) as stream:
         assert [len(group) for group in stream.groups()] == [1]
 
 
-def test_what_is_left_of_a_group_comes_next(board: LaserBoard, camera: EmulatedCamera, pattern: list) -> None:
+def test_what_is_left_of_a_group_comes_next(board: LaserBoard, camera: EmulatedCamera, firing_order: list) -> None:
     """A caller that leaves its loop and begins another loses nothing; only what was handed out is in the report."""
-    with acquire(board, camera, pattern[:9], options(together=4)) as stream:
+    with acquire(board, camera, firing_order[:9], options(together=4)) as stream:
         for stripe in stream:
             if stripe.index == 1:
                 break
@@ -86,13 +86,13 @@ def test_what_is_left_of_a_group_comes_next(board: LaserBoard, camera: EmulatedC
 
 
 def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_fails(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list
 ) -> None:
     """A board that is unplugged in the middle of a group costs what was not yet taken, no more."""
     board.ensure_ready()
     emulated.inject(Fault(FaultKind.UNPLUG, Request.GO_TO, skip=7))
     taken: list[int] = []
-    with acquire(board, camera, pattern, options(together=5)) as stream:
+    with acquire(board, camera, firing_order, options(together=5)) as stream:
         with pytest.raises(BoardUnplugged):
             for group in stream.groups():
                 taken += [stripe.index for stripe in group]
@@ -101,12 +101,12 @@ def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_fails(
 
 
 def test_a_board_lost_while_the_scan_waits_for_the_caller_costs_no_stripe_that_was_taken(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list, eventually
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list, eventually
 ) -> None:
     """The laser cannot be put out for the wait, which ends the scan; the group that found no place is handed over."""
     board.ensure_ready()
     emulated.inject(Fault(FaultKind.UNPLUG, Request.LASER, skip=2))
-    with acquire(board, camera, pattern, options(together=2, queue_size=2)) as stream:
+    with acquire(board, camera, firing_order, options(together=2, queue_size=2)) as stream:
         eventually(lambda: not emulated.plugged)
         taken = []
         with pytest.raises(BoardUnplugged):
@@ -116,10 +116,10 @@ def test_a_board_lost_while_the_scan_waits_for_the_caller_costs_no_stripe_that_w
 
 
 def test_a_slow_caller_of_groups_makes_the_scan_wait_in_the_dark(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, pattern: list, eventually
+    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list, eventually
 ) -> None:
     """The queue is bounded in groups: what does not fill one is rounded up to one."""
-    with acquire(board, camera, pattern[:20], options(together=3, queue_size=4)) as stream:
+    with acquire(board, camera, firing_order[:20], options(together=3, queue_size=4)) as stream:
         groups = stream.groups()
         taken = [stripe.index for stripe in next(groups)]
         eventually(lambda: len(stream.report.fired) == 12 and not emulated.view().laser_on)

@@ -25,8 +25,10 @@ def test_measured_lag_is_never_too_short(
         # What 24 evenly spread moments leave open, twice over: only a machine that stalls makes it worse.
         assert measured.lag - measured.uncertainty <= exposure + latency
         camera.lag = measured.lag
-        pattern = [(index, -0.1 + 0.03 * index) for index in range(8)]
-        with acquire(board, camera, pattern, AcquireOptions(off=OffFrames.PER_STRIPE, frame_timeout=20)) as stripes:
+        firing_order = [(index, -0.1 + 0.03 * index) for index in range(8)]
+        with acquire(
+            board, camera, firing_order, AcquireOptions(off=OffFrames.PER_STRIPE, frame_timeout=20)
+        ) as stripes:
             list(stripes)
         assert stripes.report.in_step
 

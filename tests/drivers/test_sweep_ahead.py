@@ -35,7 +35,7 @@ from drivers.errors import LaserRefused, MirrorTimeout
 from drivers.protocol import BoardFault, Request
 from tests.drivers.conftest import Scene, patient_config
 
-PATTERN = [(index, -0.1 + 0.012 * index) for index in range(24)]
+FIRING_ORDER = [(index, -0.1 + 0.012 * index) for index in range(24)]
 
 
 class Watched:
@@ -74,7 +74,7 @@ class Rig:
 
     def scan(self, options: AcquireOptions | None = None) -> list[StripeCapture]:
         options = options or AcquireOptions(frame_timeout=20.0, queue_size=80)
-        with acquire(self.board, self.camera, PATTERN, options) as stripes:
+        with acquire(self.board, self.camera, FIRING_ORDER, options) as stripes:
             taken = list(stripes)
         self.report = stripes.report
         return taken
@@ -106,7 +106,7 @@ def test_no_frame_is_used_that_saw_the_mirror_move(settle: float, fps: float, ex
     with rig_of(patient_config(settle=settle), fps, exposure, latency) as rig:
         taken = rig.scan()
         rig.scene.assert_still_and_lit(taken)
-        assert len(taken) == len(PATTERN) and rig.report.in_step and not rig.report.problems
+        assert len(taken) == len(FIRING_ORDER) and rig.report.in_step and not rig.report.problems
 
 
 @pytest.mark.slow
@@ -115,7 +115,7 @@ def test_one_frame_a_stripe_is_enough_where_the_mirror_is_quick() -> None:
     with rig_of(EmulatorConfig(), 30.0, 0.008, 0.008) as rig:
         rig.scan()
         assert rig.report.frames_skipped <= 4, "while homing ends"
-        assert rig.report.duration < 1.5 * (len(PATTERN) + 1) / 30.0
+        assert rig.report.duration < 1.5 * (len(FIRING_ORDER) + 1) / 30.0
 
 
 def test_host_that_sleeps_uses_no_wrong_frame(rig: Rig) -> None:
@@ -131,7 +131,7 @@ def test_host_that_sleeps_uses_no_wrong_frame(rig: Rig) -> None:
     rig.camera.grab = grab  # type: ignore[method-assign]
     taken = rig.scan()
     rig.scene.assert_still_and_lit(taken)
-    assert len(taken) == len(PATTERN) and rig.report.in_step
+    assert len(taken) == len(FIRING_ORDER) and rig.report.in_step
 
 
 @pytest.mark.parametrize("kind", ["drop", "repeat"])
@@ -140,7 +140,7 @@ def test_frames_dropped_and_repeated_put_nothing_out_of_step(rig: Rig, kind: str
     rig.camera.faults += [CameraFault(kind, number) for number in range(0, 4000, 3)]
     taken = rig.scan()
     rig.scene.assert_still_and_lit(taken)
-    assert len(taken) == len(PATTERN)
+    assert len(taken) == len(FIRING_ORDER)
 
 
 @pytest.mark.parametrize(
@@ -152,7 +152,7 @@ def test_reports_that_are_lost_put_nothing_out_of_step(rig: Rig, kind: FaultKind
     rig.emulated.inject(Fault(kind, "report", skip=3, count=4))
     taken = rig.scan()
     rig.scene.assert_still_and_lit(taken)
-    assert len(taken) == len(PATTERN) and rig.report.in_step and not rig.report.problems
+    assert len(taken) == len(FIRING_ORDER) and rig.report.in_step and not rig.report.problems
 
 
 @pytest.mark.parametrize("kind", [FaultKind.TIMEOUT_AFTER, FaultKind.GARBAGE])
@@ -162,7 +162,7 @@ def test_motion_whose_answer_was_lost_counts_from_the_answer_that_came(rig: Rig,
     rig.emulated.inject(Fault(kind, Request.GO_TO, skip=5, count=2))
     taken = rig.scan()
     rig.scene.assert_still_and_lit(taken)
-    assert len(taken) == len(PATTERN) and rig.report.in_step
+    assert len(taken) == len(FIRING_ORDER) and rig.report.in_step
 
 
 def out(rig: Rig) -> None:
@@ -196,11 +196,11 @@ def test_mirror_that_jams_in_mid_scan_ends_it(rig: Rig) -> None:
     rig.board.config = BoardConfig(timeout=0.05, motion_timeout=0.3)
     while_the_mirror_turns(rig, 5, jam)
     taken = []
-    with acquire(rig.board, rig.camera, PATTERN, AcquireOptions(queue_size=80, frame_timeout=0.1)) as stripes:
+    with acquire(rig.board, rig.camera, FIRING_ORDER, AcquireOptions(queue_size=80, frame_timeout=0.1)) as stripes:
         with pytest.raises(MirrorTimeout, match="did not come to rest"):
             taken.extend(stripes)
     rig.scene.assert_still_and_lit(taken)
-    assert 0 < len(taken) < len(PATTERN)
+    assert 0 < len(taken) < len(FIRING_ORDER)
 
 
 @pytest.mark.slow
@@ -210,7 +210,7 @@ def test_laser_that_the_board_puts_out_in_mid_scan_is_lit_again() -> None:
         while_the_mirror_turns(rig, 7, out)
         taken = rig.scan()
         rig.scene.assert_still_and_lit(taken)
-        assert all(stripe.verdict is StripeVerdict.OK for stripe in taken) and len(taken) == len(PATTERN)
+        assert all(stripe.verdict is StripeVerdict.OK for stripe in taken) and len(taken) == len(FIRING_ORDER)
         assert rig.report.problems == ("the board put the laser out 1 times during the scan",)
 
 
@@ -253,14 +253,14 @@ class Obedient(ReplayCamera):
 
 def test_recorded_frame_is_not_asked_for_before_the_mirror_is_still(rig: Rig) -> None:
     """It would be lost if it had to be skipped."""
-    frames = [np.full((40, 60, 3), 10 + number, dtype=np.uint8) for number in range(len(PATTERN))]
+    frames = [np.full((40, 60, 3), 10 + number, dtype=np.uint8) for number in range(len(FIRING_ORDER))]
     moving: list[bool] = []
     with Obedient(frames) as tape:
         tape.watch(rig.emulated, moving)
-        with acquire(rig.board, tape, PATTERN, AcquireOptions(off=OffFrames.NONE)) as stripes:
+        with acquire(rig.board, tape, FIRING_ORDER, AcquireOptions(off=OffFrames.NONE)) as stripes:
             for index, stripe in enumerate(stripes):
                 np.testing.assert_array_equal(stripe.on, frames[index])
-    assert moving == [False] * len(PATTERN)
+    assert moving == [False] * len(FIRING_ORDER)
 
 
 def test_camera_of_unknown_lag_is_not_asked_before_the_mirror_is_still(rig: Rig) -> None:
@@ -275,4 +275,4 @@ def test_camera_of_unknown_lag_is_not_asked_before_the_mirror_is_still(rig: Rig)
     rig.camera.grab = grab  # type: ignore[method-assign]
     taken = rig.scan()
     rig.scene.assert_still_and_lit(taken)
-    assert len(taken) == len(PATTERN) and not any(moving)
+    assert len(taken) == len(FIRING_ORDER) and not any(moving)

@@ -31,7 +31,7 @@ from drivers.emulator import (
 from drivers.errors import BoardTooOld, CameraNotTriggered, LaserRefused
 
 STRIPES = 70
-PATTERN = [(index, -0.14 + 0.46 * index / (STRIPES - 1)) for index in range(STRIPES)]
+FIRING_ORDER = [(index, -0.14 + 0.46 * index / (STRIPES - 1)) for index in range(STRIPES)]
 SWEEP = AcquireOptions(sweep=SweepOptions(flash=0.004))
 
 
@@ -53,8 +53,8 @@ class Rig:
             image[row - 1 : row + 2, :, 2] = 200
         return image
 
-    def scan(self, board: LaserBoard, options: AcquireOptions = SWEEP, pattern=PATTERN):
-        with self.camera, acquire(board, self.camera, pattern, options) as stripes:
+    def scan(self, board: LaserBoard, options: AcquireOptions = SWEEP, firing_order=FIRING_ORDER):
+        with self.camera, acquire(board, self.camera, firing_order, options) as stripes:
             return list(stripes), stripes.report
 
 
@@ -88,7 +88,7 @@ def test_a_sweep_brings_every_stripe_proved(rig: Rig, board: LaserBoard, off: Of
     """In order, in step, each showing what was commanded; the report says whether exposures were counted."""
     rig.emulated.shutter.wired = wired
     stripes, report = rig.scan(board, AcquireOptions(off=off, sweep=SweepOptions()))
-    assert [stripe.index for stripe in stripes] == [index for index, _ in PATTERN]
+    assert [stripe.index for stripe in stripes] == [index for index, _ in FIRING_ORDER]
     assert report.in_step and not report.problems and not wrong(rig, stripes)
     assert ("exposures not counted" in " ".join(report.notes)) == (not wired)
     assert not rig.emulated.view().laser_on
@@ -96,12 +96,12 @@ def test_a_sweep_brings_every_stripe_proved(rig: Rig, board: LaserBoard, off: Of
 
 def test_it_takes_little_longer_than_the_motion(rig: Rig, board: LaserBoard) -> None:
     """At most 1.15 of move, settle and flash, by the board's own account of its motion; 0.65 s in all."""
-    prepare(board, PATTERN)
+    prepare(board, FIRING_ORDER)
     before = len(rig.emulated.triggers())
     stripes, _ = rig.scan(board)
     triggers = rig.emulated.triggers()[before:]
     profile = board.motion_profile()
-    steps = [board.step_at(angle) for _, angle in PATTERN]
+    steps = [board.step_at(angle) for _, angle in FIRING_ORDER]
     moves = sum(profile.time(after - here) for here, after in zip(steps, steps[1:], strict=False))
     bound = moves + len(steps) * (profile.settle + 0.004)
     assert len(stripes) == STRIPES and triggers[-1] + 0.004 - triggers[0] <= min(1.15 * bound, 0.65)
@@ -127,7 +127,7 @@ def test_triggers_gone_wrong_never_give_a_wrong_stripe(rig: Rig, board: LaserBoa
         setattr(rig.emulated.shutter, name, value)
     stripes, report = rig.scan(board)
     assert not wrong(rig, stripes)
-    assert sorted(stripe.index for stripe in stripes) == [index for index, _ in PATTERN]
+    assert sorted(stripe.index for stripe in stripes) == [index for index, _ in FIRING_ORDER]
     assert all(stripe.on is not None for stripe in stripes)
     assert report.in_step
 
@@ -141,7 +141,7 @@ def test_a_frame_lost_on_its_way_is_taken_again(rig: Rig, board: LaserBoard) -> 
 
 def test_stripes_taken_again_do_not_wait(rig: Rig, board: LaserBoard) -> None:
     """The clocks are matched by then: what uneven waits prove is proved."""
-    prepare(board, PATTERN)
+    prepare(board, FIRING_ORDER)
     rig.camera.dropped = frozenset(range(41, 46))
     stripes, report = rig.scan(board)
     assert len(stripes) == STRIPES and not wrong(rig, stripes)
@@ -163,7 +163,7 @@ def test_a_camera_without_trigger_is_refused(rig: Rig, board: LaserBoard) -> Non
     with (
         EmulatedCamera(rig.emulated, rig.render, fps=100, exposure=0.004) as camera,
         pytest.raises(CameraNotTriggered, match="runs freely"),
-        acquire(board, camera, PATTERN, SWEEP) as stripes,
+        acquire(board, camera, FIRING_ORDER, SWEEP) as stripes,
     ):
         list(stripes)
 
@@ -185,7 +185,7 @@ def test_heat_ends_the_sweep_in_the_dark(rig: Rig, board: LaserBoard) -> None:
     with (
         rig.camera,
         pytest.raises(LaserRefused, match="too hot"),
-        acquire(board, rig.camera, PATTERN, SWEEP) as stripes,
+        acquire(board, rig.camera, FIRING_ORDER, SWEEP) as stripes,
     ):
         for _ in stripes:
             rig.emulated.inject(Fault(FaultKind.HOT, amount=70))
@@ -193,7 +193,7 @@ def test_heat_ends_the_sweep_in_the_dark(rig: Rig, board: LaserBoard) -> None:
 
 
 def test_leaving_early_puts_the_laser_out(rig: Rig, board: LaserBoard) -> None:
-    with rig.camera, acquire(board, rig.camera, PATTERN, SWEEP) as stripes:
+    with rig.camera, acquire(board, rig.camera, FIRING_ORDER, SWEEP) as stripes:
         next(iter(stripes))
     assert not rig.emulated.view().laser_on
     assert len(rig.emulated.triggers()) < STRIPES
@@ -220,7 +220,7 @@ def test_a_slow_camera_is_proved_too(fps: int, off: OffFrames) -> None:
         rig = Rig()
         rig.camera = EmulatedTriggeredCamera(rig.emulated, rig.emulated.shutter, rig.render, fps=fps)
         with LaserBoard(BoardConfig(handle_signals=False), backend=emulated_backend(rig.emulated)) as board:
-            prepare(board, PATTERN)
+            prepare(board, FIRING_ORDER)
             taken, report = rig.scan(board, AcquireOptions(off=off, sweep=SweepOptions(flash=0.004)))
         assert [stripe.verdict for stripe in taken] == [StripeVerdict.OK] * STRIPES
         assert not any("taken again" in problem for problem in report.problems)

@@ -16,7 +16,7 @@ from tests.drivers.conftest import Scene
 pytestmark = pytest.mark.chip
 
 STRIPES = 70
-PATTERN = [(index, -0.14 + 0.46 * index / (STRIPES - 1)) for index in range(STRIPES)]
+FIRING_ORDER = [(index, -0.14 + 0.46 * index / (STRIPES - 1)) for index in range(STRIPES)]
 
 
 @pytest.fixture
@@ -40,14 +40,14 @@ def camera(board: LaserBoard, bus: ChipBus) -> Iterator[EmulatedCamera]:
 @pytest.mark.parametrize("off", list(OffFrames))
 def test_a_whole_scan_is_in_step(board: LaserBoard, camera: EmulatedCamera, bus: ChipBus, off: OffFrames) -> None:
     """70 stripes, each proved by its picture, in each of the three ways to take off frames; dark afterwards."""
-    prepare(board, PATTERN)
-    with acquire(board, camera, PATTERN, AcquireOptions(off=off)) as stripes:
+    prepare(board, FIRING_ORDER)
+    with acquire(board, camera, FIRING_ORDER, AcquireOptions(off=off)) as stripes:
         indices = [stripe.index for stripe in stripes]
     report = stripes.report
-    assert indices == [index for index, _ in PATTERN]
+    assert indices == [index for index, _ in FIRING_ORDER]
     assert report.in_step and not report.problems and not report.failure
     assert not bus.chip.world.lit
-    assert prepare(board, PATTERN) == 0
+    assert prepare(board, FIRING_ORDER) == 0
     assert bus.chip.host.wrong_toggles == 0 and bus.chip.resets == 0
 
 
@@ -57,13 +57,13 @@ def test_the_board_sweeps_by_itself(board: LaserBoard, bus: ChipBus, wired: bool
     shutter = bus.chip.wiring.shutter
     shutter.wired, shutter.missed = wired, frozenset({1, 30})
     bus.chip.rewire()
-    prepare(board, PATTERN)
+    prepare(board, FIRING_ORDER)
     with (
         EmulatedTriggeredCamera(bus, shutter, Scene()) as triggered,
-        acquire(board, triggered, PATTERN, AcquireOptions(sweep=SweepOptions())) as stripes,
+        acquire(board, triggered, FIRING_ORDER, AcquireOptions(sweep=SweepOptions())) as stripes,
     ):
         taken = list(stripes)
-    assert sorted(stripe.index for stripe in taken) == [index for index, _ in PATTERN]
+    assert sorted(stripe.index for stripe in taken) == [index for index, _ in FIRING_ORDER]
     assert stripes.report.in_step and not stripes.report.problems
     assert "2 stripes were taken again" in stripes.report.notes
     assert not bus.chip.world.lit and bus.chip.host.wrong_toggles == 0
@@ -71,9 +71,9 @@ def test_the_board_sweeps_by_itself(board: LaserBoard, bus: ChipBus, wired: bool
 
 def test_heat_in_a_scan_ends_it_in_the_dark(board: LaserBoard, camera: EmulatedCamera, bus: ChipBus) -> None:
     """The board puts the laser out and the scan says why."""
-    prepare(board, PATTERN)
+    prepare(board, FIRING_ORDER)
     taken = 0
-    with pytest.raises(LaserRefused, match="too hot"), acquire(board, camera, PATTERN) as stripes:
+    with pytest.raises(LaserRefused, match="too hot"), acquire(board, camera, FIRING_ORDER) as stripes:
         for _ in stripes:
             taken += 1
             if taken == 5:
@@ -87,13 +87,13 @@ def test_heat_in_a_scan_ends_it_in_the_dark(board: LaserBoard, camera: EmulatedC
 
 def test_steps_lost_in_a_scan_are_counted_after_it(board: LaserBoard, camera: EmulatedCamera, bus: ChipBus) -> None:
     """`prepare` between scans finds them at the home switch."""
-    prepare(board, PATTERN)
-    with acquire(board, camera, PATTERN[:10]) as stripes:
+    prepare(board, FIRING_ORDER)
+    with acquire(board, camera, FIRING_ORDER[:10]) as stripes:
         for stripe in stripes:
             if stripe.index == 4:
                 with bus.lock:
                     bus.chip.world.position -= 25
-    assert prepare(board, PATTERN) == 25
+    assert prepare(board, FIRING_ORDER) == 25
 
 
 def test_a_host_that_dies_in_a_scan_leaves_the_dark(board: LaserBoard, camera: EmulatedCamera, bus: ChipBus) -> None:

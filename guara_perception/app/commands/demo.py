@@ -16,7 +16,13 @@ if TYPE_CHECKING:
 
 
 @click.command(name="demo")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out/demo"), show_default=True)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("out/demo"),
+    show_default=True,
+    help="folder for pictures and recording",
+)
 @click.option("--view", is_flag=True, help="show the recording in a browser afterwards (extra `view`)")
 @click.option("--cycles", type=click.FloatRange(1, 12), default=10, show_default=True, help="gait cycles of 140 mm")
 @click.option("--robot", default="guara", show_default=True, help="name or folder of the robot")

@@ -25,7 +25,7 @@ COLUMNS = ("robot", "step", "age", "health", "links")
 def command(
     endpoint: str | None, robots: tuple[str, ...], security: Path | None, timeout: float, as_json: bool
 ) -> None:
-    """List the robots that live: stance pause, age of the last grid, health and links.
+    """List the robots that are alive: stance pause, age of the last grid, health and links.
 
     Signs of life and status are asked for, grids are not touched.
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from guara_perception.terrain.layers.layered_grid import EXTENTS
+
 # [s] How long to wait for the connection where no shorter time is asked for.
 CONNECTING_SECONDS = 5.0
 
@@ -14,7 +16,13 @@ CONNECTING_SECONDS = 5.0
 @click.command(name="listen")
 @click.option("--connect", "endpoint", help="where the node listens; default: tcp/127.0.0.1:7447")
 @click.option("--robot", "--name", "robot", default="guara", show_default=True, help="instance name of the robot")
-@click.option("--extent", type=click.Choice(["footprint", "map"]), default="footprint", show_default=True)
+@click.option(
+    "--extent",
+    type=click.Choice(EXTENTS),
+    default="footprint",
+    show_default=True,
+    help="the grid of each scan alone, or the fused map",
+)
 @click.option(
     "--encoding",
     type=click.Choice(["lossless", "compact"]),

@@ -29,7 +29,9 @@ JPEG_QUALITY = 90
 @click.option("--lossless", is_flag=True, help="record every bit of the frames: nine times the size")
 @click.option("--ros2", is_flag=True, help="mirror grids, clouds, markers, camera and status for ROS 2 (rmw_zenoh)")
 @click.option(
-    "--ros2-tf", is_flag=True, help="with --ros2: also TF and URDF, below /<robot>; off: the robot's own stand"
+    "--ros2-tf",
+    is_flag=True,
+    help="with --ros2: also TF and URDF, below /<robot>; leave it out where the robot publishes its own",
 )
 @click.option(
     "--ros2-unknown",
@@ -45,7 +47,13 @@ JPEG_QUALITY = 90
 @click.option("--security", type=click.Path(path_type=Path), help="folder made by `guara security init`")
 @click.option("--allow-insecure", is_flag=True, help="listen beyond this machine without security")
 @click.option("--name", help="instance name in the keys; default: the robot's")
-@click.option("--mode", type=click.Choice(["adaptive", "standard", "coarse"]), default="adaptive", show_default=True)
+@click.option(
+    "--mode",
+    type=click.Choice(["adaptive", "standard", "coarse"]),
+    default="adaptive",
+    show_default=True,
+    help="every stripe, every second, or every second and the others where there is an obstacle",
+)
 def command(
     simulated: bool,
     record: Path | None,

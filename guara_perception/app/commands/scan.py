@@ -22,7 +22,13 @@ if TYPE_CHECKING:
 @device_options
 @click.option("-o", "--out", type=click.Path(path_type=Path), help="the same as FOLDER")
 @click.option("--simulated", is_flag=True, help="simulated robot, world and devices")
-@click.option("--mode", type=click.Choice(["standard", "coarse"]), default="standard", show_default=True)
+@click.option(
+    "--mode",
+    type=click.Choice(["standard", "coarse"]),
+    default="standard",
+    show_default=True,
+    help="every stripe, or every second",
+)
 @click.option("--stance", type=click.Path(path_type=Path), help="JSON with the stance; default: the scan posture")
 @click.option("--no-calibration", is_flag=True, help="only record, in robot.toml's pattern: a plate to calibrate with")
 def command(

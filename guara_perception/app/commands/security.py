@@ -162,11 +162,17 @@ def renew(folder: Path, names: tuple[str, ...]) -> None:
 @command.command(name="add")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.argument("name")
-@click.option("--role", type=click.Choice(["planner", "viewer", "gait", "fleet"]), default="planner", show_default=True)
+@click.option(
+    "--role",
+    type=click.Choice(["planner", "viewer", "gait", "fleet"]),
+    default="planner",
+    show_default=True,
+    help="whose rights it gets",
+)
 def add(folder: Path, name: str, role: str) -> None:
     """Make the member NAME with the rights of a role, such as a second planner; of several robots: ROBOT.NAME.
 
-    The role `fleet` is of no robot: at routers it sees which robots live, and how they are.
+    The role `fleet` is of no robot: at routers it sees which robots are alive, and how they do.
 
     \b
     Example:

@@ -159,7 +159,7 @@ def mark_seen(cells: OdomCells, slot: Index, drift: OdometryDrift, pause: int, s
 
 
 def forget_heights(cells: OdomCells, slot: Index, cause: Flags) -> None:
-    """Looked at without a return: whatever was known of these cells is known no longer."""
+    """Looked at without a return: what was known of these cells is forgotten."""
     memory = cells.memory
     for name in ("height", "other"):
         memory[name][slot] = np.nan

@@ -47,6 +47,20 @@ def test_help_shows_an_example(guara, name: str):
 
 
 @pytest.mark.parametrize("name", COMMANDS)
+def test_every_option_says_what_it_does(name: str):
+    """None shows its choices alone."""
+    command = module.guara.get_command(click.Context(module.guara), name)
+    commands = [command, *getattr(command, "commands", {}).values()]
+    silent = [
+        option.opts
+        for each in commands
+        for option in each.params
+        if isinstance(option, click.Option) and not option.help
+    ]
+    assert not silent
+
+
+@pytest.mark.parametrize("name", COMMANDS)
 def test_each_example_stands_on_a_line_of_its_own(guara, name: str):
     """Examples are shown as they would be typed: each line of the block is one command, none is wrapped or joined."""
     for words in with_subcommands(name):

@@ -31,7 +31,7 @@ class Rig:
     board: EmulatedBoard
     camera: EmulatedCamera
     processor: Callable[[], gp.ScanProcessor]
-    pattern: list[tuple[int, float]]
+    firing_order: list[tuple[int, float]]
     reference: gp.TerrainGrid
 
     def never_safer(self, terrain: gp.TerrainGrid) -> bool:

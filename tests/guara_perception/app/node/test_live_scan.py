@@ -35,7 +35,7 @@ def scan_again_is_whole(rig: Rig) -> bool:
     rig.board.replug()
     rig.camera.faults.clear()
     processor = rig.processor()
-    scan = live_scan(rig.rangefinder, processor, rig.pattern, should_stop=lambda: False)
+    scan = live_scan(rig.rangefinder, processor, rig.firing_order, should_stop=lambda: False)
     terrain = processor.finish()
     known = np.isfinite(terrain.elevation).mean()
     return not scan.failed and known > 0.98 * np.isfinite(rig.reference.elevation).mean() and rig.never_safer(terrain)
@@ -44,7 +44,7 @@ def scan_again_is_whole(rig: Rig) -> bool:
 def test_a_live_scan_gives_the_grid_of_the_recording(rig: Rig) -> None:
     """Through driver, board and camera come the same bytes as from the folder."""
     processor = rig.processor()
-    scan = live_scan(rig.rangefinder, processor, rig.pattern, should_stop=lambda: False)
+    scan = live_scan(rig.rangefinder, processor, rig.firing_order, should_stop=lambda: False)
     assert (scan.failed, scan.stopped_early, scan.problems) == (False, False, ())
     np.testing.assert_array_equal(processor.finish().hazard, rig.reference.hazard)
     assert scan.end > scan.start
@@ -66,11 +66,11 @@ def test_a_frame_out_of_step_costs_its_own_stripe_of_a_group(rig: Rig) -> None:
     scan = live_scan(
         rig.rangefinder,
         processor,
-        rig.pattern,
+        rig.firing_order,
         should_stop=lambda: False,
         on_stripe=lambda capture: reported.append(capture.index),
     )
-    assert reported == [index for index, _ in rig.pattern]
+    assert reported == [index for index, _ in rig.firing_order]
     bad = [index for index, profile in processor.profiles.items() if profile.is_frame_bad]
     assert bad and set(processor.points) == set(reported) - set(bad)
     assert any("changed its picture's size" in problem for problem in scan.problems)
@@ -84,12 +84,12 @@ def test_a_pause_that_ends_leaves_the_rest_unscanned(rig: Rig, stop_at: int) -> 
     scan = live_scan(
         rig.rangefinder,
         processor,
-        rig.pattern,
+        rig.firing_order,
         should_stop=lambda: len(done) >= stop_at,
         on_stripe=lambda capture: done.append(capture.index),
     )
     terrain = processor.finish()
-    assert scan.stopped_early or len(done) == len(rig.pattern)
+    assert scan.stopped_early or len(done) == len(rig.firing_order)
     assert rig.never_safer(terrain)
     last = max(done, default=-2)
     beyond = [index for index in processor.profiles if index > last + 4]
@@ -106,8 +106,8 @@ def test_no_transfer_fault_makes_anything_safer(rig: Rig, kind: FaultKind, skip:
     rig.board.inject(Fault(kind, skip=skip, count=4))
     processor = rig.processor()
     try:
-        scan = live_scan(rig.rangefinder, processor, rig.pattern, should_stop=lambda: False)
-        lost = len(processor.points) < len(rig.pattern)
+        scan = live_scan(rig.rangefinder, processor, rig.firing_order, should_stop=lambda: False)
+        lost = len(processor.points) < len(rig.firing_order)
         assert not lost or scan.problems
     except DriverError as error:
         pytest.fail(f"a device error escaped: {error}")
@@ -120,7 +120,7 @@ def test_no_device_fault_makes_anything_safer(rig: Rig, kind: FaultKind) -> None
     """A device that does not do what it says is found out, or shows nothing: never more than there is."""
     rig.board.inject(Fault(kind, amount=95))
     processor = rig.processor()
-    live_scan(rig.rangefinder, processor, rig.pattern, should_stop=lambda: False)
+    live_scan(rig.rangefinder, processor, rig.firing_order, should_stop=lambda: False)
     assert rig.never_safer(processor.finish())
     assert scan_again_is_whole(rig)
 
@@ -128,9 +128,9 @@ def test_no_device_fault_makes_anything_safer(rig: Rig, kind: FaultKind) -> None
 def test_lost_steps_are_counted_when_the_mirror_comes_home(rig: Rig) -> None:
     """A mirror that missed steps shows stripes out of place; homing after the scan tells by how much."""
     rig.board.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=10, amount=40))
-    live_scan(rig.rangefinder, rig.processor(), rig.pattern, should_stop=lambda: False)
-    assert abs(rig.rangefinder.lost_steps(rig.pattern)) == 40
-    assert rig.rangefinder.lost_steps(rig.pattern) == 0
+    live_scan(rig.rangefinder, rig.processor(), rig.firing_order, should_stop=lambda: False)
+    assert abs(rig.rangefinder.lost_steps(rig.firing_order)) == 40
+    assert rig.rangefinder.lost_steps(rig.firing_order) == 0
     assert scan_again_is_whole(rig)
 
 
@@ -140,7 +140,7 @@ def test_no_camera_fault_makes_anything_safer(rig: Rig, kind: str, first: int) -
     """Frames that are lost, repeated, frozen, of another size or exposure cost their stripe and no more."""
     rig.camera.faults.append(CameraFault(kind, first, 3))
     processor = rig.processor()
-    live_scan(rig.rangefinder, processor, rig.pattern, should_stop=lambda: False)
+    live_scan(rig.rangefinder, processor, rig.firing_order, should_stop=lambda: False)
     assert rig.never_safer(processor.finish())
     assert scan_again_is_whole(rig)
 
@@ -198,5 +198,5 @@ def test_a_camera_that_does_not_answer_is_reported(rig: Rig) -> None:
         raise CameraEnded("camera 0 does not answer")
 
     rig.camera.held = gone  # type: ignore[method-assign, assignment]
-    scan = live_scan(rig.rangefinder, rig.processor(), rig.pattern, should_stop=lambda: False)
+    scan = live_scan(rig.rangefinder, rig.processor(), rig.firing_order, should_stop=lambda: False)
     assert "camera 0 does not answer" in scan.problems

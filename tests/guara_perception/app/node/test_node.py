@@ -52,7 +52,7 @@ def test_each_pause_gives_a_grid_and_a_map(bench: Bench) -> None:
 
 def test_the_mirror_stands_at_the_first_stripe_before_the_first_pause(bench: Bench) -> None:
     """The board is homed when nobody waits for it, not in the first pause."""
-    _, first = bench.rig.pattern[0]
+    _, first = bench.rig.firing_order[0]
     assert wait_until(lambda: abs(bench.rig.board.view().mirror_angle - first) < 1e-3)
 
 

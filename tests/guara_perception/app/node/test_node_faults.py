@@ -81,7 +81,7 @@ def end_at(bench: Bench, stripe: int, step: int) -> Callable[[], None]:
     rangefinder = bench.rig.rangefinder
     sweep = rangefinder.sweep
 
-    def watched(pattern: object, band: object, should_stop: Callable[[], bool]) -> StripeStream:
+    def watched(firing_order: object, band: object, should_stop: Callable[[], bool]) -> StripeStream:
         def stop() -> bool:
             if not said and len(stream._worker.fired) >= stripe:
                 said.append(stripe)
@@ -89,7 +89,7 @@ def end_at(bench: Bench, stripe: int, step: int) -> Callable[[], None]:
                 assert wait_until(should_stop)
             return should_stop()
 
-        stream = sweep(pattern, band, stop)  # type: ignore[arg-type]
+        stream = sweep(firing_order, band, stop)  # type: ignore[arg-type]
         return stream
 
     said: list[int] = []
