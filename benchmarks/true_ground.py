@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -27,15 +28,15 @@ BEYOND_M = 0.100
 
 @dataclass(frozen=True)
 class TrueGround:
-    """A world in millimetre cells.
+    """Ground in millimetre cells.
 
     Attributes:
-        world: as it is.
+        corner: x and y of the lowest corner of the first cell [m].
         heights: (ny, nx) [m].
         is_dark: (ny, nx) whether the ground swallows the laser.
     """
 
-    world: World
+    corner: tuple[float, float]
     heights: npt.NDArray[np.float32]
     is_dark: Mask
 
@@ -43,7 +44,15 @@ class TrueGround:
     def of(world: World) -> TrueGround:
         """Raster the whole world."""
         heights, materials = world.raster(world.x, world.y, CELL_M)
-        return TrueGround(world, heights.astype(np.float32), materials == material_index("dark"))
+        corner = world.x[0], world.y[0]
+        return TrueGround(corner, heights.astype(np.float32), materials == material_index("dark"))
+
+    @staticmethod
+    def under(scan: Path) -> TrueGround:
+        """What lay under a rendered scan (`truth.npz` in its folder), in its base_footprint."""
+        with np.load(scan / "truth.npz", allow_pickle=False) as truth:
+            x, y = (float(truth[axis][0]) - CELL_M / 2 for axis in ("x", "y"))
+            return TrueGround((x, y), truth["elevation"], truth["dark"])
 
     def grid(
         self, transform_footprint_to_world: Float, geometry: GridGeometry, robot: RobotModel, **metadata: object
@@ -63,7 +72,7 @@ class TrueGround:
             ((np.add.outer(transform[i, 1] * y, transform[i, 0] * x) + transform[i, 3] - low) / CELL_M - 0.5).astype(
                 np.float32
             )
-            for i, low in ((0, self.world.x[0]), (1, self.world.y[0]))
+            for i, low in enumerate(self.corner)
         )
         world_z = cv2.remap(self.heights, columns, rows, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
         dark = cv2.remap(self.is_dark.astype(np.uint8), columns, rows, cv2.INTER_NEAREST)

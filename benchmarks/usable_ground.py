@@ -1,6 +1,7 @@
 """Prints how much of the truly safe ground planners get, and whether anything truly bad is among it.
 
 Walks over random worlds, scanned frame by frame, against the oracle: the same limits and sole on complete true heights.
+With --rendered single scans of rendered pictures in place of walks.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
+from benchmarks.beyond_oracle import Beyond, beyond_oracle, explained
 from benchmarks.scanned_walk import JudgedPause, ScannedPause, judged_walk, scanned_walk
 from benchmarks.true_ground import TrueGround
 from guara_perception.arrays import Float, Mask
@@ -26,6 +28,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.questions.best_foothold import Foothold
 from guara_perception.terrain.questions.path import PathVerdict
 from kinematics import RobotModel, load_robot
+from tests.truth import truth_calibration
 
 CLEARANCE_M, APEX_M = 0.020, 0.060
 # Relief under a sole from which on ground that the oracle would refuse truly endangers a foot.
@@ -41,8 +44,12 @@ def main() -> None:
     parser.add_argument("--mode", choices=("coarse", "standard"), default="coarse")
     parser.add_argument("--cycles", type=int, default=10)
     parser.add_argument("--kept", type=Path, help="folder that keeps the scans from run to run")
+    parser.add_argument("--rendered", type=Path, nargs="+", help="data folders with scans/NAME: judge these instead")
     arguments = parser.parse_args()
     robot = load_robot("guara")
+    if arguments.rendered:
+        rendered(robot, sorted(scan for data in arguments.rendered for scan in data.glob("scans/*")))
+        return
     total: Counter[str] = Counter()
     for seed in range(arguments.seeds):
         world, pauses = scanned_walk(robot, seed, mode=arguments.mode, cycles=arguments.cycles, kept=arguments.kept)
@@ -57,10 +64,32 @@ def main() -> None:
 def judge(robot: RobotModel, truth: TrueGround, pauses: list[ScannedPause]) -> Counter[str]:
     """Counts over one walk."""
     counts: Counter[str] = Counter()
+    beyond: list[Beyond] = []
     for pause in judged_walk(robot, truth, pauses):
         cells(counts, robot, pause.fused, pause.oracle, pause.dark)
+        beyond += beyond_oracle(pause.fused, pause.oracle, np.asarray(np.linalg.inv(pause.from_world), np.float64))
         swings(counts, robot, pause)
+    counts["beyond oracle, hazard at the rim of the sole's window"] += sum(each.at_rim for each in beyond)
+    print("\n".join(explained(beyond)), end="\n" if beyond else "")
     return counts
+
+
+def rendered(robot: RobotModel, scans: list[Path]) -> None:
+    """Single scans of rendered pictures, with the true calibration."""
+    total: Counter[str] = Counter()
+    for path in scans:
+        scan = gp.process_scan(gp.open_scan(path), truth_calibration(path.parents[1]), robot, pictures=False)
+        oracle, dark = TrueGround.under(path).grid(np.eye(4), scan.geometry, robot)
+        counts: Counter[str] = Counter()
+        cells(counts, robot, scan, oracle, dark)
+        beyond = list(beyond_oracle(scan, oracle, np.eye(4)))
+        counts["beyond oracle, hazard at the rim of the sole's window"] += sum(each.at_rim for each in beyond)
+        total.update(counts)
+        print(f"{path.parents[1].name}/{path.name}: {ground_line(counts)}")
+        print("\n".join(explained(beyond)), end="\n" if beyond else "", flush=True)
+    print(f"all scans: {ground_line(total)}")
+    report(total)
+    print(json.dumps(dict(sorted(total.items()))))
 
 
 def cells(counts: Counter[str], robot: RobotModel, fused: gp.TerrainGrid, oracle: gp.TerrainGrid, dark: Mask) -> None:
@@ -197,12 +226,19 @@ def _bright(oracle: gp.TerrainGrid, dark: Mask, wish: tuple[float, float]) -> Fo
     return plan_foothold(dataclasses.replace(oracle, layers=layers), None, wish)
 
 
-def line(counts: Counter[str]) -> str:
-    """The main figures in one line."""
+def ground_line(counts: Counter[str]) -> str:
+    """The main figures of the ground in one line."""
     recall = 100 * counts["free and safe"] / max(counts["safe"], 1)
     return (
         f"recall {recall:.1f} %, free {counts['free']}, beyond oracle {counts['beyond oracle']}, unsafe by truth "
-        f"{counts['free, unsafe by truth: relief']} + {counts['free, unsafe by truth: dark']}; places of "
+        f"{counts['free, unsafe by truth: relief']} + {counts['free, unsafe by truth: dark']}"
+    )
+
+
+def line(counts: Counter[str]) -> str:
+    """The main figures in one line."""
+    return (
+        f"{ground_line(counts)}; places of "
         f"{counts['swings']}: truth {counts['place: truth']}, map {counts['place: map']}, with reach "
         f"{counts['place: map with reach']}; of {counts['up-over-down: truly good']} truly good swings up, over, down "
         f"{counts['up-over-down: truly good and accepted']} accepted, with bounds "
