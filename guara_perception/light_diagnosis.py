@@ -1,4 +1,4 @@
-"""Which effect of light spoiled a scan: too bright, flicker, bloom or a weak line; judged by a few of its frames."""
+"""Which effect spoiled a scan: too bright, flicker, bloom, a weak line or texture; judged by a few of its frames."""
 
 from __future__ import annotations
 
@@ -27,6 +27,10 @@ STRIPE_SHARE = 0.05
 WIDEST_CORE_OF_HEIGHT = 8 / 512
 # A stripe that stands less than this above its surroundings [grey levels of 255] drowns in texture and noise.
 WEAKEST_LINE = 50.0
+# A scene without laser-off picture whose own light differs by this many times what the stripe adds hides it.
+MOST_TEXTURE = 3.0
+# From the darkest to the brightest tenth of a scene.
+TENTHS = (10, 90)
 # Share of the columns in which something of the laser must have been seen to call it weak.
 LEAST_SEEN = 0.01
 
@@ -42,6 +46,8 @@ class Look:
         core: rows of the stripe that are clipped in the middle column of those that have any; 0 where none has.
         seen: share of the columns in which there was something of the laser.
         peak: height of the stripe in those, in the middle [grey levels of 255].
+        contrast: from the darkest to the brightest tenth of the picture, 0 where there is a laser-off picture, which
+            takes the scene away [grey levels of 255].
     """
 
     clipped: float
@@ -50,6 +56,7 @@ class Look:
     core: float
     seen: float
     peak: float
+    contrast: float
 
 
 class LightLooks:
@@ -122,6 +129,19 @@ class LightLooks:
             "laser, a narrow band-pass filter, or a longer exposure"
         )
 
+    def texture(self) -> str:
+        """Whether the scene's own light hides the stripe for lack of laser-off pictures; empty where it does not."""
+        looks = [look for look in self._looks.values() if look.seen > 0]
+        if not looks:
+            return ""
+        contrast, peak = (float(np.median([getattr(look, name) for look in looks])) for name in ("contrast", "peak"))
+        if contrast <= MOST_TEXTURE * peak:
+            return ""
+        return (
+            f"texture: the scene's own light differs by {contrast:.0f} grey levels of 255, the stripe adds {peak:.0f}: "
+            "take laser-off pictures"
+        )
+
 
 STEADY = 'lock exposure and white balance, keep lamps steady, or take laser-off pictures "per stripe"'
 
@@ -140,6 +160,7 @@ def _look(pair: FramePair, profile: StripeProfile) -> Look:
         core=_core(on, off),
         seen=float(found.mean()),
         peak=scale * float(np.median(profile.peak[found])) if found.any() else 0.0,
+        contrast=0.0 if off is not None else scale * _contrast(thin),
     )
 
 
@@ -147,6 +168,12 @@ def _level(picture: Image) -> float:
     """Mean of all but the brightest pixels."""
     values = np.sort(picture, axis=None)
     return float(values[: max(round((1 - STRIPE_SHARE) * values.size), 1)].mean())
+
+
+def _contrast(picture: Image) -> float:
+    """From the darkest to the brightest tenth of the pixels (rows, columns[, channels]), their channels averaged."""
+    low, high = np.percentile(picture.reshape(*picture.shape[:2], -1).mean(axis=2), TENTHS)
+    return float(high - low)
 
 
 def _share(level: float, usual: float) -> float:

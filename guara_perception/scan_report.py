@@ -130,6 +130,8 @@ def scan_report(
     elif coverage < LOW_COVERAGE:
         wrong = light.excess() or wrong_pattern(profiles, settings.pattern(mode).step) or wrong_frames()
         reasons.append(advice(coverage, counts, wrong, light.lack()))
+    elif texture := light.texture():
+        reasons.append(texture)
     verdict = calibration.quality.get("verdict")
     if verdict == "refused":
         reasons.append("the calibration was refused and is used all the same")

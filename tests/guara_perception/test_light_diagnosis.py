@@ -43,6 +43,23 @@ def test_health_names_the_effect_of_light_and_what_to_change(name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("effect", "with_off"), [("chessboard", False), ("chessboard", True), ("ghosts", False)])
+def test_texture_is_named_where_laser_off_pictures_would_help(effect: str, with_off: bool) -> None:
+    """On a chessboard most of the stripe is found all the same; with laser-off pictures or on soil all is well."""
+    recording = simulated((640, 512), 35, real_light({effect: 1.0}))
+    processor = recording.processor()
+    for index, on, off in recording.frames:
+        processor.add(index, on, off if with_off else None)
+    health = processor.finish().metadata["health"]
+    if effect == "chessboard" and not with_off:
+        (reason,) = health["reasons"]
+        assert reason.startswith("texture: the scene's own light differs by ")
+        assert reason.endswith(": take laser-off pictures")
+    else:
+        assert health == {"level": "ok", "reasons": []}
+
+
+@pytest.mark.slow
 def test_lamps_that_flicker_strongly_are_reported_without_laser_off_pictures_too() -> None:
     """From frame to frame the picture is brighter and darker; the scan has too few returns for another reason."""
     recording = simulated(SIZE, STRIPES, dataclasses.replace(WEAK, flicker=0.3))

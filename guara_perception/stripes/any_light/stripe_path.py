@@ -278,7 +278,7 @@ def _has_twin(found: Ridges, core: Mask, rows: Index, columns: Index) -> Mask:
 
 def _without_moved_edges(found: StripePath, frame: Float32) -> StripePath:
     """Only the pieces that are ridges of the laser-on picture too: an edge that moved between both is no ridge."""
-    own = np.asarray(frame @ found.weights.astype(np.float32))
+    own = np.asarray(cv2.transform(frame, found.weights[None].astype(np.float32)), np.float32).reshape(frame.shape[:2])
     columns = np.arange(found.row.size)
     height = np.max([ridge_of_width(own, sigma)[found.row, columns] for sigma in SIGMAS_PX], axis=0)
     is_ridge = (height > LEAST_OWN_RIDGE * found.height) | found.is_core
