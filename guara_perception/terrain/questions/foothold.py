@@ -137,6 +137,9 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
         words = ", ".join(causes + (["off the grid"] if off else []))
         yield Reason("unknown", count / total, 0.0, "share", f"of the sole: {words}")
     validity = float(terrain.metadata.get("validity_pauses", 255))
+    # Of the two limits of age the layer counts the one only.
+    seconds = terrain.metadata.get("validity_seconds")
+    too_old = "" if seconds is None else f"or last seen more than {float(seconds):g} s ago"
     sigma = f"plus {limits.confidence:g} sigma"
     tests: tuple[tuple[Hazard, str, str, float, str, str], ...] = (
         (Hazard.STEEP, "slope", "slope", limits.slope, "rad", sigma),
@@ -144,7 +147,7 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
         (Hazard.DROP, "drop", "step_height", limits.drop, "m", sigma),
         (Hazard.ROUGH, "roughness", "roughness", limits.roughness, "m", sigma),
         (Hazard.UNCERTAIN, "sigma", "variance", limits.sigma, "m", "of the height"),
-        (Hazard.STALE, "age", "age", validity, "pauses", ""),
+        (Hazard.STALE, "age", "age", validity, "pauses", too_old),
     )
     for flag, test, layer, limit, unit, detail in tests:
         where = (hazard & np.uint16(flag)) != 0

@@ -105,13 +105,14 @@ def test_uncertain_conflicting_and_stale_ground_is_reported(robot: RobotModel) -
     layers["age"] = np.full(flat.shape, 77, np.uint8)
     layers["looks"] = np.ones(flat.shape, np.uint8)
     base = grid(flat)
-    metadata = {**base.metadata, "validity_pauses": 40}
+    metadata = {**base.metadata, "validity_pauses": 40, "validity_seconds": 420.0}
     terrain = gp.TerrainGrid(layers=layers, geometry=base.geometry, metadata=metadata)
     failed = reasons(terrain, 0.7, 0.0)
     assert failed["sigma"].value == pytest.approx(0.01)
     assert failed["sigma"].limit == 0.005
     assert failed["conflict"].value == 16 * 12
     assert (failed["age"].value, failed["age"].limit) == (77, 40)
+    assert failed["age"].detail == "or last seen more than 420 s ago"
 
 
 def test_ground_beside_something_unknown_says_how_much_clearance_is_enough() -> None:
