@@ -11,27 +11,15 @@ import socket
 import statistics
 import threading
 import time
-import tracemalloc
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 import transport
+from benchmarks.damaged_messages import damaged
 from benchmarks.peers import free_endpoint, free_port, peers
 from benchmarks.transport_peer import is_whole, make_terrain
 from tests.slow_link import SlowLink
 from transport import keys
-from transport.messages.scan_messages import (
-    decode_query_request,
-    decode_refusal,
-    decode_scan_reply,
-    decode_scan_request,
-    encode_query_request,
-    encode_refusal,
-    encode_scan_reply,
-    encode_scan_request,
-)
 
 PATIENCE = 60.0
 
@@ -238,75 +226,6 @@ def killed_nodes(count: int) -> None:
     report(f"{count} kill -9 during puts of 5 MB", words, "no partial grid", met)
 
 
-def _messages() -> dict[str, tuple[bytes | bytearray, Callable[[bytes], Any]]]:
-    stance = transport.StanceMessage(joint_positions={"a": 1.0, "b": 2.0}, support_feet=("lf", "rf"))
-    ground = transport.GroundPatch(outline=np.array([[0, 0], [1, 0], [1, 1]]), height=0.0, sigma=0.01)
-    pause = transport.StancePause(
-        robot="guara", step=1, phase=transport.PausePhase.BEGIN, stamp=1, stance=stance, known_ground=(ground,)
-    )
-    item = transport.StatusItem(name="a", level=transport.Health.OK, values={"x": "1"})
-    scan_reply = transport.ScanReply(id="a", state=transport.ScanState.DONE)
-    values = np.zeros((4, 5))
-    occupancy = transport.occupancy_message(values.astype(np.int8), 0.1, (0, 0), "base_footprint", 1)
-    grid_map = transport.grid_map_message({"elevation": values}, 0.1, (0, 0), "base_footprint", 1)
-    return {
-        "Terrain": (transport.encode_terrain(make_terrain(1, (4, 5))), transport.decode_terrain),
-        "StancePause": (transport.encode_stance_pause(pause), transport.decode_stance_pause),
-        "ScanRequest": (
-            encode_scan_request(transport.ScanRequest(id="a", mode="coarse", timeout=1.0)),
-            decode_scan_request,
-        ),
-        "ScanReply": (encode_scan_reply(scan_reply), decode_scan_reply),
-        "Refusal": (encode_refusal(transport.Refusal(id="a", code="busy", message="later")), decode_refusal),
-        "QueryRequest": (encode_query_request(transport.QueryRequest(region=(0, 1, 0, 1))), decode_query_request),
-        "DiagnosticArray": (
-            transport.encode_status(transport.Status(stamp=1, items=(item,))),
-            transport.decode_status,
-        ),
-        "OccupancyGrid": (
-            transport.encode(occupancy),
-            lambda payload: transport.decode(payload, "nav_msgs/msg/OccupancyGrid"),
-        ),
-        "GridMap": (
-            transport.encode(grid_map),
-            lambda payload: transport.decode(payload, "grid_map_msgs/msg/GridMap"),
-        ),
-    }
-
-
-def damage(flips: int) -> None:
-    """Every truncation, and byte flips, of each message."""
-    for name, (message, decode) in _messages().items():
-        payload = bytes(message)
-        rng = np.random.default_rng(1)
-        outcome = {"refused": 0, "valid": 0, "crash": 0}
-        read_cut = 0
-        decode(payload)
-        tracemalloc.start()
-        for length in range(len(payload)):
-            try:
-                decode(payload[:length])
-                read_cut += 1
-            except transport.TransportError:
-                continue
-        for _ in range(flips):
-            damaged = bytearray(payload)
-            damaged[rng.integers(4, len(payload))] = rng.integers(0, 256)
-            try:
-                decode(bytes(damaged))
-                outcome["valid"] += 1
-            except transport.TransportError:
-                outcome["refused"] += 1
-            except Exception:
-                outcome["crash"] += 1
-        peak = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        counts = ", ".join(f"{count} {word}" for word, count in outcome.items())
-        words = f"{counts}, peak {peak / 1e3:.0f} kB"
-        met = read_cut == 0 and outcome["crash"] == 0 and peak < 5e6
-        report(f"{name}: {len(payload)} truncations, {flips} byte flips", words, "cut: none read, no crash", met)
-
-
 def deaths(count: int) -> None:
     """How soon a planner sees that a node was killed, or hangs."""
     for number, limit, word in ((signal.SIGKILL, 0.5, "killed"), (signal.SIGSTOP, 2.5, "hung")):
@@ -345,7 +264,8 @@ def main() -> None:
     slow_link(6 if quick else 20)
     deaths(1 if quick else 5)
     killed_nodes(3 if quick else 50)
-    damage(500 if quick else 10_000)
+    for line in damaged(500 if quick else 10_000):
+        report(*line)
 
 
 if __name__ == "__main__":
