@@ -1,0 +1,111 @@
+"""Prints what scans as wide as the map cost at the end of a pause, and what steppable regions cost, in processor time.
+
+Beside the reference extraction in the same process, so that the speed of the machine drops out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import cv2
+import numpy as np
+
+import guara_perception as gp
+from benchmarks.yardstick import REFERENCE_STRIPE_S, Yardstick
+from kinematics import LegOdometry, RobotModel, load_robot
+from tests.analytic_walk import Ground, scan, walk
+from tests.truth import truth_calibration
+
+Result = TypeVar("Result")
+REGION_RADIUS_M = 0.15
+REGIONS_ASKED = 40
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path, help="data folder with scans/paper")
+    parser.add_argument("--rounds", type=int, default=5)
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    robot = load_robot("guara")
+    yardstick = Yardstick(arguments.data / "scans" / "paper")
+    taken: dict[str, list[float]] = {}
+    terrain = walked_map(robot)
+    for _ in range(arguments.rounds):
+        # How much faster the machine is where the limits were set than it is just now.
+        scale = REFERENCE_STRIPE_S * yardstick.stripes / yardstick.seconds()
+        for name, seconds in (ends_of_scans(arguments.data, robot) | regions(terrain)).items():
+            taken.setdefault(name, []).append(scale * seconds)
+    print(f"processor time at the speed at which the reference takes {1e3 * REFERENCE_STRIPE_S:.2f} ms a stripe")
+    for name, each in taken.items():
+        print(f"  {name:46} {1e3 * np.median(each):7.2f} ms  {1e3 * min(each):7.2f} ... {1e3 * max(each):.2f}")
+
+
+def ends_of_scans(data: Path, robot: RobotModel) -> dict[str, float]:
+    """What is left when the last frame is there: the footprint's grid, the wide one, and bringing each into a map."""
+    recorded, calibration = gp.open_scan(data / "scans" / "paper"), truth_calibration(data)
+    processor = gp.ScanProcessor(calibration, robot, recorded.stance, recorded.mode)
+    for stripe, on, off in recorded.frames():
+        processor.add(stripe.index, on, off)
+    result = {}
+    terrain, result["grid of the footprint"] = timed(processor.finish)
+    wide, result["wide grid beside it"] = timed(lambda: processor.finish("wide", report=terrain.metadata))
+    for name, grid in (("footprint", terrain), ("wide grid", wide)):
+        terrain_map, still = gp.TerrainMap(robot), 1e-8 * np.eye(6)
+        terrain_map.update(grid, np.eye(4), still, covariance_since_last=still, own_covariance=still)
+        again = gp.TerrainGrid(
+            layers=dict(grid.layers),
+            geometry=grid.geometry,
+            stamp=grid.stamp + 1,
+            step=grid.step + 1,
+            metadata=grid.metadata,
+        )
+        _, seconds = timed(
+            lambda: terrain_map.update(again, np.eye(4), still, covariance_since_last=still, own_covariance=still)
+        )
+        result[f"map from a {name}, laid onto it"] = seconds
+    return result
+
+
+def walked_map(robot: RobotModel) -> gp.TerrainGrid:
+    """The map after six cycles over analytic ground."""
+    ground = Ground.random(0)
+    terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
+    for pause in walk(robot, ground, 6, 0):
+        pose = odometry.update(pause.stance)
+        fused = terrain_map.update(
+            scan(robot, ground, pause, 0),
+            pose.transform_footprint_to_odom,
+            pose.covariance,
+            covariance_since_last=pose.covariance_since_last,
+            own_covariance=pose.own_covariance,
+        )
+    return fused
+
+
+def regions(terrain: gp.TerrainGrid) -> dict[str, float]:
+    """One region about a wish, the median of many, and all of a map."""
+    free = np.argwhere(np.asarray(terrain.traversability) > 0)
+    x, y = terrain.geometry.centres()
+    each = [
+        timed(lambda at=at: terrain.steppable_region(x[at[1]], y[at[0]], REGION_RADIUS_M))[1]
+        for at in free[:: max(len(free) // REGIONS_ASKED, 1)]
+    ]
+    found, whole = timed(terrain.steppable_regions)
+    return {"steppable_region, median": float(np.median(each)), f"steppable_regions, {len(found)} of a map": whole}
+
+
+def timed(run: Callable[[], Result]) -> tuple[Result, float]:
+    """A result and the processor time that it took [s]."""
+    begun = time.process_time()
+    result = run()
+    return result, time.process_time() - begun
+
+
+if __name__ == "__main__":
+    main()
