@@ -6,8 +6,10 @@ Beside the reference extraction in the same process, so that the speed of the ma
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -56,20 +58,20 @@ def ends_of_scans(data: Path, robot: RobotModel) -> dict[str, float]:
     terrain, result["grid of the footprint"] = timed(processor.finish)
     wide, result["wide grid beside it"] = timed(lambda: processor.finish("wide", report=terrain.metadata))
     for name, grid in (("footprint", terrain), ("wide grid", wide)):
-        terrain_map, still = gp.TerrainMap(robot), 1e-8 * np.eye(6)
-        terrain_map.update(grid, np.eye(4), still, covariance_since_last=still, own_covariance=still)
-        again = gp.TerrainGrid(
-            layers=dict(grid.layers),
-            geometry=grid.geometry,
-            stamp=grid.stamp + 1,
-            step=grid.step + 1,
-            metadata=grid.metadata,
-        )
-        _, seconds = timed(
-            lambda: terrain_map.update(again, np.eye(4), still, covariance_since_last=still, own_covariance=still)
-        )
-        result[f"map from a {name}, laid onto it"] = seconds
+        result[f"map from a {name}, laid onto it"] = second_look(robot, grid)
     return result
+
+
+def second_look(robot: RobotModel, grid: gp.TerrainGrid) -> float:
+    """Laying the same scan onto the map that it made, fusing it and the map's layers [s]."""
+    terrain_map, still = gp.TerrainMap(robot), 1e-8 * np.eye(6)
+    again = dataclasses.replace(grid, stamp=grid.stamp + 1, step=grid.step + 1)
+
+    def update(look: gp.TerrainGrid) -> gp.TerrainGrid:
+        return terrain_map.update(look, np.eye(4), still, covariance_since_last=still, own_covariance=still)
+
+    update(grid)
+    return timed(lambda: update(again))[1]
 
 
 def walked_map(robot: RobotModel) -> gp.TerrainGrid:
@@ -93,7 +95,7 @@ def regions(terrain: gp.TerrainGrid) -> dict[str, float]:
     free = np.argwhere(np.asarray(terrain.traversability) > 0)
     x, y = terrain.geometry.centres()
     each = [
-        timed(lambda at=at: terrain.steppable_region(x[at[1]], y[at[0]], REGION_RADIUS_M))[1]
+        timed(partial(terrain.steppable_region, x[at[1]], y[at[0]], REGION_RADIUS_M))[1]
         for at in free[:: max(len(free) // REGIONS_ASKED, 1)]
     ]
     found, whole = timed(terrain.steppable_regions)
