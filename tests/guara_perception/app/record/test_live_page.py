@@ -33,7 +33,7 @@ def test_page_shows_step_words_and_picture():
         page.tell("the crosses")
         page.watch(np.full((1000, 2000), 40_000, np.uint16), "move it left")
         assert json.loads(get(page.address + "state.json")) == {
-            "step": "the crosses",
+            "task": "the crosses",
             "words": "move it left",
             "number": 1,
         }
@@ -85,7 +85,7 @@ def test_page_in_a_browser_shows_what_is_reported(tmp_path):
             "document.getElementById('words') && document.getElementById('words').textContent == 'lay it flat'"
         )
         browser.wait_for("document.getElementById('picture').naturalWidth == 400")
-        assert browser.evaluate("document.getElementById('step').textContent") == "the board on the floor"
+        assert browser.evaluate("document.getElementById('task').textContent") == "the board on the floor"
         red = (browser.screenshot().astype(int) @ np.array([[1], [-1], [-1]]) > 150).mean()
         assert red > 0.1 and browser.errors == []
         assert all(address.startswith(page.address) or address == "about:blank" for address in browser.requests)
