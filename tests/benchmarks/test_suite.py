@@ -16,9 +16,10 @@ from benchmarks.contenders import LITERAL, OURS, USER
 from benchmarks.growth import fit
 from benchmarks.machine import machine
 from benchmarks.rounds import alternate
-from benchmarks.section import QUICK
+from benchmarks.section import FULL, QUICK
 from benchmarks.suite import measure, write
 from benchmarks.targets import TARGETS
+from guara_perception.terrain.layers.geometry import MOST_CELLS
 from tests import scenes
 
 pytestmark = pytest.mark.slow
@@ -80,6 +81,11 @@ def test_the_page_names_no_path_and_shows_its_pictures(sections, tmp_path: Path)
     assert (tmp_path / "images" / "extraction.png").stat().st_size > 1000
     assert (tmp_path / "images" / "growth.png").stat().st_size > 1000
     assert str(Path.home()) not in page and str(scenes.ROBOTS.parent) not in page
+
+
+def test_the_largest_grid_is_one_that_is_taken():
+    """What `make bench` measures last and only in full must not be refused."""
+    assert max(FULL.cell_sides) ** 2 <= MOST_CELLS
 
 
 def test_every_program_is_reached_by_its_name(root: Path):
