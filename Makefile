@@ -18,7 +18,7 @@ help:
 	@echo "make install         only install; then .venv/bin/guara is there"
 	@echo "make install-extras  also MuJoCo and the browser view; make test-all then runs all tests there are"
 	@echo "make test-robots     the stock quadrupeds of the package index (230 MB), each from its URDF to a walk"
-	@echo "make test-heavy      demo, browser, physics, benchmarks, hostile files, examples and what the documents show"
+	@echo "make test-heavy      demo, browser, physics, benchmarks, hostile files, examples, what the documents show, costly further cases"
 	@echo "make test-chip       the firmware on an emulated RP2040; make test-interop: other software; make test-soak: minutes"
 	@echo "make firmware        the laser board's firmware from its source, compared with the committed guara_board.uf2"
 	@echo "make docs            the documents and the Python reference as a site in out/site"

@@ -35,6 +35,7 @@ def test_a_known_motion_is_found(stayed: tuple[str, ...]) -> None:
     assert fit.residual < 1e-12 and fit.misfit == 1.0
 
 
+@pytest.mark.heavy
 @pytest.mark.slow
 def test_covariances_agree_with_sampling() -> None:
     """After two pauses, one with a foot set down again, footprint and footholds are as uncertain as sampling says."""

@@ -52,7 +52,7 @@ def test_a_walk_without_noise_is_followed_exactly(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), None])
+@pytest.mark.parametrize("gravity", [pytest.param((0.0, 0.0, -9.81), marks=pytest.mark.heavy), None])
 def test_error_of_a_long_crawl(guara: RobotModel, crawl: Crawl, gravity: tuple | None) -> None:
     """Over 48 pauses (1.68 m) with 0.2 degrees and 1 mm of noise the median error of 8 walks is within 1 %."""
     walk, errors = list(crawl(12)), []
@@ -81,6 +81,7 @@ def sampled(guara: RobotModel, crawl: Crawl) -> tuple[list[tuple], list[list[Odo
     return walk, found
 
 
+@pytest.mark.heavy
 @pytest.mark.slow
 def test_covariance_agrees_with_sampling(sampled: tuple[list[tuple], list[list[OdometryPose]]]) -> None:
     """Sigmas of x, y, z and heading after 8 pauses agree with the sampled walks (within what 100 can tell)."""
@@ -94,6 +95,7 @@ def test_covariance_agrees_with_sampling(sampled: tuple[list[tuple], list[list[O
     assert predicted[2] == pytest.approx(scatter[2], rel=0.5)
 
 
+@pytest.mark.heavy
 @pytest.mark.slow
 def test_covariance_since_last_agrees_with_sampling(sampled: tuple[list[tuple], list[list[OdometryPose]]]) -> None:
     """Sigmas of x, y and heading of single motions agree with the sampled walks, late in the walk as at its start."""
@@ -111,6 +113,7 @@ def test_covariance_since_last_agrees_with_sampling(sampled: tuple[list[tuple], 
         assert np.linalg.eigvalsh(result.covariance_since_last)[0] > -1e-12
 
 
+@pytest.mark.heavy
 @pytest.mark.slow
 def test_noise_of_a_pause_comes_and_goes_as_sampled(sampled: tuple[list[tuple], list[list[OdometryPose]]]) -> None:
     """What a pause alone is off by ends with it: the motions before and after it go against each other."""

@@ -11,10 +11,11 @@ import pytest
         ("plain", 0),
         ("subscribed", 0),
         ("raise", 1),
-        ("sys_exit", 5),
         ("stuck", 0),
-        ("exit_in_callback", 0),
-        ("thread", 0),
+        *(
+            pytest.param(*case, marks=pytest.mark.heavy)
+            for case in (("sys_exit", 5), ("exit_in_callback", 0), ("thread", 0))
+        ),
     ],
 )
 def test_a_script_that_closes_nothing_ends(start_program, shared_node, how: str, code: int) -> None:

@@ -134,6 +134,7 @@ def test_reasons(pictures):
     assert not find_board(pictures[4], checkerboard).is_usable
 
 
+@pytest.mark.heavy
 @pytest.mark.slow
 def test_the_edge_width_is_that_of_a_checkerboard(targets):
     """Blurred by the same amount, both patterns are said to be about as sharp."""
@@ -159,6 +160,7 @@ def test_ink_is_opencvs_own_pattern():
         board_ink(BoardSpec(44, 44, 0.01, CHARUCO))
 
 
+@pytest.mark.heavy
 @pytest.mark.slow
 def test_a_lens_from_parts_of_a_board(targets):
     """Views none of which shows the whole board give the lens, near the picture's corners too."""

@@ -49,6 +49,7 @@ def test_the_stripe_is_as_wide_as_in_photographs() -> None:
         assert least <= (profile > 0.5 * profile.max()).sum() <= most
 
 
+@pytest.mark.heavy
 @pytest.mark.slow
 def test_skirt_and_halo_lie_beside_the_stripe() -> None:
     """12, 6 and 3 % of the peak at 8, 15 and 30 px; 150 levels beside a clipped core, gone after 20 px."""
@@ -77,6 +78,7 @@ def test_cores_clip_and_leak_as_in_photographs() -> None:
     assert blue / red == pytest.approx(0.25, abs=0.04)
 
 
+@pytest.mark.heavy
 @pytest.mark.slow
 def test_ambient_light_clips_and_the_line_is_weak() -> None:
     """The brighter half of soil at the end of the scale; a line of 33 levels."""
@@ -85,6 +87,7 @@ def test_ambient_light_clips_and_the_line_is_weak() -> None:
     assert 25 < about_the_stripe(real_light({"weak_line": 1.0})).max() < 45
 
 
+@pytest.mark.heavy
 @pytest.mark.slow
 def test_noise_has_its_size_and_its_patches() -> None:
     """Seven levels from pixel to pixel, five in patches that neighbours share."""
@@ -101,6 +104,7 @@ def test_noise_has_its_size_and_its_patches() -> None:
     assert noise[:, :, 2].std() == pytest.approx(np.hypot(7, 5), rel=0.15)
 
 
+@pytest.mark.heavy
 @pytest.mark.slow
 def test_colour_filter_and_compression_take_colour_away() -> None:
     """A thin red line loses a part of its red, most where colour is halved; the rest of the picture stays."""
@@ -115,6 +119,7 @@ def test_colour_filter_and_compression_take_colour_away() -> None:
     assert redness["jpeg"] < 0.9 * plain
 
 
+@pytest.mark.heavy
 @pytest.mark.slow
 def test_exposure_drifts_and_lamps_flicker() -> None:
     """Each channel by its own factor between off and on; flicker brightens all channels alike, picture by picture."""
@@ -132,6 +137,7 @@ def test_exposure_drifts_and_lamps_flicker() -> None:
     np.testing.assert_allclose(relative[:, 0], relative[:, 2], rtol=0.03)
 
 
+@pytest.mark.heavy
 @pytest.mark.slow
 def test_a_chessboard_covers_all_but_dark_ground() -> None:
     """White squares are ten times as bright as black ones; what swallows light still does."""
@@ -149,6 +155,7 @@ def test_a_chessboard_covers_all_but_dark_ground() -> None:
     assert view.reflectance[is_dark].max() < 0.02
 
 
+@pytest.mark.heavy
 @pytest.mark.slow
 def test_a_ghost_is_a_second_weaker_stripe() -> None:
     """Below the stripe in the middle of the picture, 0.1 to 0.6 as bright, and nowhere else."""

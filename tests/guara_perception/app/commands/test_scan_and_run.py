@@ -159,6 +159,7 @@ def test_the_simulated_gait_speaks_under_the_name_of_the_robot(
     assert re.search(r"^step 0, coarse, 90x108 cells of 5 mm, known \d+%, traversable \d+%, ", printed, re.MULTILINE)
 
 
+@pytest.mark.heavy
 @pytest.mark.slow
 def test_an_uplink_serves_readers_elsewhere_too(free_endpoint: str) -> None:
     """`run --uplink` listens and dials: a planner here and a reader at the other router get the same pause."""

@@ -57,6 +57,7 @@ def drawn(data: Path, calibration_file: Path, tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.heavy
 def test_every_picture_is_there_and_shows_something(drawn: Path) -> None:
     """All files and no other, each picture readable and not of one colour."""
     assert sorted(path.name for path in drawn.iterdir()) == sorted(NAMES)
@@ -65,6 +66,7 @@ def test_every_picture_is_there_and_shows_something(drawn: Path) -> None:
         assert picture is not None and picture.size > 10_000 and picture.std() > 1, name
 
 
+@pytest.mark.heavy
 def test_16_bit_range_image_gives_the_heights_back(drawn: Path, paper_terrain: gp.TerrainGrid) -> None:
     """Scale and offset of the JSON bring the millimetres back to half a step, unknown stays unknown."""
     meaning = json.loads((drawn / "range_images.json").read_text())["16bit"]
@@ -138,6 +140,7 @@ def test_what_cannot_be_drawn_is_refused(processor, paper_scan, calibration, pap
         draw_figures(taken, paper_scan, calibration, processor, paper_terrain)
 
 
+@pytest.mark.heavy
 def test_scan_of_nothing_can_be_drawn(paper_scan, calibration, robot, tmp_path: Path, monkeypatch) -> None:
     """All unknown: every picture is drawn all the same (those of frames, which show no grid, by the tests above)."""
     monkeypatch.setattr(figures, "draw_frame", lambda path, *_: path.write_bytes(b"frame") and path)

@@ -192,6 +192,7 @@ def test_the_view_shows_the_area_the_cone_and_the_laser_planes() -> None:
     np.testing.assert_allclose(lines[0][-1], [0.50, -0.27, 0.0], atol=1e-9)
 
 
+@pytest.mark.heavy
 @pytest.mark.slow
 def test_a_walk_of_two_pauses(guara_walk: TrialWalk) -> None:
     """It scans, steps, and takes nothing unknown or hazardous for safe; a walk that fails gives findings."""

@@ -79,6 +79,7 @@ def test_a_recording_becomes_a_scene(walk: Path, tmp_path: Path, capsys: pytest.
     assert "/viewport" in stats  # the blueprint
 
 
+@pytest.mark.heavy
 def test_rerun_finds_nothing_wrong_with_a_recording(walk: Path) -> None:
     """No chunk out of order on any timeline."""
     pytest.importorskip("rerun", reason="extra `rerun` is not installed")

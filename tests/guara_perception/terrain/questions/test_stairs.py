@@ -32,7 +32,11 @@ def rendered(robot: RobotModel, *features: Flight | Step | Box | Ramp, mode: str
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("x", "height", "count", "run", "way"),
-    [(0.60, 0.03, 3, 0.11, "up"), (0.58, 0.02, 4, 0.09, "up"), (0.62, 0.03, 2, 0.12, "down")],
+    [
+        (0.60, 0.03, 3, 0.11, "up"),
+        pytest.param(0.58, 0.02, 4, 0.09, "up", marks=pytest.mark.heavy),
+        pytest.param(0.62, 0.03, 2, 0.12, "down", marks=pytest.mark.heavy),
+    ],
 )
 def test_rendered_flights_are_found(
     robot: RobotModel, x: float, height: float, count: int, run: float, way: str
