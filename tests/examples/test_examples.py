@@ -80,7 +80,7 @@ def test_example_runs(name: str, folder: Path):
 def test_recording_with_a_scan_is_processed_again(folder: Path, data: Path, calibration_file: Path):
     """The frames of a recorded scan give a finer grid."""
     scan = Path(shutil.copytree(data / "scans" / "paper", folder / "carrying"))
-    shutil.copy(calibration_file, folder / "calibration.json")
+    shutil.copy(calibration_file, scan / "calibration.json")
     convert(scan, folder / "frames.mcap")
     assert "cells of 2.5 mm" in run("read_recording.py", ["frames.mcap"], folder)
 
