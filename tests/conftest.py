@@ -48,7 +48,18 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 # Whoever asks for one of these starts a program, or scans with devices that keep real time.
-PROGRAMS = {"start", "shared_node", "node", "bench", "rig", "emulator_process", "host", "module_endpoint", "fake"}
+PROGRAMS = {
+    "start",
+    "start_program",
+    "shared_node",
+    "node",
+    "bench",
+    "rig",
+    "emulator_process",
+    "host",
+    "module_endpoint",
+    "fake",
+}
 # Of tests/guara_perception/calibration: a whole calibration, and what is given to one.
 CALIBRATED = ("guara_perception/calibration", {"result", "few_stripes"})
 
