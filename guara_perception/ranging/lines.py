@@ -68,8 +68,8 @@ def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> 
     first = ends[0].points[in_first]
     difference = ends[1].points[in_second] - first
     (n,) = sample_count(difference.T[:, None], np.ones((1, len(difference)), dtype=bool), resolution)
-    share = (np.arange(n) + 0.5)[:, None, None] / n
-    return np.asarray((first + share * difference).reshape(-1, 3))
+    share, _, _ = shares(n)
+    return np.asarray((first + share[..., None] * difference).reshape(-1, 3))
 
 
 def sample_count(difference: Array, is_line: Mask, resolution: float) -> list[int]:
