@@ -56,6 +56,17 @@ def disc_kernel(radius_cells: float) -> Kernel:
     return (offsets[:, None] ** 2 + offsets**2 <= radius**2 + 1e-9).astype(np.uint8)
 
 
+def touched_kernel(radius_cells: float) -> Kernel:
+    """Cells of which any part lies within the radius of the centre, where `disc_kernel` has those whose centres do.
+
+    Raises:
+        InvalidInput: as `disc_kernel`.
+    """
+    half = disc_kernel(radius_cells).shape[0] // 2
+    nearest = np.maximum(np.abs(np.arange(-half, half + 1)) - 0.5, 0.0)
+    return (nearest[:, None] ** 2 + nearest**2 <= max(radius_cells, 1.0) ** 2 + 1e-9).astype(np.uint8)
+
+
 def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: float) -> DiscFit:
     """Fit a plane to the known cells of the disc around each known cell.
 

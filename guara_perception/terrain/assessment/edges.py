@@ -7,7 +7,7 @@ import numpy as np
 
 from guara_perception.arrays import Codes, Flags, Float, Index, Mask
 from guara_perception.settings import TraversabilityLimits
-from guara_perception.terrain.assessment.disc import Kernel
+from guara_perception.terrain.assessment.disc import Kernel, touched_kernel
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK
 
 # A height of a single scan may change when a stripe beside it is lost, so one more ring must be known.
@@ -38,8 +38,9 @@ def edge_cells(
         resolution: cell edge [m].
         limits: with the sole's size.
         drift: (ny, nx, 2) cells along y and x by which the ground may lie aside of where each cell is, a property of
-            that cell alone (the fused map). None: a single scan, where nothing has drifted but heights may change with
-            the stripe beside them: one ring more around the discs must be known.
+            that cell alone (the fused map). None: a single scan, where nothing has drifted, but heights may change
+            with the stripe beside them and an edge that runs through a cell may show in the next one: all cells that
+            the discs touch must be known, and one ring more around them.
     """
     half = [half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length)]
     bad = ((flags & ALL_BUT_EDGE) != 0).astype(np.uint8)
@@ -52,10 +53,11 @@ def edge_cells(
         area = np.ones([2 * (n + more) + 1 for n, more in zip(half, beside, strict=True)], np.uint8)
         return np.asarray(reaches(cells, area), dtype=bool)
 
-    read = reaches(unknown, kernel)
     if drift is None:
         side = 2 * EXTRA_RING_CELLS + 1
+        read = reaches(unknown, touched_kernel(limits.disc_radius / resolution))
         return under_sole(bad | reaches(read, np.ones((side, side), np.uint8)), (0, 0))
+    read = reaches(unknown, kernel)
     result = np.zeros(flags.shape, dtype=bool)
     beside = np.maximum(drift - kernel.shape[0] // 2, LEAST_MARGIN_CELLS)
     wide = int(beside.max(initial=0)) + 1
@@ -78,7 +80,7 @@ def _most_beside(kernel: Kernel) -> int:
 def widest_window(kernel: Kernel, resolution: float, limits: TraversabilityLimits, *, is_map: bool) -> float:
     """From the centre of a cell to the farthest corner of what `edge_cells` reads around it [m]."""
     half_y, half_x = (half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length))
-    iy, ix = np.nonzero(kernel)
+    iy, ix = np.nonzero(kernel if is_map else touched_kernel(limits.disc_radius / resolution))
     radius = kernel.shape[0] // 2
     more = _most_beside(kernel) if is_map else EXTRA_RING_CELLS
     reach_y, reach_x = np.abs(iy - radius) + more, np.abs(ix - radius) + more
