@@ -1,9 +1,9 @@
-"""What the gait's words cost a running node: HOLD at 100 Hz and more, and floods of what is no announcement for it.
+"""What the gait's messages cost a running node: HOLD at 100 Hz and more, and floods of messages that are not for it.
 
 Usage: python -m benchmarks.announcements [--seconds 5] [--json]
 
-The node runs in this process, so that its processor time can be read; the gait speaks from one of its own. Silence and
-each kind of words take turns.
+The node runs in this process, so that its processor time can be read; the gait sends from a process of its own. In each
+round every kind of message has a time of silence before it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from transport.publisher import Publisher
 from transport.server import PerceptionServer
 from transport.stance_link import StanceReceiver
 
-# What is said, and how often a second. Floods come last: what cannot be read ends the pause.
+# Kind of message, and how often it is sent a second. Floods come last: a message that cannot be read ends the pause.
 HOLDS = (("hold", 100.0), ("hold", 500.0))
 FLOODS = (("malformed", 1000.0), ("of another robot", 1000.0))
 ROUNDS = 3
@@ -43,12 +43,12 @@ ALLOWED_LINES = 1.0
 
 @dataclass(slots=True)
 class Cost:
-    """What one kind of words cost.
+    """What one kind of message costs the node.
 
     Attributes:
-        sent: how many were sent.
-        spent_ms: processor time of each above silence, median of the rounds.
-        lines: of the log in a second, largest of the rounds.
+        sent: number of messages sent, in all rounds.
+        spent_ms: processor time of one message beyond that of silence, median of the rounds [ms].
+        lines: lines of the log in a second, largest of the rounds.
     """
 
     sent: int
@@ -74,7 +74,7 @@ def _payload(kind: str, hold: StancePause) -> bytes | bytearray:
 
 
 def run_gait(endpoint: str) -> None:
-    """Says BEGIN of step 0, then what each line wants, as often and as long as it wants."""
+    """Announces BEGIN of step 0, then sends messages of the kind, rate and seconds that each line of input asks for."""
     stance = stance_to_message(next(SimulatedRobot().walk(cycles=0)).stance)
     begin = StancePause(robot="guara", step=0, phase=PausePhase.BEGIN, stamp=time.time_ns(), stance=stance)
     with open_client(endpoint, timeout=TIMEOUT) as session:
@@ -83,22 +83,21 @@ def run_gait(endpoint: str) -> None:
         latched.put(encode_stance_pause(begin))
         say(ready=True)
         for line in sys.stdin:
-            words = json.loads(line)
+            command = json.loads(line)
             start, count = time.monotonic(), 0
-            while (now := time.monotonic() - start) < words["seconds"]:
-                if now < count / words["rate"]:
-                    time.sleep(count / words["rate"] - now)
+            while (elapsed := time.monotonic() - start) < command["seconds"]:
+                if elapsed < count / command["rate"]:
+                    time.sleep(count / command["rate"] - elapsed)
                     continue
-                plain.put(
-                    _payload(words["kind"], dataclasses.replace(begin, phase=PausePhase.HOLD, stamp=time.time_ns()))
-                )
+                hold = dataclasses.replace(begin, phase=PausePhase.HOLD, stamp=time.time_ns())
+                plain.put(_payload(command["kind"], hold))
                 count += 1
             say(sent=count)
 
 
 @contextmanager
 def standing_node() -> Iterator[tuple[Peer, NodeStatus]]:
-    """A node whose robot stands in a pause that was scanned, and its gait."""
+    """A gait process and the status of a node whose robot stands in a pause that was scanned."""
     simulated = SimulatedRobot()
     endpoint = free_endpoint()
     with simulated.rangefinder, open_node(listen=endpoint) as session, peers() as start:
@@ -115,7 +114,14 @@ def standing_node() -> Iterator[tuple[Peer, NodeStatus]]:
 
 
 def measure(seconds: float) -> dict[str, Cost]:
-    """Costs by kind and rate, such as "hold at 100 Hz"."""
+    """Cost by kind and rate, such as "hold at 100 Hz".
+
+    Args:
+        seconds: how long each kind is sent in each round.
+
+    Raises:
+        SystemExit: the first pause gave no grid, or HOLD did not confirm it.
+    """
     counter = _Counter()
     root = logging.getLogger()
     level = root.level
@@ -132,15 +138,15 @@ def measure(seconds: float) -> dict[str, Cost]:
                         name = f"{kind} at {rate:g} Hz"
                         before = time.process_time()
                         time.sleep(seconds)
-                        silence, before, said = time.process_time() - before, time.process_time(), counter.lines
+                        silence, before, lines_before = time.process_time() - before, time.process_time(), counter.lines
                         gait.tell(kind=kind, rate=rate, seconds=seconds)
                         count = gait.hear()["sent"]
                         spent.setdefault(name, []).append(1e3 * (time.process_time() - before - silence) / count)
-                        lines.setdefault(name, []).append((counter.lines - said) / seconds)
+                        lines.setdefault(name, []).append((counter.lines - lines_before) / seconds)
                         sent[name] = sent.get(name, 0) + count
                 (scanner,) = [item for item in status.items() if item.name == "scanner"]
                 if scanner.values["provisional"] != "false":
-                    raise SystemExit("the node has not taken the words HOLD as such")
+                    raise SystemExit("HOLD did not confirm the grid: the scanner's status still says provisional")
     finally:
         root.removeHandler(counter)
         root.setLevel(level)
@@ -153,7 +159,9 @@ def main() -> None:
         run_gait(sys.argv[2])
         return
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=5.0, help="of each kind in each round; at most 60")
+    parser.add_argument(
+        "--seconds", type=float, default=5.0, help="how long each kind is sent in each round; at most 60"
+    )
     parser.add_argument("--json", action="store_true", help="print all figures as one JSON object in the last line")
     options = parser.parse_args()
     costs = measure(min(max(options.seconds, 0.1), 60.0))

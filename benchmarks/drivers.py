@@ -1,9 +1,10 @@
-"""Prints the drivers' figures: what a scan costs beyond its frames, and how soon the laser is out.
+"""Prints the drivers' figures: what a scan costs beyond its frames, and how soon the laser is off.
 
     python -m benchmarks.drivers
 
-An emulated board (1 ms a USB transfer, as full speed has it) and a free-running emulated camera: 1280 x 1024 pixels,
-30 frames per second, 8 ms exposure, 8 ms from exposure to arrival. The driver and pyusb are the real ones.
+An emulated board and a free-running emulated camera: 1280 x 1024 pixels, 30 frames per second, 8 ms exposure, 8 ms from
+exposure to arrival. For the scans a USB transfer takes 1 ms, as at full speed; how soon the laser is off is measured
+with a board in another process, without that delay. The driver and pyusb are the real ones.
 """
 
 from __future__ import annotations
@@ -30,14 +31,15 @@ from drivers.emulator import (
 
 FPS = 30.0
 FIRING_ORDER = [(index, -0.146 + 0.473 * index / 69) for index in range(70)]
+# How often each figure is measured.
 SCANS, KILLS, EXCEPTIONS = 5, 5, 20
 
-
-rendering = 0.0  # processor time spent on pictures so far [s]
+# Processor time spent on pictures so far [s].
+rendering = 0.0
 
 
 def make_render() -> object:
-    """Return a renderer quick enough not to be what is measured: a noisy floor and one red row."""
+    """A renderer of a noisy floor and one red row, quick enough that a scan waits for its frames, not for pictures."""
     rng = np.random.default_rng(0)
     floor = rng.normal(60, 3, (1024, 1280, 3)).clip(0, 255).astype(np.uint8)
     dark = rng.normal(60, 3, (1024, 1280, 3)).clip(0, 255).astype(np.uint8)
@@ -57,7 +59,7 @@ def make_render() -> object:
 
 
 def processor_seconds() -> float:
-    """Return the processor time of this process so far [s], without that of making pictures."""
+    """Processor time of this process so far [s], without that of making pictures."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     return used.ru_utime + used.ru_stime - rendering
 
@@ -72,7 +74,7 @@ def scans() -> None:
     ):
         for off in (OffFrames.ONE, OffFrames.NONE, OffFrames.PER_STRIPE):
             frames = {OffFrames.ONE: 71, OffFrames.NONE: 70, OffFrames.PER_STRIPE: 140}[off]
-            durations, processor, skipped, proved = [], [], 0, True
+            durations, processor, skipped, all_in_step = [], [], 0, True
             for _ in range(SCANS):
                 prepare(board, FIRING_ORDER)
                 begun, used = time.monotonic(), processor_seconds()
@@ -82,13 +84,13 @@ def scans() -> None:
                     durations.append(time.monotonic() - begun)
                     processor.append(processor_seconds() - used)
                 skipped += stripes.report.frames_skipped
-                proved &= stripes.report.in_step
-            need = frames / FPS
+                all_in_step &= stripes.report.in_step
+            frame_time = frames / FPS
             worst, median = max(durations), statistics.median(durations)
             print(
-                f"scan of 70 stripes, off frames {off.value:10s}: frames need {need:.3f} s, median "
-                f"{median:.3f} s (+{median / need - 1:.1%}), worst of {SCANS} "
-                f"{worst:.3f} s (+{worst / need - 1:.1%}, goal <= 5 %), in step: {proved}, frames skipped "
+                f"scan of 70 stripes, off frames {off.value:10s}: frames need {frame_time:.3f} s, median "
+                f"{median:.3f} s ({median / frame_time - 1:+.1%}), worst of {SCANS} "
+                f"{worst:.3f} s ({worst / frame_time - 1:+.1%}, goal <= 5 %), in step: {all_in_step}, frames skipped "
                 f"{skipped / SCANS:.1f} a scan, processor {statistics.median(processor) * 1e3:.0f} ms without rendering"
             )
         board.go_to_angle(0.1)
@@ -115,24 +117,24 @@ def kills() -> None:
     )
     assert emulator.stdout is not None
     address = emulator.stdout.readline().split()[1]
-    far = RemoteBoard(address)
-    for number in (signal.SIGKILL, signal.SIGTERM):
+    remote = RemoteBoard(address)
+    for ending in (signal.SIGKILL, signal.SIGTERM):
         times = []
         for _ in range(KILLS):
             host = subprocess.Popen([sys.executable, "-c", HOST, address], stdout=subprocess.PIPE, text=True)
             assert host.stdout is not None
             host.stdout.readline()
             time.sleep(0.6)
-            assert far.view().laser_on
+            assert remote.view().laser_on
             begun = time.monotonic()
-            host.send_signal(number)
-            while far.view().laser_on and time.monotonic() - begun < 10:
+            host.send_signal(ending)
+            while remote.view().laser_on and time.monotonic() - begun < 10:
                 time.sleep(0.002)
             times.append(time.monotonic() - begun)
             host.wait()
-        limit = "goal <= 0.6 s" if number is signal.SIGKILL else "no goal"
-        print(f"laser off after {number.name} of the host: median {statistics.median(times):.3f} s, worst of {KILLS} "
-              f"{max(times):.3f} s ({limit})")  # fmt: skip
+        goal = "goal <= 0.6 s" if ending is signal.SIGKILL else "no goal"
+        print(f"laser off after {ending.name} of the host: median {statistics.median(times):.3f} s, worst of {KILLS} "
+              f"{max(times):.3f} s ({goal})")  # fmt: skip
     exceptions(address)
     emulator.terminate()
     emulator.wait()
@@ -141,22 +143,23 @@ def kills() -> None:
 def exceptions(address: str) -> None:
     """Print how long the laser stays on after an exception in the caller's loop over stripes."""
     render = make_render()
-    far = RemoteBoard(address)
+    remote = RemoteBoard(address)
     times = []
     with LaserBoard(backend=remote_backend(address)) as board:
-        with EmulatedCamera(far, render, fps=FPS) as camera:  # type: ignore[arg-type]
+        with EmulatedCamera(remote, render, fps=FPS) as camera:  # type: ignore[arg-type]
             prepare(board, FIRING_ORDER)
-            for turn in range(EXCEPTIONS):
+            for number in range(EXCEPTIONS):
                 raised = 0.0
                 try:
                     with acquire(board, camera, FIRING_ORDER, AcquireOptions(off=OffFrames.ONE)) as stripes:
                         for stripe in stripes:
-                            if stripe.index == 2 + turn % 5:
-                                time.sleep(0.0016 * turn)
+                            # At another stripe and another phase of the frame each time.
+                            if stripe.index == 2 + number % 5:
+                                time.sleep(0.0016 * number)
                                 raised = time.monotonic()
                                 raise ZeroDivisionError
                 except ZeroDivisionError:
-                    view = far.view()
+                    view = remote.view()
                 times.append(view.laser_since - raised)
                 assert not view.laser_on
     print(

@@ -23,7 +23,7 @@ PATIENCE = 60.0
 
 
 def run_router(endpoint: str, wait_ms: str) -> None:
-    """A Zenoh router as `guara security router` would configure it, but without TLS, or with another wait."""
+    """A Zenoh router as `guara security router` configures it, but without TLS; `wait_ms` replaces its own wait."""
     configuration = router_configuration([endpoint])
     if wait_ms:
         drop = configuration["transport"]["link"]["tx"]["queue"]["congestion_control"]["drop"]
@@ -34,7 +34,7 @@ def run_router(endpoint: str, wait_ms: str) -> None:
 
 
 def run_zenohd(configuration: str, _: str) -> None:
-    """A Zenoh router out of its own configuration file, as `guara security router` writes it."""
+    """A Zenoh router with the configuration file that `guara security router` wrote."""
     import zenoh
 
     with zenoh.open(zenoh.Config.from_file(configuration)):
@@ -43,10 +43,10 @@ def run_zenohd(configuration: str, _: str) -> None:
 
 
 class Robots:
-    """Robots of one process, each with a session of its own; a thread publishes each at its own moments."""
+    """Robots of one process, each with a Zenoh session of its own; one thread publishes for all of them."""
 
     def __init__(self, names: list[str], endpoint: str, security: str) -> None:
-        """Connect each; `security` is a folder with one folder per robot, empty without."""
+        """Connect each; `security` is a folder with one folder per robot, or empty for plain TCP."""
         self._footprint = make_terrain(1)
         self._map = dataclasses.replace(make_terrain(1, MAP_SHAPE), extent="map")
         self._occupancy = np.zeros(SHAPE, np.int8)
@@ -97,23 +97,23 @@ class Robots:
 
 
 def run_robots(endpoint: str, security: str, *names: str) -> None:
-    """Robots; each line says for how long and how often to publish, or that all are to publish once."""
+    """Robots; each line of the standard input says for how long and how often to publish, or to publish once."""
     robots = Robots(list(names), endpoint, security)
     say(ready=True)
     for line in sys.stdin:
-        wish = json.loads(line)
-        if wish.get("once"):
+        command = json.loads(line)
+        if command.get("once"):
             robots.publish_all()
             say(published=len(names))
         else:
-            say(published=robots.run(wish["seconds"], wish["period"]))
+            say(published=robots.run(command["seconds"], command["period"]))
 
 
 class Planners:
     """Planners of one process, each with a client of its own robot."""
 
     def __init__(self, names: list[str], endpoint: str, security: str) -> None:
-        """Connect each; `security` is a folder with one folder per robot, empty without."""
+        """Connect each; `security` is a folder with one folder per robot, or empty for plain TCP."""
         self._lock = threading.Lock()
         self._delays: dict[str, list[float]] = {"footprint": [], "map": []}
         self._bytes = 0
@@ -141,7 +141,7 @@ class Planners:
             self._newest[terrain.robot] = now * 1e-9
 
     def report(self) -> dict[str, Any]:
-        """What came since the last report, and what did not."""
+        """Delays, bytes and newest instants since the last report; counts of grids not received, since the start."""
         receivers = [client.receiver(extent) for client in self._clients for extent in ("footprint", "map")]
         with self._lock:
             report = {
@@ -157,7 +157,7 @@ class Planners:
 
 
 def run_planners(endpoint: str, security: str, *names: str) -> None:
-    """Planners; each line asks for a report."""
+    """Planners; each line of the standard input asks for a report."""
     planners = Planners(list(names), endpoint, security)
     say(ready=True)
     for _ in sys.stdin:

@@ -1,7 +1,11 @@
-"""What a mount that moves after calibration costs: heights of one scan, worked out with a calibration slightly wrong.
+"""What a mount that moves after calibration costs: by how much the heights of a scan are then wrong.
 
 `python -m benchmarks.mounting`. Calibration measures the mount as it was built, so a constant error costs nothing; what
 counts is what changes afterwards: a screw that gives, a home switch that shifts, a mirror that has not settled.
+
+The recorded frames are those of the mount as it was calibrated. Heights are computed from them with the calibration of
+the moved mount; a robot has it the other way round, frames of the moved mount and the calibration of before, and for
+changes this small its error is the same with the opposite sign. That is what is printed.
 """
 
 from __future__ import annotations
@@ -17,7 +21,8 @@ from tests import scenes
 SCAN = Path(__file__).resolve().parents[1] / "tests" / "data" / "scans" / "paper"
 # The mirror's axis in base_link [m], parallel to y.
 AXIS = np.array([0.600, 0.0, 0.110])
-STEP = 490874e-9
+# One step of the mirror's motor [rad of the mirror].
+MOTOR_STEP = 490874e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,16 +30,16 @@ class Change:
     """A change of the mount: of every laser plane, and of the camera.
 
     Attributes:
-        name: in words.
-        sheet: turn of the laser planes about the mirror's axis [rad].
-        tilt: turn of the planes about x [rad].
-        shift: of the planes in base_link [m].
-        pitch: turn of camera and laser planes together about y [rad].
-        camera_shift: of the camera alone, upwards [m].
+        name: what the table calls it.
+        mirror_turn: angle by which the laser planes turn about the mirror's axis [rad].
+        tilt: angle by which they turn about x [rad].
+        shift: vector by which they move in base_link [m].
+        pitch: angle by which camera and laser planes turn together about y [rad].
+        camera_shift: distance by which the camera alone moves upwards [m].
     """
 
     name: str
-    sheet: float = 0.0
+    mirror_turn: float = 0.0
     tilt: float = 0.0
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
     pitch: float = 0.0
@@ -42,8 +47,8 @@ class Change:
 
 
 CHANGES = (
-    Change("home switch off by one step", sheet=2 * STEP),
-    Change("mirror not settled by a tenth of a stripe", sheet=2 * 0.00068),
+    Change("home switch off by one step", mirror_turn=2 * MOTOR_STEP),
+    Change("mirror not settled by a tenth of a stripe", mirror_turn=2 * 0.00068),
     Change("mirror axis tilted by 0.1 degrees", tilt=np.radians(0.1)),
     Change("laser and mirror 0.2 mm forward", shift=(0.0002, 0.0, 0.0)),
     Change("laser and mirror 0.2 mm up", shift=(0.0, 0.0, 0.0002)),
@@ -68,17 +73,17 @@ def _moved(turn: np.ndarray, about: np.ndarray, shift: np.ndarray) -> np.ndarray
 
 
 def changed(calibration: gp.Calibration, change: Change) -> gp.Calibration:
-    """Return the calibration of a mount that has changed so; its planes and its camera, as they would be now."""
+    """The calibration of the mount after a change: its laser planes and its camera where they are then."""
     camera = calibration.transform_camera_to_base
     lift = np.eye(4)
     lift[2, 3] = change.camera_shift
     head = _moved(_turn(1, change.pitch), camera[:3, 3], np.zeros(3))
-    laser = _moved(_turn(0, change.tilt) @ _turn(1, -change.sheet), AXIS, np.array(change.shift))
+    laser = _moved(_turn(0, change.tilt) @ _turn(1, -change.mirror_turn), AXIS, np.array(change.shift))
     # A plane in the camera's frame transforms by the inverse transpose; the laser moves against the camera.
     moved_camera = lift @ camera
-    points = np.linalg.inv(moved_camera) @ laser @ camera
+    moved_laser = np.linalg.inv(moved_camera) @ laser @ camera
     stripes = tuple(
-        replace(stripe, plane=_plane(stripe.plane @ np.linalg.inv(points))) for stripe in calibration.stripes
+        replace(stripe, plane=_plane(stripe.plane @ np.linalg.inv(moved_laser))) for stripe in calibration.stripes
     )
     return replace(calibration, transform_camera_to_base=head @ moved_camera, stripes=stripes)
 
@@ -89,28 +94,31 @@ def _plane(plane: np.ndarray) -> np.ndarray:
     return result
 
 
-def heights(recording: scenes.Recording, calibration: gp.Calibration) -> np.ndarray:
-    """The elevation that the frames of a recording give with a calibration [m]."""
-    processor = replace(recording, calibration=calibration).processor()
-    processor.add_all([gp.FramePair(*frames) for frames in recording.frames])
+def heights(scan: scenes.Recording, calibration: gp.Calibration) -> np.ndarray:
+    """The elevation that the frames of a scan give with a calibration [m]."""
+    processor = replace(scan, calibration=calibration).processor()
+    processor.add_all([gp.FramePair(*frames) for frames in scan.frames])
     return processor.finish().elevation
 
 
-def measure(recording: scenes.Recording) -> list[tuple[str, float, float]]:
-    """Rows: the change, by how much heights are wrong on average, and their scatter (1.48 x median deviation) [m]."""
-    right = heights(recording, recording.calibration)
+def measure(scan: scenes.Recording) -> list[tuple[str, float, float]]:
+    """Rows (name of the change, median error of a robot's heights after it, scatter of that error) [m].
+
+    The scatter is 1.4826 times the median absolute deviation.
+    """
+    right = heights(scan, scan.calibration)
     rows = []
     for change in CHANGES:
-        error = heights(recording, changed(recording.calibration, change)) - right
+        error = right - heights(scan, changed(scan.calibration, change))
         known = error[np.isfinite(error)]
-        middle = float(np.median(known))
-        rows.append((change.name, middle, 1.4826 * float(np.median(np.abs(known - middle)))))
+        median = float(np.median(known))
+        rows.append((change.name, median, 1.4826 * float(np.median(np.abs(known - median)))))
     return rows
 
 
 def main() -> None:
     """Print the table."""
-    print(f"{'change after calibration':45s} {'heights off by':>15s} {'scatter':>10s}")
+    print(f"{'change after calibration':45s} {'median error':>15s} {'scatter':>10s}")
     for name, offset, scatter in measure(scenes.recorded(SCAN)):
         print(f"{name:45s} {1e3 * offset:+12.2f} mm {1e3 * scatter:7.2f} mm")
 

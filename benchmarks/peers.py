@@ -16,24 +16,24 @@ from typing import Any
 class Peer:
     """A process of a module of this package."""
 
-    def __init__(self, *words: str, module: str = "transport_peer") -> None:
-        """Start it and wait until it has said its first line, that it is ready.
+    def __init__(self, *arguments: str, module: str = "transport_peer") -> None:
+        """Start it and wait for its first line, which says that it is ready.
 
         Args:
-            words: of its command line.
-            module: of `benchmarks`.
+            arguments: arguments of its command line.
+            module: name of a module of `benchmarks`.
         """
-        command = [sys.executable, "-m", f"benchmarks.{module}", *words]
+        command = [sys.executable, "-m", f"benchmarks.{module}", *arguments]
         root = str(Path(__file__).resolve().parents[1])
         self.popen = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=root, env=dict(os.environ)
         )
         self.hear()
 
-    def tell(self, **words: Any) -> None:
+    def tell(self, **command: Any) -> None:
         """Give it a command."""
         assert self.popen.stdin is not None
-        self.popen.stdin.write(json.dumps(words) + "\n")
+        self.popen.stdin.write(json.dumps(command) + "\n")
         self.popen.stdin.flush()
 
     def hear(self) -> dict[str, Any]:
@@ -49,11 +49,11 @@ class Peer:
 
 @contextmanager
 def peers() -> Iterator[Callable[..., Peer]]:
-    """Starts processes, and ends them all."""
+    """A function that starts processes; all of them are killed at the end."""
     started: list[Peer] = []
 
-    def start(*words: str, module: str = "transport_peer") -> Peer:
-        started.append(Peer(*words, module=module))
+    def start(*arguments: str, module: str = "transport_peer") -> Peer:
+        started.append(Peer(*arguments, module=module))
         return started[-1]
 
     try:

@@ -1,7 +1,7 @@
-"""A planner in a process of its own: says when each grid was in its hands. Started by `benchmarks.node`.
+"""A client in a process of its own, as a planner has it: prints when it received a grid. Started by `benchmarks.node`.
 
-`python benchmarks/planner_peer.py ENDPOINT`: for each line with the number of a pause one line with the monotonic clock
-[s] at which `wait_for_step` gave its grid.
+`python benchmarks/planner_peer.py ENDPOINT`: for each line of input, the number of a pause, it prints one line, the
+monotonic clock [s] at the instant when `wait_for_step` returned the grid of that pause.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ TIMEOUT_S = 120.0
 
 
 def wait_for_pauses() -> None:
-    """Wait for the grids of the pauses that are named on the standard input."""
+    """Wait for the grid of each pause whose number comes on the standard input."""
     with gp.TerrainClient(sys.argv[1], timeout=TIMEOUT_S) as client:
         print("ready", flush=True)
         for line in sys.stdin:

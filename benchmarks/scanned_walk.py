@@ -1,4 +1,4 @@
-"""Walks over random worlds, scanned by the simulated rangefinder frame by frame; kept in files on request."""
+"""Walks over random worlds, scanned by the simulated rangefinder frame by frame, and on request kept in files."""
 
 from __future__ import annotations
 
@@ -22,13 +22,18 @@ from guara_perception.simulation.world import World
 from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import LegOdometry, RobotModel
 
-# Before these the map holds little but what the gait declared.
-FIRST_STEP = 4
+# The first step that is judged: at earlier ones the map holds little but the ground that the gait declared.
+FIRST_JUDGED_STEP = 4
 
 
 @dataclass(frozen=True)
 class ScannedPause:
-    """One pause and the scan that was taken there, of the wide area, as the map takes it."""
+    """One pause of a walk and the grid of its scan.
+
+    Attributes:
+        pause: the pause.
+        scan: the grid of the extent "wide", which the map fuses.
+    """
 
     pause: WalkPause
     scan: gp.TerrainGrid
@@ -36,16 +41,16 @@ class ScannedPause:
 
 @dataclass(frozen=True)
 class JudgedPause:
-    """One pause of a walk with its map and what is true there.
+    """One pause of a walk with its map and the truth.
 
     Attributes:
         item: the pause and its scan.
-        fused: the map, of a walk that drifts.
-        ceiling: bounds of its unknown cells.
-        sight_seconds: of processor, what they took.
-        oracle: the map if all of it were known exactly.
+        fused: the fused map, whose poses come from odometry and drift.
+        ceiling: bounds of the map's unknown cells.
+        sight_seconds: processor time that these bounds took [s].
+        oracle: the map as it would be if every cell of it were known exactly.
         dark: (ny, nx) cells with ground that swallows the laser.
-        from_world: (4, 4) into the scan's footprint, true.
+        from_world: (4, 4) true transform from the world to base_footprint of the scan.
     """
 
     item: ScannedPause
@@ -58,7 +63,7 @@ class JudgedPause:
 
 
 def judged_walk(robot: RobotModel, truth: TrueGround, pauses: Iterable[ScannedPause]) -> Iterator[JudgedPause]:
-    """Fuse a walk as the node does, and set the truth beside it from FIRST_STEP on."""
+    """Fuse the scans of a walk as the node does; yields each pause from FIRST_JUDGED_STEP on with map and truth."""
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
     sight = gp.LinesOfSight(terrain_map)
     for item in pauses:
@@ -76,13 +81,14 @@ def judged_walk(robot: RobotModel, truth: TrueGround, pauses: Iterable[ScannedPa
         sight.add(scan, fused)
         ceiling = sight.ceiling(fused)
         seconds = time.process_time() - begun
-        if pause.step < FIRST_STEP:
+        if pause.step < FIRST_JUDGED_STEP:
             continue
-        to_world = pause.transform_base_to_world @ np.linalg.inv(np.array(scan.metadata["transform_base_to_footprint"]))
+        transform_base_to_footprint = np.array(scan.metadata["transform_base_to_footprint"])
+        transform_footprint_to_world = pause.transform_base_to_world @ np.linalg.inv(transform_base_to_footprint)
         stance = {name: fused.metadata[name] for name in ("stance", "transform_base_to_footprint")}
-        oracle, dark = truth.grid(to_world, map_geometry(robot), robot, **stance)
-        from_world = np.asarray(np.linalg.inv(to_world), np.float64)
-        yield JudgedPause(item, fused, ceiling, seconds, oracle, dark, from_world)
+        oracle, dark = truth.grid(transform_footprint_to_world, map_geometry(robot), robot, **stance)
+        transform_world_to_footprint = np.asarray(np.linalg.inv(transform_footprint_to_world), np.float64)
+        yield JudgedPause(item, fused, ceiling, seconds, oracle, dark, transform_world_to_footprint)
 
 
 def scanned_walk(
@@ -90,17 +96,18 @@ def scanned_walk(
 ) -> tuple[World, list[ScannedPause]]:
     """The world of a seed and the scanned pauses of a walk over it.
 
-    The feet go where the truth is good, so that the same walk can be judged with any map.
+    Each foot goes where the true ground is best, or to its nominal position where no good ground is near. No map has
+    a say in that, so the same walk can be judged with any map.
 
     Args:
-        robot: that walks.
-        seed: of world, specimen and noise.
-        mode: of the scans.
-        cycles: how far.
-        kept: folder with walks of earlier runs, written where missing; None = scan now.
+        robot: the robot that walks.
+        seed: seed of the random world, the specimen's calibration and the noise.
+        mode: scan mode.
+        cycles: number of cycles walked.
+        kept: folder for walks; a walk that is there is read, any other is scanned and written. None = neither.
     """
     world = random_world(seed)
-    file = None if kept is None else kept / f"wide-{seed}-{mode}-{cycles}.pickle"
+    file = None if kept is None else kept / f"wide-{robot.name}-{seed}-{mode}-{cycles}.pickle"
     if file is not None and file.is_file():
         return world, pickle.loads(file.read_bytes())
     pauses = list(_scan(robot, world, seed, mode, cycles))

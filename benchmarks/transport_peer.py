@@ -20,7 +20,7 @@ SHAPE = (108, 90)
 
 
 def make_terrain(sequence: int, shape: tuple[int, int] = SHAPE) -> transport.TerrainMessage:
-    """A grid with all layers; `variance` tells the sequence, so that a mixed one would show."""
+    """A grid with all layers; `variance` holds the sequence number, so that a mixture of two grids would show."""
     rng = np.random.default_rng(sequence)
     layers: dict[str, Any] = {}
     for name, kind in transport.LAYERS.items():
@@ -62,13 +62,13 @@ def make_terrain(sequence: int, shape: tuple[int, int] = SHAPE) -> transport.Ter
 
 
 def is_whole(terrain: transport.TerrainMessage) -> bool:
-    """Whether the layer that tells the sequence tells one, the message's own."""
+    """Whether every cell of `variance` holds the message's own sequence number."""
     return bool(np.all(terrain.layers["variance"] == terrain.sequence))
 
 
-def say(**words: Any) -> None:
+def say(**reply: Any) -> None:
     """A line of JSON to the benchmark."""
-    print(json.dumps(words), flush=True)
+    print(json.dumps(reply), flush=True)
 
 
 def run_router(endpoint: str) -> None:
@@ -91,35 +91,35 @@ def run_node(endpoint: str, mode: str) -> None:
         token = transport.AliveToken(session, keys.alive_key())
         say(ready=True)
         for line in sys.stdin:
-            words = json.loads(line)
-            if "publish" in words:
-                publisher.put(transport.encode_terrain(make_terrain(words["publish"])))
+            command = json.loads(line)
+            if "publish" in command:
+                publisher.put(transport.encode_terrain(make_terrain(command["publish"])))
             else:
-                _stream(publisher, outbox, words)
+                _stream(publisher, outbox, command)
         outbox.close()
         token.close()
 
 
-def _stream(publisher: transport.Publisher, outbox: transport.Outbox, words: dict[str, Any]) -> None:
-    shape = (int(words["rows"]), 400) if words.get("rows") else SHAPE
-    templates = [make_terrain(n, shape) for n in range(1, min(words["stream"], 20) + 1)]
+def _stream(publisher: transport.Publisher, outbox: transport.Outbox, command: dict[str, Any]) -> None:
+    shape = (int(command["rows"]), 400) if command.get("rows") else SHAPE
+    templates = [make_terrain(n, shape) for n in range(1, min(command["stream"], 20) + 1)]
     # The number goes into the step: as many grids as wanted without as many arrays.
-    grids = [dataclasses.replace(templates[n % len(templates)], step=n + 1) for n in range(words["stream"])]
+    grids = [dataclasses.replace(templates[n % len(templates)], step=n + 1) for n in range(command["stream"])]
     times: dict[int, int] = {}
 
-    for grid in grids[words.get("first", 1) - 1 :]:
+    for grid in grids[command.get("first", 1) - 1 :]:
         times[grid.step] = time.monotonic_ns()
         outbox.post("grid", lambda grid=grid: publisher.put(transport.encode_terrain(grid)))  # type: ignore[misc]
-        if words["period"]:
-            time.sleep(words["period"])
+        if command["period"]:
+            time.sleep(command["period"])
         else:
             outbox.flush(60.0)
     outbox.flush(60.0)
-    say(streamed=words["stream"], times=times, longest_ms=1e3 * outbox.longest, superseded=outbox.superseded)
+    say(streamed=command["stream"], times=times, longest_ms=1e3 * outbox.longest, superseded=outbox.superseded)
 
 
 def run_planner(endpoint: str, pause: str) -> None:
-    """A planner that takes the newest grid every `pause` seconds (0: each one); says when it got which."""
+    """A planner that takes the newest grid every `pause` seconds (0: each one); reports when it got each."""
     got: dict[int, int] = {}
     whole = True
     session = transport.open_client(endpoint, timeout=30.0)
@@ -152,7 +152,7 @@ def _take_slowly(client: transport.PerceptionClient, pause: float, take: Any, st
 
 
 def run_tcp(port: str) -> None:
-    """Receives blocks over raw TCP into arrays and sends them back; says when each was there."""
+    """Receives blocks over raw TCP into arrays and sends them back; reports when each had arrived."""
     got: list[int] = []
     with socket.create_server(("127.0.0.1", int(port))) as server:
         say(ready=True)

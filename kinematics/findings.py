@@ -1,4 +1,4 @@
-"""What is wrong with a file of a robot folder, gathered so that all of it is reported at once."""
+"""Collects what is wrong with a file of a robot folder, so that everything is reported at once."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from kinematics.exceptions import RobotFileError
 
 
 class Findings:
-    """Collects what is wrong with one file, and what in it is not used.
+    """What is wrong with one file, and which of its entries are not used.
 
     Args:
-        path: the file, for messages.
+        path: the file's path, for messages.
     """
 
     def __init__(self, path: Path) -> None:
@@ -22,36 +22,41 @@ class Findings:
         self._unused: Counter[str] = Counter()
 
     def wrong(self, text: str, line: int = 0) -> None:
-        """Something that is used is wrong; `line` of the file, 0 when it is of no line."""
+        """Add an error.
+
+        Args:
+            text: what is wrong.
+            line: line of the file, from 1; 0 when it belongs to no line.
+        """
         self._wrong.append((line, text))
 
     def unused(self, text: str) -> None:
-        """Something is not used; the same text is reported once, with its count."""
+        """Add a note on an entry that is not used; equal texts become one note, with their count."""
         self._unused[text] += 1
 
     @property
     def is_wrong(self) -> bool:
-        """Whether anything is wrong so far."""
+        """Whether there is an error so far."""
         return bool(self._wrong)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is not used, each once."""
+        """Notes on what is not used, equal texts once."""
         return tuple(f"{text} ({count} times)" if count > 1 else text for text, count in self._unused.items())
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """What is wrong, in the order of the file, each with file and line."""
+        """Errors in the order of their lines, each with file and line."""
         return tuple(
             f"{self.path}:{line}: {text}" if line else f"{self.path}: {text}"
             for line, text in sorted(self._wrong, key=lambda finding: finding[0])
         )
 
     def refuse(self) -> None:
-        """Raise all that was found in one go.
+        """Raise if there is an error; notes on unused entries are no reason to.
 
         Raises:
-            RobotFileError: something is wrong; `findings` lists each with file and line.
+            RobotFileError: there are errors; its `findings` are `texts`.
         """
         if self._wrong:
             raise RobotFileError(*self.texts)

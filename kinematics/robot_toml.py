@@ -1,4 +1,4 @@
-"""Reads robot.toml: what a robot's URDF cannot say."""
+"""Reads robot.toml, which holds what a robot's URDF has no element for."""
 
 from __future__ import annotations
 
@@ -16,7 +16,14 @@ from kinematics.toml_text import key_lines, read_toml
 
 @dataclass(frozen=True, slots=True)
 class LegConfig:
-    """One leg: its hip link, its sole frame and its joints from hip to sole."""
+    """One leg.
+
+    Attributes:
+        name: the leg's name.
+        hip: name of its hip link.
+        sole: name of its sole frame.
+        joints: names of its joints, from hip to sole.
+    """
 
     name: str
     hip: str
@@ -26,7 +33,13 @@ class LegConfig:
 
 @dataclass(frozen=True, slots=True)
 class PostureConfig:
-    """Heights [m] of hips and camera (optical centre) over the plane of the soles, in one posture."""
+    """One posture.
+
+    Attributes:
+        name: the posture's name.
+        hip_height: of the hips over the plane of the soles [m].
+        camera_height: of the camera's optical centre over that plane [m].
+    """
 
     name: str
     hip_height: float
@@ -35,9 +48,19 @@ class PostureConfig:
 
 @dataclass(frozen=True, slots=True)
 class RobotToml:
-    """What robot.toml says of the robot itself; tables for readers above stay raw in `root`.
+    """What robot.toml says about kinematics; tables that other packages read are in `root`, unchecked.
 
-    `assumed` is the table [assumed]: values that nobody has measured -> how to measure them.
+    Attributes:
+        path: the file's path.
+        name: the robot's name.
+        sole: length and width of a sole [m].
+        scan_posture: name of the posture in which the robot scans.
+        base_frame, camera_frame, laser_frame: names of links of the URDF.
+        imu_frame: name of the IMU's link, None without one.
+        legs: the legs, in the order of the file.
+        postures: the postures, in the order of the file.
+        root: the whole file.
+        assumed: the table [assumed]: value that nobody has measured -> how to measure it.
     """
 
     path: Path
@@ -54,19 +77,19 @@ class RobotToml:
     assumed: Mapping[str, str] = field(default_factory=dict)
 
     def section(self, name: str) -> Mapping[str, object]:
-        """One top-level table, read-only all the way down.
+        """One top-level table, read-only with all that is in it.
 
         Raises:
-            RobotFileError: naming the file and the missing table.
+            RobotFileError: the table is missing; the message names it and the file.
         """
         return cast(Mapping[str, object], frozen(self.root.table(name).values))
 
 
 def open_robot_toml(path: Path) -> Table:
-    """The whole of robot.toml as a table; nothing in it is checked yet.
+    """The whole of robot.toml as a table; its values are not checked here.
 
     Raises:
-        RobotFileError: the file is missing or no TOML.
+        RobotFileError: the file cannot be read, is too large, or is not valid TOML.
     """
     try:
         return Table(path, "", read_toml(path), key_lines(path.read_text("utf-8")))
@@ -77,11 +100,12 @@ def open_robot_toml(path: Path) -> Table:
 
 
 def read_robot_toml(root: Table, findings: Findings) -> RobotToml:
-    """What robot.toml says of the robot itself; what is wrong becomes findings, and a harmless value stands in for it.
+    """What robot.toml says about kinematics.
 
     Args:
         root: the whole file.
-        findings: of robot.toml; the result is to be used where nothing new is in it.
+        findings: gets what is wrong; a wrong value is replaced by a harmless one, so that reading can go on. The result
+            must be used only if nothing was added.
     """
     table = root.gathering(findings)
     frames, legs, postures = table.table("frames"), table.table("legs"), table.table("postures")

@@ -23,8 +23,8 @@ class Stance:
             length; None when unknown.
 
     Raises:
-        StanceError: a value is not finite, a foot is named twice, or gravity points up; the message names the
-            field.
+        StanceError: a value is of the wrong type or not finite, a foot is named twice, or gravity does not point down
+            (z is 0 or more); the message names the field.
     """
 
     joint_positions: Mapping[str, float]
@@ -39,7 +39,7 @@ class Stance:
             object.__setattr__(self, "gravity_in_base", _checked_gravity(self.gravity_in_base))
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickle support: the read-only view of the joints is rebuilt on the other side."""
+        """Pickle support: a read-only view of a mapping cannot be pickled, a dict can."""
         return type(self), (dict(self.joint_positions), self.support_feet, self.gravity_in_base)
 
     @classmethod
@@ -49,10 +49,11 @@ class Stance:
         Args:
             mapping: `{joint_positions: {name: rad}, support_feet: [leg names], gravity_in_base: [x, y, z] or
                 null}`.
-            field: what to call the mapping in messages.
+            field: name of the mapping in messages.
 
         Raises:
-            StanceError: naming the field, what was given and what is allowed.
+            StanceError: a field is missing, unknown or not allowed; the message names it, what was given and what is
+                allowed.
         """
         if not isinstance(mapping, Mapping):
             raise StanceError(f"{field}: {mapping!r} is not an object with the fields {', '.join(FIELDS)}")
@@ -80,15 +81,15 @@ class Stance:
         }
 
 
-def _number(value: object, where: str) -> float:
+def _number(value: object, field: str) -> float:
     if isinstance(value, bool) or not hasattr(value, "__float__"):
-        raise StanceError(f"{where}: {value!r} is not a number")
+        raise StanceError(f"{field}: {value!r} is not a number")
     try:
         number = float(value)
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):
-        raise StanceError(f"{where}: {number} is not finite")
+        raise StanceError(f"{field}: {number} is not finite")
     return number
 
 

@@ -16,27 +16,28 @@ LEAST_FEET = 3
 
 
 def stance_checks(robot: RobotModel, stance: Stance) -> list[Check]:
-    """How far two mounts differ: one from the soles as the joint angles put them, one from the measured gravity.
+    """The angle between two mounts: one from the soles as the joint angles put them, one from the measured gravity.
 
-    The camera sees the floor alone. Base and floor are tied by the stance, in two ways that must agree on a level
-    floor; their angle is the angle between the two mounts, whatever the camera saw.
+    The pictures give the camera's pose over the floor; the stance gives that of `base_link` over the floor, by the
+    soles and by gravity, and on a level floor both agree. The angle between the two floor normals is the angle between
+    the two mounts, whatever the camera saw.
 
     Args:
         robot: the model.
-        stance: of the session.
+        stance: the stance in which the session's pictures were taken.
 
     Returns:
-        One figure, none without gravity or with fewer than three feet.
+        One check; none without gravity or with fewer than three feet.
     """
     if stance.gravity_in_base is None or len(stance.support_feet) < LEAST_FEET:
         return []
-    by_gravity, by_joints = (
+    from_gravity, from_joints = (
         np.asarray(robot.stance_pose(stance, attitude=source).transform_base_to_footprint)[:3, :3]
         for source in ("imu", "support_plane")
     )
-    # The up direction of each in base_link; the sine by the cross product is exact for small angles.
-    up, other = by_gravity[2], by_joints[2]
-    angle = float(np.arctan2(np.linalg.norm(np.cross(up, other)), up @ other))
+    # The floor's normal in base_link by each. The arc cosine alone would lose small angles to rounding.
+    normal, other = from_gravity[2], from_joints[2]
+    angle = float(np.arctan2(np.linalg.norm(np.cross(normal, other)), normal @ other))
     return [
         Check(
             "mount by joints and gravity",

@@ -9,9 +9,10 @@ from numpy.polynomial import chebyshev
 from guara_perception.arrays import Float, Index
 from guara_perception.calibration.camera import CameraModel
 
-# Number of coefficients that are tried. A usual lens needs 16; one that folds near a corner of the picture needs more.
+# Numbers of coefficients, tried in this order. A usual lens needs 16; one whose distortion is not monotonic near a
+# corner of the picture needs more.
 COUNTS = (16, 24)
-# Largest error of a ray, seen in the picture [px]: the triangulated point is then right to a few nanometres.
+# Largest error of a ray where it is projected into the picture [px]: the triangulated point is then right to a few nm.
 TOLERANCE_PX = 1e-6
 
 
@@ -19,9 +20,9 @@ class ColumnRays:
     """Rays of one camera; those of `CameraModel.rays` within TOLERANCE_PX, at a fraction of the time."""
 
     def __init__(self, camera: CameraModel) -> None:
-        """Fit the polynomials; a lens that none fits is asked itself, each time."""
+        """Fit the polynomials; where none fits the lens, `at` computes each ray with the camera model itself."""
         self._camera = camera
-        self._middle = (camera.size[1] - 1) / 2
+        self._centre_row = (camera.size[1] - 1) / 2
         self._coefficients = next((c for n in COUNTS if (c := _fitted(camera, n)) is not None), None)
 
     def at(self, rows: npt.ArrayLike, columns: Index | None = None) -> Float:
@@ -34,7 +35,7 @@ class ColumnRays:
         rows = np.asarray(rows, dtype=np.float64)
         if self._coefficients is None:
             return self._exact(rows, np.arange(rows.shape[-1]) if columns is None else columns)
-        scaled = rows / self._middle - 1
+        scaled = rows / self._centre_row - 1
         coefficients = self._coefficients if columns is None else self._coefficients.take(columns, axis=2)
         for _ in range(2 + scaled.ndim - coefficients.ndim):
             coefficients = coefficients[:, :, None]
@@ -57,7 +58,8 @@ class ColumnRays:
 def _fitted(camera: CameraModel, count: int) -> Float | None:
     """Coefficients (count, 2, width), highest power first, of rows scaled to -1 ... 1; None when they do not fit.
 
-    Interpolated between Chebyshev's nodes along columns and rows, which is near the best that a polynomial can do.
+    The polynomials interpolate the rays at Chebyshev nodes along columns and rows, which is near the best fit there is.
+    The error is checked at points `between` the nodes.
     """
     nodes, between = chebyshev.chebpts1(count), chebyshev.chebpts2(count)
     inverse = np.linalg.inv(chebyshev.chebvander(nodes, count - 1))
@@ -66,14 +68,14 @@ def _fitted(camera: CameraModel, count: int) -> Float | None:
     error = np.abs(check @ terms @ check.T - _rays(camera, between)).max()
     if not error * max(camera.matrix[0, 0], camera.matrix[1, 1]) < TOLERANCE_PX:
         return None
-    # From Chebyshev's polynomials to powers: they are those that give the same values.
+    # From Chebyshev polynomials to powers, which Horner's scheme in `at` evaluates quickest.
     powers = np.linalg.solve(np.vander(nodes, count), chebyshev.chebvander(nodes, count - 1))
     per_column = (powers @ terms) @ chebyshev.chebvander(np.linspace(-1, 1, camera.size[0]), count - 1).T
     return np.ascontiguousarray(per_column.swapaxes(0, 1))
 
 
 def _rays(camera: CameraModel, scaled: Float) -> Float:
-    """Exact rays (2, n, n) at rows and columns (n,) of -1 ... 1 over the picture."""
+    """Exact rays (2, n, n), at rows and columns that both take the values `scaled` (n,), -1 ... 1 over the picture."""
     (columns, rows) = ((scaled + 1) / 2 * (size - 1) for size in camera.size)
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
     return camera.rays(pixels)[:, :2].T.reshape(2, scaled.size, scaled.size)

@@ -1,4 +1,4 @@
-"""The second bounce in a simple form: a stripe on one surface lights the surfaces that face it."""
+"""Light that bounces once more before the camera sees it: a stripe on one surface lights the surfaces that face it."""
 
 from __future__ import annotations
 
@@ -8,56 +8,59 @@ import numpy as np
 from guara_perception.arrays import Float32, Index, Mask
 from guara_perception.simulation.scene_view import SceneView
 
-# Bounced light is smooth: pixels per receiver each way, and sources per stripe.
-RECEIVER_PX_OF_WIDTH = 1 / 64
+# Bounced light is smooth, so few points are enough. Receivers lie this far apart, as a fraction of the picture's width.
+RECEIVER_SPACING = 1 / 64
+# Sources, lit pixels picked from all of a stripe.
 SOURCES = 32
-# Level ground cannot light level ground; only where one of the two leans by more than this is anything computed.
-LEVEL_COSINE = 0.97
+# Horizontal ground cannot light horizontal ground. A surface is sloped when the z of its normal is below this.
+SLOPED_COSINE = 0.97
+# No receiver counts as nearer to a source: the light of a point source would grow without bound.
 NEAREST_M = 0.004
-FAINTEST_LEVEL = 0.2
+# Grey levels of 255. Fainter bounced light is left out: it is less than the rounding of a picture.
+FAINTEST = 0.2
 
 
 class Bounce:
     """Receivers of one view, on a coarse grid of its pixels."""
 
     def __init__(self, view: SceneView) -> None:
-        """Pick the receivers."""
+        """Pick the receivers; `view` is not copied."""
         height, width = view.laser_gain.shape
-        stride = max(int(round(width * RECEIVER_PX_OF_WIDTH)), 1)
+        stride = max(int(round(width * RECEIVER_SPACING)), 1)
         self._shape = (height, width)
         self._points = np.ascontiguousarray(view.points[stride // 2 :: stride, stride // 2 :: stride])
         self._normals = np.ascontiguousarray(view.normals[stride // 2 :: stride, stride // 2 :: stride])
         self._reflectance = np.ascontiguousarray(view.reflectance[stride // 2 :: stride, stride // 2 :: stride])
-        self._leaning = self._normals[..., 2] < LEVEL_COSINE
+        self._is_sloped = self._normals[..., 2] < SLOPED_COSINE
         self._view = view
 
-    def light(self, pixels: Index, level: Float32, strength: float) -> Float32 | None:
-        """Levels (h, w) of bounced light, or None when there is too little of it.
+    def light(self, pixels: Index, brightness: Float32, strength: float) -> Float32 | None:
+        """Bounced light (h, w) [grey levels of 255], or None when it is fainter than FAINTEST everywhere.
 
         Args:
-            pixels: (n,) lit pixels, flat.
-            level: (n,) their levels, without speckle.
-            strength: 1 = as physics has it.
+            pixels: (n,) indices of the pixels that the stripe lights, into the flat picture.
+            brightness: (n,) of these pixels, without speckle [grey levels of 255].
+            strength: factor on the bounced light; 1 = Lambert's law for the surfaces as they are.
         """
         view = self._view
         normals = view.normals.reshape(-1, 3)
-        leaning = normals[pixels, 2] < LEVEL_COSINE
-        if not leaning.any() and not self._leaning.any():
+        sloped = normals[pixels, 2] < SLOPED_COSINE
+        if not sloped.any() and not self._is_sloped.any():
             return None
-        total = np.zeros(self._leaning.shape, np.float32)
-        # Sources that lean light everything; level ones only what leans.
-        for chosen, receivers in ((pixels[leaning], None), (pixels[~leaning], self._leaning)):
+        total = np.zeros(self._is_sloped.shape, np.float32)
+        # Sloped sources light every receiver; horizontal ones only those that are sloped.
+        for chosen, receivers in ((pixels[sloped], None), (pixels[~sloped], self._is_sloped)):
             if not chosen.size or (receivers is not None and not receivers.any()):
                 continue
-            levels = level[leaning] if receivers is None else level[~leaning]
+            values = brightness[sloped] if receivers is None else brightness[~sloped]
             pick = np.linspace(0, chosen.size - 1, min(SOURCES, chosen.size)).astype(np.intp)
             sources = chosen[pick]
-            # The sources picked stand for all lit pixels.
-            share = float(levels.sum() / max(levels[pick].sum(), 1e-6))
-            sent = levels[pick] * np.float32(share)
+            # The few sources send as much light as all lit pixels together.
+            factor = float(values.sum() / max(values[pick].sum(), 1e-6))
+            sent = values[pick] * np.float32(factor)
             self._add(total, receivers, sources, sent)
         total *= np.float32(strength)
-        if total.max() < FAINTEST_LEVEL:
+        if total.max() < FAINTEST:
             return None
         height, width = self._shape
         return np.asarray(cv2.resize(total, (width, height), interpolation=cv2.INTER_LINEAR))
@@ -69,23 +72,34 @@ class Bounce:
         sources: Index,
         sent: Float32,
     ) -> None:
-        """Add the light of sources to receivers: Lambert on both sides, falling with the square of the distance."""
+        """Add the light of sources to receivers: Lambert's cosine at both, over the square of the distance.
+
+        Args:
+            total: sum over all sources so far, one value per receiver; added to in place.
+            receivers: mask of the receivers that are lit; None = all.
+            sources: indices of the sources into the flat picture.
+            sent: brightness of the sources [grey levels of 255].
+        """
         view = self._view
         where = np.ones(total.shape, bool) if receivers is None else receivers
         to_points, to_normals = self._points[where], self._normals[where]
         from_points, from_normals = view.points.reshape(-1, 3)[sources], view.normals.reshape(-1, 3)[sources]
         areas = self._pixel_areas(sources)
-        # ways[i, j] = receiver i - source j, by its parts, without the (n, m, 3) array.
-        cross = to_points @ from_points.T
-        square = (to_points**2).sum(axis=1)[:, None] - 2 * cross + (from_points**2).sum(axis=1)
-        square = np.maximum(square, np.float32(NEAREST_M**2))
+        # |a - b|^2 = |a|^2 - 2 a.b + |b|^2, and likewise below: products of matrices need no array of all differences,
+        # (receivers, sources, 3).
+        dot = to_points @ from_points.T
+        distance_squared = (to_points**2).sum(axis=1)[:, None] - 2 * dot + (from_points**2).sum(axis=1)
+        distance_squared = np.maximum(distance_squared, np.float32(NEAREST_M**2))
         out = to_points @ from_normals.T - (from_points * from_normals).sum(axis=1)
         into = to_normals @ from_points.T - (to_points * to_normals).sum(axis=1)[:, None]
-        exchange = np.maximum(out, 0) * np.maximum(into, 0) / square**2
+        exchange = np.maximum(out, 0) * np.maximum(into, 0) / distance_squared**2
         total[where] += self._reflectance[where] * (exchange @ (sent * areas)) / np.float32(np.pi)
 
     def _pixel_areas(self, sources: Index) -> Float32:
-        """Area of surface (n,) that a pixel shows [m^2], bounded: beside an edge its corners lie far apart."""
+        """Area of the surface (n,) that each source pixel shows [m^2].
+
+        At most four times the median: the corners of a pixel at a depth edge lie on two surfaces, far apart.
+        """
         height, width = self._shape
         points = self._view.points.reshape(-1, 3)
         right = points[np.minimum(sources + 1, points.shape[0] - 1)] - points[sources]

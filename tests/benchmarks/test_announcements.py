@@ -1,4 +1,4 @@
-"""The benchmark of announcements as a smoke test: every kind is sent and taken for what it is; no time is asserted."""
+"""The benchmark of announcements as a smoke test: every kind is sent, none floods the log; no time is asserted."""
 
 import pytest
 
@@ -8,7 +8,7 @@ pytestmark = pytest.mark.heavy
 
 
 def test_every_kind_of_words_is_sent_and_none_floods_the_log() -> None:
-    """HOLD confirms the grid (the benchmark stops when it does not), of a flood one line is written at most."""
+    """HOLD confirms the grid (the benchmark stops when it does not); a flood writes one line to the log at most."""
     costs = measure(0.3)
     assert set(costs) == {f"{kind} at {rate:g} Hz" for kind, rate in (*HOLDS, *FLOODS)}
     assert all(cost.sent > 0 for cost in costs.values())

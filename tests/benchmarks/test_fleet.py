@@ -16,7 +16,7 @@ def test_a_small_fleet_is_measured(tmp_path: Path, is_secured: bool) -> None:
     with ExitStack() as stack:
         fleet = Fleet(stack, 12, tmp_path if is_secured else None)
         row = measure(fleet, 1.0)
-        # Each robot that has its moment within the second publishes once.
+        # A robot publishes once if its random phase of the period falls into this second.
         assert 1 <= row["pauses"] <= 12 and row["robots"] == 12
         for extent in ("footprint", "map"):
             assert row[f"{extent}_arrived"] + row["missed"] >= row["pauses"]
@@ -29,7 +29,7 @@ def test_a_small_fleet_is_measured(tmp_path: Path, is_secured: bool) -> None:
 
 
 def test_exponents_are_those_of_power_laws() -> None:
-    """One robot is left out: its figures are of the machine, not of the number."""
+    """Fleets of fewer than five are left out: their figures show the machine, not the number."""
     names = ("processor", "router_processor", "footprint_p99_ms", "map_p50_ms", "map_p99_ms", "mb_per_s")
     rows = [{"robots": size} | {name: 3.0 * size**power for power, name in enumerate(names)} for size in (1, 5, 20, 80)]
     assert exponents(rows) == {name: float(power) for power, name in enumerate(names)}

@@ -12,20 +12,28 @@ pytestmark = pytest.mark.heavy
 
 
 @pytest.fixture(scope="module")
-def recording() -> scenes.Recording:
+def scan() -> scenes.Recording:
     return scenes.recorded(mounting.SCAN)
 
 
-def test_no_change_costs_nothing(recording: scenes.Recording) -> None:
-    same = mounting.changed(recording.calibration, mounting.Change("none"))
-    right = mounting.heights(recording, recording.calibration)
-    error = mounting.heights(recording, same) - right
+def test_no_change_costs_nothing(scan: scenes.Recording) -> None:
+    same = mounting.changed(scan.calibration, mounting.Change("none"))
+    right = mounting.heights(scan, scan.calibration)
+    error = mounting.heights(scan, same) - right
     assert np.nanmax(np.abs(error)) < 1e-6
 
 
-def test_a_shift_of_everything_upwards_is_a_shift_of_heights(recording: scenes.Recording) -> None:
-    """Laser and camera together up by 1 mm: every height rises by 1 mm."""
+def test_a_shift_of_everything_upwards_is_a_shift_of_heights(scan: scenes.Recording) -> None:
+    """Laser and camera 1 mm further up, and a calibration that knows it: each height is 1 mm higher."""
     change = mounting.Change("up", shift=(0.0, 0.0, 0.001), camera_shift=0.001)
-    right = mounting.heights(recording, recording.calibration)
-    error = mounting.heights(recording, mounting.changed(recording.calibration, change)) - right
-    assert np.nanmedian(error) == pytest.approx(0.001, abs=2e-4)
+    right = mounting.heights(scan, scan.calibration)
+    difference = mounting.heights(scan, mounting.changed(scan.calibration, change)) - right
+    assert np.nanmedian(difference) == pytest.approx(0.001, abs=2e-4)
+
+
+def test_the_table_has_the_sign_that_a_robot_would_see(scan: scenes.Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Camera and laser higher than the calibration says: the ground is farther below, so heights come out too low."""
+    change = mounting.Change("up", shift=(0.0, 0.0, 0.001), camera_shift=0.001)
+    monkeypatch.setattr(mounting, "CHANGES", (change,))
+    ((name, error, scatter),) = mounting.measure(scan)
+    assert (name, error) == ("up", pytest.approx(-0.001, abs=2e-4)) and 0 <= scatter < 1e-3

@@ -1,4 +1,4 @@
-"""Patterns of stripes."""
+"""Firing orders that are refused."""
 
 import math
 
@@ -9,7 +9,7 @@ from drivers.firing_order import check_firing_order
 
 
 @pytest.mark.parametrize(
-    ("firing_order", "words"),
+    ("firing_order", "expected_text"),
     [
         ([], "holds no stripe"),
         ([(1, 0.0), (1, 0.1)], "stripe index 1 in the firing order"),
@@ -17,7 +17,7 @@ from drivers.firing_order import check_firing_order
         ([(3, math.nan)], "stripe 3 has mirror angle nan"),
     ],
 )
-def test_bad_firing_orders_are_refused(firing_order: list, words: str) -> None:
-    """Each with the stripe concerned."""
-    with pytest.raises(BadFiringOrder, match=words):
+def test_bad_firing_orders_are_refused(firing_order: list, expected_text: str) -> None:
+    """The message names the stripe that is wrong, or says that there is none."""
+    with pytest.raises(BadFiringOrder, match=expected_text):
         check_firing_order(firing_order)

@@ -143,17 +143,19 @@ def _make_region(region: RegionMessage) -> Any:
 
 
 def _read_region(message: Any) -> RegionMessage:
-    at, turn = message.plane_parameters.position, message.plane_parameters.orientation
-    normal = matrix_from_quaternion((turn.x, turn.y, turn.z, turn.w), "plane_parameters of a region")[:, 2]
+    point, rotation = message.plane_parameters.position, message.plane_parameters.orientation
+    normal = matrix_from_quaternion((rotation.x, rotation.y, rotation.z, rotation.w), "plane_parameters of a region")[
+        :, 2
+    ]
     if not normal[2] > TOLERANCE:
-        raise MessageError("the plane of a region does not look upwards")
+        raise MessageError("the plane of a region does not face upwards")
     a, b = -normal[:2] / normal[2]
     if len(message.halfspaces) % 3:
         raise MessageError(f"half-planes of a region have {len(message.halfspaces)} numbers; allowed: 3 for each")
     return RegionMessage(
         halfspaces=message.halfspaces.reshape(-1, 3),
         vertices=np.array([(p.x, p.y, p.z) for p in message.boundary], np.float64).reshape(-1, 3),
-        plane=np.array([a, b, at.z - a * at.x - b * at.y]),
+        plane=np.array([a, b, point.z - a * point.x - b * point.y]),
         sigma=message.sigma,
         area=message.area,
     )

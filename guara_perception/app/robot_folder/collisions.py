@@ -1,4 +1,4 @@
-"""Which links of a robot touch one another in a posture, by coal on the collision shapes."""
+"""Which links of a robot touch one another in a posture; the library coal tests the URDF's collision shapes."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ from guara_perception.arrays import Float
 from kinematics.state import RobotState
 from kinematics.urdf import Shape, Urdf
 
-# Links that are joined by this many moving joints touch by construction: hip, thigh and body of most robots.
+# Links with one moving joint between them overlap where they are joined, in every posture of every robot.
+JOINED_JOINTS = 1
+# With two between them most robots' do as well (body, hip and thigh): a motion planner should not look at such pairs
+# (`neighbours`), but in one posture it can be seen whether they touch, so `touching` does report them.
 NEIGHBOUR_JOINTS = 2
 
 
 def neighbours(urdf: Urdf) -> list[tuple[str, str]]:
-    """Pairs of links with shapes that two moving joints or fewer lie between."""
+    """Pairs of links that have shapes, with at most NEIGHBOUR_JOINTS moving joints between them."""
     with_shapes = [link.name for link in urdf.links if link.shapes]
     return [pair for pair in combinations(with_shapes, 2) if _joints_between(urdf, *pair) <= NEIGHBOUR_JOINTS]
 
@@ -28,29 +31,30 @@ def _joints_between(urdf: Urdf, first: str, second: str) -> int:
 
 
 def touching(state: RobotState, allowed: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Pairs of links whose shapes touch, but for those that may; links joined by one moving joint always do.
+    """Pairs of links whose shapes touch, without pairs that are allowed to and without pairs that are joined.
 
     Args:
-        state: of the robot.
-        allowed: pairs of link names, in either order.
+        state: joint positions of a robot.
+        allowed: pairs of names of links that may touch, in either order. Links with at most JOINED_JOINTS moving joints
+            between them need not be among them.
     """
     import coal
 
-    passed = {frozenset(pair) for pair in allowed}
-    placed: list[tuple[str, Any, Any]] = []
+    skipped = {frozenset(pair) for pair in allowed}
+    shapes: list[tuple[str, Any, Any]] = []
     for name, link in state.tree.links.items():
         for shape in link.shapes:
             transform: Float = state.transform_to_base(name) @ shape.transform_shape_to_link
-            placed.append((name, _geometry(shape), coal.Transform3s(transform[:3, :3], transform[:3, 3])))
+            shapes.append((name, _geometry(shape), coal.Transform3s(transform[:3, :3], transform[:3, 3])))
     found: dict[tuple[str, str], None] = {}
     request = coal.CollisionRequest()
-    for (first, one, at), (second, other, there) in combinations(placed, 2):
-        if first == second or frozenset((first, second)) in passed or (first, second) in found:
+    for (first, first_shape, first_pose), (second, second_shape, second_pose) in combinations(shapes, 2):
+        if first == second or frozenset((first, second)) in skipped or (first, second) in found:
             continue
-        if _joints_between(state.tree.urdf, first, second) <= 1:
-            passed.add(frozenset((first, second)))
+        if _joints_between(state.tree.urdf, first, second) <= JOINED_JOINTS:
+            skipped.add(frozenset((first, second)))
             continue
-        if coal.collide(one, at, other, there, request, coal.CollisionResult()):
+        if coal.collide(first_shape, first_pose, second_shape, second_pose, request, coal.CollisionResult()):
             found[first, second] = None
     return list(found)
 

@@ -1,4 +1,4 @@
-"""Tests of what the page says of colours, grids and places."""
+"""What the page says about colours, about a grid, and about a point that was clicked."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def css(colour: str) -> str:
 
 
 def test_the_status_says_what_is_seen(grid: gp.TerrainGrid) -> None:
-    """Step, mode and attitude; whether it is provisional or withdrawn; what the devices had to say."""
+    """Step, mode, extent and attitude; whether it is provisional or withdrawn; reasons of the devices' health."""
     text = status_text(grid)
     assert "**step 7**, standard scan, footprint" in text and "attitude from imu" in text
     assert "provisional" not in text
@@ -29,7 +29,7 @@ def test_the_status_says_what_is_seen(grid: gp.TerrainGrid) -> None:
 
 
 def test_hazards_stand_in_three_groups(grid: gp.TerrainGrid) -> None:
-    """Free first, then what is known and bad, then what is unknown and why, and what is not drawn at all."""
+    """Free ground first, then known hazards, then reasons for unknown ground, then what is not drawn at all."""
     hazard = grid.hazard.copy()
     hazard[0, 0] = np.uint16(gp.Hazard.OUT_OF_RANGE)
     hazard[0, 1] = np.uint16(gp.Hazard.DROPOUT)
@@ -39,15 +39,15 @@ def test_hazards_stand_in_three_groups(grid: gp.TerrainGrid) -> None:
     traversability[0, :2] = 0
     layers = {**grid.layers, "hazard": hazard, "elevation": elevation, "traversability": traversability}
     html = legend_html(terrain_mesh(dataclasses.replace(grid, layers=layers)))
-    words = ("a foot may be set here", "Known, no foot here", "<b>edge</b>", "Unknown, never safe", "<b>dropout</b>")
-    ranks = [html.index(word) for word in (*words, "<b>out of range</b>", "<b>not drawn</b>: unknown, never looked at")]
-    # Which of the two unknown ones comes first does not matter.
+    known = ("a foot may be set here", "Known, no foot here", "<b>edge</b>", "Unknown, never safe", "<b>dropout</b>")
+    ranks = [html.index(word) for word in (*known, "<b>out of range</b>", "<b>not drawn</b>: unknown, never looked at")]
+    # Which of the two reasons for unknown ground comes first does not matter.
     assert sorted(ranks[:4]) == ranks[:4] and max(ranks[:4]) < min(ranks[4:6]) < max(ranks[4:6]) < ranks[6]
     assert css(HAZARD_COLOURS[gp.Hazard.DROPOUT]) in html and css(HAZARD_COLOURS[gp.Hazard.EDGE]) in html
 
 
 def test_scales_have_a_bar_and_say_what_is_unknown(grid: gp.TerrainGrid) -> None:
-    """Colours from end to end with their values, the grey of unknown cells, and what is not drawn."""
+    """A bar of colours with the values at its ends, the grey of unknown cells, and what is not drawn."""
     html = legend_html(terrain_mesh(grid, "elevation"))
     assert "linear-gradient(to right,rgb(" in html and "+0 mm" in html and "+60 mm" in html
     assert css(UNKNOWN_COLOUR) in html and "<b>unknown</b>: looked at, but no height" in html
@@ -55,8 +55,8 @@ def test_scales_have_a_bar_and_say_what_is_unknown(grid: gp.TerrainGrid) -> None
     assert "0 no foot here" in legend_html(terrain_mesh(grid, "traversability"))
 
 
-def test_a_place_is_reported_line_by_line(grid: gp.TerrainGrid) -> None:
-    """What `explain` says, the verdict in bold, for known, unknown and outside."""
+def test_a_clicked_point_is_explained_line_by_line(grid: gp.TerrainGrid) -> None:
+    """What `explain` says, its verdict in bold: of a known cell, of an unknown one, and outside of the grid."""
     known = cell_text(grid.explain(0.70, 0.10))
     assert known.startswith("**x=0.700 y=0.100**  \n60.0 mm high") and known.splitlines()[-1].startswith(
         "**not traversable"

@@ -1,16 +1,17 @@
-"""Tests of the lines of the scene, and of the camera's picture for the page."""
+"""Lines that the scene is drawn with, and the camera's picture for the page."""
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
 from guara_perception.view.controls import PICTURE_WIDTH_PX, for_page
-from guara_perception.view.scene_drawing import outline, plain, prism, way
+from guara_perception.view.scene_drawing import OUTLINE_M, outline, plain, prism, way
 
 
 def test_a_prism_has_all_its_edges() -> None:
-    """Outline at both levels and the uprights between, of a triangle."""
+    """Of a triangle: its outline at both heights, and the three upright edges."""
     outline = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 2.0]])
     edges = prism(outline, -1.0, 3.0)
     assert edges.shape == (9, 2, 3)
@@ -19,12 +20,14 @@ def test_a_prism_has_all_its_edges() -> None:
     assert set(edges[..., 2].ravel()) == {-1.0, 3.0}
 
 
-def test_the_steps_of_an_outline_are_left_out() -> None:
-    """A slope along cells becomes a line that stays within a cell and a bit; a square stays one."""
+def test_the_staircase_of_an_outline_is_left_out() -> None:
+    """A diagonal that follows the edges of cells becomes a straight line near them; a square stays a square."""
     cell = 0.005
-    steps = [(i * cell, j * cell) for i in range(20) for j in (i, i + 1)]
-    corners = plain(np.array([*steps, (0.0, 20 * cell)]))
+    staircase = np.array([*((i * cell, j * cell) for i in range(20) for j in (i, i + 1)), (0.0, 20 * cell)])
+    corners = plain(staircase)
     assert len(corners) <= 5
+    polygon = corners.astype(np.float32)[:, None]
+    assert max(abs(cv2.pointPolygonTest(polygon, point, True)) for point in staircase.tolist()) <= OUTLINE_M + 1e-6
     square = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]])
     np.testing.assert_allclose(plain(square), square, atol=1e-7)
     tiny = square * cell
@@ -32,17 +35,17 @@ def test_the_steps_of_an_outline_are_left_out() -> None:
 
 
 def test_an_outline_is_closed_and_lies_over_the_ground() -> None:
-    """As many sides as corners, each from one corner to the next."""
+    """As many sides as corners, each from one corner to the next and above both."""
     corners = np.array([[0.0, 0.0, 0.1], [0.2, 0.0, 0.1], [0.1, 0.3, 0.2]])
     sides = outline(corners)
     assert sides.shape == (3, 2, 3)
     np.testing.assert_allclose(sides[:, 1], np.roll(sides[:, 0], -1, axis=0))
     np.testing.assert_allclose(sides[:, 0, :2], corners[:, :2])
-    assert (sides[:, 0, 2] > corners[:, 2]).all()
+    assert (sides[:, 0, 2] > corners[:, 2]).all() and (sides[:, 1, 2] > np.roll(corners[:, 2], -1)).all()
 
 
 def test_the_way_has_a_tick_at_each_pause() -> None:
-    """Two lines between three places, and one across at each."""
+    """Two lines between three poses, and one across at each."""
     poses = [np.eye(4) for _ in range(3)]
     for number, pose in enumerate(poses):
         pose[0, 3] = 0.1 * number
@@ -55,7 +58,7 @@ def test_the_way_has_a_tick_at_each_pause() -> None:
 @pytest.mark.parametrize("shape", [(512, 640, 3), (512, 640), (50, 60, 3)])
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
 def test_pictures_of_every_camera_are_shown(shape: tuple[int, ...], kind: type) -> None:
-    """Colour from BGR, grey as grey, 16 bits by their upper ones, no wider than the panel."""
+    """BGR becomes RGB, grey stays grey, of 16 bits the upper 8 are kept, and none is wider than the panel."""
     image = np.zeros(shape, kind)
     image[..., 0 if len(shape) == 3 else slice(None)] = np.iinfo(kind).max
     shown = for_page(image)

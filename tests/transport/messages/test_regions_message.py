@@ -1,4 +1,4 @@
-"""Steppable regions on the wire: round trip, a reader of its own, and what is refused."""
+"""Steppable regions on the wire: round trip, decoding by the definition alone, and what is refused."""
 
 import dataclasses
 import math
@@ -56,40 +56,40 @@ def _make(**changes: object) -> RegionsMessage:
     provisional=st.booleans(),
 )
 def test_what_is_sent_is_what_arrives(shapes: list[tuple[int, int]], clock: float | None, provisional: bool) -> None:
-    """Every field; planes to a nanometre, as they go as a pose; arrays are read-only."""
+    """Every field, planes within 1e-9 since the message holds them as a pose; arrays are read-only."""
     regions = tuple(_region(*shape) for shape in shapes)
     sent = _make(regions=regions, scan_end_clock=clock, provisional=provisional)
-    got = decode_regions(encode_regions(sent))
+    received = decode_regions(encode_regions(sent))
     for name in RegionsMessage.__slots__:
         if name != "regions":
-            assert getattr(sent, name) == getattr(got, name), name
-    assert len(got.regions) == len(regions)
-    for ours, theirs in zip(regions, got.regions, strict=True):
-        np.testing.assert_array_equal(ours.halfspaces, theirs.halfspaces)
-        np.testing.assert_array_equal(ours.vertices, theirs.vertices)
-        np.testing.assert_allclose(ours.plane, theirs.plane, atol=1e-9)
-        assert (ours.sigma, ours.area) == (theirs.sigma, theirs.area)
-        assert not theirs.halfspaces.flags.writeable and not theirs.vertices.flags.writeable
+            assert getattr(sent, name) == getattr(received, name), name
+    assert len(received.regions) == len(regions)
+    for original, arrived in zip(regions, received.regions, strict=True):
+        np.testing.assert_array_equal(original.halfspaces, arrived.halfspaces)
+        np.testing.assert_array_equal(original.vertices, arrived.vertices)
+        np.testing.assert_allclose(original.plane, arrived.plane, rtol=0, atol=1e-9)
+        assert (original.sigma, original.area) == (arrived.sigma, arrived.area)
+        assert not any(array.flags.writeable for array in (arrived.halfspaces, arrived.vertices, arrived.plane))
 
 
 def test_the_form_is_as_the_definition_says() -> None:
-    """Read by the .msg files alone: the normal from the quaternion, the half-planes in threes."""
+    """Decoded as the .msg file says: the plane's normal from the quaternion, half-planes in threes."""
     sent = _make()
     message = decode(encode_regions(sent), REGIONS)
-    for ours, theirs in zip(sent.regions, message.regions, strict=True):
-        q, p = theirs.plane_parameters.orientation, theirs.plane_parameters.position
+    for original, encoded in zip(sent.regions, message.regions, strict=True):
+        q, p = encoded.plane_parameters.orientation, encoded.plane_parameters.position
         normal = np.array([2 * (q.x * q.z + q.w * q.y), 2 * (q.y * q.z - q.w * q.x), 1 - 2 * (q.x * q.x + q.y * q.y)])
         assert normal[2] > 0
-        for corner in theirs.boundary:
+        for corner in encoded.boundary:
             assert abs(normal @ [corner.x - p.x, corner.y - p.y, corner.z - p.z]) < 1e-12
-        for k in range(len(theirs.halfspaces) // 3):
-            a, b, c = theirs.halfspaces[3 * k : 3 * k + 3]
+        for k in range(len(encoded.halfspaces) // 3):
+            a, b, c = encoded.halfspaces[3 * k : 3 * k + 3]
             assert a * p.x + b * p.y < c
-        assert theirs.area == ours.area
+        assert encoded.area == original.area
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "expected_text"),
     [
         ({"vertices": _region(1).vertices + [0, 0, 0.001]}, "off its plane"),
         ({"vertices": _region(1).vertices + [0.2, 0, 0.2 * _region(1).plane[0]]}, "outside of one of its half-planes"),
@@ -104,14 +104,14 @@ def test_the_form_is_as_the_definition_says() -> None:
         ({"sigma": -1.0}, "sigma of a region is -1.0"),
     ],
 )
-def test_a_region_that_contradicts_itself_is_refused(change: dict[str, object], words: str) -> None:
-    """Whoever reads half-planes and whoever reads corners sets feet in the same places, or nobody does."""
-    with pytest.raises(MessageError, match=words):
+def test_a_region_that_contradicts_itself_is_refused(change: dict[str, object], expected_text: str) -> None:
+    """A planner that uses the half-planes and one that uses the corners must never see different areas."""
+    with pytest.raises(MessageError, match=expected_text):
         dataclasses.replace(_region(1), **change)
 
 
 def test_impossible_messages_are_refused() -> None:
-    """Of another version, cut, damaged, withdrawn and yet with regions."""
+    """Those that cannot be made, and those that are cut, damaged or of another version where they arrive."""
     with pytest.raises(MessageError, match="withdrawn, and yet 2 regions"):
         _make(withdrawn=True)
     with pytest.raises(MessageError, match="1001 regions"):
@@ -139,5 +139,5 @@ def test_impossible_messages_are_refused() -> None:
     message = decode(payload, REGIONS)
     turn = message.regions[0].plane_parameters.orientation
     turn.x, turn.y, turn.z, turn.w = 1.0, 0.0, 0.0, 0.0
-    with pytest.raises(MessageError, match="does not look upwards"):
+    with pytest.raises(MessageError, match="does not face upwards"):
         decode_regions(encode(message))

@@ -1,4 +1,4 @@
-"""The summary of a map on the wire: round trip, a reader of its own, and what is refused."""
+"""The summary of a map on the wire: round trip, decoding by the definition alone, and what is refused."""
 
 import math
 
@@ -8,7 +8,7 @@ import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from transport import MessageError, VersionError
+from transport import MessageError, TransportError, VersionError
 from transport.messages.codec import decode, encode
 from transport.messages.summary_message import LAYERS, UNKNOWN_HEIGHT, SummaryMessage, decode_summary, encode_summary
 from transport.messages.typestore import SUMMARY
@@ -55,17 +55,17 @@ def test_what_is_sent_is_what_arrives(seed: int, shape: tuple[int, int], clock: 
     }
     withdrawn = {"withdrawn": True, **nothing} if flags[1] else {}
     sent = _make(seed, shape, scan_end_clock=clock, provisional=flags[0], **withdrawn)
-    got = decode_summary(encode_summary(sent))
+    received = decode_summary(encode_summary(sent))
     for name in SummaryMessage.__slots__:
-        ours, theirs = getattr(sent, name), getattr(got, name)
+        original, arrived = getattr(sent, name), getattr(received, name)
         if name in LAYERS:
-            assert ours.dtype == theirs.dtype and np.array_equal(ours, theirs) and not theirs.flags.writeable
+            assert original.dtype == arrived.dtype and np.array_equal(original, arrived) and not arrived.flags.writeable
         else:
-            assert ours == theirs, name
+            assert original == arrived, name
 
 
 def test_the_form_is_as_the_definition_says() -> None:
-    """Read with zstd and a loop over bytes alone, as somebody with the .msg file would."""
+    """Decoded with zstd and a loop over bytes alone, as somebody who has only the .msg file would do it."""
     sent = _make(shape=(3, 5))
     message = decode(encode_summary(sent), SUMMARY)
     for name, dtype in LAYERS.items():
@@ -83,9 +83,9 @@ def _broken(change) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("change", "reported"),
+    ("change", "expected_text"),
     [
-        (lambda m: setattr(m, "nx", 7), "has 48 bytes; 56 are|of 56 bytes|bytes"),
+        (lambda m: setattr(m, "nx", 7), "has 48 bytes; 56 are"),
         (lambda m: setattr(m, "nx", 0), "summary of 4 x 0 cells"),
         (lambda m: setattr(m, "nx", 4_000_000), "summary of 4 x 4000000 cells"),
         (lambda m: setattr(m, "hazard", m.hazard[:-3]), "no whole zstd frame"),
@@ -98,17 +98,15 @@ def _broken(change) -> bytes:
         (lambda m: setattr(m, "run", "r" * 101), "longer than 100"),
     ],
 )
-def test_what_is_not_as_it_must_be_is_refused(change, reported: str) -> None:
-    """In words, and as an error of messages or of names."""
-    from transport import TransportError
-
-    with pytest.raises(TransportError, match=reported):
+def test_what_is_not_as_it_must_be_is_refused(change, expected_text: str) -> None:
+    """The message says what is wrong."""
+    with pytest.raises(TransportError, match=expected_text):
         decode_summary(_broken(change))
 
 
 @pytest.mark.parametrize("layer", ["heights", "traversability"])
-def test_one_that_is_withdrawn_and_knows_a_cell_is_refused(layer: str) -> None:
-    """On arrival too, where a single cell is known."""
+def test_a_withdrawn_summary_with_a_known_cell_is_refused(layer: str) -> None:
+    """Without known cells it can be made and sent; with one it is refused where it arrives."""
     nothing = {"heights": np.full((4, 6), UNKNOWN_HEIGHT, LAYERS["heights"])}
     nothing["traversability"] = np.zeros((4, 6), LAYERS["traversability"])
     assert _make(shape=(4, 6), withdrawn=True, **nothing).withdrawn
@@ -120,23 +118,29 @@ def test_one_that_is_withdrawn_and_knows_a_cell_is_refused(layer: str) -> None:
         decode_summary(encode(message))
 
 
-def test_another_version_is_reported() -> None:
-    """A later major version is refused; a bomb is not opened."""
+def test_another_major_version_is_refused() -> None:
+    """The message names the version."""
     with pytest.raises(VersionError, match="summary of version 2.0"):
         decode_summary(_broken(lambda m: setattr(m, "version_major", 2)))
+
+
+def test_a_decompression_bomb_is_not_opened() -> None:
+    """A small frame that says that it holds 10 MB, where nx and ny ask for 48 bytes."""
     bomb = np.frombuffer(zstandard.ZstdCompressor().compress(bytes(10_000_000)), np.uint8)
     with pytest.raises(MessageError, match="a compressed message of 10000000 bytes refused; allowed: 48"):
         decode_summary(_broken(lambda m: setattr(m, "heights", bomb)))
+
+
+def test_a_layer_of_another_type_is_refused() -> None:
+    """Where the message is made, with name and type of the layer."""
     with pytest.raises(MessageError, match="layer 'hazard' of a summary is int16"):
         _make(hazard=np.zeros((140, 320), np.int16))
 
 
 @settings(max_examples=100, deadline=None)
 @given(data=st.data())
-def test_damage_ends_in_words(data) -> None:
-    """Cut anywhere, or with bytes changed: a summary that is whole, or one of our errors."""
-    from transport import TransportError
-
+def test_damage_is_refused_or_does_no_harm(data) -> None:
+    """Cut anywhere, and with bytes changed: a whole summary or one of our errors, never another one."""
     payload = bytearray(encode_summary(_make(shape=(6, 8))))
     for _ in range(data.draw(st.integers(0, 4))):
         payload[data.draw(st.integers(0, len(payload) - 1))] = data.draw(st.integers(0, 255))
