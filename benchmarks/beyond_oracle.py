@@ -84,11 +84,11 @@ def explained(found: list[Beyond]) -> Iterator[str]:
         rim = Counter(each.at_rim for each in here)
         tests = sorted({test for each in here for test in each.exceeded})
         worst = {name: max(test for test in tests if test[0] == name) for name in dict.fromkeys(t[0] for t in tests)}
-        words = ", ".join(
+        causes = ", ".join(
             f"{name} {true:.1f} {unit} by truth, {measured:.1f} here, limit {limit:.1f}"
             for name, true, measured, limit, unit in worst.values()
         )
         yield (
             f"    {len(here)} cells beside x={first[0]:.2f} y={first[1]:.2f}, hazard at the rim of the sole's window "
-            f"in {rim[True]}, up to {max(each.cells for each in here)} cells of it: {words}"
+            f"in {rim[True]}, up to {max(each.cells for each in here)} cells of it: {causes}"
         )

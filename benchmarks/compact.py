@@ -34,15 +34,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, default=DATA, help="folder with calibration/ and scans/")
     parser.add_argument("--json", action="store_true", help="the last line is one JSON object")
-    words = parser.parse_args()
-    rows = [row for name, grid in grids(words.data) for row in measured(name, grid)]
+    options = parser.parse_args()
+    rows = [row for name, grid in grids(options.data) for row in measured(name, grid)]
     print(f"{'grid':<18} {'encoding':<9} {'bytes':>9} {'of lossless':>11} {'make ms':>8} {'read ms':>8}", end="")
     print("".join(f"{f'{rate / 1e6:g} Mbit/s':>12}" for rate in LINKS))
     for row in rows:
         print(f"{row['grid']:<18} {row['encoding']:<9} {row['bytes']:>9} {row['share']:>11.3f}", end="")
         print(f"{row['make_ms']:>9.2f} {row['read_ms']:>8.2f}", end="")
         print("".join(f"{8e3 * row['bytes'] / rate:>9.0f} ms" for rate in LINKS))
-    if words.json:
+    if options.json:
         print(json.dumps({"compact": rows}))
 
 

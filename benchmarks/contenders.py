@@ -73,8 +73,8 @@ def touch(*arrays: Image) -> int:
     total = 0
     for array in arrays:
         flat = array.reshape(-1)
-        words = flat[: flat.size // 8 * 8].view(np.uint64)
-        total ^= int(np.bitwise_xor.reduce(words))
+        numbers = flat[: flat.size // 8 * 8].view(np.uint64)
+        total ^= int(np.bitwise_xor.reduce(numbers))
     return total
 
 

@@ -53,11 +53,11 @@ def damaged(flips: int) -> Iterator[tuple[str, str, str, bool]]:
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         counts = ", ".join(f"{count} {word}" for word, count in outcome.items())
-        words = f"{counts}, peak {peak / 1e3:.0f} kB"
+        measured = f"{counts}, peak {peak / 1e3:.0f} kB"
         met = read_cut == EARLIER.get(name, 0) and outcome["crash"] == 0 and peak < 5e6
         yield (
             f"{name}: {len(payload)} truncations, {flips} byte flips",
-            words,
+            measured,
             f"cut: {EARLIER.get(name, 0)} read, no crash",
             met,
         )

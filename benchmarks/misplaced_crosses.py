@@ -117,8 +117,10 @@ def main() -> None:
     for name, change in CASES.items():
         found = effect(session, scan, robot, known, change)
         near, far, height, scatter = (1e3 * value for value in (found.near, found.far, found.height, found.scatter))
-        words = f"{found.verdict}{': ' if found.reason else ''}{found.reason}"
-        print(f"| {name} | {near:.1f} mm | {far:.1f} mm | {height:+.1f} mm, +-{scatter:.1f} mm | {words} |", flush=True)
+        verdict = f"{found.verdict}{': ' if found.reason else ''}{found.reason}"
+        print(
+            f"| {name} | {near:.1f} mm | {far:.1f} mm | {height:+.1f} mm, +-{scatter:.1f} mm | {verdict} |", flush=True
+        )
 
 
 if __name__ == "__main__":

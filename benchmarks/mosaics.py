@@ -95,12 +95,12 @@ def main() -> None:
             spent.append((time.thread_time() - begun) / len(frames))
         terrain = processor.finish()
         known = np.isfinite(terrain.elevation).mean()
-        words = "nothing is found | |"
+        error_columns = "nothing is found | |"
         if known > 0:
             errors = 1e3 * np.abs(errors_of(terrain, rig, pause))
             rms = np.sqrt(np.mean(np.sort(errors)[: int(0.99 * errors.size)] ** 2))
-            words = f"{rms:.3f} | {np.percentile(errors, 99):.2f} |"
-        print(f"| {name} | {known:.4f} | {words} {1e3 * min(spent):.2f} |", flush=True)
+            error_columns = f"{rms:.3f} | {np.percentile(errors, 99):.2f} |"
+        print(f"| {name} | {known:.4f} | {error_columns} {1e3 * min(spent):.2f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -57,7 +57,7 @@ def _plain_ticks(axes: npt.NDArray[Any]) -> None:
     """Ticks at 1, 2 and 5 of each decade where there is room, written as people write numbers."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-    def words(value: float, position: int | None = None) -> str:
+    def tick_text(value: float, position: int | None = None) -> str:
         for unit, sign in ((1e6, " M"), (1e3, " k")):
             if value >= unit:
                 return f"{value / unit:g}{sign}"
@@ -68,4 +68,4 @@ def _plain_ticks(axes: npt.NDArray[Any]) -> None:
             subs = (1.0, 2.0, 5.0) if span[1] < 100 * span[0] else (1.0,)
             axis.set_major_locator(LogLocator(subs=subs, numticks=12))
             axis.set_minor_locator(NullLocator())
-            axis.set_major_formatter(FuncFormatter(words))
+            axis.set_major_formatter(FuncFormatter(tick_text))

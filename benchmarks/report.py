@@ -37,10 +37,10 @@ def to_terminal(section: Section) -> str:
 
 
 def to_markdown(section: Section) -> str:
-    """Heading, words and table."""
+    """Heading, description and table."""
     table = [section.header, tuple("---" for _ in section.header), *section.rows]
     rows = ["| " + " | ".join(row) + " |" for row in table]
-    return "\n".join([f"## {section.title}", "", section.words, "", *rows, ""])
+    return "\n".join([f"## {section.title}", "", section.description, "", *rows, ""])
 
 
 def write_page(

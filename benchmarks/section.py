@@ -1,4 +1,4 @@
-"""What one part of the benchmark hands over: a table, its words, and the same as plain numbers."""
+"""What one part of the benchmark hands over: a table, its description, and the same as plain numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Section:
     Attributes:
         name: short, for the JSON file.
         title: heading.
-        words: what is compared with what, and in which clock.
+        description: what is compared with what, and in which clock.
         header: names of the columns.
         rows: cells, as printed.
         figures: the same as numbers, JSON values only.
@@ -21,7 +21,7 @@ class Section:
 
     name: str
     title: str
-    words: str
+    description: str
     header: tuple[str, ...]
     rows: list[tuple[str, ...]]
     figures: dict[str, Any] = field(default_factory=dict)

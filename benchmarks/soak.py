@@ -21,9 +21,9 @@ from benchmarks.peers import Peer, free_endpoint
 from benchmarks.transport_peer import is_whole, make_terrain
 
 
-def say(**words: Any) -> None:
+def say(**reply: Any) -> None:
     """A line of JSON to the parent."""
-    print(json.dumps(words), flush=True)
+    print(json.dumps(reply), flush=True)
 
 
 def run_router(endpoint: str, shared: bool) -> None:

@@ -170,7 +170,7 @@ def section(faulty_sweeps: int) -> Section:
     return Section(
         name="sweeps",
         title="Sweeps",
-        words="Emulated devices in emulated time; processor time for the work on pictures. The chip is emulated.",
+        description="Emulated devices in emulated time; processor time for the work on pictures. The chip is emulated.",
         header=("what was found",),
         rows=[(line,) for line in lines],
         figures=figures,

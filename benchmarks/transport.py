@@ -130,8 +130,8 @@ def router_kills(count: int) -> None:
                 router = start("router", endpoint)
                 client.wait_for(lambda grid, n=newest: grid.sequence == n, timeout=PATIENCE)  # type: ignore[misc]
                 times.append(time.monotonic() - begin)
-    words = f"slowest {max(times):.2f} s, p50 {statistics.median(times):.2f} s"
-    report(f"{count} router kills: newest grid after its start", words, "<= 2 s", max(times) <= 2.0)
+    measured = f"slowest {max(times):.2f} s, p50 {statistics.median(times):.2f} s"
+    report(f"{count} router kills: newest grid after its start", measured, "<= 2 s", max(times) <= 2.0)
 
 
 def stopped_planner(seconds: float) -> None:
@@ -151,9 +151,9 @@ def stopped_planner(seconds: float) -> None:
         healthy.tell()
         heard = healthy.hear()
     lost = count + 1 - heard["received"]
-    words = f"lost {lost} of {count}, longest put {result['longest_ms']:.1f} ms"
+    measured = f"lost {lost} of {count}, longest put {result['longest_ms']:.1f} ms"
     report(
-        f"planner stopped for {seconds:g} s: healthy one, put", words, "lost 0, <= 50 ms",
+        f"planner stopped for {seconds:g} s: healthy one, put", measured, "lost 0, <= 50 ms",
         lost == 0 and result["longest_ms"] <= 50.0,
     )  # fmt: skip
 
@@ -174,8 +174,8 @@ def slow_planner(seconds: float) -> None:
         heard = slow.hear()
     ages = [(got - times[k]) / 1e6 for k, got in heard["got"].items() if k in times]
     # A grid is replaced one period after it was made, plus the way of its successor.
-    words = f"p50 {statistics.median(ages):.0f}, oldest {max(ages):.0f} ms, superseded {heard['superseded']}"
-    report("planner at 250 ms, grids at 20 Hz: age when taken", words, "<= 50 ms + transfer (10)", max(ages) <= 60.0)
+    measured = f"p50 {statistics.median(ages):.0f}, oldest {max(ages):.0f} ms, superseded {heard['superseded']}"
+    report("planner at 250 ms, grids at 20 Hz: age when taken", measured, "<= 50 ms + transfer (10)", max(ages) <= 60.0)
 
 
 def slow_link(count: int) -> None:
@@ -195,9 +195,12 @@ def slow_link(count: int) -> None:
                 client.wait_for(lambda grid: grid.step == count, timeout=PATIENCE)
                 seconds = time.monotonic() - begin
                 lost = receiver.missed
-    words = f"{seconds:.2f} s after its put, {lost} lost, longest put {result['longest_ms']:.1f} ms"
+    measured = f"{seconds:.2f} s after its put, {lost} lost, longest put {result['longest_ms']:.1f} ms"
     report(
-        f"last of {count} grids of 0.8 MB over 20 Mbit/s", words, "arrives, put <= 50 ms", result["longest_ms"] <= 50.0
+        f"last of {count} grids of 0.8 MB over 20 Mbit/s",
+        measured,
+        "arrives, put <= 50 ms",
+        result["longest_ms"] <= 50.0,
     )
 
 
@@ -221,9 +224,9 @@ def killed_nodes(count: int) -> None:
                 time.sleep(float(rng.uniform(0.0, 0.05)))
                 node.end()
             received, rejected = receiver.received, receiver.rejected
-    words = f"{received} received, {rejected} damaged, {whole.count(False)} mixed"
+    measured = f"{received} received, {rejected} damaged, {whole.count(False)} mixed"
     met = rejected == 0 and all(whole) and received >= count
-    report(f"{count} kill -9 during puts of 5 MB", words, "no partial grid", met)
+    report(f"{count} kill -9 during puts of 5 MB", measured, "no partial grid", met)
 
 
 def deaths(count: int) -> None:

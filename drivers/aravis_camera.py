@@ -102,7 +102,7 @@ class AravisCamera(Camera):
             self._set_up(self._camera)
         except glib_error() as error:
             self.close()
-            raise CameraSettingRefused(f"{self.name} cannot be set up: {_words(error)}") from None
+            raise CameraSettingRefused(f"{self.name} cannot be set up: {_text_of(error)}") from None
         except BaseException:
             self.close()
             raise
@@ -114,7 +114,7 @@ class AravisCamera(Camera):
             try:
                 camera.stop_acquisition()
             except glib_error() as error:
-                logger.warning("%s: %s", self.name, _words(error))
+                logger.warning("%s: %s", self.name, _text_of(error))
         self._stream = None
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
@@ -136,7 +136,7 @@ class AravisCamera(Camera):
             return held_settings(camera, self._aravis, locked)
         except glib_error() as error:
             raise CameraEnded(
-                f"{self.name} does not answer ({_words(error)}): check its cable and power, then open it again"
+                f"{self.name} does not answer ({_text_of(error)}): check its cable and power, then open it again"
             ) from None
 
     def grab(self, timeout: float) -> Frame:
@@ -183,7 +183,7 @@ class AravisCamera(Camera):
         try:
             camera = self._aravis.Camera.new(self._wanted or None)
         except glib_error() as error:
-            raise self._not_there(_words(error)) from None
+            raise self._not_there(_text_of(error)) from None
         if camera.is_gv_device() and not camera.get_device().is_controller():
             raise self._not_there("it gives no control")
         return camera
@@ -316,5 +316,5 @@ def _check_choice(what: str, value: str, allowed: list[str], name: str) -> None:
         raise CameraSettingRefused(f"{name} was asked for {what} {value!r}, it has {', '.join(allowed)}")
 
 
-def _words(error: Exception) -> str:
+def _text_of(error: Exception) -> str:
     return str(getattr(error, "message", error))

@@ -252,8 +252,8 @@ class _SampleGrid:
         is_colour = image.ndim == 3 and image.shape[2] == 3 and image.dtype.itemsize == 1
         if not (is_colour and image.flags.c_contiguous and image.shape[1] % 4 == 0 and stride % 4 == 0):
             return image[rows, ::stride]
-        words = image.reshape(image.shape[0], -1).view(np.uint32)[rows, :: stride * 3 // 4]
-        return words.copy().view(np.uint8).reshape(*words.shape, 4)
+        packed = image.reshape(image.shape[0], -1).view(np.uint32)[rows, :: stride * 3 // 4]
+        return packed.copy().view(np.uint8).reshape(*packed.shape, 4)
 
 
 def _median(values: Array) -> float:

@@ -138,8 +138,8 @@ FAULT_MEANINGS = {
 
 def describe_faults(faults: BoardFault) -> str:
     """The faults in words, or "no fault"."""
-    words = [meaning for fault, meaning in FAULT_MEANINGS.items() if fault in faults]
-    return "; ".join(words) if words else "no fault"
+    meanings = [meaning for fault, meaning in FAULT_MEANINGS.items() if fault in faults]
+    return "; ".join(meanings) if meanings else "no fault"
 
 
 def checksum(data: bytes) -> int:

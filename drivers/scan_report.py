@@ -51,7 +51,9 @@ def write_report(
 
 def _problems(worker: ScanWorker | SweepWorker, verdicts: tuple[tuple[int, StripeVerdict], ...]) -> list[str]:
     counts = Counter(verdict for _, verdict in verdicts)
-    problems = [f"{counts[kind]} of {len(verdicts)} stripes: {words}" for kind, words in WORDS.items() if counts[kind]]
+    problems = [
+        f"{counts[kind]} of {len(verdicts)} stripes: {meaning}" for kind, meaning in WORDS.items() if counts[kind]
+    ]
     if verdicts and counts[StripeVerdict.DARK] == len(verdicts):
         problems.append("no stripe shows the laser: it is dead or covered, or the camera does not look at it")
     elif len(verdicts) > 1 and verdicts[0][1] is StripeVerdict.DARK and verdicts[1][1] is not StripeVerdict.DARK:

@@ -30,9 +30,9 @@ def setting_changes(camera: Camera, locked: CameraSettings) -> tuple[str, ...]:
         then, now = getattr(locked, name), held.values.get(name)
         if then is None:
             continue
-        words = name.replace("_", " ")
+        setting = name.replace("_", " ")
         if name in held.automatic:
-            changes.append(f"{camera.name}: automatic {words} is on, it was locked at {then:g}{unit}: {WHAT_TO_DO}")
+            changes.append(f"{camera.name}: automatic {setting} is on, it was locked at {then:g}{unit}: {WHAT_TO_DO}")
         elif now is not None and abs(now - then) > max(TOLERANCE * abs(then), ROUNDING.get(name, 0.0)):
-            changes.append(f"{camera.name}: {words} is {now:g}{unit}, it was locked at {then:g}{unit}: {WHAT_TO_DO}")
+            changes.append(f"{camera.name}: {setting} is {now:g}{unit}, it was locked at {then:g}{unit}: {WHAT_TO_DO}")
     return tuple(changes)

@@ -19,11 +19,11 @@ def call(main: Callable[..., None]) -> None:
     Raises:
         SystemExit: 2: another number of words, or a file, robot or value that cannot be used.
     """
-    names, words = list(inspect.signature(main).parameters), sys.argv[1:]
+    names, given = list(inspect.signature(main).parameters), sys.argv[1:]
     try:
-        if len(words) != len(names):
-            raise ValueError(f"{len(words)} arguments given; usage: python {sys.argv[0]} {' '.join(names).upper()}")
-        main(*words)
+        if len(given) != len(names):
+            raise ValueError(f"{len(given)} arguments given; usage: python {sys.argv[0]} {' '.join(names).upper()}")
+        main(*given)
     except (PerceptionError, KinematicsError, DriverError, TransportError, OSError, ValueError) as error:
         print(f"{sys.argv[0]}: {error}", file=sys.stderr)
         sys.exit(2)

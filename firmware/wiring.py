@@ -36,9 +36,9 @@ def pins() -> dict[str, int]:
     return {name: int(number) for name, number in re.findall(r"PIN_(\w+) = (\d+)", PINS.read_text())}
 
 
-def _text(x: float, y: float, words: str, anchor: str = "start", size: int = 13, weight: str = "normal") -> str:
+def _text(x: float, y: float, text: str, anchor: str = "start", size: int = 13, weight: str = "normal") -> str:
     return (
-        f'<text x="{x}" y="{y}" text-anchor="{anchor}" font-size="{size}" font-weight="{weight}">{escape(words)}</text>'
+        f'<text x="{x}" y="{y}" text-anchor="{anchor}" font-size="{size}" font-weight="{weight}">{escape(text)}</text>'
     )
 
 
@@ -62,7 +62,7 @@ def drawing() -> str:
         _text(left + width / 2, top - 14, "Raspberry Pi Pico (RP2040)", "middle", 15, "bold"),
     ]
     rows = {"left": FIRST_ROW, "right": FIRST_ROW}
-    for side, signals, words in PARTS:
+    for side, signals, lines in PARTS:
         first = rows[side]
         gap = ROW if len(signals) == 1 else 30
         ys = [first + gap * number for number in range(len(signals))]
@@ -73,7 +73,7 @@ def drawing() -> str:
         box_x = 60 if side == "left" else 700
         out.append(_box(box_x, ys[0] - 24, 240, ys[-1] - ys[0] + 48, "#f4efe2"))
         middle = (ys[0] + ys[-1]) / 2
-        out += [_text(box_x + 120, middle - 3 + 16 * line, text, "middle", 12) for line, text in enumerate(words)]
+        out += [_text(box_x + 120, middle - 3 + 16 * line, text, "middle", 12) for line, text in enumerate(lines)]
         for signal, y in zip(signals, ys, strict=True):
             out.append(_wire([(edge, y), (outer, y)]))
             out.append(_text(inner, y + 4, f"GP{gpio[signal]} {signal}", "start" if anchor == "start" else "end", 12))

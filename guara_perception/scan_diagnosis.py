@@ -96,8 +96,8 @@ class Glances:
             return ""
         for fit in (upright, likelier):
             if fit.fits.mean() >= FITTING_SHARE and fit.fine >= FINE_SHARE:
-                words = _order_words(np.array(indices)[fit.fits], np.array(fit.stripe)[fit.fits])
-                return f"{words} and {turn}" if fit is likelier else words
+                order_text = _order_words(np.array(indices)[fit.fits], np.array(fit.stripe)[fit.fits])
+                return f"{order_text} and {turn}" if fit is likelier else order_text
         return _elsewhere(geometry, indices, seen)
 
 

@@ -33,7 +33,7 @@ def _add_link(root: Element, link: Link, *, with_shapes: bool) -> None:
     element = SubElement(root, "link", name=link.name)
     if link.mass:
         inertial = SubElement(element, "inertial")
-        SubElement(inertial, "origin", xyz=_words(link.centre_of_mass), rpy="0 0 0")
+        SubElement(inertial, "origin", xyz=_numbers(link.centre_of_mass), rpy="0 0 0")
         SubElement(inertial, "mass", value=repr(float(link.mass)))
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = ([repr(float(v)) for v in row] for row in link.inertia)
         SubElement(inertial, "inertia", ixx=xx, ixy=xy, ixz=xz, iyy=yy, iyz=yz, izz=zz)
@@ -45,7 +45,7 @@ def _add_link(root: Element, link: Link, *, with_shapes: bool) -> None:
 
 def _add_shape(geometry: Element, shape: Shape) -> None:
     if shape.kind == "box":
-        SubElement(geometry, "box", size=_words(shape.size))
+        SubElement(geometry, "box", size=_numbers(shape.size))
     elif shape.kind == "cylinder":
         SubElement(geometry, "cylinder", radius=repr(shape.size[0]), length=repr(shape.size[1]))
     else:
@@ -58,14 +58,14 @@ def _add_joint(root: Element, joint: Joint) -> None:
     SubElement(element, "parent", link=joint.parent)
     SubElement(element, "child", link=joint.child)
     if joint.kind != "fixed":
-        SubElement(element, "axis", xyz=_words(joint.axis))
+        SubElement(element, "axis", xyz=_numbers(joint.axis))
         # A model without motors: what readers of URDF demand of a <limit>, and nobody uses here.
         SubElement(element, "limit", lower=repr(joint.lower), upper=repr(joint.upper), effort="0", velocity="0")
 
 
 def _add_origin(element: Element, transform: Float) -> None:
-    SubElement(element, "origin", xyz=_words(transform[:3, 3]), rpy=_words(rpy_from_rotation(transform[:3, :3])))
+    SubElement(element, "origin", xyz=_numbers(transform[:3, 3]), rpy=_numbers(rpy_from_rotation(transform[:3, :3])))
 
 
-def _words(values: object) -> str:
+def _numbers(values: object) -> str:
     return " ".join(repr(float(value)) for value in values)  # type: ignore[attr-defined]

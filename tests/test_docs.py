@@ -93,9 +93,9 @@ class Reader:
         self.turn: TextIO | None = None
         self.environment = {**os.environ, "PATH": path, "MPLBACKEND": "Agg", "PYTHONUNBUFFERED": "1"}
 
-    def start(self, words: list[str]) -> subprocess.Popen:
+    def start(self, command: list[str]) -> subprocess.Popen:
         return subprocess.Popen(
-            words,
+            command,
             cwd=self.folder,
             env=self.environment,
             stdin=subprocess.PIPE,
@@ -144,14 +144,14 @@ class Reader:
                 self.provide_node()
             self.finish(block, ["bash", "-euo", "pipefail", "-c", line.replace(".venv/bin/", "")])
 
-    def finish(self, block: Block, words: list[str]) -> None:
-        process = self.start(words)
+    def finish(self, block: Block, command: list[str]) -> None:
+        process = self.start(command)
         try:
             output, _ = process.communicate(timeout=PATIENCE)
         except subprocess.TimeoutExpired:
             process.kill()
-            raise AssertionError(f"{block.source}: does not end: {words[-1]}") from None
-        assert process.returncode == 0, f"{block.source}: {words[-1]}\nexit {process.returncode}\n{output}"
+            raise AssertionError(f"{block.source}: does not end: {command[-1]}") from None
+        assert process.returncode == 0, f"{block.source}: {command[-1]}\nexit {process.returncode}\n{output}"
 
     def start_endless(self, block: Block, line: str) -> None:
         """Start it and wait for its first line; only a node is left running, for what follows on the page."""
@@ -234,11 +234,11 @@ def check_make(line: str) -> None:
 
 def parse_only(line: str) -> None:
     """The options of a `guara` line are those that the command has."""
-    words = shlex.split(line.removeprefix(".venv/bin/"))
-    assert words[0] == "guara", f"only guara lines can be checked without hardware: {line}"
-    command = program.get_command(click.Context(program), words[1])
+    arguments = shlex.split(line.removeprefix(".venv/bin/"))
+    assert arguments[0] == "guara", f"only guara lines can be checked without hardware: {line}"
+    command = program.get_command(click.Context(program), arguments[1])
     assert command is not None, f"no such command: {line}"
-    command.make_context(words[1], words[2:])
+    command.make_context(arguments[1], arguments[2:])
 
 
 @pytest.fixture

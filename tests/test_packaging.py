@@ -48,11 +48,11 @@ def unpacked(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def from_wheel(unpacked: Path, folder: Path, *words: str) -> str:
+def from_wheel(unpacked: Path, folder: Path, *arguments: str) -> str:
     """Output of Python started in `folder` with the unpacked wheel before the checkout."""
     environment = {**os.environ, "PYTHONPATH": str(unpacked)}
     return subprocess.run(
-        [sys.executable, *words], cwd=folder, env=environment, check=True, capture_output=True, text=True
+        [sys.executable, *arguments], cwd=folder, env=environment, check=True, capture_output=True, text=True
     ).stdout
 
 
@@ -102,8 +102,8 @@ def test_messages_encode_from_the_wheel(unpacked: Path, tmp_path: Path):
 def test_command_works_from_the_wheel(unpacked: Path, tmp_path: Path, data: Path, calibration_file: Path):
     """A recorded scan is processed by the wheel alone, in any folder."""
     scan = str(data / "scans" / "paper")
-    words = ["-m", "guara_perception.app.main", "process", scan, "-c", str(calibration_file), "-o", "out.npz"]
-    assert from_wheel(unpacked, tmp_path, *words).startswith("out.npz: step 0, coarse, 90x108 cells")
+    arguments = ["-m", "guara_perception.app.main", "process", scan, "-c", str(calibration_file), "-o", "out.npz"]
+    assert from_wheel(unpacked, tmp_path, *arguments).startswith("out.npz: step 0, coarse, 90x108 cells")
     assert (tmp_path / "out.npz").is_file()
 
 

@@ -31,5 +31,5 @@ class JumpWatch:
         if self._jump is None or now - self._jump[1] > REPORTED_FOR:
             return []
         by, at = self._jump
-        words = f"the clock jumped by {by:+.1f} s, {now - at:.0f} s ago; the ages of grids do not depend on it"
-        return [StatusItem(name="clock", level=Health.WARN, message=words, hardware_id=self._robot)]
+        message = f"the clock jumped by {by:+.1f} s, {now - at:.0f} s ago; the ages of grids do not depend on it"
+        return [StatusItem(name="clock", level=Health.WARN, message=message, hardware_id=self._robot)]

@@ -154,8 +154,8 @@ class LastMessage:
         if number >= 0:
             query.reply(self._key, payload(), encoding=self._encoding, attachment=attachment)
         else:
-            words = f"nothing was published on {self._key!r} yet"
-            refusal = encode_refusal(Refusal(id="", code="no_terrain", message=words))
+            message = f"nothing was published on {self._key!r} yet"
+            refusal = encode_refusal(Refusal(id="", code="no_terrain", message=message))
             query.reply_err(refusal, encoding=cdr(REFUSAL))
         query.drop()
 

@@ -31,7 +31,7 @@ class NameWatch:
     def items(self) -> list[StatusItem]:
         """Empty when nobody else is there."""
         if self._runs.names - {self._run}:
-            level, words = (
+            level, message = (
                 Health.ERROR,
                 (
                     f"another node lives under the name {self._robot!r}, beyond an uplink: who reads there takes the "
@@ -39,7 +39,7 @@ class NameWatch:
                 ),
             )
         elif self._claims.names:
-            level, words = (
+            level, message = (
                 Health.WARN,
                 (
                     f"another node wants the name {self._robot!r} and waits until this one is gone: one robot has one "
@@ -48,7 +48,7 @@ class NameWatch:
             )
         else:
             return []
-        return [StatusItem(name="name", level=level, message=words, hardware_id=self._robot)]
+        return [StatusItem(name="name", level=level, message=message, hardware_id=self._robot)]
 
     def close(self) -> None:
         """Stop watching; safe to call twice."""

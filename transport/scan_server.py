@@ -214,8 +214,8 @@ class ScanServer(Resource):
 
     def _expire(self, work: _Work) -> None:
         work.job.cancelled.set()
-        words = f"the deadline of {work.job.request.timeout:g} s passed before the scan was done"
-        self._finish(work, replace(work.progress, state=ScanState.FAILED, code="timeout", message=words))
+        message = f"the deadline of {work.job.request.timeout:g} s passed before the scan was done"
+        self._finish(work, replace(work.progress, state=ScanState.FAILED, code="timeout", message=message))
 
     def _finish(self, work: _Work, last: ScanReply, *, returned: bool = False) -> None:
         with self._lock:
@@ -237,8 +237,8 @@ class ScanServer(Resource):
         work = self._work
         if work is not None:
             work.job.cancelled.set()
-            words = "the scanner shuts down"
-            self._finish(work, replace(work.progress, state=ScanState.FAILED, code="closed", message=words))
+            message = "the scanner shuts down"
+            self._finish(work, replace(work.progress, state=ScanState.FAILED, code="closed", message=message))
         with self._lock:
             self._is_stopped = True
         self._outbox.close()

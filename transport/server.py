@@ -247,11 +247,11 @@ class PerceptionServer(Resource):
             "longest_put_ms": f"{1000.0 * self._outbox.longest:.1f}",
             "scanning": "" if self._scans is None else str(self._scans.is_busy).lower(),
         }
-        words = f"{failed} messages failed, last: {self._outbox.last_error}" if failed else "publishing"
+        message = f"{failed} messages failed, last: {self._outbox.last_error}" if failed else "publishing"
         own = StatusItem(
             name=STATUS_NAME,
             level=Health.WARN if failed else Health.OK,
-            message=words,
+            message=message,
             hardware_id=self.robot,
             values=values,
         )

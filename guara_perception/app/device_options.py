@@ -57,9 +57,9 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
     )
 
     @functools.wraps(command)
-    def with_chosen(**words: Any) -> Any:
-        chosen = DeviceOptions(**{name: words.pop(name) for name in DeviceOptions.__slots__})
-        return command(chosen=chosen, **words)
+    def with_chosen(**values: Any) -> Any:
+        chosen = DeviceOptions(**{name: values.pop(name) for name in DeviceOptions.__slots__})
+        return command(chosen=chosen, **values)
 
     given: Callable[..., Any] = with_chosen
     for option in reversed(options):

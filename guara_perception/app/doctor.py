@@ -142,10 +142,10 @@ def check_cameras() -> Finding:
     from guara_perception.app.find_cameras import find_cameras
 
     found, missing = find_cameras()
-    words = [f"{camera.source}: {camera.evidence}" for camera in found] + ([missing] if missing else [])
+    lines = [f"{camera.source}: {camera.evidence}" for camera in found] + ([missing] if missing else [])
     if not found:
-        return Finding("cameras", WARN, "; ".join(["none found", *words]))
-    return Finding("cameras", OK, "; ".join(words))
+        return Finding("cameras", WARN, "; ".join(["none found", *lines]))
+    return Finding("cameras", OK, "; ".join(lines))
 
 
 def check_endpoint(listen: str) -> Finding:

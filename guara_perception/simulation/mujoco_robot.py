@@ -92,8 +92,8 @@ def _for_mujoco(urdf: str, *, with_visuals: bool) -> str:
     root = ElementTree.fromstring(urdf)
     for found in root.findall("mujoco"):
         root.remove(found)
-    words = {"fusestatic": "false", "discardvisual": str(not with_visuals).lower()}
-    ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler", words)
+    attributes = {"fusestatic": "false", "discardvisual": str(not with_visuals).lower()}
+    ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler", attributes)
     return ElementTree.tostring(root, encoding="unicode")
 
 
@@ -102,8 +102,8 @@ def _for_all_versions(text: str) -> str:
     root = ElementTree.fromstring(text)
     kept = ("name", "joint", "ctrlrange", "forcerange")
     for servo in root.iter("general"):
-        words = {str(name): value for name, value in servo.attrib.items() if name in kept}
+        attributes = {str(name): value for name, value in servo.attrib.items() if name in kept}
         servo.tag = "position"
         servo.attrib.clear()
-        servo.attrib.update(words | {"kp": f"{SERVO_STIFFNESS:g}", "kv": f"{SERVO_DAMPING:g}"})
+        servo.attrib.update(attributes | {"kp": f"{SERVO_STIFFNESS:g}", "kv": f"{SERVO_DAMPING:g}"})
     return ElementTree.tostring(root, encoding="unicode") + "\n"

@@ -61,8 +61,8 @@ def _visual(element: ElementTree.Element, named: dict[str, Colour], default: Col
     """Shape and colour of a <visual>; ValueError, TypeError or KeyError where it is no plain one."""
     (geometry,) = element.findall("geometry")
     (found,) = geometry
-    words = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}[found.tag]
-    size = tuple(float(word) for name in words for word in found.attrib[name].split())
+    keys = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}[found.tag]
+    size = tuple(float(word) for name in keys for word in found.attrib[name].split())
     if len(size) != {"box": 3, "cylinder": 2, "sphere": 1}[found.tag] or min(size) <= 0.0:
         raise ValueError(f"size of a {found.tag}: {size}")
     transform = np.eye(4)
@@ -77,9 +77,9 @@ def _visual(element: ElementTree.Element, named: dict[str, Colour], default: Col
 
 def _colour(material: ElementTree.Element) -> Colour | None:
     found = material.find("color")
-    words = [] if found is None else str(found.get("rgba")).split()
+    values = [] if found is None else str(found.get("rgba")).split()
     try:
-        red, green, blue = (min(max(float(word), 0.0), 1.0) for word in words[:3])
+        red, green, blue = (min(max(float(word), 0.0), 1.0) for word in values[:3])
     except ValueError:
         return None
     return red, green, blue

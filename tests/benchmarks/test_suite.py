@@ -94,13 +94,13 @@ def test_every_program_is_reached_by_its_name(root: Path):
     assert modules - {"__main__", "suite"} == set(PROGRAMS)
     for name in PROGRAMS:
         assert callable(importlib.import_module(f"benchmarks.{name}").main)
-    for words, code, said in (
+    for arguments, code, said in (
         (["accuracy", "--help"], 0, "usage: benchmarks accuracy"),
         (["nothing"], 1, "benchmarks: no program 'nothing'; allowed: list, accuracy"),
         (["list"], 0, "usable_ground"),
     ):
         done = subprocess.run(
-            [sys.executable, "-m", "benchmarks", *words], cwd=root, capture_output=True, text=True, check=False
+            [sys.executable, "-m", "benchmarks", *arguments], cwd=root, capture_output=True, text=True, check=False
         )
         assert done.returncode == code and said in done.stdout + done.stderr
 

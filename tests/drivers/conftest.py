@@ -132,9 +132,9 @@ class EmulatorProcess:
             cwd=ROOT,
         )
         assert self.process.stdout is not None
-        words = self.process.stdout.readline().split()
-        assert words[0] == "ready"
-        self.address = words[1]
+        fields = self.process.stdout.readline().split()
+        assert fields[0] == "ready"
+        self.address = fields[1]
 
     def stop(self) -> int:
         self.process.terminate()

@@ -190,7 +190,7 @@ def test_misuse_is_refused_in_words(board: LaserBoard, camera: EmulatedCamera, f
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "expected_text"),
     [
         ({"frame_timeout": 0.0}, "frame_timeout is 0.0 s"),
         ({"max_lost": 0}, "max_lost is 0, it must be 1 or more"),
@@ -199,7 +199,7 @@ def test_misuse_is_refused_in_words(board: LaserBoard, camera: EmulatedCamera, f
         ({"together": 0}, "together is 0, it must be 1 or more"),
     ],
 )
-def test_bad_options_are_refused(changes: dict, words: str) -> None:
+def test_bad_options_are_refused(changes: dict, expected_text: str) -> None:
     """Each field is checked, and the message holds the value."""
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=expected_text):
         AcquireOptions(**changes)

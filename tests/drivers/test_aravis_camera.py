@@ -99,7 +99,7 @@ def test_what_another_program_changed_is_read(fake: FakeGigeCamera) -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "words"),
+    ("settings", "expected_text"),
     [
         ({"exposure": 5.0}, r"asked for exposure 5 s, it takes 1e-05 \.\.\. 1 s"),
         ({"gain": 40.0}, r"asked for gain 40, it takes 0 \.\.\. 24"),
@@ -107,8 +107,8 @@ def test_what_another_program_changed_is_read(fake: FakeGigeCamera) -> None:
         ({"gamma": 0.45}, "has no setting gamma"),
     ],
 )
-def test_what_it_cannot_hold_is_refused(fake: FakeGigeCamera, settings: dict[str, float], words: str) -> None:
-    with AravisCamera(fake.name) as camera, pytest.raises(CameraSettingRefused, match=words):
+def test_what_it_cannot_hold_is_refused(fake: FakeGigeCamera, settings: dict[str, float], expected_text: str) -> None:
+    with AravisCamera(fake.name) as camera, pytest.raises(CameraSettingRefused, match=expected_text):
         camera.lock(CameraSettings(**settings))
 
 
@@ -176,16 +176,16 @@ def test_it_is_listed(fake: FakeGigeCamera) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "expected_text"),
     [
         ({"trigger": "Line7"}, r"asked for trigger 'Line7', it has Line0, Line1"),
         ({"size": (640, 480)}, "asked for 640 x 480 pixels and its sensor has 320 x 256"),
         ({"exposure_output": "Line9"}, r"asked for LineSelector 'Line9', it has Line1, Line2"),
     ],
 )
-def test_what_it_does_not_have_is_refused(fake: FakeGigeCamera, options: dict, words: str) -> None:
+def test_what_it_does_not_have_is_refused(fake: FakeGigeCamera, options: dict, expected_text: str) -> None:
     camera = AravisCamera(fake.name, **options)
-    with pytest.raises(CameraSettingRefused, match=words):
+    with pytest.raises(CameraSettingRefused, match=expected_text):
         camera.open()
     with AravisCamera(fake.name):
         pass  # It was given back.

@@ -8,7 +8,7 @@ from drivers import BoardConfig
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "expected_text"),
     [
         ({"vendor_id": -1}, "vendor_id is -1, allowed: 0 ... 65535"),
         ({"product_id": 70000}, "product_id is 70000"),
@@ -18,7 +18,7 @@ from drivers import BoardConfig
         ({"attempts": 0}, "attempts is 0, allowed: 1 ... 10"),
     ],
 )
-def test_a_bad_value_is_refused_with_what_is_allowed(changes: dict, words: str) -> None:
+def test_a_bad_value_is_refused_with_what_is_allowed(changes: dict, expected_text: str) -> None:
     """Each field is checked where it enters, and the message holds the value."""
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=expected_text):
         BoardConfig(**changes)

@@ -9,7 +9,7 @@ from drivers import Camera, CameraSettings, Frame
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "expected_text"),
     [
         ({"exposure": 0.0}, "exposure is 0.0, it must be finite and above 0"),
         ({"white_balance": -1.0}, "white_balance is -1.0"),
@@ -17,9 +17,9 @@ from drivers import Camera, CameraSettings, Frame
         ({"gain": math.inf}, "gain is inf"),
     ],
 )
-def test_a_bad_setting_is_refused(changes: dict, words: str) -> None:
+def test_a_bad_setting_is_refused(changes: dict, expected_text: str) -> None:
     """The message holds the name and the value."""
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=expected_text):
         CameraSettings(**changes)
 
 

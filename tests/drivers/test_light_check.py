@@ -47,15 +47,15 @@ def test_usable_light_is_not_reported(good: StripeCapture) -> None:
 
 
 @pytest.mark.parametrize(
-    ("bad", "words"),
+    ("bad", "expected_text"),
     [
         (stripe(255.0), "light: 100 % of the stripe is clipped: expose less or close the iris (`guara record` meters"),
         (stripe(20.0, 3.0), "light: the stripe is at 8 % of the full scale, too dark: expose longer, open the iris"),
     ],
 )
-def test_a_clipped_and_a_dark_stripe_are_reported_once(bad: StripeCapture, words: str) -> None:
+def test_a_clipped_and_a_dark_stripe_are_reported_once(bad: StripeCapture, expected_text: str) -> None:
     (reported,) = problems(bad, bad, bad)
-    assert reported.startswith(words) and "exposure in devices.toml" in reported
+    assert reported.startswith(expected_text) and "exposure in devices.toml" in reported
 
 
 def test_a_picture_that_is_clipped_without_the_laser_is_reported() -> None:

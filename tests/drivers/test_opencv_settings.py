@@ -57,7 +57,7 @@ def test_a_missing_setting_is_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("prop", "settings", "words"),
+    ("prop", "settings", "expected_text"),
     [
         (cv2.CAP_PROP_EXPOSURE, CameraSettings(exposure=0.01), r"exposure \[100 us\] 100 and holds 333"),
         (cv2.CAP_PROP_AUTO_EXPOSURE, CameraSettings(exposure=0.01), "manual exposure 1 and holds 333"),
@@ -65,11 +65,11 @@ def test_a_missing_setting_is_named() -> None:
         (cv2.CAP_PROP_WB_TEMPERATURE, CameraSettings(white_balance=5000.0), r"white balance \[K\] 5000 and holds 333"),
     ],
 )
-def test_a_value_that_was_not_taken_is_refused(prop: int, settings: CameraSettings, words: str) -> None:
+def test_a_value_that_was_not_taken_is_refused(prop: int, settings: CameraSettings, expected_text: str) -> None:
     """Saying yes is not enough: what is read back counts."""
     capture = Capture()
     capture.stubborn[prop] = 333.0
-    with pytest.raises(CameraSettingRefused, match=words):
+    with pytest.raises(CameraSettingRefused, match=expected_text):
         lock_settings(capture, settings, "cam")
 
 

@@ -35,22 +35,22 @@ def test_handshake_reads_what_the_board_is(board: LaserBoard, emulated: Emulated
     assert board.serial == "EMU0001"
 
 
-@pytest.mark.parametrize(("kind", "error", "words"), TRANSIENT)
+@pytest.mark.parametrize(("kind", "error", "expected_text"), TRANSIENT)
 def test_a_transient_fault_is_repeated_over(
-    board: LaserBoard, emulated: EmulatedBoard, kind: FaultKind, error: type[BoardError], words: str
+    board: LaserBoard, emulated: EmulatedBoard, kind: FaultKind, error: type[BoardError], expected_text: str
 ) -> None:
     """Two faults in a row pass unseen by the caller, since three attempts are made."""
     emulated.inject(Fault(kind, Request.STATUS, count=2))
     assert board.status().result is Result.OK
 
 
-@pytest.mark.parametrize(("kind", "error", "words"), TRANSIENT)
+@pytest.mark.parametrize(("kind", "error", "expected_text"), TRANSIENT)
 def test_a_lasting_fault_is_typed_and_says_how_often_it_was_tried(
-    board: LaserBoard, emulated: EmulatedBoard, kind: FaultKind, error: type[BoardError], words: str
+    board: LaserBoard, emulated: EmulatedBoard, kind: FaultKind, error: type[BoardError], expected_text: str
 ) -> None:
     """The third failure in a row is raised, with the cause and the number of attempts."""
     emulated.inject(Fault(kind, Request.STATUS, count=3))
-    with pytest.raises(error, match=words) as caught:
+    with pytest.raises(error, match=expected_text) as caught:
         board.status()
     assert "asked 3 times" in str(caught.value)
     assert board.status().result is Result.OK
@@ -101,18 +101,18 @@ def test_reconnecting_gives_up_in_time(board: LaserBoard, emulated: EmulatedBoar
 
 
 @pytest.mark.parametrize(
-    ("version", "words"),
+    ("version", "expected_text"),
     [
         (0x0009, r"protocol 0\.9 .*speaks 1\.1.*flash a newer firmware"),
         (0x0200, r"protocol 2\.0.*update this software"),
     ],
 )
-def test_another_version_of_the_protocol_is_refused(version: int, words: str) -> None:
+def test_another_version_of_the_protocol_is_refused(version: int, expected_text: str) -> None:
     """An older board needs a firmware, a newer one a newer driver; nothing is switched meanwhile."""
     emulated = EmulatedBoard()
     emulated.inject(Fault(FaultKind.WRONG_VERSION, amount=version))
     board = LaserBoard(backend=emulated_backend(emulated))
-    with pytest.raises(ProtocolMismatch, match=words):
+    with pytest.raises(ProtocolMismatch, match=expected_text):
         board.open()
     assert not board.is_open
     emulated.mend()
@@ -120,9 +120,9 @@ def test_another_version_of_the_protocol_is_refused(version: int, words: str) ->
         assert board.is_open
 
 
-@pytest.mark.parametrize(("version", "words"), [(0x0100, "without sweeps"), (0x0101, "with sweeps")])
+@pytest.mark.parametrize(("version", "expected_text"), [(0x0100, "without sweeps"), (0x0101, "with sweeps")])
 def test_an_older_minor_version_is_accepted_and_said(
-    version: int, words: str, caplog: pytest.LogCaptureFixture
+    version: int, expected_text: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     """A board of 1.0 works as before; the log says which was found."""
     caplog.set_level("INFO")
@@ -130,7 +130,7 @@ def test_an_older_minor_version_is_accepted_and_said(
     emulated.inject(Fault(FaultKind.WRONG_VERSION, amount=version))
     with LaserBoard(backend=emulated_backend(emulated)) as board:
         assert not board.status().faults
-    assert words in caplog.text
+    assert expected_text in caplog.text
 
 
 def test_repeats_end_before_the_watchdog_does() -> None:

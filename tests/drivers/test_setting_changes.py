@@ -23,7 +23,7 @@ class Reporting(ReplayCamera):
 
 
 @pytest.mark.parametrize(
-    ("camera", "words"),
+    ("camera", "expected_text"),
     [
         (
             Reporting(SAME | {"exposure": 0.005}),
@@ -39,9 +39,11 @@ class Reporting(ReplayCamera):
         (Reporting({}, ("white_balance",)), "cam: automatic white balance is on, it was locked at 5000 K"),
     ],
 )
-def test_a_change_is_reported_by_name_with_both_values(camera: Camera, words: str) -> None:
+def test_a_change_is_reported_by_name_with_both_values(camera: Camera, expected_text: str) -> None:
     (reported,) = setting_changes(camera, LOCKED)
-    assert reported.startswith(words) and reported.endswith("start again: settings are locked when it is opened")
+    assert reported.startswith(expected_text) and reported.endswith(
+        "start again: settings are locked when it is opened"
+    )
 
 
 @pytest.mark.parametrize(

@@ -165,7 +165,7 @@ def test_what_is_held_is_read_back_later() -> None:
 
 
 @pytest.mark.parametrize(
-    ("video", "options", "kind", "words"),
+    ("video", "options", "kind", "expected_text"),
     [
         (FakeVideo(("MJPEG",)), {}, CameraSettingRefused, "MJPEG, GREY or YUYV is needed"),
         (
@@ -177,8 +177,10 @@ def test_what_is_held_is_read_back_later() -> None:
         (FakeVideo(), {"path": "/dev/video9"}, CameraNotFound, "No such file"),
     ],
 )
-def test_what_is_not_there_is_reported(video: FakeVideo, options: dict, kind: type[Exception], words: str) -> None:
-    with pytest.raises(kind, match=words):
+def test_what_is_not_there_is_reported(
+    video: FakeVideo, options: dict, kind: type[Exception], expected_text: str
+) -> None:
+    with pytest.raises(kind, match=expected_text):
         V4l2Camera(video=video, **options).open()
     assert not video.is_open
 

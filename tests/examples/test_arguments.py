@@ -24,9 +24,9 @@ WRONG = {
 @pytest.mark.parametrize("case", WRONG)
 def test_a_mistake_is_one_line_and_exit_2(case: str, tmp_path: Path) -> None:
     """What was given, and what the example takes."""
-    name, words, said = WRONG[case]
+    name, arguments, said = WRONG[case]
     file = str(EXAMPLES / name)
-    done = subprocess.run([sys.executable, file, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, file, *arguments], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 2 and done.stdout == ""
     assert said.format(file=file) in done.stderr and done.stderr.count("\n") == 1, done.stderr
 

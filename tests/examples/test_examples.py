@@ -51,10 +51,10 @@ RUNS = {
 }
 
 
-def run(name: str, words: list[str], folder: Path) -> str:
+def run(name: str, arguments: list[str], folder: Path) -> str:
     """What an example prints; it must end well and complain about nothing."""
     done = subprocess.run(
-        [sys.executable, str(EXAMPLES / name), *words],
+        [sys.executable, str(EXAMPLES / name), *arguments],
         cwd=folder,
         capture_output=True,
         text=True,
@@ -68,10 +68,10 @@ def run(name: str, words: list[str], folder: Path) -> str:
 @pytest.mark.parametrize("name", RUNS)
 def test_example_runs(name: str, folder: Path):
     """Its output holds what its text promises; its pictures are pictures."""
-    words, reported = RUNS[name]
-    printed = run(name, words, folder)
+    arguments, reported = RUNS[name]
+    printed = run(name, arguments, folder)
     assert all(word in printed for word in reported), printed
-    for word in words:
+    for word in arguments:
         if word.endswith(".png"):
             picture = cv2.imread(str(folder / word))
             assert picture is not None and picture.std() > 10

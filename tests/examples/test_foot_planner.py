@@ -68,9 +68,9 @@ def node(endpoint: str, map_file: Path) -> Iterator[subprocess.Popen[str]]:
     process.wait(60)
 
 
-def run_example(endpoint: str, *words: str) -> subprocess.Popen[str]:
+def run_example(endpoint: str, *arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, str(EXAMPLE), "--connect", endpoint, *words],
+        [sys.executable, str(EXAMPLE), "--connect", endpoint, *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

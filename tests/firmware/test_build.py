@@ -50,8 +50,8 @@ def test_uf2_holds_the_image_for_this_family() -> None:
     assert len(blocks) == 6 * 512
     assert from_uf2(blocks)[: len(image)] == image
     for number in range(6):
-        words = [int.from_bytes(blocks[512 * number + at : 512 * number + at + 4], "little") for at in range(0, 32, 4)]
-        assert words[3] == 0x10000000 + 256 * number and words[5:] == [number, 6, 0xE48BFF56]
+        header = [int.from_bytes(blocks[512 * number + at : 512 * number + at + 4], "little") for at in range(0, 32, 4)]
+        assert header[3] == 0x10000000 + 256 * number and header[5:] == [number, 6, 0xE48BFF56]
 
 
 def test_a_second_stage_too_long_is_refused() -> None:

@@ -139,18 +139,18 @@ def test_scan_whose_camera_stood_still_is_processed(paper_scan, calibration, rob
 
 
 @pytest.mark.parametrize(
-    ("counts", "words"),
+    ("counts", "expected_words"),
     [
         ([0, 1000, 0, 0, 0, 0, 0], ["laser is on", "mirror turns"]),
         ([100, 300, 400, 200, 0, 0, 0], ["polarised lens", "expose less"]),
         ([300, 700, 0, 0, 0, 0, 0], ["narrow band-pass filter", "stronger laser"]),
     ],
 )
-def test_advice_fits_what_happened(counts: list[int], words: list[str]) -> None:
+def test_advice_fits_what_happened(counts: list[int], expected_words: list[str]) -> None:
     """No light, too much light, too little light: one sentence each, with what to do."""
     sentence = advice(0.31, np.array(counts))
     assert sentence.startswith("only 31 % of the expected ground returned the laser")
-    assert all(word in sentence for word in words)
+    assert all(word in sentence for word in expected_words)
     assert "\n" not in sentence and ". " not in sentence
 
 

@@ -65,9 +65,9 @@ def test_orientation_order_and_pattern_are_reported_before_the_laser_is_blamed(p
         "the frames are in reverse order": renamed(paper_scan, frames[::-1]),
         "the frames are 6 stripe indices behind": renamed(paper_scan, frames[:-3]),
     }
-    for words, scan in cases.items():
+    for expected_text, scan in cases.items():
         _, said = reasons(scan, calibration, robot)
-        assert re.search(words, said), (words, said)
+        assert re.search(expected_text, said), (expected_text, said)
         assert "stronger laser" not in said
 
 

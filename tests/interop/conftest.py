@@ -44,8 +44,8 @@ def ros(root: Path) -> Path:
 @pytest.fixture(scope="session")
 def read_by_ros(ros: Path, recording: Path) -> dict[str, Any]:
     """What rclpy makes of the recording."""
-    words = [ros / "bin" / "python", HERE / "decode_ros2.py", recording, ros / "overlay", ros]
-    done = subprocess.run(words, env=environment(ros), capture_output=True, text=True, timeout=300, check=False)
+    command = [ros / "bin" / "python", HERE / "decode_ros2.py", recording, ros / "overlay", ros]
+    done = subprocess.run(command, env=environment(ros), capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     return json.loads(done.stdout)
 
@@ -57,7 +57,7 @@ def read_by_foxglove(recording: Path) -> dict[str, Any]:
         pytest.skip("node is not installed")
     if not (HERE / "js" / "node_modules" / "@foxglove").is_dir():
         pytest.skip(f"Foxglove's libraries are missing: {INSTALL}")
-    words = ["node", HERE / "js" / "decode.mjs", recording]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
+    command = ["node", HERE / "js" / "decode.mjs", recording]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     return json.loads(done.stdout)

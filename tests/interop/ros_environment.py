@@ -108,11 +108,11 @@ def build_package(folder: Path, package: Path, build: Path) -> None:
         "CMAKE_CXX_FLAGS": "-O0",
     }
     given = [f"-D{name}={value}" for name, value in options.items()]
-    for words in (
+    for command in (
         ["cmake", "-G", "Ninja", "-S", package, "-B", build, *given],
         ["cmake", "--build", build, "--target", "install"],
     ):
-        done = subprocess.run(words, env=variables, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, env=variables, capture_output=True, text=True, check=False)
         if done.returncode:
             sys.exit(f"{package.name} was not built:\n{(done.stdout + done.stderr)[-4000:]}")
     print(f"built {package.name}")

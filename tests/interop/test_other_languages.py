@@ -48,8 +48,8 @@ def payloads(endpoint: str, root: Path, tmp_path_factory: pytest.TempPathFactory
         ("compact/terrain", "application/zstd;shuffle=4;application/cdr;guara_msgs/msg/Terrain"),
     ):
         path = folder / f"{name.replace('/', '_')}.bin"
-        words = [sys.executable, root / "examples" / "plain_zenoh.py", endpoint, f"guara/perception/v1/{name}", path]
-        done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+        command = [sys.executable, root / "examples" / "plain_zenoh.py", endpoint, f"guara/perception/v1/{name}", path]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
         assert done.returncode == 0, done.stderr
         assert done.stdout == f"guara/perception/v1/{name}: {path.stat().st_size} bytes of {said}\n"
         found[name] = path
@@ -71,8 +71,8 @@ def test_javascript_reads_what_python_reads(payloads: dict[str, Path], root: Pat
     terrain = message_to_terrain(decode_terrain(payloads[name].read_bytes()))
     assert ("rounding" in terrain.metadata) == (name != "terrain")
     for x, y in PLACES:
-        words = ["node", folder / "read_terrain.mjs", payloads[name], str(x), str(y)]
-        done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+        command = ["node", folder / "read_terrain.mjs", payloads[name], str(x), str(y)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
         assert done.returncode == 0, done.stderr
         what, cell = done.stdout.splitlines()
         assert what == first_line(terrain)
@@ -96,8 +96,8 @@ def test_javascript_reads_the_summary_as_python_does(paper_terrain: gp.TerrainGr
     payload.write_bytes(sent)
     summary = message_to_summary(decode_summary(sent))
     for x, y in PLACES:
-        words = ["node", folder / "read_summary.mjs", payload, str(x), str(y)]
-        done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+        command = ["node", folder / "read_summary.mjs", payload, str(x), str(y)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
         assert done.returncode == 0, done.stderr
         what, cell = done.stdout.splitlines()
         assert what == f"rex, summary of step 0: 90 x 108 cells, {int((summary.hazard == 0).sum())} safe"
@@ -107,8 +107,8 @@ def test_javascript_reads_the_summary_as_python_does(paper_terrain: gp.TerrainGr
         if found["known"]:
             assert found["elevation"] == pytest.approx(summary.height_at(x, y), abs=1e-6)
     payload.write_bytes(payload.read_bytes()[:-20])
-    words = ["node", folder / "read_summary.mjs", payload, "0.7", "0"]
-    assert subprocess.run(words, capture_output=True, timeout=60, check=False).returncode != 0
+    command = ["node", folder / "read_summary.mjs", payload, "0.7", "0"]
+    assert subprocess.run(command, capture_output=True, timeout=60, check=False).returncode != 0
 
 
 def test_javascript_leaves_out_layers_of_later_types_and_refuses_known_ones_of_another(
@@ -126,18 +126,18 @@ def test_javascript_leaves_out_layers_of_later_types_and_refuses_known_ones_of_a
         for field, value in changes.items():
             setattr(layer, field, value)
         payload.write_bytes(encode(message))
-        words = ["node", folder / "read_terrain.mjs", payload, "0.7", "0"]
-        return subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+        command = ["node", folder / "read_terrain.mjs", payload, "0.7", "0"]
+        return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
 
     later = said("slope", name="colour", type=9)
     assert later.returncode == 0 and json.loads(later.stdout.splitlines()[1])["known"], later.stderr
-    for changes, words in (
+    for changes, expected_text in (
         ({"type": 9}, "layer hazard has type 9, 2 is read here"),
         ({"type": 1}, "layer hazard has type 1, 2 is read here"),
         ({"name": "danger"}, "layers hazard are missing"),
     ):
         refused = said("hazard", **changes)
-        assert (refused.returncode, refused.stdout, refused.stderr) == (1, "", words + "\n")
+        assert (refused.returncode, refused.stdout, refused.stderr) == (1, "", expected_text + "\n")
 
 
 def test_javascript_refuses_what_is_no_grid(root: Path, tmp_path: Path) -> None:
@@ -145,8 +145,8 @@ def test_javascript_refuses_what_is_no_grid(root: Path, tmp_path: Path) -> None:
     if shutil.which("node") is None or not (folder / "node_modules" / "fzstd").is_dir():
         pytest.skip(f"node or libraries of the example are missing: {INSTALL}")
     (tmp_path / "x").write_bytes(b"\x00\x01\x00\x00 no grid")
-    words = ["node", folder / "read_terrain.mjs", tmp_path / "x", "0.7", "0"]
-    assert subprocess.run(words, capture_output=True, timeout=60, check=False).returncode != 0
+    command = ["node", folder / "read_terrain.mjs", tmp_path / "x", "0.7", "0"]
+    assert subprocess.run(command, capture_output=True, timeout=60, check=False).returncode != 0
 
 
 @pytest.fixture(scope="module")
@@ -157,11 +157,13 @@ def build(root: Path, ros: Path, tmp_path_factory: pytest.TempPathFactory) -> Ca
         target = tmp_path_factory.mktemp("build")
         options = {"Python3_EXECUTABLE": ros / "bin" / "python", "CMAKE_CXX_FLAGS": "-Wall -Wextra -Werror"}
         given = [f"-D{name}={value}" for name, value in options.items()]
-        for words in (
+        for command in (
             ["cmake", "-G", "Ninja", "-S", root / folder, "-B", target, *given],
             ["cmake", "--build", target],
         ):
-            done = subprocess.run(words, env=environment(ros), capture_output=True, text=True, timeout=300, check=False)
+            done = subprocess.run(
+                command, env=environment(ros), capture_output=True, text=True, timeout=300, check=False
+            )
             if "Could NOT find OpenSSL" in done.stderr:
                 pytest.skip("Fast DDS of the wheels wants OpenSSL's headers (Debian: libssl-dev)")
             assert done.returncode == 0, done.stdout + done.stderr
@@ -175,8 +177,8 @@ def test_cpp_reads_what_python_reads(build: Callable[[str], Path], payloads: dic
     program = build("examples/cpp") / "read_terrain"
     terrain = message_to_terrain(decode_terrain(payloads["terrain"].read_bytes()))
 
-    def run(*words: object) -> subprocess.CompletedProcess[str]:
-        given = [program, *map(str, words)]
+    def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+        given = [program, *map(str, arguments)]
         return subprocess.run(given, env=environment(ros), capture_output=True, text=True, timeout=60, check=False)
 
     for x, y in PLACES:

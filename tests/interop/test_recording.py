@@ -60,8 +60,8 @@ def test_foxglove_and_ros_read_the_same(read_by_foxglove: dict[str, Any], read_b
 def test_rerun_finds_nothing_wrong(recording: Path) -> None:
     """No chunk out of order on any timeline."""
     pytest.importorskip("rerun", reason="extra `rerun` is not installed")
-    words = [sys.executable, "-m", "rerun", "mcap", "check", "--full", recording]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
+    command = [sys.executable, "-m", "rerun", "mcap", "check", "--full", recording]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0 and "PROBLEM" not in done.stdout
     assert done.stdout.count("\nok ") == TOPICS
 

@@ -150,10 +150,10 @@ def test_a_folder_that_is_added_to_robots_is_tested(tmp_path: Path) -> None:
         file.write_text(file.read_text().replace('<robot name="tapir"', '<robot name="mine"'))
         file.rename(file.with_stem("mine"))
     edit(tmp_path / "robots" / "mine" / "robot.toml", ('name = "tapir"', 'name = "mine"'))
-    words = ["-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/kinematics/test_model.py", "-k", "mine"]
+    arguments = ["-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/kinematics/test_model.py", "-k", "mine"]
 
     def tested() -> str:
-        done = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+        done = subprocess.run([sys.executable, *arguments], cwd=tmp_path, capture_output=True, text=True, check=False)
         return done.stdout + done.stderr
 
     said = tested()

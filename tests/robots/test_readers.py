@@ -201,7 +201,7 @@ def test_rerun(urdf: Path, tmp_path: Path) -> None:
     stream.log_file_from_path(str(urdf))
     stream.flush()
     stream.disconnect()
-    words = [sys.executable, "-m", "rerun", "rrd", "print", "-v", tmp_path / "guara.rrd"]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=True)
+    command = [sys.executable, "-m", "rerun", "rrd", "print", "-v", tmp_path / "guara.rrd"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     entities = {word for word in done.stdout.split() if word.startswith("/guara/visual_geometries/")}
     assert len({word for word in entities if "/visual_" in word and "@" not in word}) == VISUALS

@@ -93,17 +93,17 @@ class Process:
         return code
 
 
-def new_program(*words: str) -> "subprocess.Popen[str]":
+def new_program(*arguments: str) -> "subprocess.Popen[str]":
     """A new interpreter that runs `peer.py`."""
     pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-    return subprocess.Popen([sys.executable, str(PEER), *words], text=True, **pipes)
+    return subprocess.Popen([sys.executable, str(PEER), *arguments], text=True, **pipes)
 
 
 def starter(launch: Callable[..., "subprocess.Popen[str] | ForkedProcess"]) -> Iterator[Callable[..., Process]]:
     started: list[Process] = []
 
-    def begin(*words: str) -> Process:
-        process = Process(launch(*words))
+    def begin(*arguments: str) -> Process:
+        process = Process(launch(*arguments))
         started.append(process)
         process.expect("ready")
         return process

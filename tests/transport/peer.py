@@ -101,9 +101,9 @@ def is_whole(terrain: transport.TerrainMessage) -> bool:
     return bool(same and np.all(terrain.layers["looks"] == terrain.sequence % 256))
 
 
-def say(*words: object) -> None:
+def say(*values: object) -> None:
     """A line to the test."""
-    print(*words, flush=True)
+    print(*values, flush=True)
 
 
 def scan_handler(server: transport.PerceptionServer):
@@ -148,24 +148,24 @@ def run_node(endpoint: str, mode: str = "listen", security: str = "", robot: str
         pauses = transport.StanceReceiver(session, robot=robot, on_pause=lambda p: say("pause", p.step, p.phase.name))
         say("ready")
         for line in sys.stdin:
-            command, *words = line.split()
+            command, *arguments = line.split()
             if command == "publish":
                 values = np.zeros((108, 90), np.int8)
-                server.publish(make_terrain(int(words[0]), robot=robot, stamp=time.time_ns()), occupancy=values)
+                server.publish(make_terrain(int(arguments[0]), robot=robot, stamp=time.time_ns()), occupancy=values)
                 server.flush()
             elif command == "map":
-                server.publish(make_terrain(int(words[0]), robot=robot, extent="map", shape=(140, 320)))
+                server.publish(make_terrain(int(arguments[0]), robot=robot, extent="map", shape=(140, 320)))
                 server.flush()
             elif command == "stream":
-                shape = (int(words[2]), 400)
-                grids = [make_terrain(n, shape=shape) for n in range(1, int(words[0]) + 1)]
+                shape = (int(arguments[2]), 400)
+                grids = [make_terrain(n, shape=shape) for n in range(1, int(arguments[0]) + 1)]
                 for grid in grids:
                     server.publish(grid)
                     server.flush(30.0)
-                    time.sleep(float(words[1]))
+                    time.sleep(float(arguments[1]))
                 say("streamed", grids[-1].sequence)
             elif command == "step":
-                server.begin_step(int(words[0]))
+                server.begin_step(int(arguments[0]))
             elif command == "crash":
                 raise RuntimeError("crashed as asked")
             elif command == "quit":

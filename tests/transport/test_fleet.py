@@ -63,8 +63,8 @@ def test_a_robot_speaks_for_no_other(endpoint: str) -> None:
         kept = [AliveToken(node, alive_key(robot)) for robot in ("ada", "bob", "rex")]
         asked = {"ada": ("ada", "--3"), "bob": ("bob", "²"), "rex": ("ada", "9")}
         raw = [
-            zenoh_api.declare_queryable(node.raw, status_key(robot), answer(robot, *words))
-            for robot, words in asked.items()
+            zenoh_api.declare_queryable(node.raw, status_key(robot), answer(robot, *values))
+            for robot, values in asked.items()
         ]
         ada, bob, rex = robot_states(session, timeout=20.0)
         assert (ada.robot, bob.robot, rex.robot) == ("ada", "bob", "rex") and len(raw) == len(kept)

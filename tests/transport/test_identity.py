@@ -66,7 +66,7 @@ FOREIGN: dict[str, tuple[dict[str, object], str]] = {
 @pytest.mark.parametrize("what", FOREIGN)
 def test_a_grid_of_somebody_else_is_not_taken(what: str, node, client, endpoint: str, peer, eventually, caplog) -> None:
     """Without security anybody may put on the key: the newest grid of our node stays, and the log says what came."""
-    fields, words = FOREIGN[what]
+    fields, expected_text = FOREIGN[what]
     node.publish(say(peer, node, 3, step=3))
     assert client.wait_for_step(3, timeout=PATIENCE).sequence == 3
     heard: list[int] = []
@@ -75,7 +75,7 @@ def test_a_grid_of_somebody_else_is_not_taken(what: str, node, client, endpoint:
         raw = Publisher(intruder, keys.terrain_key())
         raw.put(transport.encode_terrain(say(peer, node, 2 if "older" in what else 9, step=9, **fields)))
         assert eventually(lambda: client.receiver().refused == 1)
-    assert client.latest().sequence == 3 and words in caplog.text
+    assert client.latest().sequence == 3 and expected_text in caplog.text
     node.publish(say(peer, node, 10, step=10))
     assert client.wait_for_step(10, timeout=PATIENCE).sequence == 10
     assert set(heard) <= {3, 10}

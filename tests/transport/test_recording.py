@@ -199,7 +199,7 @@ def test_misuse_is_refused_in_words(tmp_path: Path, peer) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fields", "words"),
+    ("fields", "expected_text"),
     [
         ({}, "either pixels or the bytes"),
         ({"pixels": np.zeros((2, 2), np.uint8), "data": b"x"}, "either pixels or the bytes"),
@@ -210,7 +210,7 @@ def test_misuse_is_refused_in_words(tmp_path: Path, peer) -> None:
         ({"pixels": np.zeros((0, 2), np.uint8)}, r"shape \(0, 2\)"),
     ],
 )
-def test_a_wrong_frame_is_refused(fields: dict, words: str) -> None:
+def test_a_wrong_frame_is_refused(fields: dict, expected_text: str) -> None:
     """Only pictures that can be read back are taken."""
-    with pytest.raises(MessageError, match=words):
+    with pytest.raises(MessageError, match=expected_text):
         FrameRecord(**fields)

@@ -17,8 +17,8 @@ def test_what_was_acknowledged_around_a_full_disk_survives_a_kill(start, tmp_pat
     process.expect("waiting")
     process.kill()
     said = [line.split() for line in process.lines]
-    acknowledged = {int(words[1]) for words in said if words[0] == "acknowledged"}
-    refused = {int(words[1]) for words in said if words[0] == "refused"}
+    acknowledged = {int(fields[1]) for fields in said if fields[0] == "acknowledged"}
+    refused = {int(fields[1]) for fields in said if fields[0] == "refused"}
     assert refused == {4, 5, 6, 7} and acknowledged == set(range(12)) - refused
     result = recover_recording(path, tmp_path / "whole.mcap")
     assert result.damaged_chunks == 0 and result.bytes_lost == 0

@@ -97,7 +97,7 @@ def test_a_late_subscriber_gets_the_topic_as_from_a_ros_node(endpoint: str, peer
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("domain", "robot", "words"),
+    ("domain", "robot", "expected_text"),
     [
         (-1, "guara", "ROS domain is -1; allowed: 0 to 232"),
         (233, "guara", "ROS domain is 233"),
@@ -105,8 +105,8 @@ def test_a_late_subscriber_gets_the_topic_as_from_a_ros_node(endpoint: str, peer
         (0, "1a", "cannot be part of a ROS 2 topic"),
     ],
 )
-def test_names_that_ros_does_not_take_are_refused(endpoint: str, domain: int, robot: str, words: str) -> None:
+def test_names_that_ros_does_not_take_are_refused(endpoint: str, domain: int, robot: str, expected_text: str) -> None:
     """Domain and robot name must be such that ROS 2 can use them."""
     with transport.open_node(listen=endpoint) as session:
-        with pytest.raises(ConfigurationError, match=words):
+        with pytest.raises(ConfigurationError, match=expected_text):
             transport.Ros2Mirror(session, robot=robot, domain=domain)

@@ -46,7 +46,7 @@ def test_the_same_id_is_one_scan(shared_node) -> None:
 
 
 @pytest.mark.parametrize(
-    ("behaviour", "error", "words"),
+    ("behaviour", "error", "expected_text"),
     [
         ("fail", transport.ScanFailed, r"no_camera\): the camera is gone"),
         ("crash", transport.ScanFailed, r"internal\): a mistake"),
@@ -54,10 +54,10 @@ def test_the_same_id_is_one_scan(shared_node) -> None:
         ("slow", transport.ScanTimeout, r"within 0.6 s: the deadline of 0.6 s passed"),
     ],
 )
-def test_each_failure_has_its_name(shared_node, behaviour: str, error: type, words: str) -> None:
+def test_each_failure_has_its_name(shared_node, behaviour: str, error: type, expected_text: str) -> None:
     """What went wrong at the scanner reaches the planner as the error that it is."""
     _, endpoint = shared_node
-    with _client(endpoint) as client, pytest.raises(error, match=words):
+    with _client(endpoint) as client, pytest.raises(error, match=expected_text):
         timeout = 0.6 if behaviour == "slow" else 30.0
         client.request_scan(timeout=timeout, request_id=f"{behaviour}-failure")
 
@@ -157,7 +157,7 @@ def test_an_invalid_request_is_refused(shared_node) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fields", "words"),
+    ("fields", "expected_text"),
     [
         ({"mode": "fast"}, "mode is 'fast'"),
         ({"timeout": 0.0}, "timeout is 0.0 s; allowed: more than 0"),
@@ -166,9 +166,9 @@ def test_an_invalid_request_is_refused(shared_node) -> None:
         ({"id": "x" * 201}, "201 characters; allowed: 1 to 200"),
     ],
 )
-def test_a_wrong_request_is_refused_before_it_is_sent(fields: dict, words: str) -> None:
+def test_a_wrong_request_is_refused_before_it_is_sent(fields: dict, expected_text: str) -> None:
     """The asker's own mistakes are named."""
-    with pytest.raises(transport.MessageError, match=words):
+    with pytest.raises(transport.MessageError, match=expected_text):
         transport.ScanRequest(**({"id": "a", "mode": "coarse", "timeout": 1.0} | fields))
 
 

@@ -13,10 +13,10 @@ def test_unreachable_router_says_what_to_check(endpoint: str) -> None:
     """One message names all causes that Zenoh does not tell apart, and no path of its build machine."""
     with pytest.raises(ConnectionFailed) as caught:
         transport.open_client(endpoint, timeout=0.3)
-    words = str(caught.value)
+    message = str(caught.value)
     for part in (endpoint, "0.3 s", "is the node running", "certificate", "password", "RUST_LOG=warn"):
-        assert part in words
-    assert ".rs" not in words
+        assert part in message
+    assert ".rs" not in message
     assert isinstance(caught.value, ConnectionError)
 
 

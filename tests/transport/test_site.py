@@ -44,10 +44,10 @@ class Site:
     def run(self, name: str) -> None:
         if name in ROBOTS:
             room = next(room for room, robots in ROOMS.items() if name in robots)
-            words = ("node", self.endpoints[name], "listen", str(self.keys / name), name, self.endpoints[room])
+            arguments = ("node", self.endpoints[name], "listen", str(self.keys / name), name, self.endpoints[room])
         else:
-            words = ("zenohd", str(self.keys / name / CONFIGURATION))
-        self.processes[name] = self.start(*words)
+            arguments = ("zenohd", str(self.keys / name / CONFIGURATION))
+        self.processes[name] = self.start(*arguments)
 
     def kill(self, name: str) -> None:
         self.processes.pop(name).kill()

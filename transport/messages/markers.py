@@ -49,7 +49,7 @@ def markers_message(
         markers.append(_marker(header, "obstacles", 0, kind=LINE_LIST, scale=(LINE_WIDTH, 0.0, 0.0), points=edges))
     for number, item in enumerate(obstacles):
         x, y, z = item.position
-        words = f"{1000.0 * item.height:+.0f} mm"
+        label = f"{1000.0 * item.height:+.0f} mm"
         position = (x, y, max(z, z - item.height) + TEXT_HEIGHT)
         markers.append(
             _marker(
@@ -59,7 +59,7 @@ def markers_message(
                 kind=TEXT_VIEW_FACING,
                 position=position,
                 scale=(0.0, 0.0, TEXT_HEIGHT),
-                text=words,
+                text=label,
             )
         )
     for number, (x, y, z) in enumerate(footholds.values()):

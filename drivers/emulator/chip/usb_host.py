@@ -155,5 +155,5 @@ class UsbHost:
             self.enumerated = True
             self._noticed()
             return
-        kind, request, *words = self._steps.pop(0)
-        self.submit(bytes([kind, request]) + b"".join(word.to_bytes(2, "little") for word in words), self._next_step)
+        kind, request, *fields = self._steps.pop(0)
+        self.submit(bytes([kind, request]) + b"".join(word.to_bytes(2, "little") for word in fields), self._next_step)

@@ -44,8 +44,8 @@ def _in_words(value: Any) -> str:
         return ", ".join(f"{name} {_in_words(entry)}" for name, entry in value.items())
     if isinstance(value, list):
         between = "; " if isinstance(value[0], dict) else ", "
-        words = list(map(_in_words, value))
-        if len(words) > LONGEST_LIST:
-            return between.join([*words[:3], "...", words[-1]]) + f" ({len(words)} in all)"
-        return between.join(words)
+        texts = list(map(_in_words, value))
+        if len(texts) > LONGEST_LIST:
+            return between.join([*texts[:3], "...", texts[-1]]) + f" ({len(texts)} in all)"
+        return between.join(texts)
     return str(value)

@@ -74,11 +74,11 @@ def draw_range_image(
         flags = cause_image(terrain)
         entries = []
         rest = unknown.copy()
-        for cause, (colour, words) in CAUSES.items():
+        for cause, (colour, label) in CAUSES.items():
             mask = (flags & int(cause)) != 0
             if mask.any():
                 _hatch(axes, mask & rest, extent, colour)
-                entries.append((colour, words, True))
+                entries.append((colour, label, True))
                 rest &= ~mask
         if rest.any():
             # Pixels between samples in a cell that is known: finer than the grid can tell.
@@ -135,22 +135,22 @@ def draw_hazards(path: Path, terrain: TerrainGrid, title: str) -> Path:
     picture[free] = np.column_stack((0.75 - 0.65 * score[free], 0.92 - 0.42 * score[free], 0.72 - 0.55 * score[free]))
     entries: list[tuple[str, str, bool]] = [("#1a802b", "free, the darker the better", False)] if free.any() else []
     rest = ~free
-    for reason, (colour, words) in REASONS.items():
+    for reason, (colour, label) in REASONS.items():
         mask = rest & ((hazard & int(reason)) != 0) & ((hazard & UNKNOWN_MASK) == 0)
         if mask.any():
             picture[mask] = to_rgb(colour)
-            entries.append((colour, words, False))
+            entries.append((colour, label, False))
             rest &= ~mask
     geometry = terrain.geometry
     x, y = (1e3 * centres for centres in geometry.centres())
     half = 5e2 * geometry.resolution
     extent = (y[-1] + half, y[0] - half, x[0] - half, x[-1] + half)
     axes.imshow(picture.swapaxes(0, 1)[::-1, ::-1], extent=extent, interpolation="nearest")
-    for cause, (colour, words) in CAUSES.items():
+    for cause, (colour, label) in CAUSES.items():
         mask = rest & ((hazard & int(cause)) != 0)
         if mask.any():
             _hatch(axes, mask.T, extent, colour)
-            entries.append((colour, words, True))
+            entries.append((colour, label, True))
             rest &= ~mask
     _legend(axes, entries)
     _label(axes)
@@ -201,8 +201,8 @@ def _legend(axes: Axes, entries: list[tuple[str, str, bool]]) -> None:
     from matplotlib.patches import Patch
 
     handles = [
-        Patch(facecolor=colour, edgecolor="white" if hatched else "#444444", hatch="//" if hatched else "", label=words)
-        for colour, words, hatched in entries
+        Patch(facecolor=colour, edgecolor="white" if hatched else "#444444", hatch="//" if hatched else "", label=label)
+        for colour, label, hatched in entries
     ]
     if handles:
         axes.legend(

@@ -74,18 +74,18 @@ class BoardAdvice:
 
     def missing(self, shape: tuple[int, ...]) -> str:
         """What to show next, in words."""
-        words = []
+        advice = []
         empty = [(r, c) for r in range(ZONES) for c in range(ZONES) if (r, c) not in self._zones]
         if empty:
             row, column = empty[0]
             zone = f"{('top', 'middle', 'bottom')[row]} {('left', 'centre', 'right')[column]}"
-            words.append(f"bring it to the {zone} of the picture ({len(empty)} of {ZONES**2} zones not yet seen)")
+            advice.append(f"bring it to the {zone} of the picture ({len(empty)} of {ZONES**2} zones not yet seen)")
         sides = [side for side in SIDES if side not in self._tilts]
         if sides:
-            words.append(f"tilt its {sides[0]} side away from the camera")
-        if not words:
-            words.append("show it elsewhere or tilted otherwise")
-        return f"{len(self.views)} of {WANTED_PICTURES} pictures: " + ", and ".join(words)
+            advice.append(f"tilt its {sides[0]} side away from the camera")
+        if not advice:
+            advice.append("show it elsewhere or tilted otherwise")
+        return f"{len(self.views)} of {WANTED_PICTURES} pictures: " + ", and ".join(advice)
 
 
 def _moved(view: BoardView, other: BoardView) -> Float:

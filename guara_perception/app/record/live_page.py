@@ -61,7 +61,7 @@ class LivePage:
             InvalidInput: the port is taken.
         """
         self._lock = threading.Lock()
-        self._task = self._words = ""
+        self._task = self._advice = ""
         self._picture: Image | None = None
         self._number = 0
         page = self
@@ -101,17 +101,17 @@ class LivePage:
     def tell(self, task: str) -> None:
         """Show which task of the session it is."""
         with self._lock:
-            self._task, self._words = task, ""
+            self._task, self._advice = task, ""
 
-    def watch(self, picture: Image, words: str) -> None:
+    def watch(self, picture: Image, advice: str) -> None:
         """Show a picture and what to do."""
         with self._lock:
-            self._picture, self._words = picture, words
+            self._picture, self._advice = picture, advice
             self._number += 1
 
     def _answer(self, path: str) -> tuple[bytes, str]:
         with self._lock:
-            state = {"task": self._task, "words": self._words, "number": self._number}
+            state = {"task": self._task, "words": self._advice, "number": self._number}
             picture = self._picture
         if path == "/":
             return PAGE.encode(), "text/html; charset=utf-8"

@@ -60,11 +60,11 @@ class TextOperator:
         """Ask for a plain floor."""
         self._ask("Robot in its scan posture on a flat floor, nothing in view; it must not move until the end")
 
-    def _ask(self, words: str) -> None:
-        self._say(words)
-        click.pause(f"{words}; then press any key ")
+    def _ask(self, text: str) -> None:
+        self._say(text)
+        click.pause(f"{text}; then press any key ")
 
-    def _say(self, words: str) -> None:
-        self._said = words
-        self._tell(words)
-        click.echo(words, err=True)
+    def _say(self, text: str) -> None:
+        self._said = text
+        self._tell(text)
+        click.echo(text, err=True)

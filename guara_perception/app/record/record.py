@@ -48,7 +48,7 @@ def record_session(
     operator: Operator,
     *,
     tell: Callable[[str], None],
-    watch: Watch = lambda picture, words: None,
+    watch: Watch = lambda picture, request: None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Record what is missing of a session and finish it.
@@ -145,21 +145,21 @@ def _record_boards(
         view, _ = advice.judge(picture, name=name)
         if view.is_usable:
             advice.take(view, picture.shape)
-    words = "hold up the board"
+    request = "hold up the board"
     for _ in range(MOST_LOOKS):
         if advice.is_complete():
             tell(f"{len(advice.views)} pictures of the board")
             return
-        operator.show_board(words)
+        operator.show_board(request)
         before, picture = _fresh(rangefinder), _picture(rangefinder)
         name = f"board_{len(writer.boards):02d}.png"
         view, problem = advice.judge(picture, before, name)
         if not problem:
             writer.write(name, picture)
             advice.take(view, picture.shape)
-        words = problem or advice.missing(picture.shape)
-        watch(picture, words)
-    raise RecordingFailed(f"the board was not shown as needed: {words}")
+        request = problem or advice.missing(picture.shape)
+        watch(picture, request)
+    raise RecordingFailed(f"the board was not shown as needed: {request}")
 
 
 def _record_floor(writer: SessionWriter, rangefinder: Rangefinder, operator: Operator, watch: Watch) -> None:

@@ -24,16 +24,16 @@ def board_of_words(size: str, square: float, pattern: str = CHECKERBOARD) -> Boa
     return board
 
 
-def heights_of_words(words: str) -> tuple[float, ...]:
+def heights_of_words(text: str) -> tuple[float, ...]:
     """Heights of plates [m] with commas between.
 
     Raises:
         InvalidInput: no numbers, or not 1 to 20 different ones within 0.5 m of the floor.
     """
     try:
-        heights = tuple(float(height) for height in words.split(","))
+        heights = tuple(float(height) for height in text.split(","))
     except ValueError:
-        raise InvalidInput(f"--plates is {words!r}, it must be heights in metres with commas between") from None
+        raise InvalidInput(f"--plates is {text!r}, it must be heights in metres with commas between") from None
     if not 1 <= len(heights) <= 20 or len(set(heights)) < len(heights) or not all(-0.5 <= h <= 0.5 for h in heights):
-        raise InvalidInput(f"--plates is {words!r}, allowed: 1 ... 20 different heights of -0.5 ... 0.5 m")
+        raise InvalidInput(f"--plates is {text!r}, allowed: 1 ... 20 different heights of -0.5 ... 0.5 m")
     return heights

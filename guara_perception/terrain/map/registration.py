@@ -102,13 +102,13 @@ def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom
             break
     contradicting = float((weights < 1).mean())
     if contradicting > MOST_CONTRADICTING:
-        words = f"{100 * contradicting:.0f} % of {weights.size} cells differ from the map"
-        return Registration(nothing, prior, weights.size, words)
+        reason = f"{100 * contradicting:.0f} % of {weights.size} cells differ from the map"
+        return Registration(nothing, prior, weights.size, reason)
     covariance = np.asarray(np.linalg.inv(hessian))
     sigmas = _surprise(motion, prior, covariance)
     if sigmas > MOST_SIGMAS:
-        words = f"map and odometry contradict each other by {sigmas:.1f} sigma of both"
-        return Registration(nothing, prior, weights.size, words)
+        reason = f"map and odometry contradict each other by {sigmas:.1f} sigma of both"
+        return Registration(nothing, prior, weights.size, reason)
     return Registration(motion, covariance, weights.size, None)
 
 

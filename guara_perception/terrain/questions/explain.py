@@ -22,14 +22,14 @@ def explain(terrain: LayeredGrid, x: float, y: float) -> str:
     if int(flags) & int(UNKNOWN_MASK):
         return f"{point} is unknown: {causes}; not traversable"
     layer = {name: float(values[iy, ix]) for name, values in terrain.layers.items()}
-    words = [
+    phrases = [
         f"{point} is {layer['elevation'] * 1e3:.1f} mm high (sigma {np.sqrt(layer['variance']) * 1e3:.1f} mm)",
         _slope_words(layer["slope"], layer["roughness"]),
         f"step {layer['step_height'] * 1e3:.1f} mm",
         f"clearance {layer['clearance'] * 1e3:.0f} mm",
         _seen_words(int(layer["looks"]), int(layer["age"])),
     ]
-    text = ", ".join(words)
+    text = ", ".join(phrases)
     if flags == Hazard.NONE:
         return f"{text}: traversable, score {layer['traversability']:.2f}"
     verdict = check_foothold(terrain, x, y)

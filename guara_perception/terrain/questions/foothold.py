@@ -134,8 +134,8 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
     count = int(unknown.sum()) + off
     if count:
         causes = names(int(np.bitwise_or.reduce(hazard[unknown] & UNKNOWN_MASK, axis=None)) if unknown.any() else 0)
-        words = ", ".join(causes + (["off the grid"] if off else []))
-        yield Reason("unknown", count / total, 0.0, "share", f"of the sole: {words}")
+        detail = ", ".join(causes + (["off the grid"] if off else []))
+        yield Reason("unknown", count / total, 0.0, "share", f"of the sole: {detail}")
     validity = float(terrain.metadata.get("validity_pauses", 255))
     # Of the two limits of age the layer counts the one only.
     seconds = terrain.metadata.get("validity_seconds")

@@ -108,7 +108,7 @@ def check_polygon(terrain: LayeredGrid, corners: npt.ArrayLike) -> PathVerdict:
 
 def _too_near(samples: Float, distance: Float, wanted: Float, lack: Float) -> Iterator[Reason]:
     """Where the path is nearer to the ground than it must be: at its ends by depth, elsewhere by clearance."""
-    for test, words, of_this_kind in (
+    for test, detail, of_this_kind in (
         ("depth", "into the ground", wanted < 0),
         ("clearance", "too near", wanted >= 0),
     ):
@@ -116,7 +116,7 @@ def _too_near(samples: Float, distance: Float, wanted: Float, lack: Float) -> It
         sample, cell = np.unravel_index(of_kind.argmax(), of_kind.shape)
         if of_kind[sample, cell] > ROUNDING_M:
             sign = -1.0 if test == "depth" else 1.0
-            yield _at(test, sign * distance[sample, cell], sign * wanted[sample, cell], samples[sample], words)
+            yield _at(test, sign * distance[sample, cell], sign * wanted[sample, cell], samples[sample], detail)
 
 
 def _unknown(terrain: LayeredGrid | SwingGround, iy: Index, ix: Index) -> list[Reason]:
@@ -126,8 +126,8 @@ def _unknown(terrain: LayeredGrid | SwingGround, iy: Index, ix: Index) -> list[R
     if not off + unknown:
         return []
     causes = names(int(np.bitwise_or.reduce(flags))) if flags.size else []
-    words = ", ".join(causes + (["off the grid"] if off else []))
-    return [Reason("unknown", off + unknown, 0.0, "cells", words)]
+    detail = ", ".join(causes + (["off the grid"] if off else []))
+    return [Reason("unknown", off + unknown, 0.0, "cells", detail)]
 
 
 def _hazardous(terrain: LayeredGrid, iy: Index, ix: Index) -> list[Reason]:
@@ -144,9 +144,9 @@ def _unreliable(terrain: SwingGround, iy: Index, ix: Index) -> list[Reason]:
     return [Reason("hazard", bad, 0.0, "cells", ", ".join(names(int(np.bitwise_or.reduce(flags)))))] if bad else []
 
 
-def _at(test: str, value: float, limit: float, point: Float, words: str) -> Reason:
+def _at(test: str, value: float, limit: float, point: Float, detail: str) -> Reason:
     return Reason(
-        test, float(value), float(limit), "m", f"{words}, at x={point[0]:.3f} y={point[1]:.3f} z={point[2]:.3f} m"
+        test, float(value), float(limit), "m", f"{detail}, at x={point[0]:.3f} y={point[1]:.3f} z={point[2]:.3f} m"
     )
 
 

@@ -174,5 +174,5 @@ def _out_of_reach(terrain: LayeredGrid, way: Float, leg: str | None, robot: Robo
         return ()
     worst = int(np.where(np.isnan(beyond), np.inf, beyond).argmax())
     x, y, z = samples[worst]
-    words = f"of {leg} beyond its joints' limits, at x={x:.3f} y={y:.3f} z={z:.3f} m"
-    return (Reason("reach", float(beyond[worst]), 0.0, "rad", words),)
+    detail = f"of {leg} beyond its joints' limits, at x={x:.3f} y={y:.3f} z={z:.3f} m"
+    return (Reason("reach", float(beyond[worst]), 0.0, "rad", detail),)

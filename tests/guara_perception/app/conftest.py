@@ -23,9 +23,9 @@ PATIENCE = 180.0
 class Process:
     """Another process, the lines that it says, and its end."""
 
-    def __init__(self, *words: str | Path) -> None:
+    def __init__(self, *arguments: str | Path) -> None:
         self.popen = subprocess.Popen(
-            [sys.executable, *map(str, words)],
+            [sys.executable, *map(str, arguments)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -79,8 +79,8 @@ def start() -> Iterator[Callable[..., Process]]:
     """Starts Python processes; all are ended after the tests of the module."""
     started: list[Process] = []
 
-    def begin(*words: str | Path) -> Process:
-        started.append(Process(*words))
+    def begin(*arguments: str | Path) -> Process:
+        started.append(Process(*arguments))
         return started[-1]
 
     yield begin
@@ -114,8 +114,8 @@ class Said(NamedTuple):
 def guara(capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
     """Runs a command line in this process."""
 
-    def command(*words: str | Path) -> Said:
-        code = run([str(word) for word in words])
+    def command(*arguments: str | Path) -> Said:
+        code = run([str(word) for word in arguments])
         said = capsys.readouterr()
         return Said(code, said.out, said.err)
 

@@ -30,13 +30,13 @@ def test_each_camera_is_listed_with_what_it_can_prove(
     monkeypatch.setattr(find_cameras.find_cameras, "__defaults__", (video_class,))
     with fake_gige():
         assert run(["cameras"]) == 0
-        words = capsys.readouterr().out
+        printed = capsys.readouterr().out
         assert run(["cameras", "--json"]) == 0
         first, second = map(json.loads, capsys.readouterr().out.splitlines())
         finding = doctor.check_cameras()
-    assert "/dev/video0  Imaginary Webcam (V4L2)\n    runs freely" in words and "does not show" in words
-    assert "Aravis Fake (GigEVision, 127.0.0.1)\n    waits for the board's trigger" in words
-    assert "--trigger Line0 or Line1" in words
+    assert "/dev/video0  Imaginary Webcam (V4L2)\n    runs freely" in printed and "does not show" in printed
+    assert "Aravis Fake (GigEVision, 127.0.0.1)\n    waits for the board's trigger" in printed
+    assert "--trigger Line0 or Line1" in printed
     assert (first["source"], second["source"]) == ("/dev/video0", "aravis:Aravis-Fake-GUARA1")
     assert second["lines"] == ["Line0", "Line1"]
     assert finding.level == doctor.OK and "/dev/video0: runs freely" in finding.message
@@ -120,13 +120,13 @@ def test_without_an_exposure_a_triggered_camera_gets_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("devices", "words"),
+    ("devices", "expected_text"),
     [
         (Devices("0", trigger="Line1"), "trigger is 'Line1', but camera '0' cannot wait for one"),
         (Devices("aravis", trigger="Line1", settings={"exposure": 0.5}), "shines while a triggered camera exposes"),
         (Devices("aravis", pixel_format="RGB8"), "pixel format is 'RGB8', allowed: Mono8"),
     ],
 )
-def test_what_does_not_go_together_is_refused(devices: Devices, words: str) -> None:
-    with pytest.raises(InvalidInput, match=words):
+def test_what_does_not_go_together_is_refused(devices: Devices, expected_text: str) -> None:
+    with pytest.raises(InvalidInput, match=expected_text):
         rangefinder_of(devices)

@@ -40,8 +40,10 @@ def test_each_writing_command_names_its_file_and_leaves_none(
         "recorded/on_": ["scan", out / "recorded", "--simulated"],
     }
     commands = dict(list(commands.items())[chosen])
-    words = json.dumps([[str(word) for word in given] for given in commands.values()])
-    done = subprocess.run([sys.executable, "-c", CODE, words], capture_output=True, text=True, check=True, timeout=300)
+    encoded = json.dumps([[str(word) for word in given] for given in commands.values()])
+    done = subprocess.run(
+        [sys.executable, "-c", CODE, encoded], capture_output=True, text=True, check=True, timeout=300
+    )
     lines = [line for line in done.stderr.splitlines() if not line.startswith("INFO")]
     assert lines[1::2] == ["=> exit 1"] * len(commands), done.stderr
     for name, line in zip(commands, lines[::2], strict=True):

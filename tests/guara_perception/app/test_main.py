@@ -37,12 +37,12 @@ def test_promised_command_is_there(name: str):
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_shows_an_example(guara, name: str):
     """`--help` of each command and subcommand explains itself, with an example that begins as one would type it."""
-    for words in with_subcommands(name):
-        said = guara(*words, "--help")
+    for arguments in with_subcommands(name):
+        said = guara(*arguments, "--help")
         assert said.code == 0 and said.err == ""
         assert "Example:" in said.out
         example = said.out.split("Example:")[1].strip().splitlines()[0]
-        assert example.startswith(f"guara {' '.join(words)}")
+        assert example.startswith(f"guara {' '.join(arguments)}")
         assert "\\b" not in said.out and not [c for c in said.out if ord(c) < 32 and c != "\n"]
 
 
@@ -63,8 +63,8 @@ def test_every_option_says_what_it_does(name: str):
 @pytest.mark.parametrize("name", COMMANDS)
 def test_each_example_stands_on_a_line_of_its_own(guara, name: str):
     """Examples are shown as they would be typed: each line of the block is one command, none is wrapped or joined."""
-    for words in with_subcommands(name):
-        block = guara(*words, "--help").out.split("Example:\n")[1].split("\n\n")[0]
+    for arguments in with_subcommands(name):
+        block = guara(*arguments, "--help").out.split("Example:\n")[1].split("\n\n")[0]
         assert all(line.startswith("    guara ") and line.count("guara ") == 1 for line in block.splitlines()), block
 
 
@@ -84,7 +84,7 @@ def test_no_command_at_all_shows_the_help_and_is_bad_usage(guara):
 
 
 @pytest.mark.parametrize(
-    ("words", "reported"),
+    ("arguments", "reported"),
     [
         (["proces"], "no command 'proces'; allowed: calibrate, cameras, "),
         (["security", "remove"], "No such command 'remove'. Did you mean 'revoke'? (see guara security --help)"),
@@ -98,9 +98,9 @@ def test_no_command_at_all_shows_the_help_and_is_bad_usage(guara):
         (["--nonsense"], "No such option"),
     ],
 )
-def test_bad_usage_is_one_line_and_exit_2(guara, words: list[str], reported: str):
+def test_bad_usage_is_one_line_and_exit_2(guara, arguments: list[str], reported: str):
     """Usage mistakes are reported in one line that starts with the program's name."""
-    said = guara(*words)
+    said = guara(*arguments)
     assert said.code == 2 and said.out == ""
     assert reported in said.err and said.err.startswith("guara: ") and said.err.count("\n") == 1
 
@@ -143,7 +143,7 @@ def test_errors_become_exit_codes(guara, monkeypatch: pytest.MonkeyPatch, error:
 
 
 @pytest.mark.parametrize(
-    ("error", "words"),
+    ("error", "expected_text"),
     [
         (OSError(errno.ENOSPC, "No space left on device", "/x/t.npz"), "/x/t.npz: No space left on device"),
         (OSError(errno.ENOSPC, "No space left on device"), "No space left on device"),
@@ -151,9 +151,9 @@ def test_errors_become_exit_codes(guara, monkeypatch: pytest.MonkeyPatch, error:
         (gp.MissingFile("a.json: no such file"), "a.json: no such file"),
     ],
 )
-def test_errors_of_the_file_system_begin_with_the_file(error: Exception, words: str):
+def test_errors_of_the_file_system_begin_with_the_file(error: Exception, expected_text: str):
     """As our own messages do, and without the system's number."""
-    assert words_of(error) == words
+    assert words_of(error) == expected_text
 
 
 def test_a_full_disk_is_no_bad_input_whoever_reports_it():
@@ -198,10 +198,10 @@ def test_exit_code_that_a_command_asks_for_is_given(guara, monkeypatch: pytest.M
     assert guara("process").code == code
 
 
-def shell(*words: str | Path) -> subprocess.CompletedProcess:
+def shell(*arguments: str | Path) -> subprocess.CompletedProcess:
     """The command in a process of its own, as a user starts it."""
     return subprocess.run(
-        [sys.executable, "-m", "guara_perception.app.main", *map(str, words)], capture_output=True, text=True
+        [sys.executable, "-m", "guara_perception.app.main", *map(str, arguments)], capture_output=True, text=True
     )
 
 
@@ -238,11 +238,11 @@ def test_reader_that_goes_away_is_no_traceback():
 @pytest.mark.parametrize("name", COMMANDS)
 def test_verbose_may_stand_behind_every_command(name: str):
     """`guara run -v` is taken as `guara -v run` is."""
-    for words in with_subcommands(name):
-        command = module.guara.get_command(click.Context(module.guara), words[0])
-        for word in words[1:]:
+    for arguments in with_subcommands(name):
+        command = module.guara.get_command(click.Context(module.guara), arguments[0])
+        for word in arguments[1:]:
             command = command.commands[word]
-        assert [o for o in command.params if o.name == "verbose"], words
+        assert [o for o in command.params if o.name == "verbose"], arguments
 
 
 @pytest.mark.slow
@@ -251,8 +251,12 @@ def test_verbose_behind_the_command_shows_the_log(data: Path, tmp_path: Path):
     code = (
         "import logging, sys; from guara_perception.app.main import run; run(sys.argv[1:]); print(logging.root.level)"
     )
-    for words, level in ((["info", str(data), "-v"], "20"), (["info", str(data)], "30"), (["-v", "info", "x"], "20")):
-        done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=True)
+    for arguments, level in (
+        (["info", str(data), "-v"], "20"),
+        (["info", str(data)], "30"),
+        (["-v", "info", "x"], "20"),
+    ):
+        done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
         assert done.stdout.splitlines()[-1] == level
 
 

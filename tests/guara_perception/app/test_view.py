@@ -239,7 +239,7 @@ def test_a_live_view_without_anything_to_show_says_what_it_waits_for(
     monkeypatch.setattr(view, "SILENCE", 0.2)
     node = start(NODE, free_endpoint, "rex", terrain_file)
     assert node.line() == "ready"
-    for instance, words in (
+    for instance, expected_text in (
         ("guara", "name 'guara': none lives on this router; alive here: rex (--instance NAME)\n"),
         ("rex", "waiting for the first grid of 'rex': its node lives and has sent none yet\n"),
     ):
@@ -248,10 +248,10 @@ def test_a_live_view_without_anything_to_show_says_what_it_waits_for(
         viewer = threading.Thread(target=show_live, args=arguments)
         viewer.start()
 
-        def heard(words: str = words) -> bool:
+        def heard(expected_text: str = expected_text) -> bool:
             nonlocal said
             said += capsys.readouterr().err
-            return words in said
+            return expected_text in said
 
         try:
             assert eventually(heard)

@@ -183,7 +183,7 @@ def test_every_effect_is_nothing_at_strength_zero_and_all_go_together() -> None:
 
 def test_light_that_cannot_be_is_refused() -> None:
     """Shares above one, a picture without light, a quality that JPEG does not have."""
-    for options, words in (
+    for options, expected_text in (
         ({"skirt": 1.5}, r"skirt is 1\.5, it must be 0 \.\.\. 1"),
         ({"chessboard": 2.0}, "chessboard is 2.0"),
         ({"ghost": 1.1}, "ghost is 1.1"),
@@ -191,5 +191,5 @@ def test_light_that_cannot_be_is_refused() -> None:
         ({"drift": (1.0, 0.0, 1.0)}, "drift is .*, each must be above 0"),
         ({"flicker": -0.1}, "flicker is -0.1, it must be finite and 0 or more"),
     ):
-        with pytest.raises(gp.InvalidInput, match=words):
+        with pytest.raises(gp.InvalidInput, match=expected_text):
             Light(**options)  # type: ignore[arg-type]

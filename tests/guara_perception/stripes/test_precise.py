@@ -236,13 +236,13 @@ def test_a_laser_off_picture_of_no_use_counts_as_none() -> None:
     scene = np.repeat(np.repeat(rng.uniform(0, 50, (ROWS // 8, COLUMNS // 10, 1)), 8, axis=0), 10, axis=1)
     other = np.repeat(np.repeat(rng.uniform(0, 50, (ROWS // 8, COLUMNS // 10, 1)), 8, axis=0), 10, axis=1)
     bright = (on + scene).clip(0, 255).astype(np.uint8)
-    for dark, words in (
+    for dark, expected_text in (
         (0.5 * (off + scene), "exposed 1.9.* times as long"),
         (off + other, "of another scene"),
     ):
         profile = gp.extract_stripe(bright, dark.clip(0, 255).astype(np.uint8))
         alone = gp.extract_stripe(bright)
-        assert re.search(words, profile.remark), profile.remark
+        assert re.search(expected_text, profile.remark), profile.remark
         known = np.isfinite(profile.position_px)
         np.testing.assert_array_equal(profile.position_px[known], alone.position_px[known])
     assert gp.extract_stripe(bright, (off + scene).clip(0, 255).astype(np.uint8)).remark == ""

@@ -69,8 +69,8 @@ def test_the_page_shows_robot_and_terrain(page: Chromium, robot: RobotModel, gri
     with BrowserView(robot, port=18080) as view:
         view.show_recording([moment(grid), moment(grid, 8)])
         open_page(page, view.address, "step 7")
-        for words in ("a foot may be set here", "Known, no foot here", "not drawn: unknown, never looked at"):
-            assert page.evaluate(f"document.body.innerText.includes('{words}')"), words
+        for expected_text in ("a foot may be set here", "Known, no foot here", "not drawn: unknown, never looked at"):
+            assert page.evaluate(f"document.body.innerText.includes('{expected_text}')"), expected_text
 
         def is_whole(picture: np.ndarray) -> bool:
             scene = picture[SCENE]

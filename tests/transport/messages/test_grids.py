@@ -86,7 +86,7 @@ def test_grid_map_layers_become_float32() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "expected_text"),
     [
         (np.zeros((2, 2)), "occupancy is float64"),
         (np.zeros(4, np.int8), r"shape \(4,\); allowed: int8 \(ny, nx\)"),
@@ -94,22 +94,22 @@ def test_grid_map_layers_become_float32() -> None:
         (np.full((2, 2), -2, np.int8), "from -2 to -2"),
     ],
 )
-def test_wrong_occupancy_is_refused(values: np.ndarray, words: str) -> None:
+def test_wrong_occupancy_is_refused(values: np.ndarray, expected_text: str) -> None:
     """Type, shape and range are checked."""
-    with pytest.raises(MessageError, match=words):
+    with pytest.raises(MessageError, match=expected_text):
         occupancy_message(values, 0.1, (0, 0), "f", 0)
 
 
 def test_wrong_geometry_is_refused() -> None:
     """Resolution and origin must be finite, the resolution positive."""
     values = np.zeros((2, 2), np.int8)
-    for resolution, origin, words in (
+    for resolution, origin, expected_text in (
         (0.0, (0, 0), "resolution is 0.0 m"),
         (np.nan, (0, 0), "resolution is nan"),
         (0.1, (0, np.inf), "origin y is inf"),
         (0.1, (0, 0, 0), "origin has 3 numbers"),
     ):
-        with pytest.raises(MessageError, match=words):
+        with pytest.raises(MessageError, match=expected_text):
             occupancy_message(values, resolution, origin, "f", 0)
 
 

@@ -48,7 +48,7 @@ def test_an_empty_cloud_takes_away_what_was_drawn() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "expected_text"),
     [
         (lambda f: f.pop("z"), "a cloud needs x, y and z"),
         (lambda f: f.update(x=np.zeros(2, np.float32)), "one length"),
@@ -57,11 +57,11 @@ def test_an_empty_cloud_takes_away_what_was_drawn() -> None:
         (lambda f: f.update(z=np.array([0, np.nan, 0], np.float32)), "NaN or infinite"),
     ],
 )
-def test_a_cloud_that_viewers_would_misread_is_refused(change, words: str) -> None:
+def test_a_cloud_that_viewers_would_misread_is_refused(change, expected_text: str) -> None:
     """No silent gaps: lengths, types and coordinates are checked."""
     fields = _fields()
     change(fields)
-    with pytest.raises(MessageError, match=words):
+    with pytest.raises(MessageError, match=expected_text):
         transport.point_cloud_message(fields, "base_footprint", STAMP)
 
 
@@ -112,13 +112,13 @@ def test_markers_replace_what_was_drawn_and_stand_where_things_are() -> None:
         ("footholds", 0),
         ("regions", 0),
     ]
-    edges, words, sole, sides = markers[1:]
+    edges, label, sole, sides = markers[1:]
     ends = np.array([(p.x, p.y, p.z) for p in sides.points]).reshape(-1, 2, 3)
     np.testing.assert_allclose(ends, np.stack((region, np.roll(region, -1, axis=0)), axis=1))
     assert sides.type == 5
     assert edges.type == 5 and len(edges.points) == 3 * 6
     assert {round(p.z, 6) for p in edges.points} == {0.01, 0.09}
-    assert (words.type, words.text) == (9, "+80 mm")
+    assert (label.type, label.text) == (9, "+80 mm")
     assert (sole.scale.x, sole.scale.y, sole.pose.position.x) == (0.08, 0.06, 0.4)
     assert all(m.color.a == 1.0 for m in markers)
 

@@ -54,7 +54,7 @@ def test_a_flipped_bit_is_noticed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("frame", "words"),
+    ("frame", "expected_text"),
     [
         (b"", "no whole zstd frame"),
         (b"\x00\x01\x00\x00 a CDR message", "no whole zstd frame"),
@@ -63,6 +63,6 @@ def test_a_flipped_bit_is_noticed() -> None:
         (b"".join((c := zstandard.ZstdCompressor().compressobj(), [c.compress(b"abcd"), c.flush()])[1]), "its length"),
     ],
 )
-def test_what_is_no_frame_or_too_large_is_refused_in_words(frame: bytes, words: str) -> None:
-    with pytest.raises(MessageError, match=words):
+def test_what_is_no_frame_or_too_large_is_refused_in_words(frame: bytes, expected_text: str) -> None:
+    with pytest.raises(MessageError, match=expected_text):
         decompress(frame, maximum=4096)

@@ -15,7 +15,7 @@ from transport.messages.typestore import message_class
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "expected_text"),
     [
         ({"extent": "all"}, "extent is 'all'; allowed: 'footprint', 'map'"),
         ({"mode": "fast"}, "mode is 'fast'; allowed: 'coarse', 'standard'"),
@@ -39,9 +39,9 @@ from transport.messages.typestore import message_class
         ({"metadata": "[]"}, "not an object"),
     ],
 )
-def test_a_wrong_field_is_refused_by_name(peer, changes: dict, words: str) -> None:
+def test_a_wrong_field_is_refused_by_name(peer, changes: dict, expected_text: str) -> None:
     """Every field that is not allowed: named, with what was given and what is allowed."""
-    with pytest.raises(transport.TransportError, match=words):
+    with pytest.raises(transport.TransportError, match=expected_text):
         peer.make_terrain(shape=(2, 3), **changes)
 
 
@@ -56,8 +56,8 @@ def test_a_layer_of_another_dtype_shape_or_number_is_refused(peer) -> None:
         "1 to 4000000 cells": good | {"elevation": np.broadcast_to(np.float32(0.0), (2001, 2000))},
         "layer 'elevation' has shape": good | {"elevation": np.zeros((0, 3), np.float32)},
     }
-    for words, layers in bad.items():
-        with pytest.raises(MessageError, match=words):
+    for expected_text, layers in bad.items():
+        with pytest.raises(MessageError, match=expected_text):
             peer.make_terrain(layers=layers)
 
 
@@ -154,7 +154,7 @@ def _damage(message, what: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("what", "words"),
+    ("what", "expected_text"),
     [
         ("short", "layer 'elevation' has .* values"),
         ("twice", "comes twice"),
@@ -174,11 +174,11 @@ def _damage(message, what: str) -> None:
         ("health", "77"),
     ],
 )
-def test_a_message_that_contradicts_itself_is_refused(peer, what: str, words: str) -> None:
+def test_a_message_that_contradicts_itself_is_refused(peer, what: str, expected_text: str) -> None:
     """What CDR cannot check is checked after decoding: lengths, types, names, numbers."""
     message = make_terrain(peer.make_terrain(shape=(2, 3)))
     _damage(message, what)
-    with pytest.raises(MessageError, match=words):
+    with pytest.raises(MessageError, match=expected_text):
         transport.decode_terrain(encode(message))
 
 
@@ -191,7 +191,7 @@ def test_transforms_are_found_by_their_frames(peer) -> None:
 
 
 @pytest.mark.parametrize(
-    ("matrix", "words"),
+    ("matrix", "expected_text"),
     [
         (np.eye(3), r"shape \(3, 3\); allowed: \(4, 4\)"),
         (np.diag([1.0, 1.0, -1.0, 1.0]), "does not hold a rotation"),
@@ -201,9 +201,9 @@ def test_transforms_are_found_by_their_frames(peer) -> None:
         ("text", "not an array of numbers"),
     ],
 )
-def test_a_matrix_that_is_no_transform_is_refused(matrix: object, words: str) -> None:
+def test_a_matrix_that_is_no_transform_is_refused(matrix: object, expected_text: str) -> None:
     """Mirrored, scaled or damaged matrices do not pass."""
-    with pytest.raises(MessageError, match=words):
+    with pytest.raises(MessageError, match=expected_text):
         transport.TransformMessage(source_frame="a", destination_frame="b", matrix=matrix)
 
 

@@ -45,8 +45,8 @@ def test_the_compact_encoding_shows_the_same_grid(node, guara, module_endpoint: 
     node.tell("publish 10")
     lines = []
     for encoding in ("lossless", "compact"):
-        words = ("--encoding", encoding, "--json", "--count", "1", "--timeout", "60")
-        said = guara("listen", "--connect", module_endpoint, *words)
+        options = ("--encoding", encoding, "--json", "--count", "1", "--timeout", "60")
+        said = guara("listen", "--connect", module_endpoint, *options)
         lines.append(json.loads(said.out))
         assert said.code == 0
     lossless, compact = lines

@@ -148,10 +148,10 @@ def test_keep_going_leaves_an_unreadable_frame_unknown(guara, paper_copy: Path, 
     """A frame file that was cut off costs its stripe with --keep-going, and is refused by name without."""
     name = "on_010.jpg"
     (paper_copy / name).write_bytes((paper_copy / name).read_bytes()[:30])
-    words = ["process", paper_copy, "-c", calibration_file, "-o", tmp_path / "out.npz"]
-    refused = guara(*words)
+    arguments = ["process", paper_copy, "-c", calibration_file, "-o", tmp_path / "out.npz"]
+    refused = guara(*arguments)
     assert refused.code == 2 and f"{name}: not a readable picture (30 bytes)" in refused.err
-    said = guara(*words, "--keep-going")
+    said = guara(*arguments, "--keep-going")
     assert said.code == 0 and f"{name}: not a readable picture" in said.out
     terrain = gp.load_terrain(tmp_path / "out.npz")
     assert list(terrain.metadata["frames_bad"]) == ["20"] and terrain.metadata["stripes_used"] > 30

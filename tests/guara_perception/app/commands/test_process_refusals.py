@@ -143,8 +143,8 @@ def bad_options(data: Path, calibration: Path, folder: Path) -> dict[str, tuple[
 @pytest.mark.parametrize("case", bad_options(Path(), Path(), Path()))
 def test_bad_option_is_refused(guara, data: Path, calibration_file: Path, tmp_path: Path, case: str):
     """Options are checked before any work, and nothing is written."""
-    words, reported = bad_options(data, calibration_file, tmp_path)[case]
-    said = guara("process", *words)
+    arguments, reported = bad_options(data, calibration_file, tmp_path)[case]
+    said = guara("process", *arguments)
     assert said.code == 2 and said.out == "" and reported in said.err and said.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
@@ -153,6 +153,6 @@ def test_scan_without_a_readable_frame_is_refused(guara, paper_copy: Path, calib
     """Going on with nothing makes no sense: the first frame is named."""
     for path in paper_copy.glob("on_*.jpg"):
         path.write_bytes(b"")
-    words = ["process", paper_copy, "-c", calibration_file, "-o", tmp_path / "out.npz", "--keep-going"]
-    said = guara(*words)
+    arguments = ["process", paper_copy, "-c", calibration_file, "-o", tmp_path / "out.npz", "--keep-going"]
+    said = guara(*arguments)
     assert said.code == 2 and "on_000.jpg: not a readable picture (0 bytes)" in said.err

@@ -60,8 +60,8 @@ def test_publishes_for_planners(
         """Between two grids, and after the last: until the listener has what was published."""
         pauses.append(seconds)
         if not listeners:
-            words = ("listen", "--connect", free_endpoint, "--extent", "map", "--count", "2", "--timeout", "60")
-            listeners.append(start(*GUARA, *words))
+            arguments = ("listen", "--connect", free_endpoint, "--extent", "map", "--count", "2", "--timeout", "60")
+            listeners.append(start(*GUARA, *arguments))
         step = ("step 0", "step 4")[len(pauses) - 1]
         assert listeners[0].line().startswith(f"guara map #{len(pauses)}: {step}, coarse, 320x140 cells")
 
@@ -100,12 +100,12 @@ def test_a_foreign_recording_is_reported(guara, calibration_file: Path, tmp_path
     """A well-formed .mcap of somebody else: one line and exit 2 from whoever wants a scan, never a traceback."""
     path = tmp_path / "foreign.mcap"
     _write_foreign(path, *FOREIGN[kind])
-    for words in (
+    for arguments in (
         ("replay", path, "-c", calibration_file),
         ("process", path, "-c", calibration_file, "-o", tmp_path / "t.npz"),
         ("convert", path, tmp_path / "folder"),
     ):
-        said = guara(*words)
+        said = guara(*arguments)
         assert said.code == 2 and str(path) in said.err and said.err.count("\n") == 1, said
     assert guara("info", path).code in (0, 2)
     assert guara("recover", path, "-o", tmp_path / "whole.mcap").code in (0, 1, 2)
@@ -113,7 +113,7 @@ def test_a_foreign_recording_is_reported(guara, calibration_file: Path, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("arguments", "message"),
     [
         (["--extent", "world"], "--extent holds 'world', allowed: footprint, map"),
         (["--listen", "tcp/127.0.0.1:1"], "give --publish too"),
@@ -123,12 +123,12 @@ def test_a_foreign_recording_is_reported(guara, calibration_file: Path, tmp_path
     ],
 )
 def test_bad_input_is_refused_in_one_line(
-    guara, data: Path, calibration_file: Path, tmp_path: Path, words: list[str], message: str
+    guara, data: Path, calibration_file: Path, tmp_path: Path, arguments: list[str], message: str
 ):
     """Exit 2, one line, nothing written."""
     file = tmp_path / "file"
     file.write_text("")
-    given = [str(file) if word == "FILE" else word for word in words]
+    given = [str(file) if word == "FILE" else word for word in arguments]
     said = guara("replay", data / "scans" / "paper", "-c", calibration_file, *given)
     assert said.code == 2
     assert message in said.err and said.err.count("\n") == 1

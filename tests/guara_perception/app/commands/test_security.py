@@ -56,7 +56,7 @@ def test_add_and_revoke_say_what_to_copy(guara, keys: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "reported"),
+    ("arguments", "reported"),
     [
         (["router", "KEYS", "--robot", "guara", "--robot", "r/x"], "r/x"),
         (["router", "KEYS", "--robot", "node"], "robot name 'node' cannot be in a certificate"),
@@ -83,11 +83,11 @@ def test_add_and_revoke_say_what_to_copy(guara, keys: Path) -> None:
         (["revoke", "KEYS", "rex"], "has no member 'rex'"),
     ],
 )
-def test_mistakes_end_in_one_line(guara, keys: Path, tmp_path: Path, words: list[str], reported: str) -> None:
+def test_mistakes_end_in_one_line(guara, keys: Path, tmp_path: Path, arguments: list[str], reported: str) -> None:
     """Exit 2, and the folder is as it was."""
     before = sorted(path.relative_to(keys) for path in keys.rglob("*"))
     given = {"KEYS": keys, "NOWHERE": tmp_path / "nowhere"}
-    said = guara("security", *(given.get(word, word) for word in words))
+    said = guara("security", *(given.get(word, word) for word in arguments))
     assert said.code == 2 and reported in said.err and said.err.count("\n") == 1 and said.out == ""
     assert sorted(path.relative_to(keys) for path in keys.rglob("*")) == before
 
@@ -126,11 +126,11 @@ def test_doctor_says_when_it_was_given_no_folder(guara, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("words", "key"), [(["listen"], "planner"), (["run", "--simulated"], "node")])
-def test_keys_that_others_can_read_start_nothing(guara, keys: Path, words: list[str], key: str) -> None:
+@pytest.mark.parametrize(("arguments", "key"), [(["listen"], "planner"), (["run", "--simulated"], "node")])
+def test_keys_that_others_can_read_start_nothing(guara, keys: Path, arguments: list[str], key: str) -> None:
     """Node and planner refuse them in one line that says what to do."""
     (keys / key / f"{key}.key").chmod(0o644)
-    said = guara(*words, "--security", keys)
+    said = guara(*arguments, "--security", keys)
     assert said.code == 2 and f"{key}.key has mode 644" in said.err and "chmod 600" in said.err
     assert said.err.count("\n") == 1
 

@@ -20,11 +20,11 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_which_scan_must_be_said(monkeypatch: pytest.MonkeyPatch, case: str) -> None:
     """The steps that there are, and how to choose."""
-    steps, wanted, words = CASES[case]
+    steps, wanted, expected_text = CASES[case]
     monkeypatch.setattr(module, "open_scans", lambda _: [SimpleNamespace(step=step) for step in steps])
     with pytest.raises(gp.InvalidInput) as caught:
         gp.open_scan(Path("walk.mcap"), wanted)
-    assert words in str(caught.value)
+    assert expected_text in str(caught.value)
 
 
 def test_of_a_pause_with_two_scans_the_later_counts(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -49,8 +49,8 @@ def test_the_one_given_wins(carrying: Path, calibration_file: Path, tmp_path: Pa
 @pytest.mark.slow
 def test_paths_are_taken_where_objects_are(carrying: Path, calibration_file: Path, paper_terrain: gp.TerrainGrid):
     """Scan, calibration and robot by path or name give the same bytes as the objects."""
-    for words in ((carrying,), (str(carrying), str(calibration_file), "guara"), (carrying, None, None)):
-        terrain = gp.process_scan(*words, pictures=False)
+    for arguments in ((carrying,), (str(carrying), str(calibration_file), "guara"), (carrying, None, None)):
+        terrain = gp.process_scan(*arguments, pictures=False)
         assert np.array_equal(terrain.elevation, paper_terrain.elevation, equal_nan=True)
         assert np.array_equal(terrain.hazard, paper_terrain.hazard)
 

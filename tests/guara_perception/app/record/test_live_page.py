@@ -56,7 +56,7 @@ def test_person_is_asked_step_by_step(monkeypatch: pytest.MonkeyPatch, capsys: p
     """Each request waits for a key, but for the board that is held up, whose advice is said once."""
     waited: list[str] = []
     reported: list[str] = []
-    monkeypatch.setattr("click.pause", lambda words: waited.append(words))
+    monkeypatch.setattr("click.pause", lambda text: waited.append(text))
     operator = TextOperator(reported.append)
     operator.clear()
     for _ in range(3):

@@ -36,11 +36,11 @@ pytestmark = pytest.mark.slow
 # A whole session takes as long as the demo: what needs one is heavy.
 
 
-def record_by_command(folder: Path, *words: str) -> None:
+def record_by_command(folder: Path, *arguments: str) -> None:
     """Record with the command, in the simulated workshop."""
     from guara_perception.app.main import run
 
-    assert run(["record", str(folder), "--simulated", *words]) == 0
+    assert run(["record", str(folder), "--simulated", *arguments]) == 0
 
 
 @pytest.fixture(scope="module")
@@ -52,8 +52,8 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def recorded_with_charuco(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session with a ChArUco board, held out to the picture's rim."""
-    words = ("--pattern", "charuco")
-    return made_once(tmp_path_factory, "charuco-session", lambda folder: record_by_command(folder, *words))
+    arguments = ("--pattern", "charuco")
+    return made_once(tmp_path_factory, "charuco-session", lambda folder: record_by_command(folder, *arguments))
 
 
 @pytest.fixture
@@ -150,9 +150,9 @@ def test_doctor_checks_camera_and_board_of_the_session(
 ):
     """Board and camera answer, the metered exposure is held; the scan that follows is locked, and good."""
     calibration, devices = recorded / "calibration.json", devices_of_the_session
-    words = ["doctor", "-c", calibration, "--devices", devices, "--json"]
-    words += ["--only", "board", "--only", "camera", "--only", "calibration"]
-    said = guara(*words)
+    arguments = ["doctor", "-c", calibration, "--devices", devices, "--json"]
+    arguments += ["--only", "board", "--only", "camera", "--only", "calibration"]
+    said = guara(*arguments)
     found = {line["name"]: line for line in map(json.loads, said.out.splitlines())}
     assert said.code == 0 and {line["level"] for line in found.values()} == {"ok"}
     assert "firmware" in found["board"]["message"]
@@ -164,7 +164,7 @@ def test_doctor_checks_camera_and_board_of_the_session(
     assert "locked" not in scan.err and "light" not in scan.err
 
     monkeypatch.setattr("drivers.usb_link.default_backend", lambda: emulated_backend())
-    said = guara(*words)
+    said = guara(*arguments)
     found = {line["name"]: line for line in map(json.loads, said.out.splitlines())}
     assert said.code == 1 and found["board"]["level"] == "FAIL" and found["camera"]["level"] == "ok"
 
@@ -174,7 +174,7 @@ def record_with(workshop: SimulatedWorkshop, session: Path) -> SessionWriter:
     plan = SessionPlan("guara", BoardSpec(9, 7, 0.03), cross_points(workshop.robot), (0.0, 0.04, 0.08), workshop.stance)
     writer = SessionWriter(session, plan)
     with workshop.rangefinder:
-        record_session(writer, workshop.robot, workshop.rangefinder, Devices(), workshop, tell=lambda words: None)
+        record_session(writer, workshop.robot, workshop.rangefinder, Devices(), workshop, tell=lambda text: None)
     return writer
 
 
@@ -258,7 +258,7 @@ def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("words", "reported"),
+    ("arguments", "reported"),
     [
         (["--simulated", "--camera", "0"], "--simulated brings its own devices"),
         (["--simulated", "--printed-150", "15"], "--printed-150 is 15 mm, allowed: 135 ... 165"),
@@ -270,9 +270,9 @@ def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: P
         (["--robot", "dog"], "dog"),
     ],
 )
-def test_wrong_options_are_refused(guara, tmp_path: Path, words, reported):
+def test_wrong_options_are_refused(guara, tmp_path: Path, arguments, reported):
     """Exit 2, one line, no folder."""
-    said = guara("record", tmp_path / "s", *words)
+    said = guara("record", tmp_path / "s", *arguments)
     assert said.code == 2 and reported in said.err and said.err.count("\n") == 1
     assert not (tmp_path / "s").exists()
 

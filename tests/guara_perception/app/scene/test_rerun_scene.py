@@ -48,9 +48,9 @@ def walk(
     return path
 
 
-def _rerun(*words: object) -> str:
+def _rerun(*arguments: object) -> str:
     done = subprocess.run(
-        [sys.executable, "-m", "rerun", *map(str, words)], capture_output=True, text=True, timeout=120
+        [sys.executable, "-m", "rerun", *map(str, arguments)], capture_output=True, text=True, timeout=120
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout + done.stderr
@@ -120,7 +120,7 @@ def test_what_is_no_scene_is_refused(tmp_path: Path, walk: Path, capsys: pytest.
     cv2.imwrite(str(picture), np.zeros((2, 2), np.uint8))
     (tmp_path / "cut.mcap").write_bytes(walk.read_bytes()[:3000])
     out = str(tmp_path / "a.rrd")
-    for words, reported in (
+    for arguments, reported in (
         ([str(bare), "--save", out], "holds no scene"),
         ([str(picture), "--save", out], "Rerun shows recordings (.mcap)"),
         ([str(tmp_path / "none.mcap"), "--save", out], "no such file"),
@@ -128,7 +128,7 @@ def test_what_is_no_scene_is_refused(tmp_path: Path, walk: Path, capsys: pytest.
         ([str(walk), "--save", str(tmp_path / "a.txt")], "must end in .rrd"),
         ([], "give its FILE"),
     ):
-        assert run(["view", "--rerun", *words]) == 2, words
+        assert run(["view", "--rerun", *arguments]) == 2, arguments
         assert reported in capsys.readouterr().err
     assert run(["view", "--rerun", "-c", "calibration.json", str(walk)]) == 2
     assert "-c is for the browser's view" in capsys.readouterr().err

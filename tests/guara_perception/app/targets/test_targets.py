@@ -157,7 +157,7 @@ def test_command_says_what_it_printed(guara, tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("words", "reported"),
+    ("arguments", "reported"),
     [
         (["-o", "t.txt"], "t.txt: it must end in .pdf"),
         (["-o", "t.pdf", "--board", "nine"], "--board is 'nine', it must be COLUMNSxROWS"),
@@ -169,9 +169,9 @@ def test_command_says_what_it_printed(guara, tmp_path: Path):
         (["-o", "t.pdf", "--robot", "dog"], "dog"),
     ],
 )
-def test_wrong_options_are_refused(guara, tmp_path: Path, monkeypatch, words, reported):
+def test_wrong_options_are_refused(guara, tmp_path: Path, monkeypatch, arguments, reported):
     """Exit 2, one line, nothing written."""
     monkeypatch.chdir(tmp_path)
-    said = guara("targets", *words)
+    said = guara("targets", *arguments)
     assert said.code == 2 and reported in said.err and said.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
