@@ -70,8 +70,8 @@ def beyond_oracle(fused: gp.TerrainGrid, oracle: gp.TerrainGrid, to_world: Float
                 # Unknown cells of the grid have no value.
                 measured = float(np.nanmax(np.append(fused.layers[layer][cell], 0.0)))
                 exceeded.append((name, scale * true, scale * measured, scale * limits[name], unit))
-        middle = np.array([x[bad_x].mean(), y[bad_y].mean(), 0.0, 1.0])
-        yield Beyond((to_world @ middle)[:2], bool(at_rim.all()), bad_y.size, tuple(exceeded))
+        centre = np.array([x[bad_x].mean(), y[bad_y].mean(), 0.0, 1.0])
+        yield Beyond((to_world @ centre)[:2], bool(at_rim.all()), bad_y.size, tuple(exceeded))
 
 
 def explained(found: list[Beyond]) -> Iterator[str]:

@@ -51,7 +51,7 @@ def opencv_user(on: Image, off: Image) -> Float32:
     return np.where(light[top, every] > LEAST_LEVEL, row, np.nan).astype(np.float32)
 
 
-def ours(method: str) -> Extract:
+def of_this_project(method: str) -> Extract:
     """One method of this project."""
 
     def extract(on: Image, off: Image) -> Float32:
@@ -63,7 +63,7 @@ def ours(method: str) -> Extract:
 def extractors() -> dict[str, Extract]:
     """All that find a stripe; skeletons of other libraries only where those happen to be installed."""
     found: dict[str, Extract] = {REFERENCE: reference}
-    found |= {name: ours(method) for name, method in OURS.items()}
+    found |= {name: of_this_project(method) for name, method in OURS.items()}
     found |= {LITERAL: literal, USER: opencv_user}
     return found | {f"{LITERAL}, {name}": extract for name, extract in library_skeletons().items()}
 

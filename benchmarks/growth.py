@@ -56,7 +56,7 @@ def fit(sizes: list[int], times: list[float]) -> float:
 
 
 def _scan(recording: Recording) -> Callable[[], object]:
-    return lambda: whole_scan.ours(recording, "precise")
+    return lambda: whole_scan.process(recording, "precise")
 
 
 def _layers(side: int) -> Callable[[], object]:

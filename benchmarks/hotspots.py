@@ -15,9 +15,9 @@ SHOWN = 16
 
 def hotspots(recording: Recording) -> Section:
     """Share of a scan's time in each of this project's functions, callees included."""
-    whole_scan.ours(recording, "precise")
+    whole_scan.process(recording, "precise")
     profile = cProfile.Profile()
-    profile.runcall(whole_scan.ours, recording, "precise")
+    profile.runcall(whole_scan.process, recording, "precise")
     stats = pstats.Stats(profile).stats  # type: ignore[attr-defined]
     total = max(cumulative for _, _, _, cumulative, _ in stats.values())
     root = str(ROBOTS.parent / "guara_perception")

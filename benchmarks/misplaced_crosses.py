@@ -97,9 +97,9 @@ def effect(
     right, false = (gp.process_scan(scan, each, robot, pictures=False).elevation for each in (known, wrong))
     is_floor = np.abs(right) < FLOOR_M
     change_of_height = (false - right)[is_floor & np.isfinite(false)]
-    low, middle, high = np.percentile(change_of_height, (5, 50, 95))
+    low, median, high = np.percentile(change_of_height, (5, 50, 95))
     return Effect(
-        float(near), float(far), float(middle), float((high - low) / 2), result.verdict, next(iter(result.reasons), "")
+        float(near), float(far), float(median), float((high - low) / 2), result.verdict, next(iter(result.reasons), "")
     )
 
 

@@ -41,8 +41,8 @@ class Timings:
 
     def ratio(self, name: str, to: str) -> Ratio:
         """How many times as long as another contender, in the rounds of both."""
-        ours, other = self.seconds[name], self.seconds[to]
-        ratios = [ours[turn] / max(other[turn], 1e-9) for turn in ours if turn in other]
+        own, other = self.seconds[name], self.seconds[to]
+        ratios = [own[turn] / max(other[turn], 1e-9) for turn in own if turn in other]
         return Ratio(float(np.median(ratios)), min(ratios), max(ratios))
 
 

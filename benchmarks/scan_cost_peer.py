@@ -56,14 +56,16 @@ def main_of_peer(scan: Path) -> None:
     checkout = Path(str(import_module("guara_perception").__file__)).parents[1]
     scenes = "tests.scenes" if (checkout / "tests" / "scenes.py").is_file() else "benchmarks.scenes"
     recording = import_module(scenes).recorded(scan)
-    ours = import_module("benchmarks.whole_scan").ours
+    whole_scan = import_module("benchmarks.whole_scan")
+    # Older revisions call it `ours`.
+    process = vars(whole_scan).get("process") or vars(whole_scan)["ours"]
     by_path = sorted_by_path(import_module("guara_perception.stripes.precise"))
     for _ in sys.stdin:
         for seconds_of_stripes in by_path or ():
             seconds_of_stripes.clear()
         gc.collect()
         start = time.process_time()
-        ours(recording, "precise")
+        process(recording, "precise")
         seconds = time.process_time() - start
         cheap, strong = by_path or (None, None)
         report = {"scan": seconds, "stripes": len(recording.frames), "cheap": cheap, "strong": strong}

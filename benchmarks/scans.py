@@ -29,7 +29,7 @@ def contenders(recording: Recording) -> dict[str, Callable[[], Any]]:
     bands = recording.bands()
     found: dict[str, Callable[[], Any]] = {REFERENCE: lambda: [reference(on, off) for on, off, _ in bands]}
     found |= {
-        name: lambda method=method: whole_scan.ours(recording, method).elevation  # type: ignore[misc]
+        name: lambda method=method: whole_scan.process(recording, method).elevation  # type: ignore[misc]
         for name, method in OURS.items()
     }
     for name, extract in extractors().items():
@@ -166,7 +166,7 @@ def after_scan(recording: Recording, effort: Effort) -> Section:
     import transport
     from guara_perception.app.messages import terrain_to_message
 
-    terrain = whole_scan.ours(recording, "precise")
+    terrain = whole_scan.process(recording, "precise")
     bands = recording.bands()
     limits = Settings.of(recording.robot).limits
     terrain_map = gp.TerrainMap(recording.robot)

@@ -37,10 +37,10 @@ def codec(count: int) -> None:
     for _ in range(count):
         start = time.perf_counter()
         payload = transport.encode_terrain(terrain)
-        middle = time.perf_counter()
+        encoded = time.perf_counter()
         transport.decode_terrain(payload)
-        out.append(middle - start)
-        back.append(time.perf_counter() - middle)
+        out.append(encoded - start)
+        back.append(time.perf_counter() - encoded)
     encode_ms, decode_ms = 1e3 * statistics.median(out), 1e3 * statistics.median(back)
     measured = f"{encode_ms:.2f} + {decode_ms:.2f} ms, {len(payload) / 1e3:.0f} kB"
     report("encode + decode, 108 x 90, all layers, p50", measured, "<= 0.5 ms", encode_ms + decode_ms <= 0.5)
@@ -48,7 +48,7 @@ def codec(count: int) -> None:
 
 def latency(rounds: int, per_round: int) -> None:
     """Array to array between two processes: ours, and the same bytes over raw TCP, in turns in one run."""
-    ours: list[float] = []
+    delays: list[float] = []
     echoes: list[float] = []
     payload = np.frombuffer(transport.encode_terrain(make_terrain(1)), np.uint8)
     with peers() as start:
@@ -73,17 +73,17 @@ def latency(rounds: int, per_round: int) -> None:
                 times = node.hear()["times"]
                 planner.tell()
                 got = planner.hear()["got"]
-                ours += [got[step] - begin for step, begin in times.items() if step in got]
+                delays += [got[step] - begin for step, begin in times.items() if step in got]
         one_way = [b - a for a, b in zip(sent, tcp.hear()["got"], strict=True)]
-    p50, raw50, echo50 = (statistics.median(times) / 1e6 for times in (ours, one_way, echoes))
+    p50, raw50, echo50 = (statistics.median(times) / 1e6 for times in (delays, one_way, echoes))
     report(
-        f"array to array, p50 of {len(ours)}: ours / raw TCP ping, there and back",
+        f"array to array, p50 of {len(delays)}: this project / raw TCP ping, there and back",
         f"{p50:.2f} ms / {echo50:.2f} ms = {p50 / echo50:.2f}",
         "<= 3",
         p50 <= 3.0 * echo50,
     )
     report(
-        f"array to array, p50 of {len(ours)}: ours / raw TCP one way",
+        f"array to array, p50 of {len(delays)}: this project / raw TCP one way",
         f"{p50:.2f} ms / {raw50:.2f} ms = {p50 / raw50:.2f}",
         "<= 3 when the ping is taken one way",
         p50 <= 3.0 * raw50,

@@ -173,8 +173,8 @@ def summary(delays: Delays) -> dict[str, float]:
     """Figures of one row."""
     figures: dict[str, float] = {"scans": len(delays.footprint_ms), "failed": delays.failed}
     for name, values in (("footprint", delays.footprint_ms), ("map", delays.map_ms)):
-        middle, high = np.percentile(values, (50, 95)) if values else (np.inf, np.inf)
-        figures |= {f"{name}_p50_ms": round(float(middle), 1), f"{name}_p95_ms": round(float(high), 1)}
+        median, high = np.percentile(values, (50, 95)) if values else (np.inf, np.inf)
+        figures |= {f"{name}_p50_ms": round(float(median), 1), f"{name}_p95_ms": round(float(high), 1)}
         figures[f"{name}_worst_ms"] = round(max(values, default=np.inf), 1)
     return figures
 

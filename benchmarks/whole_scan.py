@@ -15,8 +15,8 @@ from tests.scenes import Recording
 CELL_M = 0.005
 
 
-def ours(recording: Recording, method: str) -> gp.TerrainGrid:
-    """This project."""
+def process(recording: Recording, method: str) -> gp.TerrainGrid:
+    """The grid of a scan as this project computes it."""
     processor = recording.processor(method)
     recording.add_to(processor)
     return processor.finish()

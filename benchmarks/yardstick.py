@@ -52,13 +52,13 @@ def beside(scans: Sequence[float], references: Sequence[float], stripes: int) ->
     """
     taken, before_and_after = np.array(scans), np.array(references)
     ratio = taken / (0.5 * (before_and_after[:-1] + before_and_after[1:]))
-    middle = float(np.median(ratio))
+    median = float(np.median(ratio))
     return [
         f"the same, min / median / max     {_summary(1e3 * taken, '.0f')} ms",
         f"{f'reference, {stripes} stripes':32} {_summary(1e3 * before_and_after, '.1f')} ms, before, between and after",
         f"scan / reference                 {_summary(ratio, '.2f')}",
         f"at the speed at which the reference takes {1e3 * REFERENCE_STRIPE_S:.2f} ms a stripe: "
-        f"{1e3 * REFERENCE_STRIPE_S * stripes * middle:.0f} ms per scan",
+        f"{1e3 * REFERENCE_STRIPE_S * stripes * median:.0f} ms per scan",
     ]
 
 

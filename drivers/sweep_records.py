@@ -139,5 +139,5 @@ class MotionProfile:
         total = 0.0
         for step in range(half):
             total += 2 / min(self.top_speed, math.sqrt(squared + 2 * self.acceleration * step))
-        middle = min(self.top_speed, math.sqrt(squared + 2 * self.acceleration * half))
-        return total + (steps - 2 * half) / middle
+        peak_speed = min(self.top_speed, math.sqrt(squared + 2 * self.acceleration * half))
+        return total + (steps - 2 * half) / peak_speed

@@ -72,8 +72,8 @@ def drawing() -> str:
         )
         box_x = 60 if side == "left" else 700
         out.append(_box(box_x, ys[0] - 24, 240, ys[-1] - ys[0] + 48, "#f4efe2"))
-        middle = (ys[0] + ys[-1]) / 2
-        out += [_text(box_x + 120, middle - 3 + 16 * line, text, "middle", 12) for line, text in enumerate(lines)]
+        centre = (ys[0] + ys[-1]) / 2
+        out += [_text(box_x + 120, centre - 3 + 16 * line, text, "middle", 12) for line, text in enumerate(lines)]
         for signal, y in zip(signals, ys, strict=True):
             out.append(_wire([(edge, y), (outer, y)]))
             out.append(_text(inner, y + 4, f"GP{gpio[signal]} {signal}", "start" if anchor == "start" else "end", 12))

@@ -108,24 +108,24 @@ def bounding_shape(vertices: Float) -> tuple[str, tuple[float, ...], Float]:
     for rotation in _rotations(points, hull):
         local = points @ rotation
         low, high = local.min(axis=0), local.max(axis=0)
-        middle, length = (low + high) / 2.0, high - low
+        centre, length = (low + high) / 2.0, high - low
         transform = np.eye(4)
-        transform[:3, :3], transform[:3, 3] = rotation, rotation @ middle
+        transform[:3, :3], transform[:3, 3] = rotation, rotation @ centre
         tried = [(float(np.prod(length)), "box", tuple(length.tolist()), transform)]
         for axis in range(3):
             across = np.delete(np.arange(3), axis)
-            radius = float(np.linalg.norm((local - middle)[:, across], axis=1).max())
+            radius = float(np.linalg.norm((local - centre)[:, across], axis=1).max())
             turned = transform.copy()
             turned[:3, :3] = rotation[:, [*np.roll(np.arange(3), -axis - 1)]]
             tried.append((np.pi * radius**2 * float(length[axis]), "cylinder", (radius, float(length[axis])), turned))
         for candidate in tried:
             if best is None or candidate[0] < best[0] * (1.0 - 1e-9):
                 best = candidate
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
-    radius = float(np.linalg.norm(points - middle, axis=1).max())
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2.0
+    radius = float(np.linalg.norm(points - centre, axis=1).max())
     if best is None or 4.0 / 3.0 * np.pi * radius**3 < best[0]:
         transform = np.eye(4)
-        transform[:3, 3] = middle
+        transform[:3, 3] = centre
         return "sphere", (radius,), transform
     return best[1:]
 

@@ -161,11 +161,11 @@ def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
             continue
         if name > twins[0]:
             continue
-        ours, theirs = _lengths(tree, leg), _lengths(tree, tree.legs[twins[0]])
-        if len(ours) != len(theirs) or not np.allclose(ours, theirs, atol=PAIR_TOLERANCE):
+        lengths, twin_lengths = _lengths(tree, leg), _lengths(tree, tree.legs[twins[0]])
+        if len(lengths) != len(twin_lengths) or not np.allclose(lengths, twin_lengths, atol=PAIR_TOLERANCE):
             findings.wrong(
                 f"legs {name!r} and {twins[0]!r} are no mirror images: from joint to joint they measure "
-                f"{_text(ours)} and {_text(theirs)} m: mend the joints' origins",
+                f"{_text(lengths)} and {_text(twin_lengths)} m: mend the joints' origins",
                 tree.config.root.line(f"legs.{name}"),
             )
         else:
@@ -175,15 +175,15 @@ def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
 def _check_limits(tree: KinematicTree, leg: LegConfig, twin: LegConfig, findings: Findings) -> None:
     """Limits of joints whose axes are mirror images, at zero, are mirror images too."""
     joints = {joint.name: joint for joint in tree.urdf.joints}
-    for ours, theirs in zip(leg.joints, twin.joints, strict=True):
-        a, b = joints[ours], joints[theirs]
+    for joint, twin_joint in zip(leg.joints, twin.joints, strict=True):
+        a, b = joints[joint], joints[twin_joint]
         # A mirror keeps the sense of turns about an axis across it and reverses others; a slide just mirrors.
         image = _axis(tree, a) * ((1.0, -1.0, 1.0) if a.kind == "prismatic" else (-1.0, 1.0, -1.0))
         sense = float(image @ _axis(tree, b))
         limits = (a.lower, a.upper) if sense > 0.0 else (-a.upper, -a.lower)
         if a.kind == b.kind and abs(sense) > 0.999 and not np.allclose(limits, (b.lower, b.upper), atol=1e-3):
             findings.wrong(
-                f"joints {ours!r} and {theirs!r} are no mirror images: axis {_text(a.axis)} with limits "
+                f"joints {joint!r} and {twin_joint!r} are no mirror images: axis {_text(a.axis)} with limits "
                 f"{a.lower:g} ... {a.upper:g}, axis {_text(b.axis)} with {b.lower:g} ... {b.upper:g}: "
                 "mend limits or axis",
                 tree.config.root.line(f"legs.{leg.name}.joints"),

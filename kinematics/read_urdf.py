@@ -133,11 +133,11 @@ class _Reader:
 
     def _inertia(self, inertial: Element, transform: Float, mass: float) -> Float:
         """Inertia (3, 3) about the centre of mass; zero, with a note, where it is missing or belongs to no body."""
-        moments = inertial.find("inertia")
-        if moments is None:
+        inertia = inertial.find("inertia")
+        if inertia is None:
             return np.zeros((3, 3))
         try:
-            xx, xy, xz, yy, yz, zz = (float(moments.get(k, "")) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+            xx, xy, xz, yy, yz, zz = (float(inertia.get(k, "")) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
             tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             principal = np.linalg.eigvalsh(tensor)
         except (ValueError, np.linalg.LinAlgError):

@@ -57,8 +57,8 @@ class KinematicTree:
         self.joint_names = (*leg_joints, *(name for name in moving if name not in leg_joints))
         self.lower_limits = read_only([moving[name].lower for name in self.joint_names])
         self.upper_limits = read_only([moving[name].upper for name in self.joint_names])
-        middle = (self.lower_limits + self.upper_limits) / 2.0
-        self.nominal = middle if nominal is None else read_only([nominal[name] for name in self.joint_names])
+        centre = (self.lower_limits + self.upper_limits) / 2.0
+        self.nominal = centre if nominal is None else read_only([nominal[name] for name in self.joint_names])
         try:
             self.pinocchio_model: Any = build_model(urdf)
         except (ValueError, RuntimeError) as error:

@@ -15,17 +15,20 @@ AREA_X, AREA_Y = (0.50, 0.95), (-0.27, 0.27)
 
 
 def height_errors(
-    truth: gp.Calibration, ours: gp.Calibration, transform_base_to_footprint: Float, heights_mm: npt.NDArray[np.int64]
+    truth: gp.Calibration,
+    estimate: gp.Calibration,
+    transform_base_to_footprint: Float,
+    heights_mm: npt.NDArray[np.int64],
 ) -> dict[int, Float]:
     """Errors of height [m] by stripe: true laser plane seen by the true camera, sent through our calibration."""
     true_pose = transform_base_to_footprint @ truth.transform_camera_to_base
-    our_pose = transform_base_to_footprint @ ours.transform_camera_to_base
+    camera_pose = transform_base_to_footprint @ estimate.transform_camera_to_base
     y = np.linspace(*AREA_Y, 201)
     width, height = truth.camera.size
     errors: dict[int, Float] = {}
     for stripe in truth.stripes:
         plane = plane_in_frame(stripe.plane, true_pose)
-        ours_in_camera = ours.stripe(stripe.index).plane
+        plane_in_camera = estimate.stripe(stripe.index).plane
         found = []
         for level in heights_mm * 1e-3:
             x = -(plane[1] * y + plane[2] * level + plane[3]) / plane[0]
@@ -33,9 +36,9 @@ def height_errors(
             pixels = truth.camera.project((points - true_pose[:3, 3]) @ true_pose[:3, :3])
             visible = (pixels[:, 0] >= 0) & (pixels[:, 0] <= width - 1) & (pixels[:, 1] >= 0)
             visible &= (pixels[:, 1] <= height - 1) & (x > AREA_X[0]) & (x < AREA_X[1])
-            rays = ours.camera.rays(pixels[visible])
-            points = rays * (-ours_in_camera[3] / (rays @ ours_in_camera[:3]))[:, None]
-            found.append(points @ our_pose[2, :3] + our_pose[2, 3] - level)
+            rays = estimate.camera.rays(pixels[visible])
+            points = rays * (-plane_in_camera[3] / (rays @ plane_in_camera[:3]))[:, None]
+            found.append(points @ camera_pose[2, :3] + camera_pose[2, 3] - level)
         errors[stripe.index] = np.concatenate(found)
     return errors
 

@@ -26,22 +26,22 @@ class ForkServer:
 
     def __init__(self, script: Path) -> None:
         """Start the server."""
-        ours, theirs = socket.socketpair()
-        words = [sys.executable, str(Path(__file__)), str(theirs.fileno()), str(script)]
-        self._server = subprocess.Popen(words, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL)
-        theirs.close()
-        self._socket, self._lines = ours, ours.makefile("r")
+        own_end, server_end = socket.socketpair()
+        command = [sys.executable, str(Path(__file__)), str(server_end.fileno()), str(script)]
+        self._server = subprocess.Popen(command, pass_fds=[server_end.fileno()], stdin=subprocess.DEVNULL)
+        server_end.close()
+        self._socket, self._lines = own_end, own_end.makefile("r")
         self._started: dict[int, ForkedProcess] = {}
         self._answers: list[ForkedProcess] = []
         self._heard = threading.Condition()
         self._asking = threading.Lock()
         threading.Thread(target=self._listen, daemon=True).start()
 
-    def start(self, *words: str) -> ForkedProcess:
+    def start(self, *arguments: str) -> ForkedProcess:
         """A process of the script with these arguments, in this environment and folder."""
         streams = [os.pipe() for _ in range(3)]
         (stdin, to_it), (from_it, stdout), (errors, stderr) = streams
-        request = json.dumps({"words": words, "environment": dict(os.environ), "folder": os.getcwd()}).encode()
+        request = json.dumps({"arguments": arguments, "environment": dict(os.environ), "folder": os.getcwd()}).encode()
         with self._asking:
             header = len(request).to_bytes(4, "big")
             socket.send_fds(self._socket, [header], [stdin, stdout, stderr])
@@ -145,7 +145,7 @@ def serve(requests: socket.socket, script: str) -> list[str]:
         os.chdir(request["folder"])
         os.environ.clear()
         os.environ.update(request["environment"])
-        return [script, *request["words"]]
+        return [script, *request["arguments"]]
 
 
 def _ended() -> tuple[int, int] | None:

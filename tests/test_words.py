@@ -36,6 +36,10 @@ REFUSED_NAMES = {
     "places": "indices, positions or poses",
     "spread": "sigma, variance, scatter or extent",
     "untold": "is_unknown",
+    "ours": "what it is: estimate, sent, computed",
+    "theirs": "what it is: received, other",
+    "middle": "centre, mean, median or the index of it",
+    "sheet": "laser_plane",
 }
 NAMES_ALLOWED = {
     "place": (
@@ -51,6 +55,14 @@ NAMES_ALLOWED = {
         "tests/transport/security/test_router_folder.py",
         "transport/security/router_folder.py",
     ),
+    # Of paper, in what is printed.
+    "sheet": (
+        "guara_perception/app/commands/targets.py",
+        "guara_perception/app/targets/sheet.py",
+        "guara_perception/app/targets/write.py",
+        "tests/guara_perception/app/targets/test_targets.py",
+    ),
+    "middle": ("tests/guara_perception/app/node/test_node.py",),
     "places": ("drivers/emulator/sweep.py", "tests/guara_perception/terrain/questions/test_foothold.py"),
 }
 # Of the optics of eyes and of light, not of sensors and figures.

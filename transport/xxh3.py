@@ -48,7 +48,7 @@ def _mix(data: bytes, offset: int, secret: int) -> int:
     return _fold(_word(data, offset) ^ _word(SECRET, secret), _word(data, offset + 8) ^ _word(SECRET, secret + 8))
 
 
-def _middle(data: bytes) -> tuple[int, int]:
+def _up_to_240(data: bytes) -> tuple[int, int]:
     """Low and high half for 129 to 240 bytes."""
 
     def mix(low: int, high: int, first: int, second: int, secret: int) -> tuple[int, int]:
@@ -119,4 +119,4 @@ def xxh3_128(data: bytes) -> tuple[int, int]:
     """
     if len(data) <= 128:
         raise ValueError(f"text has {len(data)} bytes; this hash is made for more than 128")
-    return _middle(data) if len(data) <= 240 else _long(data)
+    return _up_to_240(data) if len(data) <= 240 else _long(data)

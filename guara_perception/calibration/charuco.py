@@ -131,8 +131,8 @@ def _markers(grey: Grey, layout: cv2.aruco.CharucoBoard) -> tuple[Float32, Index
     if ids is None:
         return np.empty((0, 1, 4, 2), np.float32), np.empty(0, np.int32)
     numbers = np.ravel(ids).astype(np.int32)
-    ours = np.isin(numbers, layout.getIds())
-    return np.asarray(marks, np.float32)[ours], numbers[ours]
+    is_on_board = np.isin(numbers, layout.getIds())
+    return np.asarray(marks, np.float32)[is_on_board], numbers[is_on_board]
 
 
 def _on_board(layout: cv2.aruco.CharucoBoard, marks: Float32, ids: Index32) -> Mask:

@@ -118,9 +118,9 @@ def check_drift(
     ends = HALF_WIDTH_M * (lines.slope - plane[1])
     rms = float(np.sqrt(np.mean(stray[on_floor] ** 2 + ends[on_floor] ** 2)))
     worst = int(np.argmax(np.where(on_floor, np.abs(stray), 0.0)))
-    middle = float(lines.x[on_floor].mean())
-    height, tilt = float(plane[0] * middle + plane[2]), float(np.arctan(np.hypot(plane[0], plane[1])))
-    reasons = _floor_reasons(plane, middle, (height, tilt), pose_covariance, soles_in_footprint)
+    centre_x = float(lines.x[on_floor].mean())
+    height, tilt = float(plane[0] * centre_x + plane[2]), float(np.arctan(np.hypot(plane[0], plane[1])))
+    reasons = _floor_reasons(plane, centre_x, (height, tilt), pose_covariance, soles_in_footprint)
     reasons += _stripe_reasons(lines, stray, on_floor, rms, max(MAX_STRIPE_RMS_M, rough))
     return Drift(
         DRIFTING if reasons else HOLDS,
@@ -153,14 +153,14 @@ def _plane(lines: FloorLines) -> tuple[Float, Mask]:
 
 def _floor_reasons(
     plane: Float,
-    middle: float,
+    centre_x: float,
     height_and_tilt: tuple[float, float],
     pose_covariance: npt.ArrayLike | None,
     soles: npt.ArrayLike | None,
 ) -> list[str]:
     """Whether the floor is off z = 0, and off the soles' own plane where that is known."""
     height, tilt = height_and_tilt
-    high, tilted = _allowed(pose_covariance, middle)
+    high, tilted = _allowed(pose_covariance, centre_x)
     is_high, is_tilted = abs(height) > high, tilt > tilted
     if soles is not None and len(np.asarray(soles)) >= 3:
         x, y, z = np.asarray(soles, np.float64).T
@@ -172,8 +172,8 @@ def _floor_reasons(
         own_sigma = STANCE_SIGMAS * SOLE_SIGMA_M * np.sqrt(np.diag(cofactors))
         off = plane - support
         is_tilted &= float(np.hypot(off[0], off[1])) > np.hypot(MAX_FLOOR_TILT, np.hypot(own_sigma[0], own_sigma[1]))
-        reach = np.array([middle, 0.0, 1.0]) @ cofactors @ (middle, 0.0, 1.0)
-        is_high &= abs(off[0] * middle + off[2]) > np.hypot(
+        reach = np.array([centre_x, 0.0, 1.0]) @ cofactors @ (centre_x, 0.0, 1.0)
+        is_high &= abs(off[0] * centre_x + off[2]) > np.hypot(
             MAX_FLOOR_HEIGHT_M, STANCE_SIGMAS * SOLE_SIGMA_M * np.sqrt(reach)
         )
     reasons = []
@@ -190,13 +190,13 @@ def _floor_reasons(
     return reasons
 
 
-def _allowed(pose_covariance: npt.ArrayLike | None, middle: float) -> tuple[float, float]:
+def _allowed(pose_covariance: npt.ArrayLike | None, centre_x: float) -> tuple[float, float]:
     """Limits of height [m] and tilt [rad] with the stance's own uncertainty."""
     if pose_covariance is None:
         return MAX_FLOOR_HEIGHT_M, MAX_FLOOR_TILT
     covariance = np.asarray(pose_covariance, dtype=np.float64)
-    # Height at the middle of the floor: z and pitch times x.
-    lever = np.array([0.0, 0.0, 1.0, 0.0, -middle, 0.0])
+    # Height at the centre of the floor: z and pitch times x.
+    lever = np.array([0.0, 0.0, 1.0, 0.0, -centre_x, 0.0])
     height = STANCE_SIGMAS * float(np.sqrt(lever @ covariance @ lever))
     tilt = STANCE_SIGMAS * float(np.sqrt(max(covariance[3, 3], covariance[4, 4])))
     return float(np.hypot(MAX_FLOOR_HEIGHT_M, height)), float(np.hypot(MAX_FLOOR_TILT, tilt))

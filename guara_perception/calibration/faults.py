@@ -202,5 +202,5 @@ def _direction(lines: Sequence[PlateLine]) -> float:
 
 
 def _plane_angle(points: Float, axis: Float) -> float:
-    middle = points.mean(axis=0)
-    return float(np.arctan2(middle[0] - axis[0], axis[2] - middle[2]))
+    centre = points.mean(axis=0)
+    return float(np.arctan2(centre[0] - axis[0], axis[2] - centre[2]))

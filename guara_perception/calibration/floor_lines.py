@@ -65,15 +65,15 @@ def find_floor_lines(points: Mapping[int, Float]) -> FloorLines:
     straight = (count >= LEAST_PARTS) & (count >= LEAST_SHARE * np.isfinite(z).sum(axis=1))
     on_line, count = on_line[straight], count[straight]
     x, y, z = (np.where(on_line, values[straight], 0.0) for values in (x, y, z))
-    middle_y, middle_z = y.sum(axis=1) / count, z.sum(axis=1) / count
-    dy, dz = (np.where(on_line, v - m[:, None], 0.0) for v, m in ((y, middle_y), (z, middle_z)))
+    mean_y, mean_z = y.sum(axis=1) / count, z.sum(axis=1) / count
+    dy, dz = (np.where(on_line, v - m[:, None], 0.0) for v, m in ((y, mean_y), (z, mean_z)))
     slope = (dy * dz).sum(axis=1) / (dy * dy).sum(axis=1)
     rest = dz - slope[:, None] * dy
     return FloorLines(
         seen=len(enough),
         index=index[straight],
         x=x.sum(axis=1) / count,
-        offset=middle_z - slope * middle_y,
+        offset=mean_z - slope * mean_y,
         slope=slope,
         roughness=np.sqrt((rest * rest).sum(axis=1) / (count - 2)),
     )
@@ -91,7 +91,7 @@ def _parts(points: Mapping[int, Float]) -> tuple[Index, Float, Float, Float]:
     shape = len(indices), PARTS
     count = np.bincount(part, minlength=len(indices) * PARTS)
     order = np.lexsort((z, part))
-    middle = np.minimum(np.cumsum(count) - count + count // 2, max(len(order) - 1, 0))
+    median_index = np.minimum(np.cumsum(count) - count + count // 2, max(len(order) - 1, 0))
     few = count < LEAST_POINTS
     divisor = np.where(few, 1, count)
 
@@ -99,7 +99,7 @@ def _parts(points: Mapping[int, Float]) -> tuple[Index, Float, Float, Float]:
         return np.where(few, np.nan, values).reshape(shape)
 
     sums = (np.bincount(part, values, len(indices) * PARTS) / divisor for values in (x, y))
-    medians = z[order][middle] if len(order) else np.zeros(0)
+    medians = z[order][median_index] if len(order) else np.zeros(0)
     mean_x, mean_y = (whole(values) for values in sums)
     return np.array(indices, np.intp), mean_x, mean_y, whole(medians) if len(order) else np.full(shape, np.nan)
 

@@ -125,9 +125,9 @@ def _is_good(profile: StripeProfile, band: tuple[int, int], height: int) -> bool
     found = np.isfinite(profile.position_px)
     if profile.is_frame_bad or found.mean() < 0.5 or not band[1]:
         return False
-    middle = float(np.median(profile.position_px[found]))
+    median = float(np.median(profile.position_px[found]))
     margin = 0.1 * (band[1] - band[0])
-    return (band[0] == 0 or middle > band[0] + margin) and (band[1] == height or middle < band[1] - margin)
+    return (band[0] == 0 or median > band[0] + margin) and (band[1] == height or median < band[1] - margin)
 
 
 def _line(

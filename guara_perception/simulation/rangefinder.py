@@ -176,14 +176,14 @@ class SimulatedRangefinder:
         within, near, row, gain = within[gain > 0], near[gain > 0], row[gain > 0], gain[gain > 0]
         if not near.size:
             return np.zeros((0, width), np.float32), (0, 0)
-        middle = distance[within]
+        from_plane = distance[within]
         below = distance[np.minimum(within + width, distance.size - 1)]
         # A pixel takes in light over its own height and, by the lens's blur, from its neighbours'. Widening the
         # Gaussian by both is exact on smooth ground, and free of the aliasing of a picture blurred afterwards.
-        footprint = np.minimum(np.abs(below - middle), np.float32(MAX_FOOTPRINT_M))
+        footprint = np.minimum(np.abs(below - from_plane), np.float32(MAX_FOOTPRINT_M))
         variance = np.float32(sigma**2) + footprint**2 * np.float32(1 / 12 + self.light.blur**2)
         strength = gain * np.float32(self.light.stripe_sigma) / np.sqrt(variance)
-        level = strength * np.exp(-0.5 * middle**2 / variance)
+        level = strength * np.exp(-0.5 * from_plane**2 / variance)
         speckled = level * self._sensor.speckle(near.size)
         bounced = None if self._bounce is None else self._bounce.light(near, level, self.light.bounce)
         first, end = (int(row.min()), int(row.max()) + 1) if bounced is None else (0, height)

@@ -66,8 +66,8 @@ def stand_on(
 
 def body_pose(soles: Float, position: tuple[float, float], height: float) -> Float:
     """transform_base_to_world (4, 4) of a body parallel to the plane through soles (n, 3), heading along x."""
-    middle = soles.mean(axis=0)
-    offsets = soles - middle
+    centre = soles.mean(axis=0)
+    offsets = soles - centre
     slope = np.linalg.lstsq(offsets[:, :2], offsets[:, 2], rcond=None)[0]
     slope *= min(1.0, LARGEST_TILT / max(float(np.linalg.norm(slope)), 1e-9))
     up = np.array([-slope[0], -slope[1], 1.0])
@@ -76,7 +76,7 @@ def body_pose(soles: Float, position: tuple[float, float], height: float) -> Flo
     ahead = np.array([up[2], 0.0, -up[0]]) / np.hypot(up[0], up[2])
     transform = np.eye(4)
     transform[:3, :3] = np.column_stack((ahead, np.cross(up, ahead), up))
-    ground = middle[2] + slope @ (np.asarray(position) - middle[:2])
+    ground = centre[2] + slope @ (np.asarray(position) - centre[:2])
     transform[:3, 3] = position[0], position[1], ground + height / up[2]
     return transform
 

@@ -20,8 +20,8 @@ def test_fraction_is_the_mean_of_the_moments(pauses: list[float], start: float, 
     for turn, pause in enumerate(pauses):
         now += pause
         laser.switch(turn % 2 == 0, now)
-    moments = [start + (index + 0.5) * length / 500 for index in range(500)]
-    mean = sum(laser.at(moment) for moment in moments) / 500
+    instants = [start + (index + 0.5) * length / 500 for index in range(500)]
+    mean = sum(laser.at(instant) for instant in instants) / 500
     assert laser.fraction(start, start + length) == pytest.approx(mean, abs=0.01)
 
 

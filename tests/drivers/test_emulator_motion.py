@@ -23,8 +23,8 @@ def test_no_motion_is_faster_than_the_motor(moves: list[tuple[int, float]]) -> N
         now += pause
         device.move(target, now)
     end = device.still_at + 0.1
-    moments = [end * index / 3000 for index in range(3001)]
-    positions = [device.true_position(moment) for moment in moments]
+    instants = [end * index / 3000 for index in range(3001)]
+    positions = [device.true_position(instant) for instant in instants]
     fastest = max(abs(b - a) for a, b in zip(positions, positions[1:], strict=False)) / (end / 3000)
     assert fastest <= SPEED * (1 + 1e-6)
     assert positions[-1] == pytest.approx(moves[-1][0])

@@ -128,9 +128,9 @@ class Skewed:
     def __call__(self) -> float:
         return self._begin + self.offset + self.rate * (time.monotonic() - self._begin)
 
-    def on_host(self, moment: float) -> float:
+    def on_host(self, instant: float) -> float:
         """The host's time [s] at a moment of this clock."""
-        return self._begin + (moment - self._begin - self.offset) / self.rate
+        return self._begin + (instant - self._begin - self.offset) / self.rate
 
 
 @pytest.fixture(params=["same", "wraps", "slow", "fast"])

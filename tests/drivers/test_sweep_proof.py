@@ -53,8 +53,8 @@ def proved_at(triggers: Float, stamps: Float) -> int | None:
     for count, now in enumerate([*triggers[1:], triggers[-1] + 0.1], 1):
         match.learn(triggers[:count], stamps[arrivals <= now])
         if match.proved:
-            middle = float(triggers[count // 2])
-            assert match.frame_of(middle, np.array([middle + OFFSET + DELAY])) == 0
+            centre = float(triggers[count // 2])
+            assert match.frame_of(centre, np.array([centre + OFFSET + DELAY])) == 0
             return count
     return None
 

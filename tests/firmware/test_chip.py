@@ -154,11 +154,11 @@ def test_a_silent_host_goes_dark_before_the_monostable(board: LaserBoard, chip: 
         board.laser_on()
 
 
-@pytest.mark.parametrize("moment", [0.0, 0.0173, 0.05, 0.0999])
-def test_a_hung_processor_is_reset(board: LaserBoard, chip: Chip, moment: float) -> None:
+@pytest.mark.parametrize("instant", [0.0, 0.0173, 0.05, 0.0999])
+def test_a_hung_processor_is_reset(board: LaserBoard, chip: Chip, instant: float) -> None:
     """By the chip's own watchdog within 0.1 s; the board comes back dark, homeless, without a session."""
     board.laser_on()
-    chip.run(moment)
+    chip.run(instant)
     chip.frozen = True
     assert until_dark(chip, 0.5) <= 0.1 + SLACK
     assert chip.resets == 1

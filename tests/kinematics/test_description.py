@@ -23,9 +23,11 @@ def test_the_same_robot_comes_out(robot: RobotModel) -> None:
     )
     np.testing.assert_array_equal(other.tree.lower_limits, robot.tree.lower_limits)
     for posture in robot.posture_names:
-        ours, theirs = robot.state(robot.posture(posture)), other.state(other.posture(posture))
+        guara_state, other_state = robot.state(robot.posture(posture)), other.state(other.posture(posture))
         for frame in robot.frame_names:
-            np.testing.assert_allclose(ours.transform_to_base(frame), theirs.transform_to_base(frame), atol=1e-12)
+            np.testing.assert_allclose(
+                guara_state.transform_to_base(frame), other_state.transform_to_base(frame), atol=1e-12
+            )
     for link, description in robot.tree.links.items():
         assert [shape.size for shape in description.shapes] == [shape.size for shape in other.tree.links[link].shapes]
 

@@ -77,6 +77,6 @@ def test_pinocchio_reads_the_same_postures(guara: RobotModel) -> None:
     model = guara.tree.pinocchio_model.copy()
     pinocchio.loadReferenceConfigurations(model, str(guara.folder / "srdf" / "guara.srdf"), False)
     for name in guara.posture_names:
-        theirs = model.referenceConfigurations[name]
+        configuration = model.referenceConfigurations[name]
         for joint, value in guara.posture(name).items():
-            assert theirs[model.joints[model.getJointId(joint)].idx_q] == value
+            assert configuration[model.joints[model.getJointId(joint)].idx_q] == value

@@ -38,13 +38,13 @@ def test_other_legs_do_not_move_a_sole(robot: RobotModel) -> None:
 def test_centre_of_mass_is_the_weighted_mean_of_links(robot: RobotModel) -> None:
     """Pinocchio's centre of mass is that of the links' masses at their places, added up here."""
     state = robot.state(some_positions(robot, 3))
-    total, moment = 0.0, np.zeros(3)
+    total, first_moment = 0.0, np.zeros(3)
     for name, link in robot.tree.links.items():
         if link.mass is not None:
             transform = state.transform_to_base(name)
-            moment += link.mass * (transform[:3, :3] @ link.centre_of_mass + transform[:3, 3])
+            first_moment += link.mass * (transform[:3, :3] @ link.centre_of_mass + transform[:3, 3])
             total += link.mass
-    np.testing.assert_allclose(state.centre_of_mass_in_base, moment / total, atol=1e-12)
+    np.testing.assert_allclose(state.centre_of_mass_in_base, first_moment / total, atol=1e-12)
 
 
 def test_frames_are_the_products_of_the_joints(robot: RobotModel) -> None:

@@ -201,8 +201,8 @@ def test_what_is_not_used_is_passed_over_and_named(
     reported = [str(warning.message) for warning in caught if issubclass(warning.category, RobotFileWarning)]
     assert len(reported) == (message is not None) and all(str(message) in text for text in reported)
     for leg in robot.legs:
-        ours = robot.state(robot.posture("scan")).soles_in_base([leg])
-        np.testing.assert_array_equal(ours, guara.state(guara.posture("scan")).soles_in_base([leg]))
+        soles = robot.state(robot.posture("scan")).soles_in_base([leg])
+        np.testing.assert_array_equal(soles, guara.state(guara.posture("scan")).soles_in_base([leg]))
 
 
 def test_all_findings_come_at_once_with_their_lines(broken_folder: Callable[..., Path]) -> None:

@@ -70,8 +70,10 @@ def message_class(type_name: str) -> Any:
     """
     known = typestore().types
     if type_name not in known:
-        ours = ", ".join(message_files())
-        raise MessageError(f"message type {type_name!r} is not known; known are the types of ROS 2 Jazzy and {ours}")
+        own_types = ", ".join(message_files())
+        raise MessageError(
+            f"message type {type_name!r} is not known; known are the types of ROS 2 Jazzy and {own_types}"
+        )
     return known[type_name]
 
 

@@ -38,10 +38,10 @@ def draw_demo(folder: Path, pauses: Sequence[DemoPause]) -> list[Path]:
     """
     if not pauses:
         return []
-    middle = pauses[len(pauses) // 2]
+    midway = pauses[len(pauses) // 2]
     files = [folder / "scan.png", folder / "map.png", folder / "walk.gif"]
     with styled():
-        draw_scan(files[0], middle.terrain)
+        draw_scan(files[0], midway.terrain)
         draw_map(files[1], pauses)
         animate(files[2], pauses)
     return files

@@ -78,7 +78,7 @@ class PauseScanner:
         if recorder is not None:
             status.follow(recorder.status_item)
         self._settings = Settings.of(robot)
-        self._view = LiveView(server.views, middle=self._settings.stripes // 2)
+        self._view = LiveView(server.views, centre=self._settings.stripes // 2)
         self._map = WalkMap(robot, calibration)
         self._sweeper = Sweeper(calibration, rangefinder, self._settings, ScanPolicy(robot))
         self._published: Published | None = None

@@ -19,17 +19,17 @@ PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>Guará: recording</title><link rel="icon" href="data:,">
 <style>
 body {font: 18px/1.4 sans-serif; margin: 1.5rem; background: #1d2124; color: #f2f2f2}
-#words {font-size: 1.5rem; min-height: 4.5rem; margin: 0 0 1rem} img {max-width: 100%; border: 1px solid #555}
+#advice {font-size: 1.5rem; min-height: 4.5rem; margin: 0 0 1rem} img {max-width: 100%; border: 1px solid #555}
 #task {color: #9ad1c9}
 </style></head><body>
-<div id="task">connecting</div><p id="words"></p><img id="picture" alt="what the camera sees">
+<div id="task">connecting</div><p id="advice"></p><img id="picture" alt="what the camera sees">
 <script>
 let shown = -1;
 async function look() {
   try {
     const state = await (await fetch("state.json", {cache: "no-store"})).json();
     document.getElementById("task").textContent = state.task;
-    document.getElementById("words").textContent = state.words;
+    document.getElementById("advice").textContent = state.advice;
     if (state.number !== shown) {
       shown = state.number;
       if (shown > 0) document.getElementById("picture").src = "picture.jpg?" + shown;
@@ -111,7 +111,7 @@ class LivePage:
 
     def _answer(self, path: str) -> tuple[bytes, str]:
         with self._lock:
-            state = {"task": self._task, "words": self._advice, "number": self._number}
+            state = {"task": self._task, "advice": self._advice, "number": self._number}
             picture = self._picture
         if path == "/":
             return PAGE.encode(), "text/html; charset=utf-8"

@@ -105,12 +105,12 @@ def measured_devices(robot: RobotModel, rangefinder: Rangefinder, devices: Devic
     board, camera = rangefinder.board, rangefinder.camera
     order = nominal_order(robot)
     rangefinder.lost_steps(order)
-    middle = order[len(order) // 2][1]
+    centre_angle = order[len(order) // 2][1]
     held = rangefinder.lock(CameraSettings(**devices.settings))
-    result = meter_exposure(board, camera, middle, exposure=held.exposure or FIRST_EXPOSURE_S)
+    result = meter_exposure(board, camera, centre_angle, exposure=held.exposure or FIRST_EXPOSURE_S)
     settings = {**devices.settings, **({} if result.exposure is None else {"exposure": float(result.exposure)})}
     rangefinder.lock(CameraSettings(**settings))
-    board.go_to_angle(middle)
+    board.go_to_angle(centre_angle)
     lag = measure_lag(board, camera)
     camera.lag = lag.lag
     return replace(devices, settings=settings, lag=float(lag.lag))

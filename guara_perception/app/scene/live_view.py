@@ -31,14 +31,14 @@ NEAR = 2
 class LiveView:
     """Gathers what is to be seen of a scan and hands it to the sender; nothing here makes the scan wait."""
 
-    def __init__(self, views: ViewSender, middle: int) -> None:
+    def __init__(self, views: ViewSender, centre: int) -> None:
         """For a node.
 
         Args:
             views: sends.
             middle: index of the stripe in the middle of the pattern: the one nearest to it is shown.
         """
-        self._views, self._middle = views, middle
+        self._views, self._centre = views, centre
         self._seen: tuple[int, Image] | None = None
 
     def begin(self) -> None:
@@ -47,7 +47,7 @@ class LiveView:
 
     def look(self, capture: StripeCapture) -> None:
         """Keep the picture of a stripe if it is near the middle and the nearest so far; else the first."""
-        off = abs(capture.index - self._middle)
+        off = abs(capture.index - self._centre)
         is_nearer = self._seen is None or (off <= NEAR and off < self._seen[0])
         if capture.on is not None and is_nearer:
             self._seen = off, capture.on.copy()

@@ -34,27 +34,27 @@ def follow_stripe(evidence: Float32) -> tuple[Index, Mask, Float]:
         is one (pictures, columns); and the evidence of the whole path, its costs paid (pictures,).
     """
     pictures, columns, rows = evidence.shape
-    middle = columns // 2
+    centre = columns // 2
     # Both halves in one array, whose rows and the gaps between, in which no path runs, lie in one piece: what is done
     # at each column is a few calls on one short row of numbers, and the fixed cost of a call counts.
-    seen = np.empty((middle + 1, _begin(2 * pictures, rows)), np.float32)
-    seen[:, :REACH_ROWS] = seen[:, REACH_ROWS:].reshape(middle + 1, 2 * pictures, -1)[:, :, rows:] = -np.inf
+    seen = np.empty((centre + 1, _begin(2 * pictures, rows)), np.float32)
+    seen[:, :REACH_ROWS] = seen[:, REACH_ROWS:].reshape(centre + 1, 2 * pictures, -1)[:, :, rows:] = -np.inf
     by_half = _without_gaps(seen, rows)
-    by_half[:, :pictures] = evidence[:, : middle + 1].transpose(1, 0, 2)
-    by_half[:, pictures:] = evidence[:, ::-1][:, : middle + 1].transpose(1, 0, 2)
+    by_half[:, :pictures] = evidence[:, : centre + 1].transpose(1, 0, 2)
+    by_half[:, pictures:] = evidence[:, ::-1][:, : centre + 1].transpose(1, 0, 2)
     best, ends = _best_paths(seen, rows)
     scores = _without_gaps(best, rows)
     # The columns that the second half is through with when it meets the first one in the middle.
-    met = columns - 1 - middle
-    through = scores[middle, :pictures] + scores[met, pictures:] - by_half[middle, :pictures]
-    without = (ends[middle, 1, :pictures] + ends[met, 1, pictures:])[:, 0]
+    met = columns - 1 - centre
+    through = scores[centre, :pictures] + scores[met, pictures:] - by_half[centre, :pictures]
+    without = (ends[centre, 1, :pictures] + ends[met, 1, pictures:])[:, 0]
     row = through.argmax(axis=1)
     score = through.max(axis=1)
     path = np.empty((pictures, columns), np.intp)
     for picture in range(pictures):
         start = int(row[picture]) if score[picture] > without[picture] else NONE
-        path[picture, : middle + 1] = _traced(best, ends, picture, rows, middle, start)[::-1]
-        path[picture, middle:] = _traced(best, ends, pictures + picture, rows, met, start)
+        path[picture, : centre + 1] = _traced(best, ends, picture, rows, centre, start)[::-1]
+        path[picture, centre:] = _traced(best, ends, pictures + picture, rows, met, start)
     return np.stack([_filled(each) for each in path]), path != NONE, np.maximum(score, without).astype(np.float64)
 
 

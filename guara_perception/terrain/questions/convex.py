@@ -125,12 +125,12 @@ def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
 
 def _ellipse(vertices: Float) -> tuple[Float, Float]:
     """Centre of a polygon, and the metric in which the ellipse of its second moments is a circle."""
-    middle = vertices.mean(axis=0)
+    mean = vertices.mean(axis=0)
     # In millimetres about the middle, for OpenCV takes float32.
-    moments = cv2.moments((1e3 * (vertices - middle)).astype(np.float32)[:, None, :])
+    moments = cv2.moments((1e3 * (vertices - mean)).astype(np.float32)[:, None, :])
     area = moments["m00"]
     if not area > 0:
-        return middle, np.eye(2)
-    centre = middle + 1e-3 * np.array([moments["m10"], moments["m01"]]) / area
+        return mean, np.eye(2)
+    centre = mean + 1e-3 * np.array([moments["m10"], moments["m01"]]) / area
     covariance = np.array([[moments["mu20"], moments["mu11"]], [moments["mu11"], moments["mu02"]]]) / area
     return centre, np.asarray(np.linalg.inv(covariance + 1e-3 * np.eye(2)), dtype=np.float64)

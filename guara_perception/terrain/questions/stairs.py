@@ -216,5 +216,5 @@ def _edge(x: Float, y: Float, height: Float, known: Mask, lower: float, upper: f
     slope, offset = np.polyfit(across, at, 1)
     if np.sqrt(np.mean((at - slope * across - offset) ** 2)) > EDGE_STRAIGHT_M:
         return None
-    middle = float(across.mean())
-    return _Edge(float(offset + slope * middle), float(slope), float(across.min()), float(across.max()))
+    mean = float(across.mean())
+    return _Edge(float(offset + slope * mean), float(slope), float(across.min()), float(across.max()))

@@ -107,8 +107,8 @@ def steppable_regions(
 ) -> list[SteppableRegion]:
     """See `TerrainGrid.steppable_regions`."""
     (x0, y0), (ny, nx) = terrain.origin, terrain.shape
-    middle = x0 + nx * terrain.resolution / 2, y0 + ny * terrain.resolution / 2
-    whole = _Window.about(terrain, *middle, max(ny, nx) * terrain.resolution, leg, robot)
+    centre = x0 + nx * terrain.resolution / 2, y0 + ny * terrain.resolution / 2
+    whole = _Window.about(terrain, *centre, max(ny, nx) * terrain.resolution, leg, robot)
     left = whole.free.copy()
     found: list[SteppableRegion] = []
     while len(found) < MOST_REGIONS:
@@ -246,14 +246,14 @@ def _fitted(window: _Window, cells: Mask) -> Float:
     """Least squares plane (3,) through the heights of cells; level where they are too few or in a line."""
     iy, ix = np.nonzero(cells)
     x, y, z = window.x[ix], window.y[iy], window.height[cells]
-    middle_x, middle_y, level = float(x.mean()), float(y.mean()), float(z.mean())
-    dx, dy, dz = x - middle_x, y - middle_y, z - level
+    mean_x, mean_y, level = float(x.mean()), float(y.mean()), float(z.mean())
+    dx, dy, dz = x - mean_x, y - mean_y, z - level
     xx, xy, yy, xz, yz = (float(u @ v) for u, v in ((dx, dx), (dx, dy), (dy, dy), (dx, dz), (dy, dz)))
     determinant = xx * yy - xy * xy
     if not determinant > 1e-9 * xx * yy:
         return np.array([0.0, 0.0, level])
     a, b = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
-    return np.array([a, b, level - a * middle_x - b * middle_y])
+    return np.array([a, b, level - a * mean_x - b * mean_y])
 
 
 def _region(window: _Window, polygon: ConvexPolygon, plane: Float, ground: Mask, leg: str | None) -> SteppableRegion:

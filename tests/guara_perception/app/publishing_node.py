@@ -83,10 +83,10 @@ def main() -> None:
     node = Node(*sys.argv[1:4])
     print("ready", flush=True)
     for line in sys.stdin:
-        command, *words = line.split()
+        command, *arguments = line.split()
         if command == "quit":
             break
-        getattr(node, "break_" if command == "break" else command)(*words)
+        getattr(node, "break_" if command == "break" else command)(*arguments)
         print("done", flush=True)
     node.session.close()
 

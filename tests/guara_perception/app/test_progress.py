@@ -35,23 +35,23 @@ def test_a_pipe_gets_the_output_only():
 @pytest.mark.slow
 def test_a_terminal_gets_a_bar():
     """On a terminal the words appear, and the bar is gone when the work is done."""
-    ours, theirs = pty.openpty()
+    reading_end, program_end = pty.openpty()
     process = subprocess.Popen(
         [sys.executable, "-c", SCRIPT],
-        stdout=theirs,
-        stderr=theirs,
+        stdout=program_end,
+        stderr=program_end,
         env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
     )
-    os.close(theirs)
+    os.close(program_end)
     shown = b""
     while True:
         try:
-            part = os.read(ours, 4096)
+            part = os.read(reading_end, 4096)
         except OSError:  # Linux says so when the last writer has gone
             break
         if not part:
             break
         shown += part
-    os.close(ours)
+    os.close(reading_end)
     assert process.wait(60) == 0
     assert b"Counting sheep" in shown and b"done" in shown

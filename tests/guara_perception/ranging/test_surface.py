@@ -122,8 +122,8 @@ def test_open_end_is_cut_and_the_rest_does_not_move() -> None:
 def test_variance_between_two_stripes_is_that_of_the_interpolation() -> None:
     """In the middle a quarter of each: half the variance of either."""
     points, variance = joined(stripe(0.0), stripe(0.008), True, 0.0001)
-    middle = np.abs(points[:, 0] - 0.004) < 1e-4
-    np.testing.assert_allclose(variance[middle], 0.5e-8, rtol=0.01)
+    is_centre = np.abs(points[:, 0] - 0.004) < 1e-4
+    np.testing.assert_allclose(variance[is_centre], 0.5e-8, rtol=0.01)
 
 
 def surfaces(stripes: dict[int, StripePoints]) -> dict[tuple[int, int], set[tuple[float, ...]]]:

@@ -47,9 +47,9 @@ def test_terrain_round_trip_is_exact(peer) -> None:
         assert back.layers[name].shape == (108, 90)
         assert back.layers[name].tobytes() == array.tobytes()
         assert not back.layers[name].flags.writeable and back.layers[name].flags.aligned
-    for ours, theirs in zip(terrain.transforms, back.transforms, strict=True):
-        assert (ours.source_frame, ours.destination_frame) == (theirs.source_frame, theirs.destination_frame)
-        np.testing.assert_allclose(theirs.matrix, ours.matrix, atol=1e-15)
+    for original, decoded in zip(terrain.transforms, back.transforms, strict=True):
+        assert (original.source_frame, original.destination_frame) == (decoded.source_frame, decoded.destination_frame)
+        np.testing.assert_allclose(decoded.matrix, original.matrix, atol=1e-15)
     np.testing.assert_array_equal(back.transforms[0].covariance, terrain.transforms[0].covariance)
     assert back.transforms[1].covariance is None
     assert back.obstacles[0].position == terrain.obstacles[0].position

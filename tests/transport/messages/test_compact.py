@@ -52,9 +52,9 @@ def test_no_value_goes_to_the_wrong_side(any_values: np.ndarray, positive: np.nd
 
 
 @given(layer(st.floats(-100.0, 100.0, width=32)), st.floats(0.0, 0.01))
-def test_an_elevation_stays_between_its_samples(middle: np.ndarray, span: float) -> None:
-    low, high = (middle + np.float32(sign * span) for sign in (-1, 1))
-    elevation = ROUND["elevation"](middle)
+def test_an_elevation_stays_between_its_samples(centre: np.ndarray, span: float) -> None:
+    low, high = (centre + np.float32(sign * span) for sign in (-1, 1))
+    elevation = ROUND["elevation"](centre)
     assert (ROUND["elevation_min"](low) <= elevation).all() and (elevation <= ROUND["elevation_max"](high)).all()
 
 

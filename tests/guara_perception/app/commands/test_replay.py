@@ -90,8 +90,8 @@ def _write_foreign(path: Path, topic: str, schema: str, encoding: str, payload: 
         writer.start()
         number = writer.register_schema(schema, "ros2msg" if encoding == "cdr" else "jsonschema", b"")
         channel = writer.register_channel(topic, encoding, number)
-        for moment in range(3):
-            writer.add_message(channel, moment, payload, moment)
+        for instant in range(3):
+            writer.add_message(channel, instant, payload, instant)
         writer.finish()
 
 

@@ -34,7 +34,7 @@ def test_page_shows_step_words_and_picture():
         page.watch(np.full((1000, 2000), 40_000, np.uint16), "move it left")
         assert json.loads(get(page.address + "state.json")) == {
             "task": "the crosses",
-            "words": "move it left",
+            "advice": "move it left",
             "number": 1,
         }
         picture = cv2.imdecode(np.frombuffer(get(page.address + "picture.jpg"), np.uint8), cv2.IMREAD_COLOR)

@@ -45,8 +45,8 @@ def test_it_walks_and_takes_nothing_unknown_for_safe(result: tuple[StockResult, 
 def test_nothing_of_theirs_is_in_the_repository() -> None:
     """No stock URDF, or a part of one, lies here."""
     root = Path(__file__).parents[4]
-    ours = [*(root / "robots").rglob("*.urdf"), *(root / "tests").rglob("*.urdf")]
-    texts = [path.read_text() for path in ours]
+    files = [*(root / "robots").rglob("*.urdf"), *(root / "tests").rglob("*.urdf")]
+    texts = [path.read_text() for path in files]
     for name in FILES:
         try:
             stock = stock_urdf(name).read_text()

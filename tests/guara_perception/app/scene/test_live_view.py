@@ -44,7 +44,7 @@ def shown(view: LiveView, sender: Sender) -> int | None:
 def test_the_stripe_in_the_middle_is_shown() -> None:
     """Whatever the order; the first while no other is near; none of the scan before; lost frames are passed over."""
     sender = Sender()
-    view = LiveView(sender, middle=35)  # type: ignore[arg-type]
+    view = LiveView(sender, centre=35)  # type: ignore[arg-type]
     assert shown(view, sender) is None
     for index in (0, 10, 34, 36, 69):
         view.look(capture(index, index))
@@ -67,7 +67,7 @@ def test_the_points_are_those_of_the_scan(paper_scan: gp.Scan, calibration: gp.C
     """One in three, all finite, with the stamp of the scan."""
     sender = Sender()
     processor = run_scan(paper_scan, calibration, robot)
-    LiveView(sender, middle=35).send(processor.points, 99)  # type: ignore[arg-type]
+    LiveView(sender, centre=35).send(processor.points, 99)  # type: ignore[arg-type]
     (cloud,) = sender.sent
     points = np.vstack([stripe.points for stripe in processor.points.values()])
     points = points[np.isfinite(points).all(axis=1)]

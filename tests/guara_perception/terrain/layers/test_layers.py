@@ -16,8 +16,8 @@ DOCS = Path(__file__).parents[4] / "docs"
 
 def test_the_wire_carries_the_same_layers() -> None:
     """Names in the same order, types and units; and the same extents and modes."""
-    ours = [(layer.name, np.dtype(layer.dtype), layer.unit) for layer in LAYERS]
-    assert ours == [(name, kind.dtype, kind.unit) for name, kind in transport.LAYERS.items()]
+    layers = [(layer.name, np.dtype(layer.dtype), layer.unit) for layer in LAYERS]
+    assert layers == [(name, kind.dtype, kind.unit) for name, kind in transport.LAYERS.items()]
     assert (EXTENTS, MODES) == (terrain_message.EXTENTS, terrain_message.MODES)
 
 

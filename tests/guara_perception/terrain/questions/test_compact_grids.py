@@ -99,8 +99,8 @@ def accepted_to(limit: Callable[[float], bool], low: float, high: float) -> floa
     if not limit(low):
         return None
     for _ in range(30):
-        middle = (low + high) / 2
-        low, high = (middle, high) if limit(middle) else (low, middle)
+        halfway = (low + high) / 2
+        low, high = (halfway, high) if limit(halfway) else (low, halfway)
     return low
 
 
@@ -140,8 +140,8 @@ def check_places(computed: gp.TerrainGrid, received: gp.TerrainGrid, rng: np.ran
     x, y = computed.geometry.centres()
     px, py = (a.ravel() for a in np.meshgrid(x, y))
     px, py = px + rng.uniform(-0.0025, 0.0025, px.size), py + rng.uniform(-0.0025, 0.0025, py.size)
-    ours, theirs = received.check_foothold(px, py, leg), computed.check_foothold(px, py, leg)
-    assert (ours.ok <= theirs.ok).all() and (ours.score <= theirs.score).all()
+    of_received, of_computed = received.check_foothold(px, py, leg), computed.check_foothold(px, py, leg)
+    assert (of_received.ok <= of_computed.ok).all() and (of_received.score <= of_computed.score).all()
     assert (received.is_traversable(px, py) <= computed.is_traversable(px, py)).all()
     for region in received.steppable_regions(leg)[:6]:
         weights = rng.dirichlet(np.ones(len(region.vertices)), 40)
@@ -154,10 +154,12 @@ def check_places(computed: gp.TerrainGrid, received: gp.TerrainGrid, rng: np.ran
         corners = np.array([px[wish], py[wish]]) + rng.uniform(-0.04, 0.04, (3, 2))
         assert computed.check_polygon(corners).ok or not received.check_polygon(corners).ok
     points = np.column_stack((px, py))
-    ours, theirs = received.height_scan(points), computed.height_scan(points)
-    np.testing.assert_array_equal(ours.known, theirs.known)
-    assert np.abs(ours.heights - theirs.heights)[ours.known].max(initial=0.0) <= ROUNDING["elevation"]
-    assert (ours.sigma >= theirs.sigma)[ours.known].all()
+    of_received, of_computed = received.height_scan(points), computed.height_scan(points)
+    np.testing.assert_array_equal(of_received.known, of_computed.known)
+    assert (
+        np.abs(of_received.heights - of_computed.heights)[of_received.known].max(initial=0.0) <= ROUNDING["elevation"]
+    )
+    assert (of_received.sigma >= of_computed.sigma)[of_received.known].all()
     return int(computed.check_foothold(px, py, leg).ok.sum())
 
 
@@ -211,11 +213,11 @@ def test_a_leg_at_the_end_of_its_reach_is_not_made_longer(paper_terrain: gp.Terr
     fewer = at_the_border = 0
     for forward, up in rng.uniform([0.2, -0.1], [0.4, 0.035], (20, 2)):
         computed = walked_on(paper_terrain, forward, up)
-        ours = through_the_air(computed).check_foothold(x, y, "lf").ok
-        theirs = computed.check_foothold(x, y, "lf").ok
-        assert (ours <= theirs).all()
-        at_the_border += bool(theirs.any())
-        fewer += int((theirs & ~ours).sum())
+        of_received = through_the_air(computed).check_foothold(x, y, "lf").ok
+        of_computed = computed.check_foothold(x, y, "lf").ok
+        assert (of_received <= of_computed).all()
+        at_the_border += bool(of_computed.any())
+        fewer += int((of_computed & ~of_received).sum())
     assert at_the_border > 10 and 0 < fewer < 100
 
 
@@ -223,8 +225,8 @@ def test_what_it_costs_is_little(paper_terrain: gp.TerrainGrid) -> None:
     """Nearly every foothold stands, and a third is not a tenth: the limits were moved by hairs."""
     received = through_the_air(paper_terrain)
     x, y = (a.ravel() for a in np.meshgrid(*paper_terrain.geometry.centres()))
-    theirs = paper_terrain.check_foothold(x, y).ok
-    assert theirs.sum() > 500 and received.check_foothold(x, y).ok.sum() == theirs.sum()
+    of_computed = paper_terrain.check_foothold(x, y).ok
+    assert of_computed.sum() > 500 and received.check_foothold(x, y).ok.sum() == of_computed.sum()
     assert len(received.steppable_regions()) >= 0.8 * len(paper_terrain.steppable_regions()) > 0
 
 

@@ -182,10 +182,13 @@ def test_a_grid_carries_its_robot(standing: gp.TerrainGrid) -> None:
     }
     carrying = dataclasses.replace(standing, metadata=metadata)
     x, y = (values.ravel() for values in np.meshgrid(np.linspace(0.3, 0.6, 20), np.linspace(-0.2, 0.2, 9)))
-    theirs, ours = carrying.check_foothold(x, y, leg="fl"), carrying.check_foothold(x, y, leg="fl", robot=tapir)
-    np.testing.assert_array_equal(theirs.ok, ours.ok)
-    np.testing.assert_allclose(theirs.beyond, ours.beyond, atol=1e-9)
-    assert np.isfinite(theirs.beyond).any()
+    without_robot, with_robot = (
+        carrying.check_foothold(x, y, leg="fl"),
+        carrying.check_foothold(x, y, leg="fl", robot=tapir),
+    )
+    np.testing.assert_array_equal(without_robot.ok, with_robot.ok)
+    np.testing.assert_allclose(without_robot.beyond, with_robot.beyond, atol=1e-9)
+    assert np.isfinite(without_robot.beyond).any()
     bare = dataclasses.replace(standing, metadata={**metadata, "robot_description": None})
     with pytest.raises(RobotNotFound, match=r"give robot=load_robot\(FOLDER\)"):
         bare.check_foothold(0.45, 0.1, leg="fl")
