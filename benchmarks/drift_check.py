@@ -98,7 +98,7 @@ class Tally:
         scans: number by verdict.
         walks: number in all.
         warned: walks in which the watch warned within three pauses.
-        reasons: of scans that drift, for looking at.
+        reasons: reasons of scans that drift, for looking at.
     """
 
     scans: dict[str, int] = field(default_factory=lambda: dict.fromkeys((HOLDS, DRIFTING, UNKNOWN), 0))

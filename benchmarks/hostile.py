@@ -26,8 +26,8 @@ class Cost:
     """What reading one file took, in a process of its own.
 
     Attributes:
-        name: of the file.
-        size: of the file or of all in its folder [byte].
+        name: name of the file.
+        size: size of the file, or of all files in its folder [byte].
         memory: peak above the process after its imports [byte].
         seconds: processor time.
         outcome: "refused: ..." in the words of one of our errors, "read", or "TRACEBACK ...".

@@ -62,7 +62,7 @@ class Effect:
         near, far: by how much points of the area move, at the middle of its near edge and at its far left corner [m].
         height: median change of the floor's height in the grid [m].
         scatter: half of the range of that change over 90 % of the floor [m].
-        verdict: of the calibration.
+        verdict: verdict of the calibration.
         reason: the first of its reasons, empty when there is none.
     """
 

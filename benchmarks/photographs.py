@@ -93,7 +93,7 @@ def judge(folder: Path, method: Method, *, with_off: bool) -> dict[str, Counts]:
     """Counts of every family.
 
     Args:
-        folder: of the photographs.
+        folder: folder of the photographs.
         method: gives a position for each column (row) of a picture, NaN where there is none.
         with_off: whether only the pairs are judged, with their laser-off pictures.
     """

@@ -26,7 +26,7 @@ class Pose:
     Attributes:
         points_mm: (n, 3) stripe points on the board, in the camera frame.
         columns: columns in which the stripe's line crosses the mask.
-        known: of those, the ones with a position.
+        known: those of these columns in which the line has a position.
     """
 
     points_mm: Float

@@ -32,7 +32,7 @@ class Cost:
 
     Attributes:
         scan_ms: median processor time of a scan [ms].
-        stripes: of a scan.
+        stripes: number of stripes of a scan.
         strong: how many of them the highest peaks did not show, so that their path was sought in any light; None where
             the revision has but one way.
         cheap_ms, strong_ms: median processor time of a stripe of either kind [ms]; NaN where there is none.

@@ -32,11 +32,11 @@ class Effort:
     """How much is measured.
 
     Attributes:
-        rounds: of every comparison.
-        slow_rounds: of contenders that take seconds.
-        size, stripes: of the simulated scan.
+        rounds: number of rounds of every comparison.
+        slow_rounds: number of rounds for contenders that take seconds.
+        size, stripes: picture size and number of stripes of the simulated scan.
         synthetic_stripes: per kind of light.
-        stripe_counts, picture_sizes, cell_sides: of the growth section.
+        stripe_counts, picture_sizes, cell_sides: what the growth section compares.
         starts: processes started per kind.
         pings: messages per kind of transport.
         faulty_sweeps: sweeps with triggers gone wrong.

@@ -34,7 +34,7 @@ class Shown:
 
     Attributes:
         on, off: laser on, and off or None.
-        along: of `gp.extract_stripe`.
+        along: argument `along` of `gp.extract_stripe`.
         rows: first and end row that are drawn, None for all.
     """
 

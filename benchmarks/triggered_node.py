@@ -68,7 +68,7 @@ class TriggeredScan:
         work: on the frames until the grid is encoded, processor time [s].
         seconds: first trigger to published grid: frames arrive in the chip's time, and each group is worked on in turn
             for as long as this machine's processor took.
-        after: of it, after the last frame [s].
+        after: the part of `seconds` after the last frame [s].
         counted: whether the board counted the exposures.
         mono: whether frames went through the chain with one channel.
     """
@@ -92,7 +92,7 @@ class TriggeredRig:
 
         Args:
             fake: on loopback.
-            calibration: of the simulated rangefinder.
+            calibration: calibration of the simulated rangefinder.
             flash: how long the camera exposes [s].
             wired: whether its EXPOSURE_ACTIVE is connected.
         """
@@ -217,7 +217,7 @@ def serve(folder: Path, listen: str, *, flash: float, size: tuple[int, int], wir
         folder: for calibration.json and devices.toml.
         listen: endpoint of the node.
         flash: exposure of the camera and light of the laser [s].
-        size: of the pictures [px].
+        size: width and height of the pictures [px].
         wired: whether EXPOSURE_ACTIVE is connected.
         arguments: further ones of `guara run`.
     """

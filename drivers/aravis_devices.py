@@ -15,7 +15,7 @@ class AravisDevice:
     Attributes:
         name: to open it by.
         maker, model, serial: as it says.
-        address: of the network or the bus.
+        address: address of the network or the bus.
         protocol: "GigEVision", "USB3Vision" or "Fake".
     """
 

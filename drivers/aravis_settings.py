@@ -22,7 +22,7 @@ def lock_settings(camera: Any, aravis: Any, settings: CameraSettings, name: str)
         aravis: the module.
         settings: what to set; None entries are left alone. Frames are raw, so a white balance is refused, and a gamma
             other than 1 where the camera has no such feature.
-        name: of the camera, for messages.
+        name: name of the camera, for messages.
 
     Raises:
         CameraSettingRefused: the camera has no such setting, or holds another value than was asked for.

@@ -61,7 +61,7 @@ class BoardSweep:
         """Fill the table and begin; return the status, whose `motion` marks this sweep's records.
 
         Args:
-            steps: of the stripes, in order, at most 256.
+            steps: mirror's motor steps of the stripes, in order, at most 256.
             waits: before their triggers, in 0.5 ms.
             first: place of the table where they begin; what stands there already is not sent again.
 

@@ -71,11 +71,11 @@ class StripeCapture:
     Attributes:
         index: in the standard pattern.
         mirror_angle: as commanded [rad].
-        mirror_angle_reached: of the motor step nearest to it [rad].
+        mirror_angle_reached: mirror angle at the motor step nearest to it [rad].
         on: frame with the laser on, read-only; None when it was lost or of another size.
         off: frame with the laser off; None when there is none.
-        on_stamp: of the on frame on the monotonic clock [s], NaN without.
-        off_stamp: of the off frame [s], NaN without.
+        on_stamp: time of the on frame on the monotonic clock [s], NaN without one.
+        off_stamp: time of the off frame on the monotonic clock [s], NaN without one.
         verdict: whether laser, mirror and frame were in step.
         evidence: what the verdict rests on; None without a frame.
     """

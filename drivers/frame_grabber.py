@@ -32,7 +32,7 @@ class FrameGrabber:
         Args:
             camera: an open camera.
             board: an open board, whose watchdog is fed while waiting.
-            options: of the scan.
+            options: options of the scan.
             check: called often; raises to give up.
         """
         self._camera, self._board, self._options, self._check = camera, board, options, check

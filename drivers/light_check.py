@@ -42,7 +42,7 @@ class LightCheck:
         """Look at a stripe, unless enough was seen.
 
         Args:
-            capture: of the scan, in order.
+            capture: the next stripe of the scan.
             rows: (first, end) between which the stripe can lie; (0, 0) when it cannot be in view.
         """
         if self._looks >= MOST_LOOKS or capture.on is None:

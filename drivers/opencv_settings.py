@@ -31,7 +31,7 @@ def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> Came
     Args:
         capture: an open capture.
         settings: what to set; None entries are left alone.
-        name: of the camera, for messages.
+        name: name of the camera, for messages.
 
     Raises:
         CameraSettingRefused: the camera has no such setting, or holds another value than was asked for.

@@ -111,7 +111,7 @@ class BoardStatus:
         faults: what is wrong.
         step: where the board believes the mirror to be, from the home switch.
         motion: count of motions begun since power-up, modulo 65536.
-        temperature: of the board [degrees Celsius].
+        temperature: temperature of the board [degrees Celsius].
         home_error: steps by which the count was wrong when the home switch was last met.
         laser_time: how long the laser has been on in one go [s].
         device_time: the board's clock [s] since power-up.

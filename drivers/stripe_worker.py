@@ -24,7 +24,7 @@ class StripeWorker(threading.Thread, ABC):
 
     Attributes:
         items: the queue to the caller.
-        switch: of the laser.
+        switch: switch of the laser.
         fired: indices for which the laser was on.
         failure: the error that ended the scan, or None.
         stopped_early: whether `should_stop` ended it.
@@ -46,7 +46,7 @@ class StripeWorker(threading.Thread, ABC):
         """Prepare; `start` begins.
 
         Args:
-            name: of the thread.
+            name: name of the thread.
             board, camera, firing_order, options, should_stop: as in `drivers.acquire`.
             groups: that may wait for the caller; 0 for any number.
         """

@@ -30,7 +30,7 @@ def uneven_waits(count: int, tolerance: float) -> list[int]:
     every shift misses ten frames or more, and any two triggers may be missed, doubled or late.
 
     Args:
-        count: of the stripes.
+        count: number of stripes.
         tolerance: by how much differences of the two clocks may disagree [s].
     """
     # A hair less than whole units of a tolerance that no binary number is.
@@ -64,8 +64,8 @@ class ClockMatch:
         """Look for the offset, if it is not known yet.
 
         Args:
-            triggers: of this sweep so far, (n,) on the board's clock [s], rising.
-            stamps: of the frames so far, (m,) on the camera's clock [s], rising.
+            triggers: (n,) times of this sweep's triggers so far on the board's clock [s], rising.
+            stamps: stamps of the frames so far, (m,) on the camera's clock [s], rising.
         """
         if self.proved or triggers.size == 0 or stamps.size == 0:
             return
@@ -85,7 +85,7 @@ class ClockMatch:
 
         Args:
             trigger: on the board's clock [s].
-            stamps: of all frames, (m,) on the camera's clock [s].
+            stamps: stamps of all frames, (m,) on the camera's clock [s].
         """
         if self._offset is None or stamps.size == 0:
             return None

@@ -23,7 +23,7 @@ class StripeRecord:
         motion: count of motions at the sweep's begin.
         place: in the table of steps.
         left: stripes still to come.
-        clock: of the board at the trigger [s], modulo 2^32 us.
+        clock: the board's clock at the trigger [s], modulo 2^32 us.
         exposures: counted until the next trigger; 0 where they are not counted.
         delay: from the trigger to the exposure [s].
         exposure: its length [s].

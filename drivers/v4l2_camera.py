@@ -57,7 +57,7 @@ class V4l2Camera(Camera):
         """Prepare the camera; nothing is opened yet.
 
         Args:
-            path: of the device.
+            path: path of the device.
             pixel_format: one of PIXEL_FORMATS; None for the first that the camera has.
             size: (width, height); None for the camera's own.
             fps: frames per second; None for the camera's own.

@@ -16,8 +16,8 @@ def optional_library(name: str, extra: str, purpose: str) -> Any:
     """Import a library that belongs to an extra.
 
     Args:
-        name: of the module.
-        extra: of this package that brings it.
+        name: name of the module.
+        extra: extra of this package that brings it.
         purpose: what it is needed for, in words.
 
     Raises:

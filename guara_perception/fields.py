@@ -37,7 +37,7 @@ def parse_json(content: bytes, source: str) -> Fields:
     """Read JSON whose top level is an object.
 
     Args:
-        content: of the file.
+        content: content of the file.
         source: where it came from, for messages.
 
     Raises:

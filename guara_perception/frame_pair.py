@@ -12,7 +12,7 @@ class FramePair:
     """The pictures of one stripe. They are not copied: nothing may write into them before they have been processed.
 
     Attributes:
-        index: of the stripe in the standard pattern.
+        index: index of the stripe in the standard pattern.
         on: picture with the laser on, (h, w) or (h, w, 3) BGR as OpenCV reads it, uint8 or uint16.
         off: picture with the laser off, or None: earlier frames of the sweep serve instead.
     """

@@ -69,7 +69,7 @@ class LightLooks:
 
         Args:
             order: indices of the scan's stripes.
-            height: of the frames [px].
+            height: number of rows of the frames [px].
         """
         self._chosen = frozenset(order[:: len(order) // LOOKED_AT | 1])
         self._height = height

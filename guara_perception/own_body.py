@@ -18,7 +18,7 @@ class OwnBody:
         """Place the shapes.
 
         Args:
-            state: of the robot at the stance.
+            state: state of the robot at the stance.
             transform_base_to_footprint: (4, 4).
             sensor_origins: positions (3,) of camera and laser in base_footprint.
         """

@@ -44,8 +44,8 @@ def process_scan(
 
     Args:
         scan: from `open_scan`, or the path of a folder or .mcap file with one scan.
-        calibration: of the rangefinder that recorded it, or the path of its file; None = the one that the folder or
-            recording carries, where `scan` is a path.
+        calibration: calibration of the rangefinder that recorded it, or the path of its file; None = the one that the
+            folder or recording carries, where `scan` is a path.
         robot: model of the robot that carried it, or its name or folder; None = the one that the scan names.
         method: one of `guara_perception.methods.METHODS`.
         resolution: cell edge [m]; None = the robot's default.

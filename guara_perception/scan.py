@@ -46,7 +46,7 @@ class Scan:
         stripes: in recorded order.
         stance: at the beginning.
         stance_end: read again after the scan, or None.
-        calibration_hash: of the calibration that was in use, or None.
+        calibration_hash: hash of the calibration that was in use, or None.
         source: where it came from, for messages.
         read_frame: gives the picture of a frame name, (h, w) or (h, w, 3).
         withdrawn: why the node took the grid of this scan back, as the recording says; empty when it did not.

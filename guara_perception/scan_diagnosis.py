@@ -47,7 +47,7 @@ class Glances:
 
         Args:
             order: indices of the scan's stripes.
-            width: of the frames [px].
+            width: number of columns of the frames [px].
         """
         self._chosen = frozenset(order[:: len(order) // GLANCED_FRAMES | 1])
         self._columns = np.linspace(0.1 * width, 0.9 * width - 1, GLANCED).astype(np.intp)
@@ -66,7 +66,7 @@ class Glances:
         """What the frames have in common that they should not: turned, flipped, out of order; empty for nothing.
 
         Args:
-            geometry: of the scan.
+            geometry: geometry of the scan.
             calibration: in use.
         """
         indices = [index for index in sorted(self._rows) if np.isfinite(self._rows[index]).sum() >= GLANCED // 3]
@@ -106,7 +106,7 @@ class _Fit:
     """How the light of some frames fits the lines of stripes, seen in one way.
 
     Attributes:
-        name: of that way.
+        name: name of the way in which the frames are seen.
         stripe: index of the stripe that each frame fits best.
         fits: (f,) whether it fits.
         fine: share of the light near those stripes that lies within a third of what counts as near: a third would by

@@ -57,7 +57,7 @@ class ScanProcessor:
         """Prepare a scan: everything that does not depend on the frames is computed here.
 
         Args:
-            calibration: of this rangefinder, or the path of its file.
+            calibration: calibration of this rangefinder, or the path of its file.
             robot: model, name or folder of the robot that carries it.
             stance: joint positions, support feet and gravity at this pause.
             mode: "coarse" or "standard".
@@ -209,7 +209,7 @@ class ScanProcessor:
         """Say that a stripe was fired but has no usable frame: lost on the way, or out of step with the mirror.
 
         Args:
-            index: of the stripe in the standard pattern.
+            index: index of the stripe in the standard pattern.
             reason: in words, for the report.
 
         Raises:

@@ -38,11 +38,11 @@ class ScanSurface:
 
         Args:
             cell: edge of the cells [m].
-            geometry: of the scan.
+            geometry: geometry of the scan.
             calibration: in use.
-            settings: of the robot.
+            settings: settings of the robot.
             pattern: indices of the stripes of the scan's mode.
-            body: of the robot at the stance of the scan.
+            body: body of the robot at the stance of the scan.
 
         Raises:
             InvalidInput: the resolution does not divide the footprint.
@@ -102,7 +102,7 @@ class ScanSurface:
         """Cells over which stripes were fired whose frames were lost; see `terrain.assessment.lost_cells`.
 
         Args:
-            layers: of the area.
+            layers: layers of the area.
             is_lost: (s,) whether a stripe of the pattern was fired and has no usable frame.
             area: "footprint" or "wide".
         """

@@ -46,7 +46,7 @@ class PauseDetector:
         """Take one reading.
 
         Args:
-            time: of the reading [s], any origin, growing.
+            time: time of the reading [s] from any origin, growing.
             joint_velocities: joint name -> velocity [rad/s], every joint.
             support_feet: legs whose soles carry the body.
 

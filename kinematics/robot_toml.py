@@ -37,8 +37,8 @@ class PostureConfig:
 
     Attributes:
         name: the posture's name.
-        hip_height: of the hips over the plane of the soles [m].
-        camera_height: of the camera's optical centre over that plane [m].
+        hip_height: height of the hips over the plane of the soles [m].
+        camera_height: height of the camera's optical centre over that plane [m].
     """
 
     name: str

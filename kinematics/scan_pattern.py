@@ -31,8 +31,8 @@ def pattern_misses(root: Table, mirror_x: float, mirror_height: float) -> str | 
 
     Args:
         root: robot.toml; tables [scan] and [grid.footprint] that are absent or malformed are left to who reads them.
-        mirror_x: of the mirror's axis in `base_footprint`, in the scan posture [m].
-        mirror_height: of it over the floor [m].
+        mirror_x: x of the mirror's axis in `base_footprint`, in the scan posture [m].
+        mirror_height: height of that axis over the floor [m].
     """
     findings = Findings(root.path)
     tables = root.gathering(findings)

@@ -65,9 +65,9 @@ class Urdf:
 
     Attributes:
         path: the file.
-        name: of the robot.
+        name: name of the robot.
         links, joints: all of them.
-        text: of the file.
+        text: text of the file.
         notes: what in the file is not used, in words.
     """
 

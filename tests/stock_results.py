@@ -23,11 +23,12 @@ class StockResult:
     """What came of one URDF.
 
     Attributes:
-        name: of the robot.
+        name: name of the robot.
         notes: things in the file that are not used, named in one warning.
         seconds: processor time of `robot new`.
-        findings: of `robot check` that are more than notes.
-        difference: of the stance pose from an independent reader, the largest number of the 4 x 4 matrices [m or -].
+        findings: findings of `robot check` that are more than notes.
+        difference: largest difference of the stance pose from that of an independent reader, over the entries of the 4
+            x 4 matrices [m or -].
         walk: ten pauses in simulation, None where it was not asked for or nothing loads.
         error: why it ended early, empty when it did not.
     """

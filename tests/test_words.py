@@ -28,6 +28,8 @@ REFUSED = {
     r"\bheight gates\b": "height limits",
     r"\b(?:spread(?=\(| =|, )|\w+_spread\b)": "sigma, variance, scatter or extent",
     r"\bmiddles\b": "medians or centres",
+    # An entry of Args or Attributes.
+    r"(?m:^ {4,}\w+(?:, \w+)*: of )": "say what it is: `name: name of the robot`",
 }
 # Names that a variable, an argument, an attribute or a function must not have -> what to write instead. Allowed is
 # `place` as a row of the table of steps in the laser board's protocol, and as in `guara security router --place`.

@@ -52,12 +52,12 @@ def ask(
 
     Args:
         session: open session.
-        key: of the queryable.
-        payload: of the query.
+        key: key of the queryable.
+        payload: payload of the query.
         timeout: [s] after which the caller no longer waits. Ctrl-C works.
         is_alive: tells whether the other side still lives; asked while waiting.
         priority: on congested links, of the query and its replies.
-        encoding: of the payload, as in `transport.messages.encodings`.
+        encoding: encoding of the payload, as in `transport.messages.encodings`.
 
     Raises:
         SessionClosed: the session is closed.

@@ -49,7 +49,8 @@ class PerceptionClient:
         Args:
             session: open session; closing the client closes it.
             robot: instance name.
-            encoding: of the grids: "lossless", or "compact" (`transport.messages.compact`); KeyNameError for others.
+            encoding: encoding of the grids: "lossless", or "compact" (`transport.messages.compact`); KeyNameError for
+                others.
         """
         self.robot = robot
         self._encoding = check_encoding(encoding)

@@ -48,7 +48,7 @@ class Fetcher:
 
         Args:
             session: open session.
-            key: of the publishers.
+            key: key of the publishers.
             deliver: called with each payload that is newer than those before, on Zenoh's thread or on the fetcher's.
             on_lost: called with the number of messages that were lost for good.
             subscribe: called on the fetcher's thread when the link has shown to be too slow for messages that come by

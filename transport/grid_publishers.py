@@ -37,7 +37,7 @@ class GridPublishers:
         Args:
             session: open session of the node.
             robot: instance name.
-            outbox: of the node; closed by who made it, before these.
+            outbox: outbox of the node; whoever made it closes it, before these.
 
         Raises:
             SessionClosed: the session is closed.

@@ -62,9 +62,9 @@ class LastMessage:
 
         Args:
             session: open session.
-            key: of the publisher.
+            key: key of the publisher.
             source: identity of the publisher, as in `zenoh_api.source_of`.
-            encoding: of the publisher's payloads.
+            encoding: encoding of the publisher's payloads.
             answers: hand the last message to whoever asks on the key itself, too.
         """
         self._session, self._key, self._encoding = session, key, encoding

@@ -42,7 +42,7 @@ class Publisher(Resource):
             key: where to publish.
             latched: late joiners get the last payload, and receivers notice losses.
             priority: on links that are congested, one of `URGENT`, `SMALL`, `LARGE`, `LARGEST`.
-            encoding: of all payloads, as in `transport.messages.encodings`; None says nothing.
+            encoding: encoding of all payloads, as in `transport.messages.encodings`; None says nothing.
             answers: also hand the last payload to whoever asks (`get`) on the key itself.
 
         Raises:

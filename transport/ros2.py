@@ -112,9 +112,9 @@ class Ros2Mirror(Resource):
         """Send a CDR payload.
 
         Args:
-            name: of the topic below `/<robot>/`; with a slash in front it is the whole name.
+            name: name of the topic below `/<robot>/`; with a slash in front it is the whole name.
             type_name: such as `nav_msgs/msg/OccupancyGrid`; of a topic always the same.
-            payload: of that type.
+            payload: payload of that type.
         """
         topic = name[1:] if name.startswith("/") else f"{self._robot}/{name}"
         self._topic(topic, type_name).put(payload)

@@ -110,7 +110,7 @@ def request_grid(
 
     Args:
         session: open session.
-        receiver: of the grids of single scans.
+        receiver: receiver of the grids of single scans.
 
     Raises:
         ReceiveTimeout: the scan was done, but its grid did not arrive in time.

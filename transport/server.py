@@ -168,7 +168,7 @@ class PerceptionServer(Resource):
 
         Args:
             make: gives pairs of topic, below `/<robot>/`, and message object.
-            lane: of one lane the newest goes, one that still waits is left out.
+            lane: name of a queue of which only the newest message is sent; one that still waits there is left out.
         """
         mirror = self._mirror
         if mirror is None:

@@ -78,7 +78,7 @@ def declare_publisher(session: Any, key: str, priority: str, encoding: str | Non
         session: raw Zenoh session.
         key: where to publish.
         priority: name of one of Zenoh's; each has a queue of its own on each link.
-        encoding: of all payloads, see `transport.messages.encodings`; None says nothing.
+        encoding: encoding of all payloads, see `transport.messages.encodings`; None says nothing.
     """
     zenoh = _zenoh()
     return session.declare_publisher(
@@ -150,13 +150,13 @@ def get_replies(
     Args:
         session: raw Zenoh session.
         key: key expression.
-        payload: of the query.
+        payload: payload of the query.
         timeout: [s] after which Zenoh ends the stream with an error reply.
         on_reply: called on Zenoh's thread with (key, payload, None) or ("", None, error payload); access rules judge
             the key, so that it says whose answer it is.
         on_finished: called on Zenoh's thread after the last reply, also when there was none.
-        priority: of the query and, since Zenoh takes it from there, of the replies.
-        encoding: of the payload.
+        priority: priority of the query and, since Zenoh takes it from there, of the replies.
+        encoding: encoding of the payload.
     """
     zenoh = _zenoh()
 

@@ -40,7 +40,7 @@ class EmulatorConfig:
         settle: rest after a motion before the mirror is still [s].
         overshoot: steps a move down goes too far, to take up backlash.
         periodic_error: amplitude of the stepper's periodic error [rad], period 8 full steps.
-        temperature: of the board [degrees Celsius].
+        temperature: temperature of the board [degrees Celsius].
         bus_delay: time each transfer takes [s]; a full-speed control transfer takes about 0.001.
     """
 

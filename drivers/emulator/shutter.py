@@ -33,7 +33,7 @@ class Shutter:
         """Return when the shutter opens for a trigger.
 
         Args:
-            number: of the trigger, from 0.
+            number: number of the trigger, from 0.
             trigger: when it came [s].
             closed_since: when the last opening ended [s]; a trigger before that is not seen.
         """

@@ -55,7 +55,7 @@ class EmulatedTriggeredCamera(Camera):
             render: makes the image of an exposure, from what the board did meanwhile and the camera's settings.
             latency: from the end of the exposure to the arrival [s].
             fps: frames per second that it bears at the most; 0 = as fast as exposure and read-out allow.
-            clock_offset: of the camera's clock [s].
+            clock_offset: offset of the camera's clock [s].
             clock_drift: by how much it is fast, as a share.
             name: for messages.
         """

@@ -36,8 +36,8 @@ class Devices:
     """What the commands need to open the devices and to hold them as they were when calibrated.
 
     Attributes:
-        source: of the camera: number, device path, GStreamer pipeline, "aravis" or "aravis:NAME" for GigE and USB3
-            Vision, "v4l2:/dev/video0" for V4L2 with the kernel's numbers of frames, or "package.module:Class" of a
+        source: source of the camera: number, device path, GStreamer pipeline, "aravis" or "aravis:NAME" for GigE and
+            USB3 Vision, "v4l2:/dev/video0" for V4L2 with the kernel's numbers of frames, or "package.module:Class" of a
             `drivers.Camera`.
         size: picture width and height [px], or None for the camera's own.
         fps: frames per second to ask for, or None.

@@ -59,7 +59,7 @@ class LiveMoments:
 
         Args:
             show: called with every moment, a later one of the same pause among them, on threads of the client.
-            model: of the robot.
+            model: kinematic model of the robot.
             endpoint, robot, security: as in `TerrainClient`.
 
         Raises:

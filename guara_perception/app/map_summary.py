@@ -97,7 +97,7 @@ def merged(summary: SummaryMessage, cells: int) -> SummaryMessage:
 
     Args:
         summary: to be made smaller.
-        cells: of it along the edge of a new one.
+        cells: number of its cells along the edge of a new one.
     """
     ny, nx = summary.shape
     rows, columns = -(-ny // cells), -(-nx // cells)

@@ -44,7 +44,7 @@ class BoardView:
     """The board in one picture.
 
     Attributes:
-        name: of the picture.
+        name: name of the picture.
         corners_px: (n, 2) float64; empty where the view cannot be used.
         corners: (n,) which of `BoardSpec.points` they are, ascending.
         edge_width_px: width of the black-white edges, NaN where no board was found.

@@ -63,7 +63,7 @@ def find_charuco(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
     Args:
         grey: (h, w) picture.
         board: its inner corners and squares.
-        name: of the picture, for messages.
+        name: name of the picture, for messages.
 
     Returns:
         The view, of a part of the board too; how sharp it is stands in it and is not judged here.

@@ -163,7 +163,7 @@ def laser_checks(laser: LaserFit, near: float, far: float, filled: int, stripes:
         laser: fit of the planes.
         near, far: sigma of a single height on the floor at both ends of the area [m].
         filled: stripes without a plane of their own.
-        stripes: of the pattern in all.
+        stripes: number of stripes of the whole pattern.
     """
     errors = laser.line_errors
     left_out = max((one.rms for one in laser.leave_one_out), default=np.nan)

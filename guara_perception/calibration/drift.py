@@ -53,8 +53,8 @@ class Drift:
         verdict: "holds", "drifting", or "unknown" when the scan shows no flat floor to compare with.
         reasons: why not "holds", with numbers.
         floor_share: share of the stripes that run straight over one floor.
-        floor_height: of the floor below its middle [m].
-        floor_tilt: of the floor against the horizontal [rad].
+        floor_height: height of the floor below the centre of what was seen of it [m].
+        floor_tilt: angle of the floor against the horizontal [rad].
         stripe_rms: rms distance of the stripes' centres and ends from one plane [m].
         worst_stripe: index of the stripe whose middle strays most, -1 when unknown.
         worst_distance: its distance from the plane [m].

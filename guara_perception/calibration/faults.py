@@ -66,7 +66,7 @@ def find_jumps(lines: Sequence[PlateLine], points: Sequence[Float], axis: Float)
     axis is known to centimetres only; a missed step is a jump in it.
 
     Args:
-        lines: of all plates.
+        lines: lines of all plates.
         points: (n, 3) points of each line in base_footprint.
         axis: (3,) a point of the mirror axis, parallel to y, nominal.
     """
@@ -169,7 +169,7 @@ def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> st
 
     Args:
         entries: three or more.
-        plates: of the session.
+        plates: plates of the session.
     """
 
     def measure(entry: LeaveOneOut) -> float:

@@ -74,7 +74,7 @@ class HeightUncertainty:
         """Variance (n,) of the heights of points on one stripe [m^2]; NaN where a point is NaN.
 
         Args:
-            index: of the stripe; one that has no covariance of its own gets that of its nearest neighbour.
+            index: index of the stripe; one that has no covariance of its own gets that of its nearest neighbour.
             plane: (4,) calibrated plane in the camera frame.
             points_in_camera: (n, 3).
             transform_camera_to_base: (4, 4).
@@ -94,7 +94,7 @@ class HeightUncertainty:
         """As `variance`, of several stripes and with heights along z of base_footprint.
 
         Args:
-            indices: of s stripes.
+            indices: indices of s stripes.
             planes: (s, 4) calibrated planes in the camera frame.
             points_in_footprint: (3, s, n), coordinate by coordinate.
             transform_camera_to_footprint: (4, 4).

@@ -62,7 +62,7 @@ class LaserFit:
         planes_in_camera: (s, 4).
         line_errors: (lines,) mean height error of each line through its own plane [m].
         leave_one_out: one entry per plate; empty with fewer than three.
-        uncertainty: of heights.
+        uncertainty: uncertainty of heights.
     """
 
     sweep: Sweep
@@ -88,8 +88,8 @@ def fit_laser(
     """Everything about the laser that follows from lines on plates.
 
     Args:
-        lines: of all stripes on all plates, already checked for missed steps and swapped heights.
-        plates: of the session.
+        lines: lines of all stripes on all plates, already checked for missed steps and swapped heights.
+        plates: plates of the session.
         fit: camera and mount.
         nominal: mirror as drawn, in base_footprint.
         transform_footprint_to_base: (4, 4) of the session's stance.

@@ -29,7 +29,7 @@ def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Cal
 
     Args:
         calibration: with a mirror model (made by `calibrate`).
-        indices: of the standard pattern; beyond the calibrated ones by at most their spacing.
+        indices: indices in the standard pattern; beyond the calibrated ones by at most their spacing.
 
     Raises:
         CalibrationMismatch: an index too far outside, or a calibration without mirror model.

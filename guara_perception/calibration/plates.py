@@ -35,9 +35,9 @@ class PlateLine:
     """The line that one stripe draws on one plate.
 
     Attributes:
-        index, mirror_angle: of the stripe.
+        index, mirror_angle: those of the stripe.
         plate: number of the plate in the session.
-        height: of the plate [m].
+        height: height of the plate [m].
         pixels: (n, 2) points on the line, each the mean of neighbouring columns.
         weights: (n,) columns averaged in each.
         span: share of the columns in which the line could be seen.
@@ -82,7 +82,7 @@ def plate_lines(
 
     Args:
         plate: the scan and its height.
-        number: of the plate in the session.
+        number: number of the plate in the session.
         camera: intrinsic model.
         transform_camera_to_footprint: (4, 4).
         nominal: mirror as drawn, in base_footprint: says roughly where each stripe is.

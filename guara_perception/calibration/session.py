@@ -60,8 +60,8 @@ class Plate:
     """A scan of a flat plate.
 
     Attributes:
-        name: of its folder.
-        height: of its top above z = 0 [m].
+        name: name of its folder.
+        height: height of its top above z = 0 [m].
         scan: the recorded scan.
     """
 
@@ -81,7 +81,7 @@ class CalibrationSession:
         ground_board_image: name of the picture in which it lies on the floor.
         fiducials: crosses on the floor.
         plates: scans of a flat plate at known heights.
-        stance: of all pictures.
+        stance: stance of all pictures.
         source: where it came from, for messages.
         read_picture: gives the picture of a name, (h, w) or (h, w, 3).
     """

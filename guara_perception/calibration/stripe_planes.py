@@ -37,7 +37,7 @@ class StripeFit:
             a new scan: the fit and the repeatability of the mirror together; for a camera that is exact.
         bases: (s, 3, 4) what one unit of each of the three changes in the plane.
         jitter: standard deviation of the laser plane's angle from scan to scan [rad].
-        scatter: of one averaged point of a line [m].
+        scatter: scatter of one averaged point of a line [m].
         wobble: (2,) standard deviations of tilt and shift about the mirror model.
         line_residual: (lines,) mean distance of each line from its stripe's plane [m].
     """
@@ -72,7 +72,7 @@ def fit_stripes(
     rotated by the mirror's jitter, which all its columns share: without it the many columns would claim too much.
 
     Args:
-        lines: of all stripes on all plates.
+        lines: lines of all stripes on all plates.
         points: (n, 3) points of each line in base_footprint.
         sweep: the mirror model.
         nominal: the mirror as drawn that `sweep` was fitted from.

@@ -87,7 +87,7 @@ class StripeConstants:
     """The paper's constants of one stripe, in rectified floor coordinates: H - h = n / (v d - k) (eqs. 17 to 19).
 
     Attributes:
-        index: of the stripe.
+        index: index of the stripe.
         n, d, k: constants; v is the rectified x [m] in the column through the nadir, d the difference of the
             first and last calibrated depth as in eq. 17.
         residual: rms error of height at the calibrated heights [m]; zero for two heights.
@@ -109,10 +109,10 @@ def stripe_constants(
     give a residual. z v d - z k = n is linear in k and n once d = z_last - z_first fixes the scale.
 
     Args:
-        index: of the stripe.
+        index: index of the stripe.
         height_of_camera: H [m].
         x: rectified x of the stripe on each plate [m]: where the ray through it meets the floor.
-        heights: of the plates [m].
+        heights: heights of the plates [m].
 
     Raises:
         InvalidInput: fewer than two heights, or the stripe does not move between them (eq. 17 is singular).

@@ -71,7 +71,7 @@ def fit_sweep(
     """Fit mirror parameters and one angle error per stripe, robustly, with the nominal mirror as a loose prior.
 
     Args:
-        lines: of all stripes on all plates.
+        lines: lines of all stripes on all plates.
         points: (n, 3) points of each line in base_footprint.
         nominal: the mirror as drawn, in base_footprint.
         start: a fit of the same stripes close by, to begin from.

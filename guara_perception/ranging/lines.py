@@ -25,7 +25,7 @@ class Lines:
         first: (3, c) where each begins, in base_footprint [m].
         difference: (3, c) from there to where it ends [m].
         opens, closes: (c,) whether the surface does not go on before its beginning, or beyond its end.
-        number: of samples on each.
+        number: number of samples on each.
     """
 
     first: Float

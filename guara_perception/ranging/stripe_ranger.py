@@ -31,7 +31,7 @@ class StripeRanger:
 
         Args:
             calibration: that locates the points.
-            geometry: of the scan.
+            geometry: geometry of the scan.
             locator: makes points of rows.
             height_limits: lowest and highest height that counts as terrain [m].
             on_robot: says which points (n, 3) in base_footprint lie on the robot itself.

@@ -187,7 +187,7 @@ class _Seen:
     """What neighbouring stripes see together.
 
     Attributes:
-        indices: of s stripes.
+        indices: indices of s stripes.
         points: (3, s, w) float32 of theirs.
         confirmed: (s, w) points that the stripes on both sides confirm, and that are asked for.
         own: s numbers of swaths of the stripes, -1 for those that are not asked for.

@@ -39,7 +39,7 @@ class Body:
         """Where lines from a viewpoint meet one box.
 
         Args:
-            number: of the box.
+            number: number of the box.
             viewpoint: (3,) in the world.
             ways: (n, 3) directions; the result is in their lengths.
 

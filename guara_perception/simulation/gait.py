@@ -25,7 +25,7 @@ class WaveGait:
         hips: (x, y) in base_link of the place above which each foot stands in the middle of its stride, by leg [m].
         cycle_length: advance of the body in one cycle, all legs once [m].
         speed: mean speed without pauses [m/s].
-        hip_height: of the body's origin over the plane of the soles [m].
+        hip_height: height of the body's origin over the plane of the soles [m].
     """
 
     lift_order: tuple[str, ...]

@@ -40,7 +40,7 @@ class Light:
             white balance.
         chessboard: how far a chessboard of 20 mm covers every surface, 0 = not at all, 1 = wholly.
         demosaiced: whether the pixels are those of a colour filter, interpolated.
-        jpeg_quality: of a compression with halved colour (4:2:0), 1 ... 100; 0 = none.
+        jpeg_quality: quality of a JPEG compression with halved colour (4:2:0), 1 ... 100; 0 = none.
     """
 
     ambient: tuple[float, float, float] = (235.0, 255.0, 270.0)

@@ -38,7 +38,7 @@ def scattered(level: Float32, light: Light, height: int) -> Float32:
     Args:
         level: (rows, w) of the laser's light at the sensor's gain, 0 ... any height.
         light: the strength of each.
-        height: of the whole picture [px].
+        height: number of rows of the whole picture [px].
     """
     if light.ghost:
         level = level + np.float32(light.ghost) * _ghost(level, height)
@@ -90,7 +90,7 @@ class Blotches:
 
         Args:
             noise: (2 h, 2 w, channels) of deviation 1, from pixel to pixel.
-            deviation: of the patches.
+            deviation: standard deviation of the patches.
         """
         soft = cv2.GaussianBlur(noise, (0, 0), BLOTCH_SIGMA_PX)
         # A Gaussian of sigma leaves 1 / (2 sqrt(pi) sigma) of white noise.

@@ -56,7 +56,7 @@ class SimulatedRangefinder:
             world: the terrain.
             calibration: what the rangefinder truly is, for instance from `specimen`.
             robot: that carries it.
-            seed: of all noise; the same calls give the same frames.
+            seed: seed of all noise; the same calls give the same frames.
             light: light and sensor; None = those of the world.
 
         Raises:
@@ -97,7 +97,8 @@ class SimulatedRangefinder:
 
         Args:
             transform_base_to_world: (4, 4).
-            joint_positions: of the legs, for their picture and their shadow; None = a robot without legs.
+            joint_positions: joint positions of the legs, for their picture and their shadow; None = a robot without
+                legs.
 
         Raises:
             InvalidInput: camera or laser in or just over the ground.

@@ -23,7 +23,7 @@ class Sensor:
         Args:
             light: its noise and leakage.
             shape: height and width of the picture.
-            seed: of the noise.
+            seed: seed of the noise.
         """
         self._light, self._shape = light, shape
         self._rng = np.random.default_rng(seed)

@@ -38,7 +38,7 @@ def specimen(
     Args:
         robot: whose mounts and scan pattern are nominal.
         size: picture width and height [px].
-        seed: of the errors of assembly; None = none, exactly nominal.
+        seed: seed of the errors of assembly; None = none, exactly nominal.
         mirror_step: mirror angles are multiples of this [rad]; 0 = any angle.
 
     Raises:

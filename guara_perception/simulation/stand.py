@@ -36,7 +36,7 @@ def stand_on(
         robot: the robot.
         soles_in_world: (3,) sole centre of every leg [m].
         position: x and y of the body's origin [m].
-        height: of the body's origin over the plane of the feet [m].
+        height: height of the body's origin over the plane of the feet [m].
 
     Returns:
         transform_base_to_world (4, 4) and joint name -> position [rad].

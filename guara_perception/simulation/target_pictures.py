@@ -30,7 +30,7 @@ class TargetCamera:
         camera: true intrinsic model.
         rays: (h, w, 3) directions in camera_optical_frame, z = 1.
         light: noise of the sensor.
-        seed: of noise and texture.
+        seed: seed of noise and texture.
     """
 
     camera: CameraModel

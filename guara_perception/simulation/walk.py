@@ -26,10 +26,11 @@ class WalkNoise:
     """What is not as it should be; standard deviations.
 
     Attributes:
-        joint: of a reported joint position [rad].
-        contact: of the height at which a sole comes to rest [m].
-        slip: of a sole's position, per axis, when it is set down [m].
-        imu: of the reported direction of gravity, per axis [rad]; None = no IMU, gravity is not reported.
+        joint: standard deviation of a reported joint position [rad].
+        contact: standard deviation of the height at which a sole comes to rest [m].
+        slip: standard deviation of a sole's position, per axis, when it is set down [m].
+        imu: standard deviation of the reported direction of gravity, per axis [rad]; None = no IMU, gravity is not
+            reported.
     """
 
     joint: float = 0.0035
@@ -121,7 +122,7 @@ def simulate_walk(
         choose: gives x and y of the foothold in base_footprint of the pause, or None when there is no safe one;
             None = every foot goes where the gait would put it.
         cycles: how far, in cycles of all legs.
-        seed: of the noise.
+        seed: seed of the noise.
         noise: None = ordinary.
         gait: None = the robot's wave gait.
 

@@ -28,9 +28,9 @@ class World:
         x: smallest and largest x of the area [m].
         y: smallest and largest y [m].
         features: in the order in which they are put down; each stands on those before it.
-        material: of the bare ground.
+        material: material of the bare ground.
         undulation: standard deviation of the bare ground about z = 0 [m].
-        seed: of undulation and texture.
+        seed: seed of undulation and texture.
         flat_until: no undulation before this x [m]; it sets in smoothly over 0.2 m.
         light: in which it is seen.
     """

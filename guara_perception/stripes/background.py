@@ -57,7 +57,7 @@ class SweepBackground:
         stripes, and those that come out of order, are served by an estimate from their own frame.
 
         Args:
-            index: of the stripe.
+            index: index of the stripe.
             on: whole laser-on frame.
             band: first and end row between which the stripe can appear.
         """

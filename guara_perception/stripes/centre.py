@@ -48,7 +48,7 @@ def responses(light: Array, top: Index, columns: Index, sigma: float) -> Float32
     Args:
         light: (rows, columns) laser light.
         top, columns: (n,) peaks.
-        sigma: of the filter, that of the stripe [px].
+        sigma: sigma of the filter [px], that of the stripe.
 
     Returns:
         (shifts, n), to be given to `centres`.
@@ -88,7 +88,7 @@ def noise_gain(sigma: float, smoothed_rows: int = 1) -> float:
     """Standard deviation of a row times the slope of its response, for noise of one grey level per pixel.
 
     Args:
-        sigma: of the filter [px].
+        sigma: sigma of the filter [px].
         smoothed_rows: number of rows of the light that were added up before.
     """
     filters = derivative_filters(sigma)

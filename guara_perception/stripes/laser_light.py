@@ -65,7 +65,7 @@ class LaserLight:
         light: (rows, columns) int16 or float32, grey levels above background, negative where noise makes it so.
         frame: (rows, columns[, channels]) laser on, as delivered; only the channel used where only one was.
         background: the same with the laser off, None where there was no picture of it.
-        channel: of `frame` and `background` that the laser lights most.
+        channel: the channel of `frame` and `background` that the laser lights most.
         is_fused: whether `light` is of all channels together; otherwise it is of that one.
         is_clipped: whether any pixel of that channel is at the end of its scale.
         is_uneven: whether the laser-off picture was exposed a little otherwise.

@@ -47,8 +47,8 @@ class DetectedStripe:
         beside_px: how far above and below.
         sigma: width of the stripe [px].
         noise: standard deviation of a row times the slope of its response.
-        rows: of the band.
-        first_row: of the band in the full picture.
+        rows: number of rows of the band.
+        first_row: first row of the band in the full picture.
         remark: what was of no use, though the stripe could be looked for.
     """
 

@@ -23,7 +23,7 @@ class GridComparison:
         difference: height of b minus height of a, (ny, nx) float64 [m]; NaN where either is unknown.
         known_in_both, known_only_in_a, known_only_in_b: numbers of cells.
         free_in_both, free_only_in_a, free_only_in_b: numbers of traversable cells.
-        mean, rms, largest: of the difference over the cells known in both [m]; NaN when there are none.
+        mean, rms, largest: statistics of the difference over the cells known in both [m]; NaN when there are none.
     """
 
     difference: Float

@@ -129,7 +129,7 @@ class TerrainGrid(LayeredGrid):
 
         Args:
             x, y: the wish in base_footprint [m].
-            radius: of the search [m].
+            radius: radius of the search [m].
             leg, robot: as in `check_foothold`.
             previous: the last choice, in base_footprint of this grid: kept while it is allowed, within the radius,
                 and no other place scores a third more.

@@ -55,7 +55,7 @@ class TerrainMesh:
         texture_positions: (n, 2) float32, where in the picture each vertex lies: to the right and upwards, 0 ... 1,
             the picture's first row on top.
         legend: (name, colour) of what is shown, for the hazard colouring; empty otherwise.
-        scale: of the other colourings.
+        scale: colour scale of the other colourings.
     """
 
     vertices: Float32

@@ -21,7 +21,7 @@ class MapOrigin:
 
     Attributes:
         robot: instance name.
-        sequence: of the map.
+        sequence: sequence number of the map.
         step: number of the stance pause.
         stamp, scan_end: [ns] since the epoch, as in the map.
         valid_for: [s] after `scan_end`; may be infinite.

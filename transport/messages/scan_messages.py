@@ -57,7 +57,7 @@ class ScanReply:
     """What the scanner answers to a ScanRequest.
 
     Attributes:
-        id: of the request.
+        id: id of the request.
         state: ACCEPTED, PROGRESS, or one of the terminal DONE and FAILED.
         stripes_done: stripes taken so far.
         stripes_total: stripes of the pattern.
@@ -84,7 +84,7 @@ class Refusal:
     """Why a request was not taken up.
 
     Attributes:
-        id: of the request, empty when it could not be read.
+        id: id of the request, empty when it could not be read.
         code: "busy", "denied", "bad_request", "not_stationary", "expired" or "no_terrain".
         message: the cause in words.
     """

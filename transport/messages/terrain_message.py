@@ -96,7 +96,7 @@ class TerrainMessage:
         valid_pauses: pauses after `step` for which the grid may be used.
         mode: "coarse" or "standard".
         method: stripe extraction that was used.
-        calibration_hash: of the calibration that was used.
+        calibration_hash: hash of the calibration that was used.
         resolution: [m] edge of a cell.
         origin: [m] (x, y) of the corner of cell (0, 0).
         layers: read-only arrays of shape (ny, nx) with the dtype of `LAYERS`; NaN where unknown.

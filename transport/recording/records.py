@@ -69,7 +69,7 @@ class FrameReference:
     """Where a frame lies in a recording.
 
     Attributes:
-        topic: of the frame's message.
+        topic: topic of the frame's message.
         stamp: [ns] of the frame; no two frames of a topic share one.
     """
 

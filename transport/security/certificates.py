@@ -182,7 +182,7 @@ def add(folder: str | Path, name: str, role: str) -> Path:
 
     Args:
         folder: made by `init_security`.
-        name: of the member; with several robots `<robot>.<name>`.
+        name: name of the member; with several robots `<robot>.<name>`.
         role: "planner", "viewer" or "gait" of the robot, or "fleet": who sees which robots live, at routers.
 
     Returns:

@@ -45,7 +45,7 @@ def make_router(
     Args:
         folder: made by `init_security`; a new one is made with all its robots.
         robots: instance names of those that it serves; the folders of those that are new are made too.
-        name: of the router; its folder is `folder/name`, its certificate's common name `<name>.router`.
+        name: name of the router; its folder is `folder/name`, its certificate's common name `<name>.router`.
         hosts: names and addresses by which robots, clients and routers below reach it.
         listen: where it listens.
         uplink: name of a router in the same folder that it dials; empty for none.

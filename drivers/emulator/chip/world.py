@@ -29,9 +29,9 @@ class Wiring:
         dead: the laser never shines.
         blind: the photodiode sees nothing.
         no_home: the home switch never closes.
-        temperature: of the chip [degrees Celsius].
+        temperature: temperature of the chip [degrees Celsius].
         monostable: time without an edge of HEARTBEAT after which the supply opens [s]; infinite: not fitted.
-        shutter: of the camera on TRIGGER; where it is wired, the jumper is set too.
+        shutter: the camera's shutter, at TRIGGER; where there is one, the jumper is set too.
         transfer: time from the end of an exposure until its picture has arrived [s].
         on_picture: called at that time, with the opening; the chip's time stands still meanwhile.
     """

@@ -49,7 +49,7 @@ class DemoCheck:
         footholds: every one that was chosen.
         errors: |elevation - truth| of every known cell of every scan [m].
         unknown_called_safe: cells that are unknown and traversable; must stay 0.
-        grids_published, grids_received: of the scans, by node and planner.
+        grids_published, grids_received: numbers of single-scan grids that the node published and the planner received.
     """
 
     footholds: list[CheckedFoothold] = field(default_factory=list)

@@ -34,7 +34,7 @@ def draw_demo(folder: Path, pauses: Sequence[DemoPause]) -> list[Path]:
 
     Args:
         folder: that exists.
-        pauses: of the walk, in order.
+        pauses: pauses of the walk, in order.
     """
     if not pauses:
         return []

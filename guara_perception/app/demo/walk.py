@@ -42,7 +42,7 @@ class DemoPause:
         pause: the walk's truth.
         terrain: the scan, as the planner received it.
         fused: the map, likewise.
-        foothold: of the next leg, None when the walk ends here.
+        foothold: foothold of the next leg, None when the walk ends here.
         answer: what the planner said.
         error: median height error of the scan [m].
     """
@@ -69,8 +69,8 @@ def demo_walk(
     Args:
         check: takes note of everything.
         recording: MCAP file to write, or None.
-        cycles: of the gait, 140 mm each.
-        seed: of specimen and noise.
+        cycles: number of cycles of the gait, 140 mm each.
+        seed: seed of specimen and noise.
         robot_name: name or folder of the robot.
         world: name of a world of the package, or the file of one.
 

@@ -14,7 +14,7 @@ def open_grid(path: str | Path, step: int | None = None, extent: str | None = No
     """A grid from an .npz file, or from an .mcap recording.
 
     Args:
-        path: of the file.
+        path: path of the file.
         step: which pause of a recording; None = its last.
         extent: which grid of a recording, "footprint" or "map"; None = footprint.
 

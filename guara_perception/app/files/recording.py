@@ -25,7 +25,7 @@ class Recording:
     Iterating over it gives its footprint grids, one per pause.
 
     Attributes:
-        path: of the file.
+        path: path of the file.
         scans: the recorded scans, in order; `process_scan` makes terrain of each, with other settings if wished.
         calibration: the one attached, or None.
 

@@ -72,7 +72,7 @@ class ScanFolderWriter:
             on: laser-on frame.
             off: laser-off frame, or None.
             off_key: stripes with the same key share one file; None = this one alone.
-            stamp: of the laser-on frame [ns since the epoch].
+            stamp: stamp of the laser-on frame [ns since the epoch].
 
         Raises:
             OSError: a picture cannot be written.

@@ -16,7 +16,7 @@ def write_picture(path: Path, picture: Image, options: Sequence[int] = ()) -> No
     Args:
         path: to write.
         picture: (h, w) or (h, w, 3) BGR.
-        options: of `cv2.imencode`.
+        options: options of `cv2.imencode`.
 
     Raises:
         OSError: it cannot be written.

@@ -24,7 +24,7 @@ class Rig:
 
     Attributes:
         robot: model.
-        known_calibration: of the rangefinder; None for a scan to calibrate with.
+        known_calibration: calibration of the rangefinder; None for a scan to calibrate with.
         rangefinder: not yet open.
         simulation: behind it, None for real devices.
     """
@@ -101,7 +101,7 @@ def rangefinder_of(devices: Devices, off_frames: str = "one", *, free: bool = Fa
     """Board and camera of a file of devices, not yet open; the camera's settings are locked when it is opened.
 
     Args:
-        devices: of the file.
+        devices: what the devices file says.
         off_frames: "one", "per stripe" or "none".
         free: let the camera run freely although it has a trigger, as for pictures of a checkerboard.
 

@@ -67,11 +67,11 @@ class PerceptionNode:
 
         Args:
             robot: model.
-            calibration: of this rangefinder.
+            calibration: calibration of this rangefinder.
             rangefinder: open devices.
             server: the node's side of the transport.
-            mode: of the scans at pauses: "coarse", "standard", or "adaptive" (coarse, and the stripes between where
-                there is an obstacle).
+            mode: mode of the scans at pauses: "coarse", "standard", or "adaptive" (coarse, and the stripes between
+                where there is an obstacle).
             method: stripe extraction.
             recorder: writes every scan, or None.
             status: keeps what the status says, or None for one of its own.

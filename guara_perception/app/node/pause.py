@@ -45,7 +45,7 @@ class Pause:
         limit: without a word from the gait the pause ends this long after BEGIN [s].
         known_ground: what the gait declares, in base_footprint of this pause.
         time_available: from its beginning to its planned end [s]; 0 when not known.
-        stamp: of BEGIN, by the gait's clock [ns].
+        stamp: stamp of BEGIN, by the gait's clock [ns].
         ended: set when the gait moves on, or the robot, or that is not known.
         end_stance: read again at the end, None until then and when it could not be used.
         still_until: the robot is known to have stood as BEGIN said until then; infinite when END said so.
@@ -89,7 +89,7 @@ class Pause:
         Args:
             stance: joints now, None when they cannot be used.
             now: when this came.
-            stamp: of the joints, by the gait's clock [ns].
+            stamp: stamp of the joints, by the gait's clock [ns].
             time_available: from now to the planned end [s]; 0 when not known.
         """
         if stance is None:

@@ -222,7 +222,7 @@ class ScanRecording:
         """The scan goes on with the stripes between.
 
         Args:
-            mode: of the whole scan, which is then recorded as a second one of this pause over the frames that are
+            mode: mode of the whole scan, which is then recorded as a second one of this pause over the frames that are
                 already there; None when it will not be whole: what follows is then not recorded as frames.
         """
         if mode is None:

@@ -55,11 +55,11 @@ class SimulatedRobot:
 
         Args:
             robot: name or folder.
-            calibration: of the rangefinder; None = a specimen with the errors of careful assembly.
+            calibration: calibration of the rangefinder; None = a specimen with the errors of careful assembly.
             world: terrain, or the file that describes it.
             size: picture size when no calibration is given [px].
             fps: frames per second of the camera.
-            seed: of specimen and noise.
+            seed: seed of specimen and noise.
         """
         self.robot: RobotModel = load_robot(robot)
         self.world = load_world(world) if isinstance(world, Path) else world

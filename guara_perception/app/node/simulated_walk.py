@@ -40,7 +40,7 @@ def walk_until_stopped(
     Args:
         robot: simulated, with open devices.
         node: running, with the same rangefinder.
-        session: of the node; the gait speaks through it.
+        session: session of the node; the gait speaks through it.
         instance: name of the robot in the keys.
         stop: ends the walk.
         tell: called with a line at the end of the walk.

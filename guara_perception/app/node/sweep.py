@@ -35,7 +35,7 @@ class SweepJob:
     Attributes:
         processor: makes the ScanProcessor of a mode.
         should_stop: True ends the sweep.
-        time_available: of the pause, from now on [s]; 0 when it is not known.
+        time_available: time that is left of the pause [s]; 0 when it is not known.
         progress: called with (stripes done, stripes in all), or None.
         recording: takes every stripe, or None.
         look: called with every stripe, or None.

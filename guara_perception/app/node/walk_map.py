@@ -85,11 +85,11 @@ class WalkMap:
 
         Args:
             step: number of the pause, growing along a walk.
-            stance: of the robot at that pause.
+            stance: stance of the robot at that pause.
             terrain: the scan alone.
             known_ground: what the gait declares, in base_footprint of this pause.
             epoch: identity of the walk.
-            time: of the scan by a clock that never steps [s]; None takes the grid's stamp.
+            time: time of the scan by a clock that never steps [s]; None takes the grid's stamp.
 
         Raises:
             kinematics.KinematicsError: the stance does not fit the robot.

@@ -17,7 +17,7 @@ class WriterThread:
         """Start.
 
         Args:
-            name: of the thread.
+            name: name of the thread.
             limit: what may wait, in bytes; tasks that hold none are always taken.
         """
         self._limit = limit

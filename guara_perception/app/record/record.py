@@ -54,7 +54,7 @@ def record_session(
     """Record what is missing of a session and finish it.
 
     Args:
-        writer: of the folder; what it holds already is not asked for again.
+        writer: writer of the session's folder; what that holds already is not asked for again.
         robot: the model.
         rangefinder: open board and camera.
         devices: as given; with metered exposure and measured lag they are written into the folder.

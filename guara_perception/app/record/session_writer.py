@@ -34,7 +34,7 @@ class SessionPlan:
         board: the board, its square as printed.
         crosses: (n, 2) where the crosses lie, in base_footprint [m].
         plates: heights of the plates' tops above z = 0 [m].
-        stance: of all pictures.
+        stance: stance of all pictures.
     """
 
     robot: str

@@ -28,11 +28,11 @@ class LegSolver:
 
     Attributes:
         leg: as found.
-        foot: of it.
+        foot: the foot of this leg.
         pitch_joint: (3,) origin in the base of the first joint that swings the foot fore and aft, all at zero [m].
         hip: the link which that joint carries.
         side: the tip's y with the hip's roll at zero [m].
-        length: of the stretched leg from the pitch joint to the tip [m].
+        length: length of the stretched leg from the pitch joint to the tip [m].
     """
 
     def __init__(self, urdf: Urdf, leg: FoundLeg, foot: Foot) -> None:

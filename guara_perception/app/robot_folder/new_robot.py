@@ -23,8 +23,8 @@ def new_robot(source: Path, folder: Path, *, name: str | None = None, hip_height
     Args:
         source: URDF file.
         folder: to make; must not exist, or be empty.
-        name: of the robot; None = the folder's.
-        hip_height: of the scan posture [m]; None = chosen.
+        name: name of the robot; None = the folder's.
+        hip_height: height of the hips in the scan posture [m]; None = chosen.
 
     Raises:
         InvalidInput: the folder holds something, the name cannot be one, or no robot that walks is found in the URDF.

@@ -32,8 +32,8 @@ class FoundPosture:
     """The robot standing.
 
     Attributes:
-        hip_height: of the pitch joints over the plane of the soles [m].
-        base_height: of the base's origin over it [m].
+        hip_height: height of the pitch joints over the plane of the soles [m].
+        base_height: height of the base's origin over that plane [m].
         joint_positions: by joint [rad].
         soles: by leg, (3,) where the foot touches the ground, in the base [m].
     """
@@ -114,7 +114,7 @@ def raised(tree: KinematicTree, legs: tuple[LegSolver, ...], posture: FoundPostu
 
     Args:
         tree: the robot with its sole frames.
-        legs: of it.
+        legs: the robot's legs.
         posture: from which to rise.
         lift: [m].
     """

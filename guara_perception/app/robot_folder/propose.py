@@ -36,7 +36,7 @@ class Proposal:
 
     Attributes:
         urdf: the source with frames for soles, camera and laser.
-        name: of the robot.
+        name: name of the robot.
         base: its root link.
         legs: as found, with the foot and the solver of each.
         soles: name of the sole's frame, by leg.
@@ -45,7 +45,7 @@ class Proposal:
         reach: share of what the gait asks that the feet reach, 1 = all.
         mounts: camera, laser, area.
         mirror_angles: first and last of the scan pattern [rad].
-        stripes: of the pattern.
+        stripes: number of stripes of the pattern.
         camera_frame, laser_frame: names in the URDF.
     """
 
@@ -75,8 +75,8 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
 
     Args:
         urdf: read and checked.
-        name: of the robot.
-        hip_height: of the scan posture [m]; None = chosen for the reach of the feet.
+        name: name of the robot.
+        hip_height: height of the hips in the scan posture [m]; None = chosen for the reach of the feet.
 
     Raises:
         InvalidInput: no legs are found, or they cannot stand.

@@ -10,7 +10,7 @@ def readme_text(proposal: Proposal, source: str, notes: tuple[str, ...]) -> str:
     """The text of README.md.
 
     Args:
-        proposal: of the robot.
+        proposal: proposal of the robot.
         source: name of the URDF that it was made from.
         notes: what of that URDF is not used.
     """

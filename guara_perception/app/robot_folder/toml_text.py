@@ -39,7 +39,7 @@ def toml_text(proposal: Proposal, source: str) -> str:
     """The text of robot.toml.
 
     Args:
-        proposal: of the robot.
+        proposal: proposal of the robot.
         source: name of the URDF that it was made from.
     """
     return "\n".join(_lines(proposal, source)) + "\n"

@@ -34,7 +34,7 @@ class TrialWalk:
         pauses: that were scanned.
         unknown_called_safe: cells of all grids that are unknown and traversable; must be 0.
         feet: footholds that were chosen.
-        feet_on_hazard: of them, those that the map or the true ground calls a hazard; must be 0.
+        feet_on_hazard: footholds among them that the map or the true ground calls a hazard; must be 0.
         known: share of the area known in the scans, mean.
         ended: why the walk ended early, None when it did not.
     """
@@ -80,7 +80,7 @@ def trial_walk(
     Args:
         robot: that walks.
         pauses: how many stance pauses are scanned.
-        mode: of the scans.
+        mode: scan mode.
         progress: called after each pause with those that are done and all.
     """
     world = trial_world(robot)

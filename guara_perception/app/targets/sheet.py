@@ -29,7 +29,7 @@ class Sheet:
 
     Attributes:
         title: printed on every page.
-        width_mm, height_mm: of the drawing.
+        width_mm, height_mm: size of the drawing.
         draw: draws it on axes whose units are millimetres, from (0, 0) at the bottom left.
     """
 
@@ -46,7 +46,7 @@ class Page:
     Attributes:
         sheet: that it shows a part of.
         paper_mm: width and height of the paper, turned as the page is.
-        corner_mm: of the sheet, at the bottom left of what the page shows.
+        corner_mm: position on the sheet of the bottom left of what the page shows.
         size_mm: width and height of what it shows.
         row, column: its position, from the bottom left.
         rows, columns: how many pages the sheet has each way.

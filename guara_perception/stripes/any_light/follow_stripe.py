@@ -63,7 +63,7 @@ def _best_paths(seen: Float32, rows: int) -> tuple[Float32, Float32]:
 
     Args:
         seen: (columns, n) evidence of some pictures, one after the other with gaps.
-        rows: of each picture.
+        rows: number of rows of each picture.
 
     Returns:
         Scores (columns, n); and (columns, 3, pictures, 1) of the best path that comes from elsewhere to a column, of

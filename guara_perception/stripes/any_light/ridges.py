@@ -32,8 +32,8 @@ class Ridges:
 
     Attributes:
         strength: (rows, columns) float32, height over its noise.
-        heights: of each of SIGMAS_PX, (rows, columns) float32, grey levels above the higher side.
-        noises: of each of SIGMAS_PX [grey levels].
+        heights: for each of SIGMAS_PX, (rows, columns) float32, grey levels above the higher side.
+        noises: noise of each of SIGMAS_PX [grey levels].
     """
 
     strength: Float32

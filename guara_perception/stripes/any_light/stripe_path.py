@@ -79,7 +79,7 @@ class Pictures:
         frame: laser on as delivered, 0 to 255.
         dark: the same with the laser off, None without such a picture.
         light: `frame`, `dark` removed.
-        detail: of the light, what changes across the columns within a few pixels.
+        detail: what of the light changes across the columns within a few pixels.
     """
 
     frame: Float32

@@ -78,7 +78,7 @@ class Raster:
 
     Attributes:
         elevation: mean height of the top layer of each cell [m].
-        variance: of it [m^2].
+        variance: variance of that mean [m^2].
         low, high: lowest and highest sample [m].
     """
 
@@ -193,9 +193,9 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice 
     """Bring the swaths of all stripes together; the result does not depend on the order in which they were made.
 
     Args:
-        swaths: of all stripes, those of one stripe or pair always at the same place among the others.
+        swaths: swaths of all stripes, those of one stripe or pair always at the same index.
         geometry: the grid.
-        columns: of the grid, the others being left out of the raster; None = all.
+        columns: columns of the grid, the others being left out of the raster; None = all.
     """
     rows, first = geometry.shape[0] + 2, 0
     number = geometry.shape[1]

@@ -92,8 +92,8 @@ def new_figure(
     """A figure with rows x columns axes, (rows, columns) object array.
 
     Args:
-        rows: of axes.
-        columns: of axes.
+        rows: number of rows of axes.
+        columns: number of columns of axes.
         size: width and height [inch], DOTS_PER_INCH pixels each.
         options: passed to matplotlib's `Figure.subplots` (`sharex`, `gridspec_kw`, ...).
     """
@@ -122,7 +122,7 @@ def draw_layer(axes: Axes, geometry: GridGeometry, values: Array, **options: Any
 
     Args:
         axes: to draw on.
-        geometry: of the grid.
+        geometry: geometry of the grid.
         values: (ny, nx) numbers, or (ny, nx, 3) colours 0 ... 1.
         options: passed to `imshow` (`cmap`, `vmin`, `vmax`, ...); the colours are those of heights by default.
     """

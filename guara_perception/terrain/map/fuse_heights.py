@@ -33,7 +33,7 @@ class Heights:
     """New heights of some cells, arrays (n,) of one length.
 
     Attributes:
-        slot: of each cell in the memory, none twice.
+        slot: slot of each cell in the memory, none twice.
         height: [m] in odom.
         variance: [m^2].
         below, above: distance of the lowest and highest sample from the height, 0 or more [m].
@@ -54,7 +54,7 @@ def drift_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, distance
     Args:
         cells: the memory.
         slot: (n,) of the cells.
-        drift: of the odometry now.
+        drift: drift of the odometry now.
         distance: (n,) of the cells from the robot [m], the lever of a wrong heading.
     """
     memory = cells.memory
@@ -68,7 +68,7 @@ def sideways_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, dista
     Args:
         cells: the memory.
         slot: (n,) cells.
-        drift: of the odometry now.
+        drift: drift of the odometry now.
         distance: (n,) of the cells from the robot [m], the lever of a wrong heading.
     """
     shift = np.maximum(drift.shift - cells.memory["shift"][slot], 0.0)
@@ -95,7 +95,7 @@ def fuse_heights(
     Args:
         cells: the memory, changed in place.
         new: heights.
-        drift: of the odometry now.
+        drift: drift of the odometry now.
         distance: (n,) of the cells from the robot [m].
         pause: number of this pause.
         stamp: time of this pause [ns].

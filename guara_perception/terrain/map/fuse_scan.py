@@ -21,8 +21,8 @@ def check_scan(terrain: TerrainGrid, resolution: float, last_step: int | None) -
 
     Args:
         terrain: the grid.
-        resolution: of the map [m].
-        last_step: of the last scan fused, None before the first.
+        resolution: resolution of the map [m].
+        last_step: step of the last scan fused, None before the first.
 
     Raises:
         InvalidInput: a grid of another extent or cell size, in the compact encoding, or of an earlier pause.

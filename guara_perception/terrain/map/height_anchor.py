@@ -27,7 +27,7 @@ class HeightAnchor:
 
     Attributes:
         offset: to be added to the z of leg odometry [m].
-        variance: of the height of the walk against the map [m^2].
+        variance: variance of the walk's height against the map [m^2].
         rise: variance that cells gain while they are not seen, summed since the start [m^2].
         odometry: variance of z that leg odometry gave last [m^2].
         rejected: legs whose soles stood too far off at this pause.
@@ -43,7 +43,7 @@ class HeightAnchor:
         """The state one pause later.
 
         Args:
-            odometry_variance: of z since the start [m^2].
+            odometry_variance: variance of z that leg odometry has gathered since the start [m^2].
             soles: leg -> its error with this anchor's offset already in it.
         """
         growth = max(odometry_variance - self.odometry, 0.0)

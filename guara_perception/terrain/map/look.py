@@ -32,7 +32,7 @@ class Look:
         empty_cause: their flags.
         unseen: slots of cells in the area that were not looked at.
         unseen_cause: their flags.
-        distance: of the seen cells from the robot [m].
+        distance: distance of the seen cells from the robot [m].
     """
 
     heights: Heights

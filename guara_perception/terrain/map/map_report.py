@@ -49,12 +49,12 @@ def map_report(
     Args:
         terrain: the scan that was fused last.
         robot: its name.
-        settings: of the robot.
-        layers: of the map.
-        transform_footprint_to_odom, covariance: of this pause.
+        settings: settings of the robot.
+        layers: layers of the map.
+        transform_footprint_to_odom, covariance: pose of this pause and its covariance.
         scans: number of scans fused so far.
         rejected: heights of the last scan that disagreed with the map.
-        anchor: of the walk's height to the map.
+        anchor: filter that holds the walk's height to the map.
         residuals: leg -> height of its sole over the map [m], None where the map does not know the ground there.
         known_ground: patches that were declared, with the number of cells that each filled: all of this pause, and the
             earlier ones that filled any and are not older than the validity.

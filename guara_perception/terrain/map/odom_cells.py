@@ -86,7 +86,7 @@ class OdomCells:
         """What is remembered of the cells of a rectangle, as an array of its own.
 
         Args:
-            name: of MEMORY.
+            name: a name in MEMORY.
             first: (cy, cx) of its lowest cell.
             shape: (rows, columns).
             outside: value of cells outside the window.

@@ -32,7 +32,7 @@ class MapPause:
     Attributes:
         pause: its number.
         stamp: [ns] of the clock by which cells grow old.
-        drift: of the odometry.
+        drift: drift of the odometry.
         sideways: how far the ground may lie aside of where the map has it.
         transform_footprint_to_odom: (4, 4).
     """

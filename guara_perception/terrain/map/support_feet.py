@@ -31,7 +31,7 @@ class FootMeasurement:
     Attributes:
         leg: its name.
         centre: (3,) sole centre in odom [m].
-        variance: of its height [m^2].
+        variance: variance of its height [m^2].
         slot, distance: cells of the map that lie wholly under it, and their distance from the robot [m].
     """
 

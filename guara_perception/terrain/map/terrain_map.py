@@ -144,8 +144,8 @@ class TerrainMap:
                 walk is taken as odometry gives it; at every pause or at none.
             own_covariance: (6, 6) of what odometry is off by at this pause alone (`OdometryPose.own_covariance`), which
                 is not carried on to the next. None = none; counts only with the former.
-            time: of the scan by a clock that never steps [s], by which cells grow old; None takes the grid's stamp.
-                Time that runs backwards makes all that was seen before STALE.
+            time: time of the scan by a clock that never steps [s], by which cells grow old; None takes the grid's
+                stamp. Time that runs backwards makes all that was seen before STALE.
 
         Returns:
             Grid of extent "map" in base_footprint of this pause. Ground that only a foot or the gait vouches for has
@@ -233,7 +233,7 @@ class TerrainMap:
         """The map that `save` wrote.
 
         Args:
-            path: of the file.
+            path: path of the file.
             robot: its model, name or folder; None = the one of that name that comes with the package.
 
         Raises:

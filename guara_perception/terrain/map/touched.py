@@ -57,7 +57,7 @@ class Squares:
 
         Args:
             layer: (rows, columns) of the block of the grid.
-            join: of two values, in any order.
+            join: function of two values that takes them in any order.
             which: squares asked for; None for all.
         """
         rows, columns = self.most

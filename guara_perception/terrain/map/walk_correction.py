@@ -46,7 +46,7 @@ class WalkCorrection:
         own: (3, 3) covariance of the last pause's own noise.
         last: transform_footprint_to_odom of the last pause as odometry gave it, None before the first.
         growth: (3, 3) what of the last motion's covariance the overlap has not taken off again.
-        shift, turn: of all motions, summed since the start [m^2, rad^2].
+        shift, turn: variances of all motions, summed since the start [m^2, rad^2].
         refused: why the last overlap was not used, None where it was.
     """
 

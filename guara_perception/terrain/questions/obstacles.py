@@ -33,7 +33,7 @@ class Obstacle:
 
     Attributes:
         outline: (n, 2) corners of its outline on the cells' edges [m], counter-clockwise seen from above, not closed.
-        height: of its top over the floor [m]; negative for a hole: its bottom.
+        height: height of its top over the floor [m]; negative for a hole: its bottom.
         top_plane: (a, b, c) of its top (or bottom) z = a x + b y + c [-, -, m].
         position: (3,) centre of its top (or bottom) [m].
         sigma: standard deviation of the height [m].

@@ -20,7 +20,7 @@ def sole_flags(hazard: Flags, geometry: GridGeometry, x: Float, y: Float, limits
 
     Args:
         hazard: (ny, nx).
-        geometry: of the grid.
+        geometry: geometry of the grid.
         x, y: (n,) sole centres, finite.
         limits: with the sole's size.
 

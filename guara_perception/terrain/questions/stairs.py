@@ -59,7 +59,7 @@ class Riser:
 
     Attributes:
         start, end: (3,) ends of its upper edge, as far as it was seen, the left one first for who climbs [m].
-        height: of the rise [m].
+        height: height of the rise [m].
     """
 
     start: Float

@@ -27,7 +27,7 @@ class SwingGround:
     """What a swing needs of a grid.
 
     Attributes:
-        geometry: of the grid.
+        geometry: geometry of the grid.
         hazard: (ny, nx) flags.
         top: (ny, nx) highest sample [m].
         variance: (ny, nx) [m^2].

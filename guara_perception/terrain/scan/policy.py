@@ -95,7 +95,7 @@ class ScanPolicy:
         Args:
             coarse: grid of the coarse stripes.
             pairs: `ScanProcessor.pairs` of that scan.
-            time_left: of the pause [s]; None = as long as it takes.
+            time_left: time that is left of the pause [s]; None = as long as it takes.
             stripe_time: for one stripe [s].
 
         Raises:

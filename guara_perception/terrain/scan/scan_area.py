@@ -35,9 +35,9 @@ class ScanArea:
 
         Args:
             grid: the cells.
-            rows: of the widest area's raster that are its own.
-            plan: of the looks at the cells.
-            causes: of its unknown cells.
+            rows: rows of the widest area's raster that belong to this area.
+            plan: plan of the looks at the cells.
+            causes: causes of its unknown cells.
             limits: what the feet can bear.
         """
         self.grid, self.plan = grid, plan
@@ -68,7 +68,7 @@ def area_rows(settings: Settings, cell: float) -> dict[str, tuple[GridGeometry, 
     the ground the farther that is, and what it saw there the map can use when the robot has come to it.
 
     Args:
-        settings: of the robot.
+        settings: settings of the robot.
         cell: edge of the cells [m].
 
     Raises:
