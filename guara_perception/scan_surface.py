@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 
 import numpy as np
@@ -55,7 +56,10 @@ class ScanSurface:
             plan = LookPlan(grid, planes, lambda points: geometry.pixels(calibration, points), size)
             return ScanArea(grid, rows, plan, UnknownCauses(plan, origins, grid, body.hides), settings.limits)
 
-        self._areas = {name: area(grid, rows) for name, (grid, rows) in area_rows(settings, cell).items()}
+        rows = area_rows(settings, cell)
+        self._grids = {name: grid for name, (grid, _) in rows.items()}
+        # Made when they are asked for: most scans are asked for one of them.
+        self._area = functools.cache(lambda name: area(*rows[name]))
         self._pooling = max(int(np.ceil(cell / FINEST_CELL_M - 1e-9)), 1)
         fine = self.grid("wide").refined(self._pooling)
         self._raster = SurfaceRaster(fine, pattern, settings.join_height)
@@ -67,7 +71,7 @@ class ScanSurface:
             InvalidInput: another area.
         """
         check_area(area)
-        return self._areas[area].grid
+        return self._grids[area]
 
     @property
     def stripes(self) -> dict[int, StripePoints]:
@@ -77,7 +81,7 @@ class ScanSurface:
     @property
     def pairs(self) -> Index:
         """(ny, nx) index of the first stripe of the pair that passes over each cell on flat ground, -1 where none."""
-        footprint = self._areas["footprint"]
+        footprint = self._area("footprint")
         pairs = footprint.plan.pairs(np.arange(footprint.grid.size))
         return np.append(self._order, -1)[pairs].reshape(footprint.grid.shape)
 
@@ -96,7 +100,7 @@ class ScanSurface:
         marks = pool_flags(self._raster.marks(), self._pooling)
         usable = np.isin(self._order, list(self.stripes))
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
-        return self._areas[area].layers(raster, marks, pair_usable)
+        return self._area(area).layers(raster, marks, pair_usable)
 
     def lost_cells(self, layers: Mapping[str, Array], is_lost: Mask, area: str) -> list[list[int]]:
         """Cells over which stripes were fired whose frames were lost; see `terrain.assessment.lost_cells`.
@@ -106,4 +110,4 @@ class ScanSurface:
             is_lost: (s,) whether a stripe of the pattern was fired and has no usable frame.
             area: "footprint" or "wide".
         """
-        return self._areas[area].lost(layers, is_lost)
+        return self._area(area).lost(layers, is_lost)

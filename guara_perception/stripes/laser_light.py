@@ -63,7 +63,7 @@ class LaserLight:
 
     Attributes:
         light: (rows, columns) int16 or float32, grey levels above background, negative where noise makes it so.
-        frame: (rows, columns[, channels]) laser on, as delivered; only the channel used where only one was.
+        frame: (rows, columns[, channels]) laser on, as delivered, or only the channel used.
         background: the same with the laser off, None where there was no picture of it.
         channel: the channel of `frame` and `background` that the laser lights most.
         is_fused: whether `light` is of all channels together; otherwise it is of that one.
@@ -111,7 +111,11 @@ def laser_light(on: Image, off: OffRows | None) -> LaserLight:
     if abs(offset) > full_scale / 256:
         light -= light.dtype.type(offset)
     is_core_clipped = bool(bright.max() >= clipped_from(bright.dtype))
-    return LaserLight(light, bright, background, is_clipped=is_core_clipped, is_uneven=seen.is_uneven)
+    channel = 0
+    if on.flags.c_contiguous and (dark is None or dark.flags.c_contiguous):
+        # The few pixels that are read later are found in the pictures themselves: the channel need not be held.
+        bright, background, channel = on, dark, seen.channel
+    return LaserLight(light, bright, background, channel, is_clipped=is_core_clipped, is_uneven=seen.is_uneven)
 
 
 def judge(on: Image, off: Image | None) -> Judgement:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -110,6 +113,20 @@ def test_a_node_gives_the_map_the_wide_grid_in_the_words_of_the_published_one() 
     assert wide.metadata["known"] == published.metadata["known"]
     for name in ("elevation", "elevation_max"):
         np.testing.assert_array_equal(wide.layers[name][ROWS], published.layers[name])
+
+
+def test_a_finished_scan_gives_its_memory_back_at_once() -> None:
+    """Nothing in it refers back to it: it need not wait for the collector of reference cycles."""
+    made = processor("paper", lost=frozenset(range(0, 70, 6)))
+    made.finish(), made.finish("wide"), made.pairs
+    gone = weakref.ref(made)
+    surface = weakref.ref(made._surface)
+    gc.disable()
+    try:
+        del made
+        assert gone() is None and surface() is None
+    finally:
+        gc.enable()
 
 
 def test_another_area_is_refused() -> None:

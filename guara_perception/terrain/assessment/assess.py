@@ -143,24 +143,35 @@ def judge_discs(
         kernel: the disc; within its radius of the border the layers say nothing of a larger grid.
     """
     known = (flags & UNKNOWN_MASK) == 0
-    # What follows is computed for the known cells alone, often a quarter of a map.
+    # What follows is computed for the known cells alone, often a quarter of a map. What is stored as it is found need
+    # not be held in double precision until the end: that would be most of what a judgement needs.
     index = np.flatnonzero(known)
+
+    def layer(name: str, values: Float) -> Float32:
+        whole = np.full(flags.shape, UNKNOWN.get(name, np.nan), dtype=np.float32)
+        whole.reshape(-1)[index] = values
+        return whole
+
     fit = fit_disc(raster.elevation, raster.variance, kernel, resolution)
-    rise, fall = rises(raster.low, raster.high, known, kernel)
-    known_variance = raster.variance.take(index)
-    sigma = np.sqrt(known_variance)
+    slope_layer, roughness_layer = layer("slope", fit.slope), layer("roughness", fit.roughness)
     k = limits.confidence
-    step_sigma = k * np.sqrt(2.0) * sigma
     slope = fit.slope + k * fit.slope_sigma
     roughness = fit.roughness + k * fit.roughness_sigma
-    highest_rise, deepest_fall = rise + step_sigma, fall + step_sigma
+    del fit
+    rise, fall = rises(raster.low, raster.high, known, kernel)
+    step_layer = layer("step_height", np.maximum(rise, fall))
+    sigma = np.sqrt(raster.variance.take(index))
+    step_sigma = k * np.sqrt(2.0) * sigma
+    # From here on with what they may be wrong by.
+    rise += step_sigma
+    fall += step_sigma
 
     found = flags.take(index)
     with np.errstate(invalid="ignore"):
         tests = {
             Hazard.STEEP: slope > limits.slope,
-            Hazard.STEP: highest_rise > limits.step,
-            Hazard.DROP: deepest_fall > limits.drop,
+            Hazard.STEP: rise > limits.step,
+            Hazard.DROP: fall > limits.drop,
             Hazard.ROUGH: roughness > limits.roughness,
             Hazard.UNCERTAIN: sigma > limits.sigma,
         }
@@ -168,29 +179,24 @@ def judge_discs(
             found |= failed * np.uint16(flag)
         score = (
             _score(slope, limits.slope)
-            * _score(highest_rise, limits.step)
-            * _score(deepest_fall, limits.drop)
+            * _score(rise, limits.step)
+            * _score(fall, limits.drop)
             * _score(roughness, limits.roughness)
         )
-    result = flags.copy()
-    result.reshape(-1)[index] = found
-
-    def layer(name: str, values: Float) -> Float32:
-        whole = np.full(flags.shape, UNKNOWN.get(name, np.nan), dtype=np.float32)
-        whole.reshape(-1)[index] = values
-        return whole
-
-    values_of = {
-        "elevation": raster.elevation.take(index),
-        "variance": known_variance,
-        "elevation_min": raster.low.take(index),
-        "elevation_max": raster.high.take(index),
-        "slope": fit.slope,
-        "step_height": np.maximum(rise, fall),
-        "roughness": fit.roughness,
-        "traversability": np.where(found == 0, np.maximum(score, LEAST_SAFE_SCORE), 0.0),
+    del slope, roughness, rise, fall, sigma, step_sigma
+    hazard = flags.copy()
+    hazard.reshape(-1)[index] = found
+    return {
+        "elevation": layer("elevation", raster.elevation.take(index)),
+        "variance": layer("variance", raster.variance.take(index)),
+        "elevation_min": layer("elevation_min", raster.low.take(index)),
+        "elevation_max": layer("elevation_max", raster.high.take(index)),
+        "slope": slope_layer,
+        "step_height": step_layer,
+        "roughness": roughness_layer,
+        "traversability": layer("traversability", np.where(found == 0, np.maximum(score, LEAST_SAFE_SCORE), 0.0)),
+        "hazard": hazard,
     }
-    return {**{name: layer(name, values) for name, values in values_of.items()}, "hazard": result}
 
 
 def judge_soles(

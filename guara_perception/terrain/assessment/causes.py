@@ -47,7 +47,7 @@ class LookPlan:
         """
         self._geometry, self._project, self._size = geometry, project, size
         self.planes_in_footprint = planes_in_footprint
-        self._pairs = np.full(geometry.size, NOT_ASKED, dtype=np.int64)
+        self._pairs = np.full(geometry.size, NOT_ASKED, dtype=np.int32)
         self._in_view = np.full(geometry.size, NOT_ASKED, dtype=np.int8)
 
     def pairs(self, cells: Index) -> Index:
@@ -57,7 +57,7 @@ class LookPlan:
         for begin in range(0, new.size, CELLS_TOGETHER):
             block = new[begin : begin + CELLS_TOGETHER]
             self._pairs[block] = self._find_pairs(block)
-        return self._pairs[cells]
+        return self._pairs[cells].astype(np.intp)
 
     def in_view(self, cells: Index) -> Mask:
         """Whether the camera sees the centre of each cell (n,)."""

@@ -93,27 +93,40 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     def sums(layer: Array, weights: Float) -> Float:
         return disc_sums(layer, weights).take(index).astype(np.float64, copy=False)
 
-    # Sums of products become those about the means in their own memory: they are most of what a judgement needs.
-    n, sx, sy, sz = sums(mask, disc), sums(mask, x), sums(mask, y), sums(height, disc)
+    # Sums of products become those about the means in their own memory, and what has served is given back: they are
+    # most of what a judgement needs.
+    n, sx, sy = sums(mask, disc), sums(mask, x), sums(mask, y)
     cxx, cxy, cyy = sums(mask, x * offset[None, :]), sums(mask, x * offset[:, None]), sums(mask, y * offset[:, None])
-    cxz, cyz, czz = sums(height, x), sums(height, y), sums(height**2, disc)
+    del mask
     with np.errstate(divide="ignore", invalid="ignore"):
         for product, first, second in ((cxx, sx, sx), (cxy, sx, sy), (cyy, sy, sy)):
             product -= first * second / n
-        for product, first, second in ((cxz, sx, sz), (cyz, sy, sz), (czz, sz, sz)):
-            product -= first * second / n
-        del sx, sy, sz, first, second, height, mask
+        sz, cxz, cyz = sums(height, disc), sums(height, x), sums(height, y)
+        cxz -= sx * sz / n
+        cyz -= sy * sz / n
+        del sx, sy, first, second, product
+        residual = sums(height**2, disc)
+        residual -= sz * sz / n
+        del sz, height
         determinant = cxx * cyy - cxy**2
         a = (cyy * cxz - cxy * cyz) / determinant
         b = (cxx * cyz - cxy * cxz) / determinant
-        steepness = np.sqrt(a * a + b * b) / resolution
+        del cxy
         # Residuals along z, brought to distances from the plane by the cosine of its slope.
-        residual = np.maximum(czz - a * cxz - b * cyz, 0.0) / (1 + steepness**2)
+        residual -= a * cxz
+        residual -= b * cyz
+        del cxz, cyz
+        steepness = np.sqrt(a * a + b * b) / resolution
+        del a, b
+        residual = np.maximum(residual, 0.0) / (1 + steepness**2)
         freedom = np.maximum(n - 1, 1)
         roughness = np.sqrt(residual / freedom)
+        del residual
         mean_variance = sums(np.where(known, variance, 0.0), disc) / n
         slope_sigma = np.sqrt(mean_variance * (cxx + cyy) / (2 * determinant)) / resolution / (1 + steepness**2)
         roughness_sigma = np.sqrt(mean_variance / (2 * freedom))
+        slope = np.arctan(steepness)
+        del mean_variance, freedom, steepness
     # Known on all four sides, or the plane would lean on nothing.
     enough = (n >= KNOWN_SHARE * disc.sum()) & (determinant > 1e-6 * cxx * cyy)
     present = known.astype(np.uint8)
@@ -122,9 +135,8 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
         enough &= beside.take(index) > 0
 
     # Not by adding NaN: that would keep the sign of a NaN that came out of 0 / 0, which is one or the other by chance.
-    slope, roughness, slope_sigma, roughness_sigma = (
-        np.where(enough, values, np.nan) for values in (np.arctan(steepness), roughness, slope_sigma, roughness_sigma)
-    )
+    for values in (slope, roughness, slope_sigma, roughness_sigma):
+        values[~enough] = np.nan
     return DiscFit(slope, roughness, slope_sigma, roughness_sigma)
 
 

@@ -204,37 +204,41 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice 
         swaths = [swath.between((1 + first) * rows, (1 + first + number) * rows) for swath in swaths]
     swaths = [swath for swath in swaths if swath.cell.size]
     if not swaths:
-        nothing = np.full((geometry.shape[0], number), np.nan)
+        nothing = np.broadcast_to(np.nan, (geometry.shape[0], number))
         return Raster(nothing, nothing, nothing, nothing)
-    total, count, variance_total, low, high = (
-        np.concatenate([getattr(swath, name) for swath in swaths])
-        for name in ("total", "count", "variance_total", "low", "high")
-    )
+    # One kind of value after the other: all of them in one piece each would be most of what a merge needs.
     # As numpy counts indices: with any other type `at` is many times slower.
-    cell = np.concatenate([swath.cell for swath in swaths], dtype=np.intp)
+    cell = _joined(swaths, "cell", np.intp)
     cell -= first * rows
     size = (number + 2) * rows
     highest = np.full(size, -np.inf, dtype=np.float32)
     lowest = np.full(size, np.inf, dtype=np.float32)
+    np.minimum.at(lowest, cell, _joined(swaths, "low"))
+    high = _joined(swaths, "high")
     np.maximum.at(highest, cell, high)
-    np.minimum.at(lowest, cell, low)
     is_top = high > highest.take(cell) - np.float32(TOP_LAYER_M)
-    counts = _sum(cell, count * is_top, size)
+    del high
+    counts = _sum(cell, _joined(swaths, "count") * is_top, size)
     known = counts > 0
-    safe = np.where(known, counts, 1)
-    mean = _sum(cell, total * is_top, size) / safe
-    mean_variance = _sum(cell, variance_total * is_top, size) / safe
     nan = np.where(known, 0.0, np.nan)
+    safe = np.where(known, counts, 1)
+    del counts
 
     def of_grid(layer: Float) -> Float:
+        layer += nan
         return np.ascontiguousarray(layer.reshape(number + 2, rows)[1:-1, 1:-1].T, dtype=np.float64)
 
     return Raster(
-        elevation=of_grid(mean + nan),
-        variance=of_grid(mean_variance + nan),
-        low=of_grid(nan + lowest),
-        high=of_grid(nan + highest),
+        elevation=of_grid(_sum(cell, _joined(swaths, "total") * is_top, size) / safe),
+        variance=of_grid(_sum(cell, _joined(swaths, "variance_total") * is_top, size) / safe),
+        low=of_grid(lowest.astype(np.float64)),
+        high=of_grid(highest.astype(np.float64)),
     )
+
+
+def _joined(swaths: Sequence[CellSamples], name: str, kind: npt.DTypeLike | None = None) -> Array:
+    """One kind of value of all swaths, one swath behind the other."""
+    return np.concatenate([getattr(swath, name) for swath in swaths], dtype=kind)
 
 
 def without_cells(raster: Raster, cells: Mask) -> Raster:

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from guara_perception.stripes.band import OffRows
+from guara_perception.stripes.extract import extract_stripe
 from guara_perception.stripes.laser_light import clipped_columns, difference, fused_light, judge, laser_light
+from guara_perception.stripes.profile import StripeStatus
 
 
 def test_difference_keeps_negative_values() -> None:
@@ -29,9 +31,31 @@ def test_strongest_channel_is_that_of_the_line(channel: int) -> None:
     assert judge(on, off).channel == channel
     assert judge(on[:, :, channel], None).channel == 0
     signal = laser_light(on, OffRows(off))
-    np.testing.assert_array_equal(signal.frame, on[:, :, channel])
-    np.testing.assert_array_equal(signal.background, off[:, :, channel])
+    assert signal.channel == channel and signal.background is not None
+    np.testing.assert_array_equal(signal.frame[:, :, signal.channel], on[:, :, channel])
+    np.testing.assert_array_equal(signal.background[:, :, signal.channel], off[:, :, channel])
     np.testing.assert_array_equal(signal.light, on[:, :, channel].astype(int) - off[:, :, channel])
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_pictures_are_read_where_they_lie_if_they_lie_in_one_piece(kind: type[np.unsignedinteger]) -> None:
+    """No channel of a whole band is held beside its light; of a picture cut out of a wider one it is, and is alike."""
+    random = np.random.default_rng(1)
+    wide = random.integers(40, 60, (2, 60, 400, 3)).astype(kind)
+    wide[1, 28:32, :, 1] += kind(150)
+    wide[1, 29:31, 100:130, 1] = np.iinfo(kind).max
+    cut_off, cut_on = wide[:, :, 40:360]
+    off, on = cut_off.copy(), cut_on.copy()
+    whole, cut = laser_light(on, OffRows(off)), laser_light(cut_on, OffRows(cut_off))
+    assert whole.background is not None and cut.background is not None
+    assert np.shares_memory(whole.frame, on) and np.shares_memory(whole.background, off)
+    np.testing.assert_array_equal(whole.frame[:, :, 1], cut.frame)
+    np.testing.assert_array_equal(whole.background[:, :, 1], cut.background)
+    assert (whole.channel, cut.channel) == (1, 0)
+    first, second = (extract_stripe(*pictures) for pictures in ((on, off), (cut_on, cut_off)))
+    assert (first.status == StripeStatus.OK).any()
+    for name in ("position_px", "sigma_px", "status", "peak", "doubtful_px"):
+        assert getattr(first, name).tobytes() == getattr(second, name).tobytes(), name
 
 
 def test_fused_light_gives_less_to_a_clipped_channel() -> None:

@@ -1,0 +1,62 @@
+"""What a scan holds beside its frames: bounded by the pixels of a band, the columns of stripes and the cells of a grid.
+
+Counted as numpy and Python ask for it, which is the same on every machine and however busy that is.
+"""
+
+from __future__ import annotations
+
+import functools
+import tracemalloc
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from tests.guara_perception.recordings import guara, recording, truth
+
+
+@pytest.fixture
+def tracing() -> Iterator[None]:
+    """Allocations are counted while the test runs."""
+    tracemalloc.start(1)
+    try:
+        yield
+    finally:
+        tracemalloc.stop()
+
+
+def needed(work: Callable[[], object]) -> tuple[int, int]:
+    """What some work held at its peak, and what of it is kept [byte]."""
+    before, _ = tracemalloc.get_traced_memory()
+    tracemalloc.reset_peak()
+    result = work()
+    kept, peak = tracemalloc.get_traced_memory()
+    del result
+    return peak - before, kept - before
+
+
+def test_a_scan_holds_little_beside_its_frames(tracing: None) -> None:
+    """While a stripe is sought two pictures of its band's light, then its profile and points, at the end few layers."""
+    scan, frames = recording("paper")
+
+    def begun() -> gp.ScanProcessor:
+        return gp.ScanProcessor(truth(), guara(), scan.stance, scan.mode)
+
+    first = begun()
+    for index, on, off in frames:
+        first.add(index, on, off)
+    # What is kept for all scans is made by the first one.
+    first.finish()
+    width = frames[0][1].shape[1]
+    made, beside, kept = begun(), [], []
+    for index, on, off in frames:
+        begin, end = made.band(index)
+        peak, stays = needed(functools.partial(made.add, index, on, off))
+        # Light as it is and smoothed, two bytes a pixel each.
+        beside.append((peak - 4 * (end - begin) * width) / width)
+        kept.append(stays / width)
+    assert np.median(beside) < 400, "bytes per column while a stripe is sought"
+    assert np.mean(kept) < 70, "bytes per column of each stripe, surface included"
+    peak, _ = needed(made.finish)
+    assert peak / made.grid.size < 190, "bytes per cell while a scan is finished"
