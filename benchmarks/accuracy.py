@@ -1,4 +1,4 @@
-"""Prints the error of every scan of a data folder against its truth, as the data's README defines it."""
+"""Prints the errors of every scan of a data folder that has a truth, as the data's README defines them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def add_data(parser: argparse.ArgumentParser) -> None:
 
 
 def scans_with_truth(arguments: argparse.Namespace) -> Iterator[tuple[str, gp.Scan, Truth, gp.Calibration]]:
-    """Name, scan, truth by cells of 5 mm and calibration of every scan that `add_data` asks for."""
+    """Name, scan, truth on cells of 5 mm and calibration of every scan that the arguments of `add_data` ask for."""
     for data in arguments.data:
         calibration = gp.load_calibration(arguments.calibration) if arguments.calibration else truth_calibration(data)
         for path in sorted(data.glob("scans/*/truth.npz")):

@@ -1,4 +1,4 @@
-"""Why cells are free in a grid and not by the oracle: which true hazard lies under the sole, where, and by how much."""
+"""Why cells are free in a grid and not by the oracle: which true hazard lies under the sole, and how far it exceeds."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from guara_perception.arrays import Float
 from guara_perception.terrain.assessment.edges import half_cells
 from guara_perception.terrain.layers.hazard import Hazard
 
-# A layer, the flag of its test, its limit's name, and what one unit of it is called and counts.
+# Layer, flag of its test, name of its limit, unit in which it is printed, and how many of these a value of 1 is.
 TESTS = (
     ("slope", Hazard.STEEP, "slope", "degrees", 180 / np.pi),
     ("step_height", Hazard.DROP, "drop", "mm", 1e3),
     ("step_height", Hazard.STEP, "step", "mm", 1e3),
     ("roughness", Hazard.ROUGH, "roughness", "mm", 1e3),
 )
-# Hazards so near to one another are one place of the ground [m].
+# Cells whose hazards are this near to one another are explained together [m].
 SAME_GROUND_M = 0.03
 
 
 @dataclass(frozen=True)
 class Beyond:
-    """One cell that is free and should not be.
+    """One cell that is free in the grid and not in the oracle.
 
     Attributes:
-        hazard_at: (2,) where the true hazard under its sole is [m].
+        hazard_at: (2,) mean position of the true hazards under a sole centred on the cell, in the world [m].
         at_rim: whether all true hazards under the sole lie in the outermost row or column of its window.
-        cells: true hazards under the sole.
-        exceeded: each test that the truth fails there: name, by truth, by the grid, limit, in the unit.
+        cells: number of cells under the sole that are truly hazards.
+        exceeded: each test that the truth fails there: name of the limit, true value, value in the grid, limit, unit.
     """
 
     hazard_at: Float
@@ -41,13 +41,15 @@ class Beyond:
     exceeded: tuple[tuple[str, float, float, float, str], ...]
 
 
-def beyond_oracle(fused: gp.TerrainGrid, oracle: gp.TerrainGrid, to_world: Float) -> Iterator[Beyond]:
+def beyond_oracle(
+    fused: gp.TerrainGrid, oracle: gp.TerrainGrid, transform_footprint_to_world: Float
+) -> Iterator[Beyond]:
     """Cells that are free in a grid and not in the oracle.
 
     Args:
         fused: the grid.
-        oracle: the same if all of it were known exactly.
-        to_world: (4, 4) from its base_footprint to where places are compared.
+        oracle: the grid as it would be if every cell of it were known exactly.
+        transform_footprint_to_world: (4, 4); positions are compared in the world.
     """
     limits = oracle.metadata["limits"]
     half_y, half_x = (half_cells(limits[name], fused.resolution) for name in ("sole_width", "sole_length"))
@@ -71,24 +73,24 @@ def beyond_oracle(fused: gp.TerrainGrid, oracle: gp.TerrainGrid, to_world: Float
                 measured = float(np.nanmax(np.append(fused.layers[layer][cell], 0.0)))
                 exceeded.append((name, scale * true, scale * measured, scale * limits[name], unit))
         centre = np.array([x[bad_x].mean(), y[bad_y].mean(), 0.0, 1.0])
-        yield Beyond((to_world @ centre)[:2], bool(at_rim.all()), bad_y.size, tuple(exceeded))
+        yield Beyond((transform_footprint_to_world @ centre)[:2], bool(at_rim.all()), bad_y.size, tuple(exceeded))
 
 
 def explained(found: list[Beyond]) -> Iterator[str]:
-    """One line for each place of the ground whose hazard cells do not show in the grid."""
+    """One line of text for each group of neighbouring hazards that the grid does not show."""
     left = list(found)
     while left:
         first = left[0].hazard_at
-        here = [each for each in left if np.abs(each.hazard_at - first).max() <= SAME_GROUND_M]
+        group = [each for each in left if np.abs(each.hazard_at - first).max() <= SAME_GROUND_M]
         left = [each for each in left if np.abs(each.hazard_at - first).max() > SAME_GROUND_M]
-        rim = Counter(each.at_rim for each in here)
-        tests = sorted({test for each in here for test in each.exceeded})
+        rim = Counter(each.at_rim for each in group)
+        tests = sorted({test for each in group for test in each.exceeded})
         worst = {name: max(test for test in tests if test[0] == name) for name in dict.fromkeys(t[0] for t in tests)}
         causes = ", ".join(
             f"{name} {true:.1f} {unit} by truth, {measured:.1f} here, limit {limit:.1f}"
             for name, true, measured, limit, unit in worst.values()
         )
         yield (
-            f"    {len(here)} cells beside x={first[0]:.2f} y={first[1]:.2f}, hazard at the rim of the sole's window "
-            f"in {rim[True]}, up to {max(each.cells for each in here)} cells of it: {causes}"
+            f"    {len(group)} cells beside x={first[0]:.2f} y={first[1]:.2f}, hazard at the rim of the sole's window "
+            f"in {rim[True]}, up to {max(each.cells for each in group)} cells of it: {causes}"
         )

@@ -26,7 +26,14 @@ EARLIER = {"StancePause": 1}
 
 
 def damaged(flips: int) -> Iterator[tuple[str, str, str, bool]]:
-    """Every truncation, and byte flips, of each message: what was done, what came of it, what may, whether it did."""
+    """Decode every truncation of each message, and messages with one byte changed.
+
+    Args:
+        flips: number of changed messages of each kind.
+
+    Yields:
+        For each kind of message what was done, what was measured, what is allowed, and whether that was met.
+    """
     for name, (message, decode) in _messages().items():
         payload = bytes(message)
         rng = np.random.default_rng(1)

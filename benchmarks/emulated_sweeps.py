@@ -32,20 +32,21 @@ from drivers.emulator import (
     emulated_backend,
 )
 
+# How long the laser is on for a stripe [s].
 FLASH = 0.004
-# Seconds that a transfer takes on a full-speed bus, for the emulated board.
+# How long the emulated board takes for a transfer [s], as on a full-speed bus.
 BUS_DELAY = 0.0003
 FIRMWARE = Path(__file__).resolve().parents[1] / "firmware" / "guara_board.uf2"
 
 
 def pattern_of(stripes: int) -> list[tuple[int, float]]:
-    """The standard pattern, or every second stripe of it."""
-    every = 70 // stripes
-    return [(index, -0.14 + 0.46 * index / 69) for index in range(0, 70, every)]
+    """Pairs (index, mirror angle) of `stripes` stripes, evenly chosen from the 70 of the standard pattern."""
+    stride = 70 // stripes
+    return [(index, -0.14 + 0.46 * index / 69) for index in range(0, 70, stride)]
 
 
 class Picture:
-    """A small picture with one row of laser; its first two pixels number the exposure."""
+    """Draws small pictures with one row of laser, whose first two pixels hold the number of the exposure."""
 
     def __init__(self, board: EmulatedBoard | None = None) -> None:
         """Number the exposures of `board`, if one is given."""
@@ -75,17 +76,17 @@ def emulated(config: EmulatorConfig | None = None) -> Iterator[tuple[EmulatedBoa
 
 
 def bound_of(driver: LaserBoard, pattern: list[tuple[int, float]], flash: float) -> float:
-    """What moves, settling and flashes take by the board's own account of its motion [s]."""
+    """How long moves, settling and flashes take at least, by the board's own motion profile [s]."""
     profile = driver.motion_profile()
     steps = [driver.step_at(angle) for _, angle in pattern]
-    moves = sum(profile.time(after - here) for here, after in zip(steps, steps[1:], strict=False))
+    moves = sum(profile.time(after - before) for before, after in zip(steps, steps[1:], strict=False))
     return moves + len(steps) * (profile.settle + flash)
 
 
 def take(
     driver: LaserBoard, camera: Camera, pattern: list[tuple[int, float]], options: AcquireOptions
 ) -> list[StripeCapture]:
-    """One scan, from the first stripe's place."""
+    """One scan, from the mirror angle of the first stripe on."""
     prepare(driver, pattern)
     with camera, acquire(driver, camera, pattern, options) as stripes:
         return list(stripes)
@@ -93,7 +94,15 @@ def take(
 
 @dataclass(frozen=True, slots=True)
 class Triggered:
-    """A triggered sweep: seconds from the first trigger to the end of the last flash, its bound, proved stripes."""
+    """A triggered sweep.
+
+    Attributes:
+        stripes: number of stripes.
+        flash: how long the laser was on for each [s].
+        seconds: time from the first trigger to the end of the last flash [s].
+        bound: least time that the motion and the flashes need [s].
+        proved: number of stripes whose frames were proved to be theirs.
+    """
 
     stripes: int
     flash: float
@@ -114,7 +123,7 @@ def triggered(stripes: int, flash: float = FLASH, fps: float = 0.0) -> Triggered
 
 
 def triggered_on_chip(stripes: int, flash: float = FLASH) -> Triggered:
-    """The same with the firmware on the emulated chip, and its ramp; needs the extra `firmware`."""
+    """The same with the firmware on the emulated chip, which ramps the motor itself; needs the extra `firmware`."""
     from drivers.emulator.chip import Chip, ChipBus, ChipClock, load_firmware
 
     pattern = pattern_of(stripes)

@@ -19,7 +19,7 @@ CELL_M = 0.005
 
 
 def growth(standard: Recording, effort: Effort) -> Section:
-    """Three series."""
+    """Cost over the number of stripes, of pixels and of cells, with the exponent of each."""
     series = {
         "stripes": [(n, _scan(simulated(SMALL, n))) for n in effort.stripe_counts],
         "pixels": [(w * h, _scan(resized(standard, (w, h)))) for w, h in effort.picture_sizes],
@@ -51,7 +51,7 @@ def growth(standard: Recording, effort: Effort) -> Section:
 
 
 def fit(sizes: list[int], times: list[float]) -> float:
-    """Exponent of the power law through the points."""
+    """Exponent of the power law that fits times over sizes best."""
     return float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
 
 

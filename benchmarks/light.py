@@ -1,8 +1,8 @@
 """What each effect of real light does to a scan: stripes found, wrong and made up, and the error of the heights.
 
 `python -m benchmarks.light [--strengths 0.5 1] [--effects NAME ...] [--json]`: the benchmark's scene of boxes, a pit
-and a dark patch, rendered with each effect alone and with all together (at a third of each), at the given shares of
-what photographs of laser lines show (`guara_perception.simulation.real_light`); with and without laser-off pictures.
+and a dark patch, rendered with each effect alone and with all together (at a third of each). A strength of 1 is what
+photographs of laser lines show (`guara_perception.simulation.real_light`); with and without laser-off pictures.
 It takes 75 s of processor time.
 """
 
@@ -26,26 +26,26 @@ from tests.scenes import Recording, simulated
 
 SIZE, STRIPES = (640, 512), 35
 ALL, ALL_STRENGTH = "all together", 1 / 3
-# The truth is where the stripe of a dark room without noise is. It can be seen where ordinary laser light would be at
-# this level, and there is a gap where that of the laser used is below this one.
+# The true row of a stripe is the one in a dark room without noise. A stripe can be seen where ordinary laser light has
+# SEEN_LEVEL or more [grey levels of 255]; there is none to find where the light of the laser used is below GAP_LEVEL.
 CLEAN = Light(ambient=(0.0, 0.0, 0.0), speckle=0.0, bounce=0.0, shot_noise=0.0, read_noise=0.0)
 SEEN_LEVEL, GAP_LEVEL = 25, 5
-# Columns beside the end of a stripe are neither.
+# Columns this near to the end of a stripe count neither as stripe nor as gap.
 BESIDE_END = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """What one light did to a scan.
+    """What one effect of light did to a scan.
 
     Attributes:
-        effect, strength: which, and how strong.
+        effect, strength: name and strength of the effect; 1 is what photographs show.
         with_off: whether there were laser-off pictures.
         coverage: share of the stripes' columns in which they were found within RIGHT_PX.
-        gross: share of the positions returned that are further off.
-        filled: share of the columns without stripe in which one was returned.
+        gross: share of the positions returned that are further off than RIGHT_PX.
+        filled: share of the columns without a stripe in which a position was returned.
         known: share of the interior cells that the grid knows.
-        mean_mm, p95_mm: error of their heights [mm].
+        mean_mm, p95_mm: mean and 95th percentile of the errors of their heights [mm].
         unsafe: cells called traversable that are dark or that nobody could see.
         made_up: cells called traversable whose height is further than 5 mm from all the true heights within them.
         health: the scan's last reason, empty when it has none.
@@ -67,9 +67,13 @@ class Effect:
 
 @cache
 def true_rows(stripe_sigma: float, laser: float) -> dict[int, tuple[Float, Float]]:
-    """By stripe of this width and brightness: row (columns,) of its centre, NaN where none can be seen, and its level.
+    """Index of a stripe -> rows (columns,) of its centre, NaN where it cannot be seen, and its brightness (columns,).
 
-    The laser that is looked at is always the same, so that nothing is clipped.
+    Rows are found in pictures with the ordinary laser, so that nothing is clipped; brightness is scaled to `laser`.
+
+    Args:
+        stripe_sigma: width of the stripe [m].
+        laser: brightness of the laser used, as in `Light`.
     """
     found = {}
     for index, on, _ in simulated(SIZE, STRIPES, replace(CLEAN, stripe_sigma=stripe_sigma)).frames:
@@ -83,7 +87,7 @@ def true_rows(stripe_sigma: float, laser: float) -> dict[int, tuple[Float, Float
 
 
 def judge(recording: Recording, light: Light, *, with_off: bool) -> tuple[tuple[float, float, float], gp.TerrainGrid]:
-    """Coverage, gross and filled of the stripes of a scene that was rendered in this light, and the grid."""
+    """Coverage, gross and filled (see `Effect`) of a scan that was rendered in this light, and its grid."""
     processor, truth = recording.processor(), true_rows(light.stripe_sigma, light.laser)
     right = wrong = seen = gaps = filled = 0
     for index, on, off in recording.frames:
@@ -102,7 +106,7 @@ def judge(recording: Recording, light: Light, *, with_off: bool) -> tuple[tuple[
 
 
 def lights(strengths: Sequence[float], names: Sequence[str]) -> Iterator[tuple[str, float, Light]]:
-    """Every light that is looked at."""
+    """Name of the effect, strength and light of every case."""
     yield "none", 0.0, Light()
     for name in names:
         for strength in strengths:
@@ -113,7 +117,7 @@ def lights(strengths: Sequence[float], names: Sequence[str]) -> Iterator[tuple[s
 
 
 def measure(strengths: Sequence[float], names: Sequence[str]) -> Iterator[Effect]:
-    """The figures of every light, with and without laser-off pictures."""
+    """The figures of every case, with and without laser-off pictures."""
     for name, strength, light in lights(strengths, names):
         recording = simulated(SIZE, STRIPES, light)
         assert recording.truth is not None

@@ -1,4 +1,4 @@
-"""Grids between processes: this project's transport beside a raw TCP and a shared-memory ping of the same bytes."""
+"""How long a grid takes between processes, beside pings of the same bytes over TCP and through shared memory."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from benchmarks.section import Effort, Section
 from benchmarks.transport_peer import make_terrain
 from guara_perception.arrays import Codes
 
-OURS, TCP, SHARED = "publish to receive, array to array", "raw TCP ping", "shared-memory ping"
+TRANSPORT, TCP, SHARED = "publish to receive, array to array", "raw TCP ping", "shared-memory ping"
 PERIOD_S = 0.01
 TURNS = 5
 
 
 def messaging(effort: Effort) -> Section:
-    """Ours one way with encoding and decoding; the pings there and back with the bytes alone."""
+    """Time of a grid one way with encoding and decoding, and of pings there and back with the bytes alone."""
     payload = bytes(transport.encode_terrain(make_terrain(1)))
     per_turn = max(effort.pings // TURNS, 1)
-    seconds: dict[str, list[float]] = {OURS: [], TCP: [], SHARED: []}
-    medians: dict[str, list[float]] = {OURS: [], TCP: [], SHARED: []}
+    seconds: dict[str, list[float]] = {TRANSPORT: [], TCP: [], SHARED: []}
+    medians: dict[str, list[float]] = {TRANSPORT: [], TCP: [], SHARED: []}
     with peers() as start, _shared_echo(payload) as ping_memory:
         endpoint, port = free_endpoint(), free_port()
         node, planner = start("node", endpoint, "listen"), start("planner", endpoint, "0")
@@ -40,7 +40,7 @@ def messaging(effort: Effort) -> Section:
             time.sleep(0.5)
             for turn in range(TURNS):
                 for name, times in (
-                    (OURS, _publish(node, planner, turn, per_turn)),
+                    (TRANSPORT, _publish(node, planner, turn, per_turn)),
                     (TCP, [_ping_tcp(connection, payload) for _ in range(per_turn)]),
                     (SHARED, [ping_memory() for _ in range(per_turn)]),
                 ):
@@ -51,17 +51,17 @@ def messaging(effort: Effort) -> Section:
     for name, times in seconds.items():
         ratios = np.array(medians[name]) / medians[TCP]
         ratio = Ratio(float(np.median(ratios)), float(ratios.min()), float(ratios.max()))
-        p50, p99 = (1e3 * float(np.percentile(times, share)) for share in (50, 99))
+        p50, p99 = (1e3 * float(np.percentile(times, percent)) for percent in (50, 99))
         figures[name] = {"ratio": ratio.median, "p50_ms": p50, "p99_ms": p99}
         rows.append((name, number(p50), number(p99), str(ratio)))
     return Section(
         "messaging",
         "Grids between processes",
         f"One grid of 108 x 90 cells with all layers ({len(payload) / 1e3:.0f} kB) from one process to another on the "
-        "same machine. Ours: from the arrays of the node to those of the planner, one way, over Zenoh. The pings carry "
-        "the same bytes there and back, without making or reading them. Wall time; ratio of medians in each of "
-        f"{TURNS} turns.",
-        ("way", "p50 ms", "p99 ms", "x raw TCP ping"),
+        "same machine. Publish to receive: from the arrays of the node to those of the planner, one way, over Zenoh. "
+        "The pings carry the same bytes there and back, without making or reading them. Wall time; ratio of medians in "
+        f"each of {TURNS} turns.",
+        ("by", "p50 ms", "p99 ms", "x raw TCP ping"),
         rows,
         figures,
     )
@@ -90,7 +90,7 @@ def _ping_tcp(connection: socket.socket, payload: bytes) -> float:
 
 @contextmanager
 def _shared_echo(payload: bytes) -> Iterator:
-    """A process that copies a block of shared memory into another; gives the function that pings it."""
+    """Start a process that copies one block of shared memory into another; yields the function that pings it."""
     context = multiprocessing.get_context("spawn")
     near, far = context.Pipe()
     there, back = (SharedMemory(create=True, size=len(payload)) for _ in range(2))
@@ -123,7 +123,7 @@ def _bytes_of(block: SharedMemory) -> Codes:
 
 
 def echo(connection: Connection, source: str, target: str, size: int) -> None:
-    """The other process: copies what it is shown into arrays of its own and back."""
+    """The other process: copies the block into an array of its own and back, each time it gets a byte."""
     there, back = SharedMemory(source), SharedMemory(target)
     own = np.empty(size, np.uint8)
     connection.send_bytes(b"1")

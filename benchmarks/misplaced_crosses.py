@@ -26,23 +26,23 @@ from guara_perception.settings import Settings
 from kinematics import RobotModel, load_robot
 
 DATA = Path(__file__).resolve().parents[1] / "tests" / "data"
-# What counts as floor in the scan's grid with the crosses where they are [m].
+# A cell is floor when its height, with the right positions of the crosses, is within this of 0 [m].
 FLOOR_M = 0.003
 
 
 def shifted(x: float, y: float) -> Callable[[np.ndarray], np.ndarray]:
-    """All crosses off by the same [m]."""
+    """All crosses are off by the same vector [m]."""
     return lambda points: points + (x, y)
 
 
 def turned(degrees: float) -> Callable[[np.ndarray], np.ndarray]:
-    """All crosses turned about base_footprint."""
+    """All crosses are turned about the origin of base_footprint."""
     c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
     return lambda points: points @ np.array([[c, s], [-s, c]])
 
 
 def one_off(x: float) -> Callable[[np.ndarray], np.ndarray]:
-    """The first cross alone off along x [m]."""
+    """The first cross alone is off, along x [m]."""
     return lambda points: points + np.outer(np.arange(len(points)) == 0, (x, 0.0))
 
 
@@ -59,7 +59,7 @@ class Effect:
     """What a wrong calibration does to a scan.
 
     Attributes:
-        near, far: by how much points of the area move, at the middle of its near edge and at its far left corner [m].
+        near, far: how far two points of the area move: the centre of its near edge and its far left corner [m].
         height: median change of the floor's height in the grid [m].
         scatter: half of the range of that change over 90 % of the floor [m].
         verdict: verdict of the calibration.
@@ -81,7 +81,7 @@ def effect(
     known: gp.Calibration,
     change: Callable[[np.ndarray], np.ndarray],
 ) -> Effect:
-    """Calibrate with changed crosses and compare with the calibration `known`."""
+    """Calibrate with changed positions of the crosses, and compare with the calibration `known`."""
     marks = session.fiducials
     moved = replace(
         session, fiducials=replace(marks, points_in_footprint=change(np.asarray(marks.points_in_footprint)))
@@ -94,9 +94,9 @@ def effect(
     x, y = settings.footprint_x, settings.footprint_y
     points = np.array([[x[0], 0.0, 0.0, 1.0], [x[1], y[1], 0.0, 1.0]]) @ to_base.T
     near, far = np.linalg.norm((points @ turn.T - points)[:, :2], axis=1)
-    right, false = (gp.process_scan(scan, each, robot, pictures=False).elevation for each in (known, wrong))
+    right, wrong_heights = (gp.process_scan(scan, each, robot, pictures=False).elevation for each in (known, wrong))
     is_floor = np.abs(right) < FLOOR_M
-    change_of_height = (false - right)[is_floor & np.isfinite(false)]
+    change_of_height = (wrong_heights - right)[is_floor & np.isfinite(wrong_heights)]
     low, median, high = np.percentile(change_of_height, (5, 50, 95))
     return Effect(
         float(near), float(far), float(median), float((high - low) / 2), result.verdict, next(iter(result.reasons), "")

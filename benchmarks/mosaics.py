@@ -1,6 +1,6 @@
-"""Bayer mosaics through the whole chain: as they are, their red pixels, red filled in, demosaiced; and one channel.
+"""What a Bayer camera costs: scans from mosaics as they are, their red pixels, red filled in, demosaiced; grey; colour.
 
-`python -m benchmarks.mosaics`: rendered scans of the demo's world, errors against that world.
+`python -m benchmarks.mosaics`: one rendered scan of the demo's world in each form, its errors against that world.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from guara_perception.simulation.world_file import load_world
 SIZE = (1280, 1024)
 PATTERN = "BayerRG8"
 RED = 2
-# Halves of both neighbours and the whole of the middle.
+# Bilinear interpolation between red pixels, which lie two pixels apart.
 TENT = np.array([0.5, 1.0, 0.5], np.float32)
-TRIES = 3
+REPEATS = 3
 
 
-def ways() -> dict[str, Callable[[Image], Image]]:
-    """What can be made of a colour picture before it goes into the chain."""
+def forms() -> dict[str, Callable[[Image], Image]]:
+    """Functions that make of a colour picture what a camera or a driver could deliver, by name."""
     return {
         "colour, three whole channels": lambda picture: picture,
         "grey camera (red plane)": lambda picture: np.ascontiguousarray(picture[:, :, RED]),
@@ -42,16 +42,16 @@ def ways() -> dict[str, Callable[[Image], Image]]:
     }
 
 
-def fill_red(seen: Image) -> Image:
-    """The red plane with what lies between red pixels filled in (bilinear)."""
-    red = np.zeros_like(seen)
-    red[::2, ::2] = seen[::2, ::2]
+def fill_red(mosaic_picture: Image) -> Image:
+    """The red channel of a mosaic at every pixel, interpolated bilinearly between red pixels."""
+    red = np.zeros_like(mosaic_picture)
+    red[::2, ::2] = mosaic_picture[::2, ::2]
     filled: Image = cv2.sepFilter2D(red, -1, TENT, TENT, borderType=cv2.BORDER_REFLECT_101)
     return filled
 
 
 def halved(calibration: Calibration) -> Calibration:
-    """The calibration of every second row and column, from the first."""
+    """The calibration for pictures of every second row and column, beginning with the first."""
     camera = calibration.camera
     matrix = camera.matrix.copy()
     matrix[:2] *= 0.5
@@ -61,11 +61,11 @@ def halved(calibration: Calibration) -> Calibration:
 
 def errors_of(terrain: gp.TerrainGrid, rig: SimulatedRangefinder, pause: WalkPause) -> np.ndarray:
     """Errors of the known heights against the world [m]."""
-    base_to_footprint = rig.robot.stance_pose(pause.stance).transform_base_to_footprint
-    footprint_to_world = pause.transform_base_to_world @ np.linalg.inv(base_to_footprint)
+    transform_base_to_footprint = rig.robot.stance_pose(pause.stance).transform_base_to_footprint
+    transform_footprint_to_world = pause.transform_base_to_world @ np.linalg.inv(transform_base_to_footprint)
     x, y = np.meshgrid(*terrain.geometry.centres())
     cells = np.stack([x, y, terrain.elevation, np.ones_like(x)], axis=-1)[np.isfinite(terrain.elevation)]
-    points = cells @ footprint_to_world.T
+    points = cells @ transform_footprint_to_world.T
     return np.asarray(points[:, 2] - rig.world.height(points[:, 0], points[:, 1]))
 
 
@@ -82,12 +82,12 @@ def main() -> None:
     print(
         "| frames | known cells | rms of the better 99 % mm | 99th percentile mm | ms a stripe |\n|---|---|---|---|---|"
     )
-    for name, way in ways().items():
-        dark = way(off)
-        frames = [gp.FramePair(index, way(on), dark) for index, on, _ in pictures]
+    for name, form in forms().items():
+        dark = form(off)
+        frames = [gp.FramePair(index, form(on), dark) for index, on, _ in pictures]
         used = halved(calibration) if dark.shape[0] == SIZE[1] // 2 else calibration
         spent = []
-        for _ in range(TRIES):
+        for _ in range(REPEATS):
             processor = gp.ScanProcessor(used, robot, pause.stance, "standard")
             begun = time.thread_time()
             for first in range(0, len(frames), 16):

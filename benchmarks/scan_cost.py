@@ -1,8 +1,8 @@
-"""Processor time of whole scans on this checkout beside another one, and what its stripes cost by either path.
+"""Processor time of whole scans and of their stripes, with the code of this checkout and of another one.
 
 `python -m benchmarks.scan_cost [--against FOLDER] [--scans DATA/scans/NAME ...] [--rounds N]`: FOLDER is a checkout of
-another revision (`git worktree add --detach FOLDER REVISION`). One process for each, in turns, who begins changes from
-round to round; both run with the packages of this one's environment.
+another revision (`git worktree add --detach FOLDER REVISION`). Each checkout has a process; they scan in turns, and the
+other one begins in every second round. Both use the packages installed in this environment.
 """
 
 from __future__ import annotations
@@ -33,9 +33,10 @@ class Cost:
     Attributes:
         scan_ms: median processor time of a scan [ms].
         stripes: number of stripes of a scan.
-        strong: how many of them the highest peaks did not show, so that their path was sought in any light; None where
-            the revision has but one way.
-        cheap_ms, strong_ms: median processor time of a stripe of either kind [ms]; NaN where there is none.
+        strong: number of them that the highest peaks did not show, so that they were followed in any light; None where
+            the revision finds all stripes in the same way.
+        cheap_ms, strong_ms: median processor time of a stripe that the highest peaks show, and of one that was followed
+            in any light [ms]; NaN where there is none.
     """
 
     scan_ms: float
@@ -45,7 +46,7 @@ class Cost:
     strong_ms: float
 
     def __str__(self) -> str:
-        """As it is printed."""
+        """One line of the table."""
         if self.strong is None:
             return f"{self.scan_ms:6.0f} ms a scan, {self.stripes} stripes, all found in one way"
         share = f"{self.strong} of {self.stripes} stripes ({self.strong / max(self.stripes, 1):.0%}) in any light"
@@ -66,7 +67,7 @@ class Checkout:
             scan: DATA/scans/NAME, as in `tests.scenes.recorded`.
 
         Raises:
-            SystemExit: the folder holds no checkout.
+            SystemExit: the folder is no checkout of this project.
         """
         if not (folder / "guara_perception" / "__init__.py").is_file():
             raise SystemExit(f"scan_cost: {folder}: no checkout of guara_perception; allowed: its root folder")
@@ -83,7 +84,7 @@ class Checkout:
         )
 
     def scan(self) -> dict[str, Any]:
-        """Scan once: seconds of the scan, and of each stripe by either path."""
+        """Scan once; what `scan_cost_peer` reports: seconds of the scan and of its stripes, by how they were found."""
         assert self._process.stdin is not None and self._process.stdout is not None
         try:
             print(file=self._process.stdin, flush=True)
@@ -91,7 +92,7 @@ class Checkout:
             pass
         answer = self._process.stdout.readline()
         if not answer:
-            raise SystemExit(f"scan_cost: the scan with the code of {self._folder} failed; its own words stand above")
+            raise SystemExit(f"scan_cost: the scan with the code of {self._folder} failed; its error stands above")
         found: dict[str, Any] = json.loads(answer)
         return found
 
@@ -101,12 +102,12 @@ class Checkout:
 
 
 def measure(folders: Mapping[str, Path], scan: Path, rounds: int) -> tuple[dict[str, Cost], Timings]:
-    """Costs by name of the checkout, and the seconds of the scans of every round.
+    """The cost of a scan by name of the checkout, and the seconds of every scan.
 
     Args:
         folders: root of each checkout by its name.
         scan: DATA/scans/NAME.
-        rounds: scans of each, beside a first one that does not count.
+        rounds: number of scans of each, after a first one that does not count.
     """
     checkouts = {name: Checkout(folder, scan) for name, folder in folders.items()}
     names = list(checkouts)

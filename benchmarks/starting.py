@@ -1,4 +1,4 @@
-"""New processes: what importing costs, how long a first scan takes, and how much memory a scan adds."""
+"""What a new process costs: imports, a first scan, and the memory that a scan adds."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ COMMAND = "guara process, a first scan with its decoding"
 
 
 def starting(data: Path, effort: Effort) -> Section:
-    """CPU time of fresh processes, the libraries' own import the measure."""
+    """CPU time of new processes, as a ratio to importing the libraries alone."""
     with tempfile.TemporaryDirectory() as folder:
         calibration = Path(folder) / "calibration.json"
         gp.save_calibration(truth_calibration(data), calibration)
@@ -89,7 +89,7 @@ def memory(recording: Recording) -> Section:
 
 
 def _write_bands(recording: Recording, folder: Path) -> None:
-    """What the process needs to make the frames one by one: one off frame and the bands."""
+    """Write what the measured process makes its frames from, one by one: one off frame and the bands of the stripes."""
     processor = recording.processor()
     np.save(folder / "off.npy", recording.frames[0][2])
     for index, on, _ in recording.frames:

@@ -1,4 +1,4 @@
-"""A camera that hands out the frames of any iterable, one after the other: recordings, arrays, generators."""
+"""A camera that plays the frames of any iterable, one after the other: recordings, arrays, generators."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from drivers.frame import Frame, read_only
 class ReplayCamera(Camera):
     """Plays frames in their order; each grab takes the next, so nothing is ever dropped.
 
-    Whoever opens recordings (folders, MCAP) hands them over as an iterable. Frames must come in the order in which
+    It opens no files: the caller opens a recording (a folder, MCAP) and gives its frames as an iterable. Frames must
+        come in the order in which
     `acquire` asks for them. An iterable that can be iterated again (a list) starts over when the camera is reopened.
     """
 
@@ -25,11 +26,11 @@ class ReplayCamera(Camera):
 
         Args:
             frames: images, numbered from 0; or frames, which keep their numbers. All are stamped when they are grabbed.
-            fps: frames per second at which images become available; None for at once.
-            name: for messages.
+            fps: frames per second at which images become available; None: at once.
+            name: name of the camera, for messages.
 
         Raises:
-            ValueError: fps not above 0.
+            ValueError: fps is not above 0.
         """
         if fps is not None and not fps > 0:
             raise ValueError(f"fps is {fps}, it must be above 0 (None: without waiting)")
@@ -41,7 +42,7 @@ class ReplayCamera(Camera):
         self._due = 0.0
 
     def open(self) -> None:
-        """Start at the first frame; harmless when open."""
+        """Start at the first frame; does nothing when the camera is open."""
         if self._iterator is None:
             self._iterator = iter(self._frames)
             self._counter = 0
@@ -65,9 +66,9 @@ class ReplayCamera(Camera):
         """The next frame.
 
         Raises:
-            CameraTimeout: at this frame rate it comes later than `timeout` [s].
-            CameraEnded: it was the last.
-            CameraNotOpen: open it first.
+            CameraTimeout: at this frame rate the next frame comes later than `timeout` [s].
+            CameraEnded: there is no further frame.
+            CameraNotOpen: the camera is not open.
         """
         if self._iterator is None:
             raise CameraNotOpen(f"{self.name} is not open: use `with camera:`")

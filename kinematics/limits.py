@@ -13,9 +13,10 @@ class OdometryLimits:
     """What counts as a foot that stayed (robot.toml, table [odometry]).
 
     Attributes:
-        slip_sigmas: a distance between two feet that changes by more standard deviations has changed.
+        slip_sigmas: a foot slipped when its distance from another one changed by more than this many standard
+            deviations.
         turn_limit: largest turn of the body between two pauses [rad].
-        swing_least: a foot that moved less slipped, one that moved more swung [m].
+        swing_least: a foot that moved by less than this slipped, one that moved by more swung [m].
     """
 
     slip_sigmas: float
@@ -36,12 +37,12 @@ class PauseLimits:
     """What counts as a pause (robot.toml, table [pause]).
 
     Attributes:
-        joint_speed_limit: every joint is slower [rad/s].
-        hold_time: how long that must last [s].
+        joint_speed_limit: every joint must be slower than this [rad/s].
+        hold_time: how long every joint must stay that slow [s].
         minimum_feet: least number of feet that carry the body.
         camera_translation_limit: how far the camera may move during a scan [m].
-        camera_rotation_limit: how far it may turn [rad].
-        time_limit: a pause whose planned end is not announced is over this long after the last word of it [s]; a
+        camera_rotation_limit: how far the camera may turn during a scan [rad].
+        time_limit: a pause whose planned end is not announced is over this long after the last message about it [s]; a
             robot.toml without it takes 30 s.
     """
 
@@ -67,7 +68,7 @@ class PauseLimits:
 
 @dataclass(frozen=True, slots=True)
 class SelfFilterSettings:
-    """How the robot's own shapes are taken (robot.toml, table [self_filter]).
+    """How large the robot's own shapes are taken to be, and which count (robot.toml, table [self_filter]).
 
     Attributes:
         margin: added to every collision shape on all sides [m].

@@ -1,4 +1,4 @@
-"""Reads TOML; what the reader of the standard library would choke on is refused before."""
+"""Reads TOML; files that could hold up or overflow the standard library's parser are refused first."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import re
 import tomllib
 from pathlib import Path
 
-# [byte] The largest robot.toml or world file here has 8 kB.
+# [byte] Far above any real file: the largest robot.toml or world file of this repository has 8 kB.
 LARGEST_FILE = 1024 * 1024
-# Parts of one key, and tables or lists within one another.
+# Most parts of a dotted key, and most levels of nested tables or lists.
 DEEPEST = 16
 
 BETWEEN_KEYS = re.compile(r"[,=\[\]{}#]")
@@ -19,11 +19,11 @@ KEY = re.compile(r"\s*([\w.\-]+)\s*=")
 
 
 def read_toml(path: Path) -> dict[str, object]:
-    """What a TOML file holds.
+    """The content of a TOML file.
 
     Raises:
-        OSError: it cannot be read.
-        ValueError: it is no TOML, or larger or deeper than any file of a robot or a world.
+        OSError: the file cannot be read.
+        ValueError: the file is no TOML, is larger than LARGEST_FILE, or is nested deeper than DEEPEST.
     """
     if path.stat().st_size > LARGEST_FILE:
         raise ValueError(f"{path.stat().st_size} bytes; at most {LARGEST_FILE} are read")
@@ -31,8 +31,8 @@ def read_toml(path: Path) -> dict[str, object]:
 
 
 def parse_toml(text: str) -> dict[str, object]:
-    """What a TOML text holds; ValueError as in `read_toml`."""
-    # Both by counting, in one pass: a pattern that looks for depth can itself be made to take hours.
+    """The content of a TOML text; ValueError as in `read_toml`."""
+    # Depth is counted in one pass: a regular expression that looks for it can be made to backtrack for hours.
     for line in text.splitlines():
         for part in BETWEEN_KEYS.split(line):
             if part.count(".") >= DEEPEST:

@@ -1,4 +1,4 @@
-"""What a URDF file says, as plain values."""
+"""The content of a URDF file as plain values."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from kinematics.arrays import Float
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """One collision shape of a link; meshes and capsules are held by one of these kinds.
+    """One collision shape of a link; a mesh or a capsule is enclosed in one of these kinds.
 
     Attributes:
         kind: "box", "cylinder" (axis z) or "sphere".
@@ -30,7 +30,7 @@ class Shape:
 class Link:
     """One link: mass [kg], centre of mass (3,) [m], inertia about it (3, 3) [kg m^2], collision shapes.
 
-    `mass` is None where the file gives no inertial; `line` is that of the file.
+    `mass` is None where the file gives no inertial; `line` is its line in the file.
     """
 
     name: str
@@ -66,9 +66,9 @@ class Urdf:
     Attributes:
         path: the file.
         name: name of the robot.
-        links, joints: all of them.
+        links, joints: all of them, in the order of the file.
         text: text of the file.
-        notes: what in the file is not used, in words.
+        notes: what in the file is not used, one text each.
     """
 
     path: Path

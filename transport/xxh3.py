@@ -1,6 +1,7 @@
-"""XXH3 with 128 bits, seed 0, for texts of more than 128 bytes: the hash from which rmw_zenoh makes its ids.
+"""XXH3 with 128 bits, seed 0, for inputs of more than 128 bytes: the hash from which rmw_zenoh makes its ids.
 
-Written from the published description of the algorithm; slow, and used for a handful of short texts only.
+Written from the published description of the algorithm; slow, and used for a few short texts only. The names are the
+algorithm's: a *stripe* here is a block of 64 bytes.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ def _up_to_240(data: bytes) -> tuple[int, int]:
     low, high = _avalanche(low), _avalanche(high)
     for i in range(4, length // 32):
         low, high = mix(low, high, 32 * i, 32 * i + 16, 3 + 32 * (i - 4))
-    # The tail is read from the end, second half first, with the secret taken near its 136th byte.
+    # The last 32 bytes, their second half first; this offset into the secret is the algorithm's.
     low, high = mix(low, high, length - 16, length - 32, 136 - 17 - 16)
     mixed = (low * PRIME64[0] + high * PRIME64[3] + length * PRIME64[1]) & MASK
     return _avalanche((low + high) & MASK), -_avalanche(mixed) & MASK
@@ -115,7 +116,7 @@ def xxh3_128(data: bytes) -> tuple[int, int]:
     """(low, high) 64-bit halves of the hash.
 
     Raises:
-        ValueError: the text has 128 bytes or fewer, for which another rule holds that is not needed here.
+        ValueError: `data` has 128 bytes or fewer, for which the algorithm has another rule that is not needed here.
     """
     if len(data) <= 128:
         raise ValueError(f"text has {len(data)} bytes; this hash is made for more than 128")

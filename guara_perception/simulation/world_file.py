@@ -1,4 +1,4 @@
-"""Reads a world from a TOML file, refusing what it does not know, with the line."""
+"""Reads a world from a TOML file; an unknown key or a wrong value is refused with its line."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def load_world(name_or_path: str | Path) -> World:
     Top level: `x`, `y` (area, two numbers each), `material`, `undulation`, `flat_until`, `seed`; then a table
     `[[box]]`, `[[rock]]`, `[[ramp]]`, `[[pit]]`, `[[patch]]`, `[[step]]` or `[[stairs]]` for each thing on the ground,
     put down in the order of the file. Metres and radians. A table `[light]` gives effects of real light by name, each
-    as a share of what photographs show (`real_light`).
+    as a fraction of what photographs show (`real_light`).
 
     Args:
         name_or_path: a .toml file, or the name of a world that comes with the package.
 
     Raises:
-        MissingFile: neither; the message lists the names there are.
-        FileFormatError: naming file and line, what was given and what is allowed.
+        MissingFile: there is neither such a file nor such a world; the message lists the names.
+        FileFormatError: the file is wrong; the message names file and line, what was given and what is allowed.
     """
     path = Path(name_or_path)
     named = WORLDS / f"{name_or_path}.toml"
@@ -74,13 +74,13 @@ def parse_world(text: str, source: str) -> World:
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
             raise FileFormatError(f"{source}, line {lines[('', 0)].get(kind, 1)}: write [[{kind}]] for each {kind}")
         for number, entry in enumerate(entries):
-            where = lines.get((kind, number), {})
-            first = where.get("", 1)
-            known = _options(cls, entry, source, where, f"a {kind}")
+            key_lines = lines.get((kind, number), {})
+            first = key_lines.get("", 1)
+            known = _options(cls, entry, source, key_lines, f"a {kind}")
             try:
                 features.append((first, cls(**known)))
             except InvalidInput as error:
-                line = where.get(str(error).split(" ", 1)[0], first)
+                line = key_lines.get(str(error).split(" ", 1)[0], first)
                 raise FileFormatError(f"{source}, line {line}: [[{kind}]]: {error}") from None
     features.sort(key=lambda item: item[0])
     try:
@@ -111,7 +111,7 @@ def _light(strengths: Any, source: str, lines: Mapping[str, int]) -> Light:
 
 
 def _lines(text: str) -> dict[tuple[str, int], dict[str, int]]:
-    """Line of every key, by (table, its number); the table's own line under the empty key."""
+    """Line of every key, by (name of the table, its number among those of that name); its own line under the key ""."""
     found: dict[tuple[str, int], dict[str, int]] = {("", 0): {}}
     counts: dict[str, int] = {}
     table = ("", 0)

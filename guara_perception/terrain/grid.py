@@ -46,7 +46,7 @@ class TerrainGrid(LayeredGrid):
     __slots__ = ()
 
     def __repr__(self) -> str:
-        """What the grid holds, in three lines."""
+        """What the grid holds, in three lines of text."""
         return describe(self)
 
     def _repr_html_(self) -> str:
@@ -151,9 +151,9 @@ class TerrainGrid(LayeredGrid):
 
         Args:
             points: (n, 3) or (n, 2) corners of the path in base_footprint [m].
-            clearance: [m].
-            ceiling: how high unknown ground can be at most (`LinesOfSight`); None refuses a path over any. Of tracks
-                on the ground it says nothing.
+            clearance: distance to keep from the ground [m].
+            ceiling: how high unknown ground can be at most (`LinesOfSight`); None refuses a path over unknown ground.
+                Not used for tracks on the ground.
 
         Raises:
             InvalidInput: points of another shape, not finite or over more than 20 m; a clearance outside 0 ... 1 m; a
@@ -171,17 +171,17 @@ class TerrainGrid(LayeredGrid):
         *,
         ceiling: Ceiling | None = None,
     ) -> Swing:
-        """A way for a foot from one place to another that `check_path` accepts, or why there is none.
+        """A path for a foot from one place to another that `check_path` accepts, or why there is none.
 
         It leads straight up, over the upper hull of the ground between start and end (highest samples plus confidence
-        plus clearance), and straight down; where that is refused, over the highest of it on one level, or some
-        millimetres higher. Where the straight way is barred, by unknown ground for instance, it leads around a corner
-        beside it, up to 0.12 m aside.
+        plus clearance), and straight down; where that is refused, horizontally over the highest point of that
+        hull, or some millimetres higher. Where the straight path is barred, by unknown ground for instance, it leads
+        around a corner beside it, up to 0.12 m aside.
 
         Args:
             start, end: (3,) places of the sole's centre on the ground, in base_footprint [m].
             clearance: distance to keep from the ground between the ends [m].
-            leg: also ask whether this leg reaches all of the way with the body where it stood at the scan.
+            leg: also ask whether this leg reaches all of the path with the body where it stood at the scan.
             robot: model for `leg`; None = the one of the grid's robot name.
             ceiling: as in `check_path`.
 
@@ -220,7 +220,7 @@ class TerrainGrid(LayeredGrid):
     def steppable_regions(self, leg: str | None = None, robot: RobotLike | None = None) -> list[SteppableRegion]:
         """Convex areas of places for a sole over the whole grid, the roomiest first; they may overlap.
 
-        Each is as `steppable_region` gives it, of 4 cm^2 or more; small rests of safe ground are left out.
+        Each is as `steppable_region` gives it, of 4 cm^2 or more; smaller pieces of safe ground are left out.
 
         Raises:
             InvalidInput: as `check_foothold`, where a leg is given.
@@ -236,11 +236,11 @@ class TerrainGrid(LayeredGrid):
         return check_polygon(self, corners)
 
     def explain(self, x: float, y: float) -> str:
-        """What is known of a place and why a foot may or may not go there, in one sentence."""
+        """One sentence: what is known about the ground at a point, and why a foot may or may not go there."""
         return explain(self, x, y)
 
     def coarser(self, factor: int) -> TerrainGrid:
-        """The same terrain in cells `factor` times as long, the worst of the fine cells counting.
+        """The same terrain in cells `factor` times as long; each holds the worst value of its fine cells.
 
         One unknown fine cell makes a coarse one unknown; flags are joined, slope, step, roughness, variance and age
         are the largest, score, clearance and looks the smallest.
@@ -253,7 +253,7 @@ class TerrainGrid(LayeredGrid):
     def obstacles(self) -> list[Obstacle]:
         """Each connected thing that stands 6 mm or more above the floor, or lies as far below, sorted by x, then y.
 
-        The floor is the plane that most of the known heights agree with; what is unknown is no obstacle, but is never
+        The floor is the plane that most of the known heights agree with; unknown ground is no obstacle, but is never
         traversable either.
         """
         return obstacles(self)

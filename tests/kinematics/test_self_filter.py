@@ -1,3 +1,5 @@
+"""Which points lie on the robot, and which lines of sight it blocks."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,7 +12,7 @@ from kinematics.urdf import Shape, rotation_from_rpy
 KINDS = {"box": (0.2, 0.1, 0.3), "cylinder": (0.08, 0.3), "sphere": (0.12,)}
 
 
-def some_shape(kind: str, seed: int):  # noqa: ANN201
+def random_shape(kind: str, seed: int):  # noqa: ANN201
     rng = np.random.default_rng(seed)
     transform = np.eye(4)
     transform[:3, :3] = rotation_from_rpy(*rng.uniform(-3, 3, 3))
@@ -21,17 +23,17 @@ def some_shape(kind: str, seed: int):  # noqa: ANN201
 @settings(max_examples=60, derandomize=True, deadline=None)
 @given(kind=st.sampled_from(list(KINDS)), seed=st.integers(0, 1000))
 def test_a_segment_is_blocked_where_it_holds_a_point_inside(kind: str, seed: int) -> None:
-    """A segment is blocked exactly where walking along it in small steps meets the shape (but for grazing ones)."""
-    shape, rng = some_shape(kind, seed), np.random.default_rng(seed + 1)
+    """A segment is blocked exactly if one of 400 points on it lies in the shape, but for segments that graze it."""
+    shape, rng = random_shape(kind, seed), np.random.default_rng(seed + 1)
     origins, ends = rng.uniform(-0.6, 0.6, (2, 60, 3))
-    parts = np.linspace(0.0, 1.0, 400)
-    walked = origins[:, None] + parts[:, None] * (ends - origins)[:, None]
-    met = shape.contains(walked.reshape(-1, 3)).reshape(60, -1).any(axis=1)
+    fractions = np.linspace(0.0, 1.0, 400)
+    samples = origins[:, None] + fractions[:, None] * (ends - origins)[:, None]
+    met = shape.contains(samples.reshape(-1, 3)).reshape(60, -1).any(axis=1)
     blocked = shape.blocks(origins, ends - origins)
     assert np.all(blocked[met])
-    # What is blocked without a step inside only grazes: a shape 2 mm larger holds a step.
+    # A blocked segment without a sample inside only grazes: a shape 2 mm larger holds one of its samples.
     larger = place_shape(Shape(kind, KINDS[kind], np.eye(4)), "link", _transform(shape), 0.012)
-    grazed = larger.contains(walked.reshape(-1, 3)).reshape(60, -1).any(axis=1)
+    grazed = larger.contains(samples.reshape(-1, 3)).reshape(60, -1).any(axis=1)
     assert np.all(grazed[blocked])
 
 
@@ -43,32 +45,32 @@ def _transform(shape) -> np.ndarray:  # noqa: ANN001
 
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_rays_along_the_axes_are_exact(kind: str) -> None:
-    """Rays with zero components, beside and through a shape, are judged right."""
+    """Segments along an axis are blocked when they pass through a shape, not when they end before or pass beside it."""
     shape = place_shape(Shape(kind, KINDS[kind], np.eye(4)), "link", np.eye(4), 0.0)
     for axis in range(3):
         start = np.zeros(3)
         start[axis] = -1.0
-        way = np.zeros((1, 3))
-        way[0, axis] = 2.0
-        assert shape.blocks(start[None], way)[0]
-        assert not shape.blocks(start[None], way / 10.0)[0]
+        segment = np.zeros((1, 3))
+        segment[0, axis] = 2.0
+        assert shape.blocks(start[None], segment)[0]
+        assert not shape.blocks(start[None], segment / 10.0)[0]
         beside = start.copy()
         beside[(axis + 1) % 3] = 0.5
-        assert not shape.blocks(beside[None], way)[0]
+        assert not shape.blocks(beside[None], segment)[0]
 
 
 def test_reach_bounds_every_shape() -> None:
     """Every point inside a shape lies within its bounding sphere, margin included."""
     for kind in KINDS:
         for seed in range(20):
-            shape = some_shape(kind, seed)
+            shape = random_shape(kind, seed)
             points = shape.centre + np.random.default_rng(seed).uniform(-0.3, 0.3, (3000, 3))
             inside = points[shape.contains(points)]
             assert len(inside) and np.linalg.norm(inside - shape.centre, axis=1).max() <= shape.reach
 
 
 def test_points_on_every_link_are_found(robot: RobotModel) -> None:
-    """The centre of every collision shape lies on the robot, in any posture; points a metre off do not."""
+    """The centre of every collision shape lies on the robot, in a random posture; points 2 m above do not."""
     rng = np.random.default_rng(2)
     state = robot.state(rng.uniform(robot.tree.lower_limits, robot.tree.upper_limits))
     self_filter = SelfFilter(state)
@@ -85,7 +87,7 @@ def test_points_on_every_link_are_found(robot: RobotModel) -> None:
 
 
 def test_coarse_tests_change_nothing(robot: RobotModel) -> None:
-    """Filter and shadow agree with asking every shape about every point, for points near and far."""
+    """`contains` and `blocks` give what every single shape gives for every point, near and far."""
     state = robot.state(robot.posture("scan"))
     self_filter = SelfFilter(state)
     rng = np.random.default_rng(3)
@@ -107,13 +109,13 @@ def test_another_frame_changes_nothing(robot: RobotModel) -> None:
     points = np.random.default_rng(5).uniform((-0.6, -0.5, -0.5), (1.0, 0.5, 0.2), (4000, 3))
     moved = points @ transform[:3, :3].T + transform[:3, 3]
     camera = state.position_in_base(robot.config.camera_frame)
-    here, there = SelfFilter(state), SelfFilter(state, transform_base_to_frame=transform)
-    np.testing.assert_array_equal(here.contains(points), there.contains(moved))
-    blocked = there.blocks(transform[:3, :3] @ camera + transform[:3, 3], moved)
-    np.testing.assert_array_equal(here.blocks(camera, points), blocked)
-    # The strip of one stripe ahead of the robot meets no shape, one through its body does.
+    in_base, in_frame = SelfFilter(state), SelfFilter(state, transform_base_to_frame=transform)
+    np.testing.assert_array_equal(in_base.contains(points), in_frame.contains(moved))
+    blocked = in_frame.blocks(transform[:3, :3] @ camera + transform[:3, 3], moved)
+    np.testing.assert_array_equal(in_base.blocks(camera, points), blocked)
+    # Points along a stripe ahead of the robot lie on no shape, those of a stripe through its body do.
     strip = np.column_stack((np.full(50, 0.8), np.linspace(-0.3, 0.3, 50), np.full(50, -0.3)))
-    assert not here.contains(strip).any() and here.contains(strip - (0.8, 0.0, -0.3)).any()
+    assert not in_base.contains(strip).any() and in_base.contains(strip - (0.8, 0.0, -0.3)).any()
 
 
 def test_what_lies_on_the_robot_is_blocked(robot: RobotModel) -> None:
@@ -133,8 +135,8 @@ def test_a_leg_before_the_camera_shadows_the_ground_behind(guara: RobotModel) ->
     ground = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, -0.36)])
     state = guara.state(joints)
     camera, laser = guara.transform_camera_to_base[:3, 3], guara.transform_laser_to_base[:3, 3]
-    for eye in (camera, laser):
-        assert SelfFilter(state).blocks(eye, ground).mean() < 0.01
+    for sensor_origin in (camera, laser):
+        assert SelfFilter(state).blocks(sensor_origin, ground).mean() < 0.01
     joints.update(zip(guara.tree.leg("lf").joints, (0.0, -1.2, 0.6, 0.0), strict=True))
     hidden = SelfFilter(guara.state(joints)).blocks(camera, ground)
     assert hidden.any() and np.all(ground[hidden][:, 1] > 0.0)
@@ -149,8 +151,8 @@ def test_margin_grows_the_shapes(guara: RobotModel) -> None:
     assert not SelfFilter(state, ignore=("base_link",)).contains(above).any()
 
 
-def test_unknown_places_lie_nowhere(robot: RobotModel) -> None:
-    """NaN points are neither on the robot nor blocked, and no points are no trouble."""
+def test_nan_points_are_not_on_the_robot(robot: RobotModel) -> None:
+    """NaN points are neither on the robot nor blocked; empty arrays give empty masks."""
     self_filter = SelfFilter(robot.state(robot.posture("scan")))
     nothing = np.full((2, 3), np.nan)
     camera = robot.transform_camera_to_base[:3, 3]
@@ -160,7 +162,7 @@ def test_unknown_places_lie_nowhere(robot: RobotModel) -> None:
 
 
 def test_bad_arguments_are_refused(guara: RobotModel) -> None:
-    """Wrong shapes, a negative margin, unknown links and an eye inside the robot are refused."""
+    """Wrong shapes, a negative margin, unknown links and a sensor origin inside the robot are refused."""
     state = guara.state(guara.posture("scan"))
     self_filter = SelfFilter(state)
     with pytest.raises(ArgumentError, match=r"points_in_base has shape \(3,\); \(n, 3\) is needed"):

@@ -1,4 +1,4 @@
-"""Everything that is wrong or doubtful about a robot folder."""
+"""Checks a robot folder: lists everything that is wrong or doubtful in it."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from kinematics import KinematicsError, RobotFileError, RobotFileWarning, RobotM
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotCheck:
-    """What was found.
+    """The robot of a folder and what is wrong or doubtful in it.
 
     Attributes:
-        robot: None where it does not load.
-        findings: the heaviest first.
+        robot: the robot; None where it does not load.
+        findings: what was found, the gravest first.
     """
 
     robot: RobotModel | None
@@ -30,7 +30,7 @@ class RobotCheck:
 
     @property
     def worst(self) -> Weight:
-        """The heaviest weight of all findings; NOTE where there is none."""
+        """The gravest weight of all findings; NOTE where there are none."""
         weights = [finding.weight for finding in self.findings]
         return next((weight for weight in Weight if weight in weights), Weight.NOTE)
 
@@ -45,7 +45,7 @@ def check_robot(folder: Path) -> RobotCheck:
             robot = load_robot(folder)
         Settings.of(robot)
     except (RobotFileError, FileFormatError) as error:
-        findings += [Finding(Weight.UNUSABLE, *_parted(text)) for text in error.findings]
+        findings += [Finding(Weight.UNUSABLE, *_subject_and_text(text)) for text in error.findings]
     except (KinematicsError, PerceptionError) as error:
         findings.append(Finding(Weight.UNUSABLE, str(folder), str(error)))
     if robot is None or findings:
@@ -58,8 +58,8 @@ def check_robot(folder: Path) -> RobotCheck:
     return RobotCheck(robot, tuple(sorted(findings, key=lambda finding: order.index(finding.weight))))
 
 
-def _parted(text: str) -> tuple[str, str]:
-    """Place and text of a finding of `load_robot`: the file and its line, and what is wrong there."""
+def _subject_and_text(text: str) -> tuple[str, str]:
+    """Split a finding of `load_robot` into file with line and what is wrong there."""
     subject, separator, rest = text.partition(": ")
     return (subject, rest) if separator else ("robot folder", text)
 
@@ -75,7 +75,7 @@ def _file_findings(robot: RobotModel) -> Iterator[Finding]:
 
 
 def walk_findings(walk: TrialWalk) -> Iterator[Finding]:
-    """What a trial walk found."""
+    """What a simulated walk shows to be wrong."""
     if walk.ended is not None:
         yield wrong("simulated walk", f"ended after {walk.pauses} pauses: {walk.ended}")
     if walk.unknown_called_safe:

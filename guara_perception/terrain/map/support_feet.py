@@ -1,4 +1,4 @@
-"""Feet on the ground measure its height: what supporting soles say of the map, and of ground that no scan saw."""
+"""Feet on the ground measure its height: supporting soles check the map and fill ground that no scan saw."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from kinematics.stance_pose import sole_covariances
 
 # A level sole stands on the highest ground under it; one cell in ten may be higher by noise.
 BEARING_QUANTILE = 0.9
-# Ground under a sole that no scan saw may lie this much lower than the sole (a sigma).
+# Sigma of how much lower than the sole the ground under it may lie, where no scan saw it.
 UNSEEN_RELIEF_M = 0.003
-# From this share of the sole known on, its height can be compared with the map's.
+# Least share of the cells under a sole that scans must have seen for its height to be compared with the map's.
 COMPARED_SHARE = 0.5
 
 
@@ -29,7 +29,7 @@ class FootMeasurement:
     """A supporting sole.
 
     Attributes:
-        leg: its name.
+        leg: name of the leg.
         centre: (3,) sole centre in odom [m].
         variance: variance of its height [m^2].
         slot, distance: cells of the map that lie wholly under it, and their distance from the robot [m].
@@ -54,15 +54,15 @@ def support_feet(
     limits: TraversabilityLimits,
 ) -> list[FootMeasurement]:
     """The supporting soles of the stance at which a scan was taken; none where its metadata holds no stance."""
-    stance_fields, to_footprint = (terrain.metadata.get(n) for n in ("stance", "transform_base_to_footprint"))
-    if stance_fields is None or to_footprint is None:
+    stance_fields, transform_fields = (terrain.metadata.get(n) for n in ("stance", "transform_base_to_footprint"))
+    if stance_fields is None or transform_fields is None:
         return []
     stance = Stance.from_dict(stance_fields)
     legs = list(terrain.metadata.get("support_feet_used", stance.support_feet))
     state = robot.state(stance.joint_positions)
-    base_to_footprint = np.asarray(to_footprint, dtype=np.float64)
-    soles = state.soles_in_base(legs) @ base_to_footprint[:3, :3].T + base_to_footprint[:3, 3]
-    up = base_to_footprint[2, :3]
+    transform_base_to_footprint = np.asarray(transform_fields, dtype=np.float64)
+    soles = state.soles_in_base(legs) @ transform_base_to_footprint[:3, :3].T + transform_base_to_footprint[:3, 3]
+    up = transform_base_to_footprint[2, :3]
     variances = [float(up @ c @ up) for c in sole_covariances(state, legs, robot.noise)]
     transform = transform_footprint_to_odom
     in_odom = soles @ transform[:3, :3].T + transform[:3, 3]
@@ -94,10 +94,10 @@ def sole_error(cells: OdomCells, foot: FootMeasurement) -> SoleError | None:
 
 
 def fill_under_foot(cells: OdomCells, foot: FootMeasurement, drift: OdometryDrift, pause: int, stamp: int) -> None:
-    """Give cells under a sole that no scan saw, and that were not found empty, the sole's height.
+    """Give cells under a sole the sole's height, where no scan saw them and none looked at them in vain.
 
-    Ground that scans saw keeps its own: one sole says nothing of the relief under it, and what all soles say of the
-    height of the walk is taken into account by the height anchor.
+    Ground that scans saw keeps its height: one sole says nothing about the relief under it, and the error that all
+    soles have in common is the height anchor's to correct.
     """
     memory = cells.memory
     is_free = ~_scanned(cells, foot) & ((memory["cause"][foot.slot] & LOOKED_AT) == 0)

@@ -1,4 +1,4 @@
-"""The ground that a foot must stay over: the grid's, and below the sole that it starts from no more than that sole."""
+"""The ground that a swinging foot must stay above: that of the grid, and where it starts the sole that stands there."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from guara_perception.terrain.layers.rounding import rounding_of
 from guara_perception.terrain.questions.leg_reach import StandingSole, standing_soles
 from kinematics import KinematicsError
 
-# A way that begins this near to the centre of a standing sole begins there.
+# A path that begins this near to the centre of a standing sole begins at that sole.
 SAME_PLACE_M = 0.010
 
 
 @dataclass(frozen=True, slots=True)
 class SwingGround:
-    """What a swing needs of a grid.
+    """The part of a grid that a swing needs.
 
     Attributes:
         geometry: geometry of the grid.
         hazard: (ny, nx) flags.
-        top: (ny, nx) highest sample [m].
-        variance: (ny, nx) [m^2].
-        confidence: sigmas that are added to the top.
-        rounding: the variance that was computed is at least that of the grid over 1 + this.
+        top: (ny, nx) highest sample of each cell [m].
+        variance: (ny, nx) variance of the heights [m^2].
+        confidence: number of sigmas that are added to `top`.
+        rounding: by how much rounding on the wire may have raised `variance`, as a fraction of it.
     """
 
     geometry: GridGeometry
@@ -44,13 +44,13 @@ class SwingGround:
 
 
 def swing_ground(terrain: LayeredGrid, start: Float, ceiling: Ceiling | None = None) -> SwingGround:
-    """The ground under a way that begins at `start` (3,).
+    """The ground under a path that begins at `start` (3,).
 
-    Unknown cells for which a ceiling has a bound are taken to be as high as that, but for those under a standing sole.
+    Unknown cells that a ceiling bounds are taken to be as high as that bound, unless they lie under a standing sole.
 
-    A sole that stands there bears on what lies below it: nothing there is higher than the sole, whether a scan saw it
-    or not. So unknown cells that lie wholly under that sole, its own error taken off, are taken at its height. It says
-    nothing about whether a foot may be set there, nor about any cell beside the sole.
+    A sole that stands at `start` rests on the ground below it: nothing there is higher than the sole, whether a scan
+    saw it or not. So unknown cells that lie wholly under that sole, with its own error allowed for, are taken to be as
+    high as the sole. This says nothing about whether a foot may be set there, nor about any cell beside the sole.
     """
     hazard = np.asarray(terrain.hazard)
     top, variance = np.asarray(terrain.elevation_max), np.asarray(terrain.variance)
@@ -62,11 +62,11 @@ def swing_ground(terrain: LayeredGrid, start: Float, ceiling: Ceiling | None = N
             raise InvalidInput(f"a ceiling of shape {ceiling.height.shape} for a grid of {terrain.shape}")
         bounded = unknown & np.isfinite(ceiling.height)
         hazard, top, variance = hazard.copy(), top.copy(), variance.copy()
-        # The rounding of a variance gives it no room.
+        # What users of `variance` take off for rounding is added here: a ceiling's variance was not rounded.
         hazard[bounded], top[bounded], variance[bounded] = 0, ceiling.height[bounded], ceiling.sigma**2 * (1 + rounding)
     ground = SwingGround(terrain.geometry, hazard, top, variance, limits.confidence, rounding)
     half = np.array([limits.sole_length, limits.sole_width]) / 2 - terrain.resolution / 2 + 1e-9
-    # The robot's model is asked only where it matters.
+    # Loading the robot's model costs time: only where unknown cells lie at the start.
     sole = _sole_at(terrain, start) if (unknown & _within(terrain, start, half + SAME_PLACE_M)).any() else None
     if sole is None:
         return ground
@@ -77,13 +77,13 @@ def swing_ground(terrain: LayeredGrid, start: Float, ceiling: Ceiling | None = N
 
 
 def _within(terrain: LayeredGrid, centre: Float, half: Float) -> Mask:
-    """Cells whose centres lie in a rectangle about a place."""
+    """Cells whose centres lie in a rectangle about a centre; `half` is half its length along x and y [m]."""
     x, y = terrain.geometry.centres()
     return np.asarray((np.abs(y - centre[1]) <= half[1])[:, None] & (np.abs(x - centre[0]) <= half[0]))
 
 
 def _sole_at(terrain: LayeredGrid, start: Float) -> StandingSole | None:
-    """The standing sole that a way begins at; None where none does, or the grid does not say how the robot stood."""
+    """The standing sole that a path begins at; None where none does, or the grid does not say how the robot stood."""
     try:
         soles: Sequence[StandingSole] = standing_soles(terrain)
     except (InvalidInput, KinematicsError):

@@ -1,4 +1,4 @@
-"""Grids to look at."""
+"""A robot and a grid, for tests of the page."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def robot() -> RobotModel:
 
 @pytest.fixture(scope="session")
 def grid(robot: RobotModel) -> gp.TerrainGrid:
-    """Exact terrain of two boxes, a patch unknown, with the stance of the robot that stands behind it."""
+    """Exact terrain with two boxes and an unknown patch, and the stance of the robot behind it."""
     world = World(
         features=(Box(x=0.7, y=0.1, size=(0.1, 0.1), height=0.06), Box(x=0.8, y=-0.1, size=(0.1, 0.1), height=0.02))
     )
