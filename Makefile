@@ -45,7 +45,7 @@ install-extras: $(EXTRAS_STAMP)
 demo: install
 	$(BIN)/guara demo --out out/demo
 
-# Two workers to a core (tests/conftest.py): much of a test's time goes by while it waits.
+# Three workers to a core (tests/conftest.py): much of a test's time goes by while it waits.
 # More threads of linear algebra than that only wait for one another, and spin.
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal
 # A group of tests for each of these marks has a target of its own, outside of `make test`.
@@ -54,7 +54,7 @@ GROUPS := heavy chip interop soak
 test: install
 	$(PYTEST) -m "not (heavy or chip or interop or soak or robots)"
 
-# These wait for nobody: one worker to a core, for each has to import everything first.
+# These wait for nobody: one worker to a core.
 test-quick: install
 	WORKERS_PER_CORE=1 $(PYTEST) -m "not (slow or heavy or chip or interop or soak or robots)"
 

@@ -3,8 +3,10 @@
 import gc
 import json
 import os
+import shlex
 import shutil
 import signal
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,7 @@ from hypothesis import HealthCheck, settings
 
 import guara_perception as gp
 from kinematics import RobotModel, load_robot
-from tests import ports
+from tests import forked, ports
 from tests.truth import truth_calibration
 
 DATA = Path(__file__).parent / "data"
@@ -42,9 +44,16 @@ settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCh
 settings.load_profile("busy")
 
 
+def pytest_xdist_setupnodes(config: pytest.Config, specs: list[Any]) -> None:
+    """All workers are forked where the tests are imported already: each would need seconds for it."""
+    forked.start_server(*config.invocation_params.args)
+    python = shlex.join([sys.executable, "-I", "-S", forked.__file__])
+    specs[:] = [type(spec)(f"popen//python={python}") if spec.popen else spec for spec in specs]
+
+
 def pytest_xdist_auto_num_workers() -> int:
-    """Two workers to a core: much of a test's time goes by while it waits for another process."""
-    return int(os.environ.get("WORKERS_PER_CORE", "2")) * min(len(os.sched_getaffinity(0)), 4)
+    """Three workers to a core: much of a test's time goes by while it waits; with two, a fifth of the cores' idles."""
+    return int(os.environ.get("WORKERS_PER_CORE", "3")) * min(len(os.sched_getaffinity(0)), 4)
 
 
 # Whoever asks for one of these starts a program, or scans with devices that keep real time.

@@ -1,88 +1,86 @@
-"""Processes of one script without the second that each needs to import everything: forked where that is done already.
+"""Python processes without the second that each needs to import everything: forked where that is done already.
 
-A server imports the script's modules once and forks for each request. What it gives is a process of its own, with its
-own streams, signals and end, as `subprocess.Popen` would start it. Run as `python forked.py SOCKET SCRIPT` it is that
-server.
+One server (`fork_server.py`) serves all workers of a run, and the workers themselves are forked by it: it has imported
+the tests too. What it gives is a process of its own, with its own streams, signals and end, as `subprocess.Popen` would
+start it. What is tested from the interpreter's begin to its end, as imports and exit are, takes a new interpreter.
+Run as `python forked.py WORDS...` this file is `python WORDS...`, forked.
 """
 
 from __future__ import annotations
 
-import gc
 import json
 import os
-import runpy
-import select
 import signal
 import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+SERVER = Path(__file__).with_name("fork_server.py")
+ADDRESS = "TESTS_FORK_SERVER"
+PATIENCE = 180.0
+_servers: list[subprocess.Popen[bytes]] = []
 
-class ForkServer:
-    """Starts processes of one script; ends with the process that made it."""
 
-    def __init__(self, script: Path) -> None:
-        """Start the server."""
-        own_end, server_end = socket.socketpair()
-        command = [sys.executable, str(Path(__file__)), str(server_end.fileno()), str(script)]
-        self._server = subprocess.Popen(command, pass_fds=[server_end.fileno()], stdin=subprocess.DEVNULL)
-        server_end.close()
-        self._socket, self._lines = own_end, own_end.makefile("r")
-        self._started: dict[int, ForkedProcess] = {}
-        self._answers: list[ForkedProcess] = []
-        self._heard = threading.Condition()
-        self._asking = threading.Lock()
-        threading.Thread(target=self._listen, daemon=True).start()
+def start_server(*pytest_arguments: str) -> None:
+    """Start the server of this process and of all that it starts; it ends with this process.
 
-    def start(self, *arguments: str) -> ForkedProcess:
-        """A process of the script with these arguments, in this environment and folder."""
-        streams = [os.pipe() for _ in range(3)]
-        (stdin, to_it), (from_it, stdout), (errors, stderr) = streams
-        request = json.dumps({"arguments": arguments, "environment": dict(os.environ), "folder": os.getcwd()}).encode()
-        with self._asking:
-            header = len(request).to_bytes(4, "big")
-            socket.send_fds(self._socket, [header], [stdin, stdout, stderr])
-            self._socket.sendall(request)
-            for end in (stdin, stdout, stderr):
-                os.close(end)
-            with self._heard:
-                assert self._heard.wait_for(lambda: self._answers, 180.0), "the server of forked processes has ended"
-                process = self._answers.pop()
-        process.stdin, process.stdout, process.stderr = os.fdopen(to_it, "w"), os.fdopen(from_it), os.fdopen(errors)
-        return process
+    Args:
+        pytest_arguments: what it collects, for workers that run tests; without any it imports the packages only.
+    """
+    with socket.socket(socket.AF_UNIX) as listener:
+        # The kernel finds a free name in its own name space; who asks early waits until all is imported.
+        listener.bind("")
+        listener.listen(256)
+        os.environ[ADDRESS] = listener.getsockname()[1:].decode()
+        words = [sys.executable, str(SERVER), str(listener.fileno()), *pytest_arguments]
+        # More threads of linear algebra than workers only wait for one another; a fork would lose them.
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+        pipe, fds = subprocess.PIPE, [listener.fileno()]
+        _servers.append(subprocess.Popen(words, env=environment, stdin=pipe, stdout=subprocess.DEVNULL, pass_fds=fds))
 
-    def close(self) -> None:
-        """End the server; its processes stay."""
-        self._socket.shutdown(socket.SHUT_RDWR)
-        self._server.wait(180.0)
 
-    def _listen(self) -> None:
-        for line in self._lines:
-            kind, pid, *status = (int(word) for word in line.split())
-            with self._heard:
-                if kind == 0:
-                    self._started[pid] = ForkedProcess(pid, self._heard)
-                    self._answers.append(self._started[pid])
-                else:
-                    self._started.pop(pid).returncode = os.waitstatus_to_exitcode(status[0])
-                self._heard.notify_all()
+def ask(words: Sequence[str], streams: Sequence[int], environment: Mapping[str, str], folder: str) -> tuple[int, IO]:
+    """A forked process of `python WORDS...` with these three streams; its id, and where its status will be written."""
+    if ADDRESS not in os.environ:
+        start_server()
+    request = json.dumps({"words": [*words], "environment": {**environment}, "folder": folder}).encode()
+    connection = socket.socket(socket.AF_UNIX)
+    connection.settimeout(PATIENCE)
+    connection.connect("\0" + os.environ[ADDRESS])
+    socket.send_fds(connection, [len(request).to_bytes(4, "big")], list(streams))
+    connection.sendall(request)
+    answers = connection.makefile("r")
+    line = answers.readline()
+    assert line, "the server of forked processes has ended"
+    connection.settimeout(None)
+    connection.close()  # `answers` keeps it open.
+    return int(line), answers
 
 
 class ForkedProcess:
-    """What tests use of `subprocess.Popen`."""
+    """What tests use of `subprocess.Popen`, text on all three streams."""
 
-    stdin: IO[str]
-    stdout: IO[str]
-    stderr: IO[str]
-
-    def __init__(self, pid: int, heard: threading.Condition) -> None:
-        """It runs; `heard` is notified when it ends."""
-        self.pid = pid
+    def __init__(
+        self, *words: str | Path, environment: Mapping[str, str] | None = None, folder: str | Path = "."
+    ) -> None:
+        """Start `python WORDS...`."""
+        (stdin, to_it), (from_it, stdout), (errors, stderr) = (os.pipe() for _ in range(3))
+        theirs = (stdin, stdout, stderr)
+        self.args = [str(word) for word in words]
+        try:
+            self.pid, answers = ask(self.args, theirs, environment or os.environ, str(Path(folder).resolve()))
+        finally:
+            for stream in theirs:
+                os.close(stream)
+        self.stdin, self.stdout, self.stderr = os.fdopen(to_it, "w"), os.fdopen(from_it), os.fdopen(errors)
         self.returncode: int | None = None
-        self._heard = heard
+        self._ended = threading.Event()
+        threading.Thread(target=self._wait, args=[answers], daemon=True).start()
 
     def poll(self) -> int | None:
         """Its exit code, None while it runs."""
@@ -94,76 +92,89 @@ class ForkedProcess:
         Raises:
             subprocess.TimeoutExpired: it does not end.
         """
-        with self._heard:
-            if not self._heard.wait_for(lambda: self.returncode is not None, timeout):
-                raise subprocess.TimeoutExpired(f"process {self.pid}", timeout or 0.0)
-            assert self.returncode is not None
-            return self.returncode
+        if not self._ended.wait(timeout):
+            raise subprocess.TimeoutExpired(self.args, timeout or 0.0)
+        assert self.returncode is not None, "the server of forked processes has ended"
+        return self.returncode
+
+    def communicate(self, timeout: float | None = None) -> tuple[str, str]:
+        """What it has written until its end, which is waited for."""
+        said: list[str] = ["", ""]
+
+        def read(number: int, stream: IO[str]) -> None:
+            said[number] = stream.read()
+
+        self.stdin.close()
+        readers = [threading.Thread(target=read, args=of, daemon=True) for of in enumerate((self.stdout, self.stderr))]
+        for reader in readers:
+            reader.start()
+        self.wait(timeout)
+        for reader in readers:
+            reader.join(timeout)
+        return said[0], said[1]
 
     def send_signal(self, number: int) -> None:
         """Send it a signal, unless it has ended."""
         if self.returncode is None:
             os.kill(self.pid, number)
 
+    def terminate(self) -> None:
+        """Ask it to end."""
+        self.send_signal(signal.SIGTERM)
+
     def kill(self) -> None:
         """End it at once."""
         self.send_signal(signal.SIGKILL)
 
+    def close(self) -> None:
+        """End it if it runs, and close its streams."""
+        self.kill()
+        self.wait(PATIENCE)
+        for stream in (self.stdin, self.stdout, self.stderr):
+            stream.close()
 
-def serve(requests: socket.socket, script: str) -> list[str]:
-    """Fork for each request; return the arguments in each child, and end with the reader of the answers."""
-    wake, woken = os.pipe()
-    os.set_blocking(woken, False)
-    signal.set_wakeup_fd(woken)
-    signal.signal(signal.SIGCHLD, lambda *_: None)
-    while True:
-        ready, _, _ = select.select([requests, wake], [], [])
-        if wake in ready:
-            os.read(wake, 4096)
-            while (ended := _ended()) is not None:
-                requests.sendall(f"1 {ended[0]} {ended[1]}\n".encode())
-        if requests not in ready:
-            continue
-        header, streams, _, _ = socket.recv_fds(requests, 4, 3)
-        if not header:
-            os._exit(0)
-        request = json.loads(requests.recv(int.from_bytes(header, "big"), socket.MSG_WAITALL))
-        pid = os.fork()
-        if pid:
-            for stream in streams:
-                os.close(stream)
-            requests.sendall(f"0 {pid}\n".encode())
-            continue
-        signal.set_wakeup_fd(-1)
-        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-        requests.close()
-        for number, stream in enumerate(streams):
-            os.dup2(stream, number)
-            os.close(stream)
-        os.close(wake)
-        os.close(woken)
-        os.chdir(request["folder"])
-        os.environ.clear()
-        os.environ.update(request["environment"])
-        return [script, *request["arguments"]]
+    def _wait(self, answers: IO[str]) -> None:
+        with answers:
+            status = answers.readline()
+        if status:
+            self.returncode = os.waitstatus_to_exitcode(int(status))
+        self._ended.set()
 
 
-def _ended() -> tuple[int, int] | None:
-    """Process and status of a child that has ended."""
+def run_forked(
+    *words: str | Path, environment: Mapping[str, str] | None = None, folder: str | Path = "."
+) -> subprocess.CompletedProcess[str]:
+    """Run `python WORDS...` to its end, as `subprocess.run` does."""
+    process = ForkedProcess(*words, environment=environment, folder=folder)
     try:
-        pid, status = os.waitpid(-1, os.WNOHANG)
-    except ChildProcessError:
-        return None
-    return (pid, status) if pid else None
+        out, errors = process.communicate(PATIENCE)
+        return subprocess.CompletedProcess(process.args, process.wait(), out, errors)
+    finally:
+        process.close()
+
+
+@contextmanager
+def forked(*words: str | Path) -> Iterator[ForkedProcess]:
+    """A process that has ended when the block ends."""
+    process = ForkedProcess(*words)
+    try:
+        yield process
+    finally:
+        process.close()
+
+
+def main() -> None:
+    """Be `python WORDS...`: end when and as it ends, and hold none of its streams meanwhile."""
+    words = [word for word in sys.argv[1:] if word != "-u"]
+    _, answers = ask(words, (0, 1, 2), os.environ, os.getcwd())
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for stream in (0, 1):
+        os.dup2(nothing, stream)
+    # An interrupt of the whole group reaches it as well.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    status = answers.readline()
+    os._exit(max(os.waitstatus_to_exitcode(int(status)), 1) if status else 1)
 
 
 if __name__ == "__main__":
-    # As a program: all that the script imports, and what its first message would wait for.
-    runpy.run_path(sys.argv[2], run_name="imported")
-    from transport.messages.typestore import warm_up
-
-    warm_up()
-    gc.freeze()
-    sys.argv = serve(socket.socket(fileno=int(sys.argv[1])), sys.argv[2])
-    sys.stdin = open(0, closefd=False)  # noqa: SIM115
-    runpy.run_path(sys.argv[0], run_name="__main__")
+    main()

@@ -5,15 +5,16 @@ import socket
 from itertools import count
 
 FIRST, EACH, RANGES = 12_000, 1_000, 20
-# Workers of one run are numbered; runs beside each other start at another range.
-_worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
-_run = sum(os.environ.get("PYTEST_XDIST_TESTRUNUID", str(os.getpid())).encode())
 _taken = count()
 
 
 def free_port() -> int:
     """A TCP port of this machine that nobody uses."""
-    first = FIRST + (_run + _worker) % RANGES * EACH
+    # Workers of one run are numbered; runs beside each other start at another range. Asked for here, because this file
+    # is imported before the workers are forked.
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    run = sum(os.environ.get("PYTEST_XDIST_TESTRUNUID", str(os.getpid())).encode())
+    first = FIRST + (run + worker) % RANGES * EACH
     while True:
         port = first + next(_taken) % EACH
         with socket.socket() as probe:

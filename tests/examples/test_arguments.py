@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import ast
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.forked import run_forked
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 WRONG = {
@@ -26,7 +26,7 @@ def test_a_mistake_is_one_line_and_exit_2(case: str, tmp_path: Path) -> None:
     """What was given, and what the example takes."""
     name, arguments, said = WRONG[case]
     file = str(EXAMPLES / name)
-    done = subprocess.run([sys.executable, file, *arguments], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = run_forked(file, *arguments, folder=tmp_path)
     assert done.returncode == 2 and done.stdout == ""
     assert said.format(file=file) in done.stderr and done.stderr.count("\n") == 1, done.stderr
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.forked import ForkedProcess, ForkServer
+from tests.forked import ForkedProcess
 from tests.ports import free_endpoint
 from tests.slow_link import SlowLink
 
@@ -114,18 +114,15 @@ def starter(launch: Callable[..., "subprocess.Popen[str] | ForkedProcess"]) -> I
             process.kill()
 
 
-@pytest.fixture(scope="session")
-def fork_server() -> Iterator[ForkServer]:
-    """Starts processes of `peer.py` where everything is imported already."""
-    server = ForkServer(PEER)
-    yield server
-    server.close()
+def forked_program(*words: str) -> ForkedProcess:
+    """A process that runs `peer.py`, forked where everything is imported already."""
+    return ForkedProcess(PEER, *words)
 
 
 @pytest.fixture
-def start(fork_server: ForkServer) -> Iterator[Callable[..., Process]]:
+def start() -> Iterator[Callable[..., Process]]:
     """Starts a process of `peer.py` and waits until it is ready; all are ended with the test."""
-    yield from starter(fork_server.start)
+    yield from starter(forked_program)
 
 
 @pytest.fixture
@@ -135,9 +132,9 @@ def start_program() -> Iterator[Callable[..., Process]]:
 
 
 @pytest.fixture(scope="module")
-def shared_node(fork_server: ForkServer) -> Iterator[tuple[Process, str]]:
+def shared_node() -> Iterator[tuple[Process, str]]:
     """A node for all tests of a file that do it no harm, and its endpoint."""
-    for begin in starter(fork_server.start):
+    for begin in starter(forked_program):
         endpoint = free_endpoint()
         yield begin("node", endpoint), endpoint
 

@@ -11,9 +11,8 @@ from pathlib import Path
 import pytest
 
 import transport
-from tests.forked import ForkServer
 from tests.ports import free_port
-from tests.transport.conftest import starter
+from tests.transport.conftest import forked_program, starter
 from transport import PerceptionClient, open_client
 from transport.fleet import robot_states
 from transport.keys import terrain_key
@@ -66,7 +65,7 @@ class Site:
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory, fork_server: ForkServer) -> Iterator[Site]:
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     """All nine processes."""
 
     keys = init_security(tmp_path_factory.mktemp("site") / "keys", robot=ROBOTS)
@@ -75,7 +74,7 @@ def site(tmp_path_factory: pytest.TempPathFactory, fork_server: ForkServer) -> I
     for room, robots in ROOMS.items():
         make_router(keys, robots, name=room, listen=f"tls/127.0.0.1:{ports[room]}", uplink="top")
     add(keys, "desk", "fleet")
-    for start in starter(fork_server.start):
+    for start in starter(forked_program):
         made = Site(keys, {name: f"tls/localhost:{port}" for name, port in ports.items()}, start)
         for name in ports:
             made.run(name)

@@ -2,8 +2,6 @@
 
 import queue
 import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,6 +12,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app.main import run
+from tests.forked import ForkedProcess
 from tests.ports import free_endpoint
 
 PATIENCE = 180.0
@@ -24,13 +23,7 @@ class Process:
     """Another process, the lines that it says, and its end."""
 
     def __init__(self, *arguments: str | Path) -> None:
-        self.popen = subprocess.Popen(
-            [sys.executable, *map(str, arguments)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        self.popen = ForkedProcess(*arguments)
         self.errors: list[str] = []
         self._said: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._readers = [
@@ -67,11 +60,9 @@ class Process:
 
     def end(self) -> None:
         """End it whatever it does."""
-        if self.popen.poll() is None:
-            self.popen.kill()
+        self.popen.kill()
         self.wait()
-        for pipe in (self.popen.stdin, self.popen.stdout, self.popen.stderr):
-            pipe.close()
+        self.popen.close()
 
 
 @pytest.fixture(scope="module")

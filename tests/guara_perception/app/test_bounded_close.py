@@ -11,6 +11,7 @@ from typing import Any, Self
 import pytest
 
 from guara_perception.app.bounded_close import closed_within
+from tests.forked import ForkedProcess
 
 # Seconds for anything that must happen at all, on a machine busy with other things.
 PATIENCE = 180.0
@@ -93,11 +94,9 @@ sys.exit(main.run(["run", "--simulated", "--listen", sys.argv[1]]))
 @pytest.mark.slow
 def test_a_running_node_ends_although_its_devices_hang(free_endpoint: str) -> None:
     """It did not end; that the laser is off it does not say then."""
-    node = subprocess.Popen(
-        [sys.executable, "-c", NODE, free_endpoint], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    node = ForkedProcess("-c", NODE, free_endpoint)
     try:
-        assert node.stdout is not None and "listening on" in node.stdout.readline()
+        assert "listening on" in node.stdout.readline()
         node.send_signal(signal.SIGINT)
         printed, complaint = node.communicate(timeout=PATIENCE)
     finally:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.forked import run_forked
 
 # A limit of the size of files fails the writes of a process as a full disk does.
 CODE = """
@@ -41,9 +41,8 @@ def test_each_writing_command_names_its_file_and_leaves_none(
     }
     commands = dict(list(commands.items())[chosen])
     encoded = json.dumps([[str(word) for word in given] for given in commands.values()])
-    done = subprocess.run(
-        [sys.executable, "-c", CODE, encoded], capture_output=True, text=True, check=True, timeout=300
-    )
+    done = run_forked("-c", CODE, encoded)
+    assert done.returncode == 0, done.stderr
     lines = [line for line in done.stderr.splitlines() if not line.startswith("INFO")]
     assert lines[1::2] == ["=> exit 1"] * len(commands), done.stderr
     for name, line in zip(commands, lines[::2], strict=True):

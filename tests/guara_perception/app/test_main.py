@@ -14,6 +14,7 @@ import guara_perception as gp
 from guara_perception.app import main as module
 from guara_perception.app.main import COMMANDS, LazyGroup, is_bad_input, run, words_of
 from kinematics.exceptions import unknown_name
+from tests.forked import run_forked
 from transport import ConnectionFailed, ScanFailed, StaleTerrain
 
 PROMISED = """
@@ -256,7 +257,8 @@ def test_verbose_behind_the_command_shows_the_log(data: Path, tmp_path: Path):
         (["info", str(data)], "30"),
         (["-v", "info", "x"], "20"),
     ):
-        done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
+        done = run_forked("-c", code, *arguments)
+        assert done.returncode == 0, done.stderr
         assert done.stdout.splitlines()[-1] == level
 
 

@@ -17,6 +17,7 @@ from guara_perception.app.commands.run import recording_size
 from guara_perception.app.figures import figures
 from guara_perception.app.main import run
 from kinematics import RobotModel
+from tests.forked import ForkedProcess
 from tests.ports import free_endpoint as free_port_endpoint
 from transport import open_node
 
@@ -141,9 +142,7 @@ def test_the_simulated_gait_speaks_under_the_name_of_the_robot(
     recording = tmp_path / "walk.mcap"
     arguments = ["run", "--simulated", "--name", "lobo", "--mode", "coarse", "--listen", free_endpoint]
     arguments += ["--record", str(recording)]
-    node = subprocess.Popen(
-        [sys.executable, "-m", "guara_perception.app.main", *arguments], stdout=subprocess.PIPE, text=True
-    )
+    node = ForkedProcess("-m", "guara_perception.app.main", *arguments)
     try:
         with gp.TerrainClient(free_endpoint, robot="lobo", timeout=PATIENCE) as client:
             assert client.wait_for_step(0, timeout=PATIENCE).metadata["instance"] == "lobo"

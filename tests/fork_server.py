@@ -1,0 +1,139 @@
+"""The server of `forked.py`: `python fork_server.py LISTENER [PYTEST ARGUMENTS...]`.
+
+It imports what tests and programs import, then forks for each request. It has one thread, for a fork keeps no other.
+"""
+
+from __future__ import annotations
+
+import gc
+import importlib
+import json
+import os
+import pkgutil
+import runpy
+import select
+import signal
+import socket
+import sys
+from pathlib import Path
+from types import ModuleType
+
+ROOT = Path(__file__).parent.parent
+PACKAGES = ("guara_perception", "transport", "drivers", "kinematics")
+# What the packages import when it is needed first.
+LATER = ("matplotlib.pyplot", "scipy.ndimage", "scipy.optimize", "scipy.spatial", "mcap.reader", "mcap.writer")
+
+
+def import_everything(pytest_arguments: list[str]) -> None:
+    """Import the tests if there are arguments, all modules that need no extra, and what they would import later."""
+    if pytest_arguments:
+        import pytest
+
+        # A module that cannot be imported is reported by the workers, which try again.
+        pytest.main([*pytest_arguments, "-n0", "--collect-only", "-qqq"])
+    for package in PACKAGES:
+        folder = importlib.import_module(package).__path__
+        for module in pkgutil.walk_packages(folder, f"{package}.", onerror=lambda _: None):
+            if not module.name.endswith("__main__"):
+                try:
+                    importlib.import_module(module.name)
+                except ImportError:
+                    continue
+    for name in LATER:
+        importlib.import_module(name)
+    importlib.import_module("transport.messages.typestore").warm_up()
+    threads = len(os.listdir("/proc/self/task"))
+    assert threads == 1, f"importing the tests has started {threads - 1} threads, which a fork would lose"
+    gc.freeze()
+
+
+def serve(listener: socket.socket) -> list[str]:
+    """Fork for each request; return what it asks for in each child, and end with whoever started the server."""
+    wake, woken = os.pipe()
+    os.set_blocking(woken, False)
+    signal.set_wakeup_fd(woken)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    children: dict[int, socket.socket] = {}
+    while True:
+        ready, _, _ = select.select([listener, wake, 0], [], [])
+        if 0 in ready:
+            os._exit(0)
+        if wake in ready:
+            os.read(wake, 4096)
+            report_ends(children)
+        if listener not in ready:
+            continue
+        connection, _ = listener.accept()
+        header, streams, _, _ = socket.recv_fds(connection, 4, 3)
+        if len(header) < 4:
+            connection.close()
+            continue
+        request = json.loads(connection.recv(int.from_bytes(header, "big"), socket.MSG_WAITALL))
+        pid = os.fork()
+        if pid:
+            for stream in streams:
+                os.close(stream)
+            children[pid] = connection
+            answer(connection, pid)
+            continue
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for other in (listener, connection, *children.values()):
+            other.close()
+        for number, stream in enumerate(streams):
+            os.dup2(stream, number)
+        for descriptor in (*streams, wake, woken):
+            os.close(descriptor)
+        os.chdir(request["folder"])
+        os.environ.clear()
+        os.environ.update(request["environment"])
+        return request["words"]
+
+
+def report_ends(children: dict[int, socket.socket]) -> None:
+    """Tell whoever asked for them how the children have ended."""
+    while children:
+        pid, status = os.waitpid(-1, os.WNOHANG)
+        if not pid:
+            return
+        with children.pop(pid) as connection:
+            answer(connection, status)
+
+
+def answer(connection: socket.socket, number: int) -> None:
+    """Send a line to a process that may have ended."""
+    try:
+        connection.sendall(f"{number}\n".encode())
+    except OSError:
+        pass
+
+
+def run(words: list[str]) -> None:
+    """What `python WORDS...` runs: `-c CODE`, `-m MODULE` or a script, with arguments."""
+    # As a new interpreter opens them; the server's own remember what its streams were.
+    sys.stdin, sys.stdout, sys.stderr = (
+        open(0, closefd=False),
+        open(1, "w", closefd=False),
+        open(2, "w", 1, closefd=False),
+    )
+    sys.path[0] = "" if words[0].startswith("-") else str(Path(words[0]).resolve().parent)
+    if words[0] == "-m":
+        sys.argv = ["-m", *words[2:]]
+        # Imported already, which runpy warns of.
+        sys.modules.pop(words[1], None)
+        runpy.run_module(words[1], run_name="__main__", alter_sys=True)
+        return
+    code, file = (words[1], "<string>") if words[0] == "-c" else (Path(words[0]).read_text(), words[0])
+    sys.argv = ["-c", *words[2:]] if words[0] == "-c" else words
+    main = sys.modules["__main__"] = ModuleType("__main__")
+    main.__dict__.update(__file__=file)
+    exec(compile(code, file, "exec", dont_inherit=True), vars(main))
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.path[0] = str(ROOT)
+    listening = socket.socket(fileno=int(sys.argv[1]))
+    import_everything(sys.argv[2:])
+    run(serve(listening))
