@@ -140,6 +140,7 @@ def resized(recording: Recording, size: tuple[int, int]) -> Recording:
     return replace(recording, name=name, calibration=calibration, frames=frames)
 
 
+@lru_cache(maxsize=4)
 def robot_with(stripes: int) -> RobotModel:
     """The Guará with another number of stripes in its standard pattern."""
     robot = load_robot("guara")

@@ -58,7 +58,7 @@ def test_signals_reach_them(number: signal.Signals) -> None:
         process.close()
 
 
-def test_they_read_what_they_are_told() -> None:
+def test_they_read_their_input() -> None:
     """Their standard input ends when it is closed."""
     process = ForkedProcess("-c", "import sys; print(sys.stdin.read().upper(), end='')")
     process.stdin.write("terrain")

@@ -86,7 +86,9 @@ def texts() -> list[Path]:
 @cache
 def suspects() -> dict[Path, str]:
     """Texts in which any of the phrases stands: few, so that each phrase need not be sought in all."""
-    any_of_them = re.compile("|".join(REFUSED))
+    assert all(phrase.startswith((r"\b", r"(?:\b|_)", r"(?i:(?:\b|_)")) for phrase in REFUSED)
+    # Sought only where words begin, or parts of names.
+    any_of_them = re.compile(r"(?:\b(?=\w)|(?=_))(?:" + "|".join(REFUSED) + ")")
     read = {path: path.read_text(encoding="utf-8") for path in texts()}
     return {path: text for path, text in read.items() if any_of_them.search(text)}
 

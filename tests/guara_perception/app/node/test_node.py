@@ -257,7 +257,7 @@ def test_a_failing_map_costs_the_map_of_that_pause_and_nothing_else(
 ) -> None:
     """The scan is published and its recording closed, the status says what failed; later pauses are whole."""
     path = tmp_path / "walk.mcap"
-    recorder = ScanRecorder(path, robot="guara", calibration=calibration)
+    recorder = ScanRecorder(path, robot="guara", calibration=calibration, jpeg_quality=80)
     with recorder, bench_with(recorder) as bench:
         with monkeypatch.context() as patch:
             patch.setattr(WalkMap, "update", lambda *_, **__: 1 / 0)
@@ -288,7 +288,7 @@ def test_a_withdrawn_scan_is_not_replayed(
     """No grid is made of its frames: replay leaves it out, process and convert refuse it, all in words."""
     both, moved = tmp_path / "both.mcap", tmp_path / "moved.mcap"
     for path, steps in ((both, (0, 1)), (moved, (1,))):
-        recorder = ScanRecorder(path, robot="guara", calibration=calibration)
+        recorder = ScanRecorder(path, robot="guara", calibration=calibration, jpeg_quality=80)
         with recorder, bench_with(recorder) as bench:
             for step in steps:
                 bench.gait.say(step, PausePhase.BEGIN)
