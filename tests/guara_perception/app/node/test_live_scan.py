@@ -134,8 +134,18 @@ def test_lost_steps_are_counted_when_the_mirror_comes_home(rig: Rig) -> None:
     assert scan_again_is_whole(rig)
 
 
-@pytest.mark.parametrize("kind", ["drop", "repeat", "freeze", "silence", "resize", "brighten"])
-@pytest.mark.parametrize("first", [1, 20])
+CAMERA_FAULTS = ("drop", "repeat", "freeze", "silence", "resize", "brighten")
+
+
+# Each kind early or late in the scan; both of each are tried in `make test-heavy`.
+@pytest.mark.parametrize(
+    ("kind", "first"),
+    [
+        pytest.param(kind, first, marks=[pytest.mark.heavy] * ((number + late) % 2))
+        for number, kind in enumerate(CAMERA_FAULTS)
+        for late, first in enumerate((1, 20))
+    ],
+)
 def test_no_camera_fault_makes_anything_safer(rig: Rig, kind: str, first: int) -> None:
     """Frames that are lost, repeated, frozen, of another size or exposure cost their stripe and no more."""
     rig.camera.faults.append(CameraFault(kind, first, 3))

@@ -231,17 +231,16 @@ REFUSED_GROUND: dict[str, tuple[dict[str, object], str]] = {
 }
 
 
-@pytest.mark.parametrize("what", REFUSED_GROUND)
-def test_ground_that_nobody_can_know_is_refused_in_words(bench: Bench, what: str) -> None:
-    """None of it goes into the map; the pause is scanned all the same, and the next one too."""
-    fields, words = REFUSED_GROUND[what]
-    bench.gait.say(0, PausePhase.BEGIN, **fields)
-    assert reported(bench, words)
-    fused = both(bench, 0)[1]
-    assert fused.metadata["known_ground"] == []
-    bench.gait.say(0, PausePhase.END)
-    bench.gait.say(1, PausePhase.BEGIN, known_ground=patches())
-    assert len(both(bench, 1)[1].metadata["known_ground"]) == 1
+def test_ground_that_nobody_can_know_is_refused_in_words(bench: Bench) -> None:
+    """None of it goes into the map; each pause is scanned all the same, and the next one's ground is taken."""
+    for step, (what, (fields, words)) in enumerate(REFUSED_GROUND.items()):
+        bench.gait.say(step, PausePhase.BEGIN, **fields)
+        assert reported(bench, words), what
+        assert both(bench, step)[1].metadata["known_ground"] == [], what
+        bench.gait.say(step, PausePhase.END)
+    last = len(REFUSED_GROUND)
+    bench.gait.say(last, PausePhase.BEGIN, known_ground=patches())
+    assert len(both(bench, last)[1].metadata["known_ground"]) == 1
     assert all(item.name != "known_ground" for item in bench.status.items())
 
 

@@ -97,7 +97,9 @@ def end_at(bench: Bench, stripe: int, step: int) -> Callable[[], None]:
     return lambda: rangefinder.__dict__.pop("sweep")
 
 
-@pytest.mark.parametrize("stripe", [0, 1, 34, 35, 69])
+@pytest.mark.parametrize(
+    "stripe", [0, pytest.param(1, marks=pytest.mark.heavy), 34, pytest.param(35, marks=pytest.mark.heavy), 69]
+)
 def test_a_standard_scan_cut_at_any_stripe_leaves_the_rest_unscanned(standard_bench: Bench, stripe: int) -> None:
     """What was not fired is UNSCANNED, nothing unknown is free in grid or map, and the next pause is whole."""
     bench, whole = standard_bench, standard_bench.rig.reference
