@@ -47,8 +47,9 @@ settings.load_profile("busy")
 def pytest_xdist_setupnodes(config: pytest.Config, specs: list[Any]) -> None:
     """All workers are forked where the tests are imported already: each would need seconds for it."""
     forked.start_server(*config.invocation_params.args)
-    python = shlex.join([sys.executable, "-I", "-S", forked.__file__])
-    specs[:] = [type(spec)(f"popen//python={python}") if spec.popen else spec for spec in specs]
+    for spec in specs:
+        if spec.popen:
+            spec.python = shlex.join([sys.executable, "-I", "-S", forked.__file__])
 
 
 def pytest_xdist_auto_num_workers() -> int:

@@ -48,7 +48,7 @@ def import_everything(pytest_arguments: list[str]) -> None:
 
 
 def serve(listener: socket.socket) -> list[str]:
-    """Fork for each request; return what it asks for in each child, and end with whoever started the server."""
+    """Fork for each request; return what it asks for in each child. Ends with whoever started it, and all children."""
     wake, woken = os.pipe()
     os.set_blocking(woken, False)
     signal.set_wakeup_fd(woken)
@@ -57,6 +57,9 @@ def serve(listener: socket.socket) -> list[str]:
     while True:
         ready, _, _ = select.select([listener, wake, 0], [], [])
         if 0 in ready:
+            for pid in children:
+                os.kill(pid, signal.SIGKILL)
+                os.waitpid(pid, 0)
             os._exit(0)
         if wake in ready:
             os.read(wake, 4096)

@@ -8,6 +8,7 @@ Run as `python forked.py WORDS...` this file is `python WORDS...`, forked.
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import signal
@@ -23,7 +24,6 @@ from typing import IO
 SERVER = Path(__file__).with_name("fork_server.py")
 ADDRESS = "TESTS_FORK_SERVER"
 PATIENCE = 180.0
-_servers: list[subprocess.Popen[bytes]] = []
 
 
 def start_server(*pytest_arguments: str) -> None:
@@ -41,7 +41,9 @@ def start_server(*pytest_arguments: str) -> None:
         # More threads of linear algebra than workers only wait for one another; a fork would lose them.
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
         pipe, fds = subprocess.PIPE, [listener.fileno()]
-        _servers.append(subprocess.Popen(words, env=environment, stdin=pipe, stdout=subprocess.DEVNULL, pass_fds=fds))
+        server = subprocess.Popen(words, env=environment, stdin=pipe, stdout=subprocess.DEVNULL, pass_fds=fds)
+    # It ends when its standard input does. Waited for, its processor time counts as this process's.
+    atexit.register(server.communicate)
 
 
 def ask(words: Sequence[str], streams: Sequence[int], environment: Mapping[str, str], folder: str) -> tuple[int, IO]:
