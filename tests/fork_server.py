@@ -91,7 +91,7 @@ def serve(listener: socket.socket) -> list[str]:
         os.chdir(request["folder"])
         os.environ.clear()
         os.environ.update(request["environment"])
-        return request["words"]
+        return request["arguments"]
 
 
 def report_ends(children: dict[int, socket.socket]) -> None:
@@ -112,23 +112,23 @@ def answer(connection: socket.socket, number: int) -> None:
         pass
 
 
-def run(words: list[str]) -> None:
-    """What `python WORDS...` runs: `-c CODE`, `-m MODULE` or a script, with arguments."""
+def run(arguments: list[str]) -> None:
+    """What `python ARGUMENTS...` runs: `-c CODE`, `-m MODULE` or a script, with arguments."""
     # As a new interpreter opens them; the server's own remember what its streams were.
     sys.stdin, sys.stdout, sys.stderr = (
         open(0, closefd=False),
         open(1, "w", closefd=False),
         open(2, "w", 1, closefd=False),
     )
-    sys.path[0] = "" if words[0].startswith("-") else str(Path(words[0]).resolve().parent)
-    if words[0] == "-m":
-        sys.argv = ["-m", *words[2:]]
+    sys.path[0] = "" if arguments[0].startswith("-") else str(Path(arguments[0]).resolve().parent)
+    if arguments[0] == "-m":
+        sys.argv = ["-m", *arguments[2:]]
         # Imported already, which runpy warns of.
-        sys.modules.pop(words[1], None)
-        runpy.run_module(words[1], run_name="__main__", alter_sys=True)
+        sys.modules.pop(arguments[1], None)
+        runpy.run_module(arguments[1], run_name="__main__", alter_sys=True)
         return
-    code, file = (words[1], "<string>") if words[0] == "-c" else (Path(words[0]).read_text(), words[0])
-    sys.argv = ["-c", *words[2:]] if words[0] == "-c" else words
+    code, file = (arguments[1], "<string>") if arguments[0] == "-c" else (Path(arguments[0]).read_text(), arguments[0])
+    sys.argv = ["-c", *arguments[2:]] if arguments[0] == "-c" else arguments
     main = sys.modules["__main__"] = ModuleType("__main__")
     main.__dict__.update(__file__=file)
     exec(compile(code, file, "exec", dont_inherit=True), vars(main))

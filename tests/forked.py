@@ -3,7 +3,7 @@
 One server (`fork_server.py`) serves all workers of a run, and the workers themselves are forked by it: it has imported
 the tests too. What it gives is a process of its own, with its own streams, signals and end, as `subprocess.Popen` would
 start it. What is tested from the interpreter's begin to its end, as imports and exit are, takes a new interpreter.
-Run as `python forked.py WORDS...` this file is `python WORDS...`, forked.
+Run as `python forked.py ARGUMENTS...` this file is `python ARGUMENTS...`, forked.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -37,20 +36,22 @@ def start_server(*pytest_arguments: str) -> None:
         listener.bind("")
         listener.listen(256)
         os.environ[ADDRESS] = listener.getsockname()[1:].decode()
-        words = [sys.executable, str(SERVER), str(listener.fileno()), *pytest_arguments]
+        command = [sys.executable, str(SERVER), str(listener.fileno()), *pytest_arguments]
         # More threads of linear algebra than workers only wait for one another; a fork would lose them.
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
         pipe, fds = subprocess.PIPE, [listener.fileno()]
-        server = subprocess.Popen(words, env=environment, stdin=pipe, stdout=subprocess.DEVNULL, pass_fds=fds)
+        server = subprocess.Popen(command, env=environment, stdin=pipe, stdout=subprocess.DEVNULL, pass_fds=fds)
     # It ends when its standard input does. Waited for, its processor time counts as this process's.
     atexit.register(server.communicate)
 
 
-def ask(words: Sequence[str], streams: Sequence[int], environment: Mapping[str, str], folder: str) -> tuple[int, IO]:
-    """A forked process of `python WORDS...` with these three streams; its id, and where its status will be written."""
+def ask(
+    arguments: Sequence[str], streams: Sequence[int], environment: Mapping[str, str], folder: str
+) -> tuple[int, IO]:
+    """A forked process of `python ARGUMENTS...` with three streams; its id, and where its status will be written."""
     if ADDRESS not in os.environ:
         start_server()
-    request = json.dumps({"words": [*words], "environment": {**environment}, "folder": folder}).encode()
+    request = json.dumps({"arguments": [*arguments], "environment": {**environment}, "folder": folder}).encode()
     connection = socket.socket(socket.AF_UNIX)
     connection.settimeout(PATIENCE)
     connection.connect("\0" + os.environ[ADDRESS])
@@ -68,16 +69,16 @@ class ForkedProcess:
     """What tests use of `subprocess.Popen`, text on all three streams."""
 
     def __init__(
-        self, *words: str | Path, environment: Mapping[str, str] | None = None, folder: str | Path = "."
+        self, *arguments: str | Path, environment: Mapping[str, str] | None = None, folder: str | Path = "."
     ) -> None:
-        """Start `python WORDS...`."""
+        """Start `python ARGUMENTS...`."""
         (stdin, to_it), (from_it, stdout), (errors, stderr) = (os.pipe() for _ in range(3))
-        theirs = (stdin, stdout, stderr)
-        self.args = [str(word) for word in words]
+        of_child = (stdin, stdout, stderr)
+        self.args = [str(word) for word in arguments]
         try:
-            self.pid, answers = ask(self.args, theirs, environment or os.environ, str(Path(folder).resolve()))
+            self.pid, answers = ask(self.args, of_child, environment or os.environ, str(Path(folder).resolve()))
         finally:
-            for stream in theirs:
+            for stream in of_child:
                 os.close(stream)
         self.stdin, self.stdout, self.stderr = os.fdopen(to_it, "w"), os.fdopen(from_it), os.fdopen(errors)
         self.returncode: int | None = None
@@ -144,10 +145,10 @@ class ForkedProcess:
 
 
 def run_forked(
-    *words: str | Path, environment: Mapping[str, str] | None = None, folder: str | Path = "."
+    *arguments: str | Path, environment: Mapping[str, str] | None = None, folder: str | Path = "."
 ) -> subprocess.CompletedProcess[str]:
-    """Run `python WORDS...` to its end, as `subprocess.run` does."""
-    process = ForkedProcess(*words, environment=environment, folder=folder)
+    """Run `python ARGUMENTS...` to its end, as `subprocess.run` does."""
+    process = ForkedProcess(*arguments, environment=environment, folder=folder)
     try:
         out, errors = process.communicate(PATIENCE)
         return subprocess.CompletedProcess(process.args, process.wait(), out, errors)
@@ -155,20 +156,10 @@ def run_forked(
         process.close()
 
 
-@contextmanager
-def forked(*words: str | Path) -> Iterator[ForkedProcess]:
-    """A process that has ended when the block ends."""
-    process = ForkedProcess(*words)
-    try:
-        yield process
-    finally:
-        process.close()
-
-
 def main() -> None:
-    """Be `python WORDS...`: end when and as it ends, and hold none of its streams meanwhile."""
-    words = [word for word in sys.argv[1:] if word != "-u"]
-    _, answers = ask(words, (0, 1, 2), os.environ, os.getcwd())
+    """Be `python ARGUMENTS...`: end when and as it ends, and hold none of its streams meanwhile."""
+    arguments = [word for word in sys.argv[1:] if word != "-u"]
+    _, answers = ask(arguments, (0, 1, 2), os.environ, os.getcwd())
     nothing = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1):
         os.dup2(nothing, stream)

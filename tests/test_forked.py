@@ -1,4 +1,4 @@
-"""Forked processes are what `python WORDS...` starts, in everything that tests of programs look at."""
+"""Forked processes are what `python ARGUMENTS...` starts, in everything that tests of programs look at."""
 
 import os
 import signal
@@ -29,12 +29,17 @@ except KeyboardInterrupt:
 def test_they_say_and_end_as_new_ones_do(kind: str, tmp_path: Path) -> None:
     """Arguments, environment, folder, name, exit code."""
     (tmp_path / "say.py").write_text(SAY)
-    words = {"code": ["-c", SAY], "script": [tmp_path / "say.py"], "module": ["-m", "say"]}[kind]
+    arguments = {"code": ["-c", SAY], "script": [tmp_path / "say.py"], "module": ["-m", "say"]}[kind]
     environment = {**os.environ, "SAID": "yes"}
     new = subprocess.run(
-        [sys.executable, *words, "a b", "ä"], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        [sys.executable, *arguments, "a b", "ä"],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
-    done = run_forked(*words, "a b", "ä", environment=environment, folder=tmp_path)
+    done = run_forked(*arguments, "a b", "ä", environment=environment, folder=tmp_path)
     assert (
         (done.returncode, done.stdout, done.stderr) == (new.returncode, new.stdout, new.stderr) == (3, done.stdout, "")
     )

@@ -86,9 +86,11 @@ def texts() -> list[Path]:
 @cache
 def suspects() -> dict[Path, str]:
     """Texts in which any of the phrases stands: few, so that each phrase need not be sought in all."""
-    assert all(phrase.startswith((r"\b", r"(?:\b|_)", r"(?i:(?:\b|_)")) for phrase in REFUSED)
-    # Sought only where words begin, or parts of names.
-    any_of_them = re.compile(r"(?:\b(?=\w)|(?=_))(?:" + "|".join(REFUSED) + ")")
+    # Those that begin with a word, or a part of a name, are sought only there.
+    of_lines = [phrase for phrase in REFUSED if phrase.startswith("(?m:^")]
+    of_words = [phrase for phrase in REFUSED if phrase.startswith((r"\b", r"(?:\b|_)", r"(?i:(?:\b|_)"))]
+    assert sorted((*of_lines, *of_words)) == sorted(REFUSED)
+    any_of_them = re.compile("|".join((*of_lines, r"(?:\b(?=\w)|(?=_))(?:" + "|".join(of_words) + ")")))
     read = {path: path.read_text(encoding="utf-8") for path in texts()}
     return {path: text for path, text in read.items() if any_of_them.search(text)}
 
