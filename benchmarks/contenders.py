@@ -1,4 +1,4 @@
-"""Stripe extraction by everybody: (laser on, laser off) of a band or a frame -> row of the stripe in each column."""
+"""Stripe extraction by this project and by others: (laser on, laser off) of a band or frame -> row in each column."""
 
 from __future__ import annotations
 

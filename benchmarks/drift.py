@@ -47,7 +47,7 @@ class Look:
 
 @dataclass(frozen=True)
 class MapErrors:
-    """What came of a walk, in millimetres: sideways rms, the worst, height rms under hind feet, scans not used."""
+    """The result of a walk, in millimetres: sideways rms, the worst, height rms under hind feet, scans not used."""
 
     x: float
     y: float

@@ -41,7 +41,7 @@ class Cost:
 
     @property
     def is_within(self) -> bool:
-        """Whether it stayed within the limits and ended in words."""
+        """Whether it stayed within the limits and was read, or refused with a message."""
         is_said = self.outcome.startswith(("refused", "read"))
         return is_said and self.memory <= MEMORY_MB * 1e6 and self.seconds <= SECONDS
 

@@ -161,8 +161,8 @@ def main() -> None:
     for what, cloud in (("before the robot", points), ("all around it", near)):
         on = median_ms(partial(own.contains, cloud), repeats)
         rows.append((f"self-filter, 40,000 points {what}: on the robot", f"{on:.1f} ms", "10 ms"))
-        for name, eye in (("camera", camera), ("laser", laser)):
-            shadow = median_ms(partial(own.blocks, eye, cloud), repeats)
+        for name, origin in (("camera", camera), ("laser", laser)):
+            shadow = median_ms(partial(own.blocks, origin, cloud), repeats)
             rows.append((f"self-filter, 40,000 points {what}: hidden from {name}", f"{shadow:.1f} ms", "10 ms"))
     for gravity in (True, False):
         low, high = covariance_ratio(robot, gravity, 500 if quick else 20_000)

@@ -14,7 +14,7 @@ ROWS, COLUMNS = 512, 640
 WINDOW_M = 0.030
 
 
-def range_image(points: Float, eye: Float, x: Range, y: Range) -> Float:
+def range_image(points: Float, optical_centre: Float, x: Range, y: Range) -> Float:
     """Perspective range image (512, 640) [m], filled by bilinear interpolation.
 
     Args:
@@ -25,18 +25,20 @@ def range_image(points: Float, eye: Float, x: Range, y: Range) -> Float:
     from scipy.interpolate import griddata
 
     # Where the camera's ray through each point meets the floor.
-    floor = eye[:2] + (points[:, :2] - eye[:2]) * (eye[2] / (eye[2] - points[:, 2:]))
+    floor = optical_centre[:2] + (points[:, :2] - optical_centre[:2]) * (
+        optical_centre[2] / (optical_centre[2] - points[:, 2:])
+    )
     row = (floor[:, 0] - x[0]) / (x[1] - x[0]) * ROWS - 0.5
     column = (floor[:, 1] - y[0]) / (y[1] - y[0]) * COLUMNS - 0.5
     u, v = np.meshgrid(np.arange(COLUMNS), np.arange(ROWS))
     return np.asarray(griddata((column, row), points[:, 2], (u, v), method="linear"))
 
 
-def orthorectified(height: Float, eye: Float, x: Range, y: Range) -> Float:
+def orthorectified(height: Float, optical_centre: Float, x: Range, y: Range) -> Float:
     """Eqs. 20 and 21 about the spot below the camera: every pixel sent to its true place, the highest stays."""
-    nadir_u, nadir_v = _nadir(eye, x, y)
+    nadir_u, nadir_v = _nadir(optical_centre, x, y)
     u, v = np.meshgrid(np.arange(COLUMNS), np.arange(ROWS))
-    shrink = (eye[2] - height) / eye[2]
+    shrink = (optical_centre[2] - height) / optical_centre[2]
     known = np.isfinite(height)
     true_u = np.rint((u - nadir_u) * shrink + nadir_u)[known].astype(int)
     true_v = np.rint((v - nadir_v) * shrink + nadir_v)[known].astype(int)
@@ -46,10 +48,10 @@ def orthorectified(height: Float, eye: Float, x: Range, y: Range) -> Float:
     return ortho
 
 
-def orthorectified_in_loops(height: Float, eye: Float, x: Range, y: Range) -> Float:
+def orthorectified_in_loops(height: Float, optical_centre: Float, x: Range, y: Range) -> Float:
     """The same, pixel by pixel."""
-    nadir_u, nadir_v = _nadir(eye, x, y)
-    above = float(eye[2])
+    nadir_u, nadir_v = _nadir(optical_centre, x, y)
+    above = float(optical_centre[2])
     ortho = np.full((ROWS, COLUMNS), -np.inf)
     for v in range(ROWS):
         for u in range(COLUMNS):
@@ -94,6 +96,8 @@ def window_cells(cell: float) -> int:
     return 2 * int(np.ceil(WINDOW_M / 2 / cell)) + 1
 
 
-def _nadir(eye: Float, x: Range, y: Range) -> tuple[float, float]:
+def _nadir(optical_centre: Float, x: Range, y: Range) -> tuple[float, float]:
     """Column and row of the spot below the camera."""
-    return (eye[1] - y[0]) / (y[1] - y[0]) * COLUMNS - 0.5, (eye[0] - x[0]) / (x[1] - x[0]) * ROWS - 0.5
+    return (optical_centre[1] - y[0]) / (y[1] - y[0]) * COLUMNS - 0.5, (optical_centre[0] - x[0]) / (
+        x[1] - x[0]
+    ) * ROWS - 0.5

@@ -1,4 +1,4 @@
-"""What stands in the way of the targets that are not met, for the documents; only the missed ones are printed."""
+"""Why targets are not met, for the documents; only reasons for missed targets are printed."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from benchmarks.section import Section
 REASONS = {
     "extraction / reference extraction, synthetic clean stripes": (
         "the reference only takes the highest peak; `precise` also smooths over three columns, looks for "
-        "rivals, judges the frame, gives a sigma and evens out the line: about 100 calls of numpy on arrays of"
-        " one row, of which each costs more in calling than in work. A compiled kernel that fuses the passes "
+        "rivals, judges the frame, gives a sigma and smooths the line: about 100 calls of numpy on arrays of"
+        " one row, each of which costs more to call than to carry out. A compiled kernel that fuses the passes "
         "reached 0.4 of the reference in a prototype (numba: 200 MB more to install, 0.4 s more to start)"
     ),
     "extraction / reference extraction, frames of the scan": (
@@ -31,7 +31,7 @@ REASONS = {
 
 
 def remarks(targets: Section) -> str:
-    """A paragraph per missed target."""
+    """A list in Markdown with the reason for each missed target; empty when none is missed."""
     missed = [name for name, figure in targets.figures.items() if not figure["met"]]
     lines = [f"- *{name}*: {REASONS.get(name, 'see the profile below')}." for name in missed]
-    return "\n".join(["### What stands in the way of the others", "", *lines, ""]) if lines else ""
+    return "\n".join(["### Why the others are not met", "", *lines, ""]) if lines else ""

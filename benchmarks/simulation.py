@@ -95,7 +95,7 @@ def _in_sight(
     rows, columns = heights.shape
     x, y = np.meshgrid(origin[0] + (np.arange(columns) + 0.5) / 1e3, origin[1] + (np.arange(rows) + 0.5) / 1e3)
     points = np.dstack((x, y, heights)).astype(np.float32)
-    views = [PolarView.around(relief, eye, (-np.pi, np.pi), 4000, 1.0, 0.001) for eye in (camera, laser)]
+    views = [PolarView.around(relief, viewpoint, (-np.pi, np.pi), 4000, 1.0, 0.001) for viewpoint in (camera, laser)]
     return np.logical_and(*(view.sees(points) for view in views))
 
 

@@ -1,4 +1,4 @@
-"""Triggers missed, doubled and late in emulated sweeps: how many are found, and whether a wrong stripe comes of one."""
+"""Triggers missed, doubled and late in emulated sweeps: how many are found, and whether one leads to a wrong stripe."""
 
 from __future__ import annotations
 

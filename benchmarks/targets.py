@@ -18,7 +18,7 @@ class Target:
     """One figure.
 
     Attributes:
-        what: in words.
+        what: text that says what is measured.
         must, goal: limits; the value may not be larger (smaller when `at_least`).
         value: takes it from the sections.
         at_least: whether more is better.

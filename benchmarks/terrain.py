@@ -165,7 +165,7 @@ def walks(robot: RobotModel, seeds: int, cycles: int) -> None:
 
 @dataclass(frozen=True)
 class WalkFigures:
-    """What came of one walk; millimetres, shares and counts."""
+    """The result of one walk; millimetres, shares and counts."""
 
     rms: float
     bias: float

@@ -1,4 +1,4 @@
-"""Whole scans by everybody: frames in memory -> heights and traversability layers on cells of 5 mm."""
+"""Whole scans by this project and by others: frames in memory -> heights and layers on cells of 5 mm."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ def process(recording: Recording, method: str) -> gp.TerrainGrid:
 
 
 def paper_literally(recording: Recording, extract: Extract) -> Float:
-    """The paper with common libraries: griddata fills the perspective picture, eqs. 20 and 21 set it right."""
-    points, eye = scan_points(recording, extract)
+    """The paper with common libraries: griddata fills the perspective picture, its eqs. 20 and 21 rectify it."""
+    points, optical_centre = scan_points(recording, extract)
     x, y = area(recording)
-    height = paper.range_image(points, eye, x, y)
-    elevation = paper.cells(paper.orthorectified(height, eye, x, y), x, y, CELL_M)
+    height = paper.range_image(points, optical_centre, x, y)
+    elevation = paper.cells(paper.orthorectified(height, optical_centre, x, y), x, y, CELL_M)
     paper.layers(elevation, CELL_M)
     return elevation
 
 
 def paper_point_by_point(recording: Recording) -> Float:
-    """The same with loops over points and pixels, layers on the paper's own picture."""
-    points, eye = scan_points(recording, literal, one_by_one=True)
+    """The paper with loops over points and pixels; the layers are computed on its rectified picture."""
+    points, optical_centre = scan_points(recording, literal, one_by_one=True)
     x, y = area(recording)
-    height = paper.range_image(points, eye, x, y)
-    ortho = paper.orthorectified_in_loops(height, eye, x, y)
+    height = paper.range_image(points, optical_centre, x, y)
+    ortho = paper.orthorectified_in_loops(height, optical_centre, x, y)
     paper.layers(np.where(np.isfinite(ortho), ortho, np.nan), (x[1] - x[0]) / paper.ROWS)
     return paper.cells(ortho, x, y, CELL_M)
 
@@ -58,7 +58,13 @@ def by_opencv_user(recording: Recording) -> Float:
 
 
 def scan_points(recording: Recording, extract: Extract, one_by_one: bool = False) -> tuple[Float, Float]:
-    """Points (n, 3) of all stripes and the camera's place, in base_footprint; every ray meets its laser plane."""
+    """Points (n, 3) of all stripes and the camera's optical centre (3,), in base_footprint [m].
+
+    Args:
+        recording: frames of one scan.
+        extract: gives the row of the stripe in each column.
+        one_by_one: intersect ray by ray with the laser plane, as the paper's program does, not all at once.
+    """
     camera = recording.calibration.camera
     pose = recording.robot.stance_pose(recording.stance).transform_base_to_footprint
     transform = pose @ recording.calibration.transform_camera_to_base
@@ -83,6 +89,6 @@ def scan_points(recording: Recording, extract: Extract, one_by_one: bool = False
 
 
 def area(recording: Recording) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Where the grid lies: x and y in base_footprint [m]."""
+    """Range of x and range of y of the grid in base_footprint [m]."""
     settings = Settings.of(recording.robot)
     return settings.footprint_x, settings.footprint_y

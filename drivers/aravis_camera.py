@@ -87,7 +87,7 @@ class AravisCamera(Camera):
         """Of the frames; empty before `open`."""
 
     def open(self) -> None:
-        """Find the camera, set it up and begin to take pictures; harmless when open.
+        """Find the camera, set it up and begin to take pictures; does nothing when open.
 
         Raises:
             CameraBackendMissing: Aravis is not installed.

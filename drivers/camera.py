@@ -88,7 +88,7 @@ class Camera(ABC):
 
     @abstractmethod
     def open(self) -> None:
-        """Open the camera; harmless when open.
+        """Open the camera; does nothing when open.
 
         Raises:
             CameraNotFound: it cannot be opened.
@@ -96,7 +96,7 @@ class Camera(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Close the camera; harmless when closed."""
+        """Close the camera; does nothing when closed."""
 
     @abstractmethod
     def lock(self, settings: CameraSettings) -> CameraSettings:

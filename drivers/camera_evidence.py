@@ -1,4 +1,4 @@
-"""What a camera can prove of its frames, in words."""
+"""What a camera can prove of its frames."""
 
 from __future__ import annotations
 

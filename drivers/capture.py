@@ -100,14 +100,14 @@ class ScanReport:
         fired: indices for which the laser was on, in order (their frames may have been lost).
         verdicts: (index, verdict) of each stripe handed out, in order.
         stopped_early: whether `should_stop` ended it.
-        failure: the error that ended it, in words, or None.
+        failure: the error that ended it, or None.
         frames_used: frames handed out, shared off frames once.
         frames_skipped: frames thrown away because they were exposed before a command had taken effect.
         frames_dropped: frames that the camera counted but did not deliver, while one was awaited.
         frames_repeated: frames delivered twice.
         duration: from the first command to the arrival of the last frame [s].
-        problems: what is wrong, in words; empty for a good scan.
-        notes: what one should know of how it was taken, in words.
+        problems: what is wrong; empty for a good scan.
+        notes: what one should know of how it was taken.
     """
 
     planned: tuple[int, ...]

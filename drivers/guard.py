@@ -22,7 +22,7 @@ class Closable(Protocol):
     """Anything that `close` makes safe."""
 
     def close(self) -> None:
-        """Make safe; harmless when already closed."""
+        """Make safe; does nothing when already closed."""
 
 
 _open: list[Closable] = []

@@ -64,7 +64,7 @@ class LaserSwitch:
                 self._lit_since = timing.monotonic()
 
     def off(self) -> None:
-        """Switch off; harmless when off."""
+        """Switch off; does nothing when off."""
         with self._lock:
             self._lit_since = None
             self._board.laser_off()

@@ -81,7 +81,7 @@ class OpenCvCamera(Camera):
         self._stop = threading.Event()
 
     def open(self) -> None:
-        """Open the source; harmless when open.
+        """Open the source; does nothing when open.
 
         Raises:
             CameraBackendMissing: the installed OpenCV lacks the backend.

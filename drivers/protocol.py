@@ -137,7 +137,7 @@ FAULT_MEANINGS = {
 
 
 def describe_faults(faults: BoardFault) -> str:
-    """The faults in words, or "no fault"."""
+    """The meanings of the faults as text, or "no fault"."""
     meanings = [meaning for fault, meaning in FAULT_MEANINGS.items() if fault in faults]
     return "; ".join(meanings) if meanings else "no fault"
 

@@ -1,4 +1,4 @@
-"""A stripe as the thread of a scan hands it over: not yet judged by its pictures."""
+"""A stripe as the thread of a scan delivers it: whether its pictures prove it is decided later."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ class RawStripe:
     """A stripe with its frames.
 
     Attributes:
-        stripe: what was planned.
-        reached: mirror angle of the motor step nearest to it [rad].
+        stripe: the stripe as planned.
+        reached: mirror angle at the motor step nearest to the planned angle [rad].
         on: frame with the laser on; None when it was lost.
         off: frame with the laser off; None when there is none.
     """

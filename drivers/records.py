@@ -104,7 +104,7 @@ class BoardStatus:
     """The answer to every command but `IDENTIFY`, and the report of the interrupt endpoint.
 
     Attributes:
-        result: what became of the command.
+        result: whether the command was carried out, or why not.
         request: the command this answers (echo), 0 in a report.
         sequence: count of requests served since power-up, modulo 65536.
         flags: what the board is doing.

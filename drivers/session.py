@@ -131,7 +131,7 @@ class BoardSession:
         )
 
     def close(self) -> None:
-        """Put the laser out, end the session and give the device back; harmless when closed.
+        """Put the laser out, end the session and give the device back; does nothing when closed.
 
         Raises:
             LaserStuckOn: the laser still shines.

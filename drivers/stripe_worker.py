@@ -29,7 +29,7 @@ class StripeWorker(threading.Thread, ABC):
         failure: the error that ended the scan, or None.
         stopped_early: whether `should_stop` ended it.
         off_frames_lost: off frames that did not come; their stripes are compared with the one before.
-        notes: what else the report says, in words.
+        notes: what else the report says.
         begun: when the scan began [s].
     """
 

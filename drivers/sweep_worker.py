@@ -35,7 +35,7 @@ NO_LASER = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERA
 
 @dataclass
 class FrameCounts:
-    """What became of the frames, named as those of `FrameGrabber`."""
+    """Counts of frames, named as those of `FrameGrabber`."""
 
     used: int = 0
     skipped: int = 0

@@ -101,7 +101,7 @@ class UsbLink:
         self._device, self.serial = device, serial
 
     def close(self) -> None:
-        """Give the device back; harmless when closed."""
+        """Give the device back; does nothing when closed."""
         import usb.util
 
         device, self._device = self._device, None

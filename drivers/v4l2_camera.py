@@ -1,4 +1,4 @@
-"""V4L2 cameras with the kernel's own numbers and times of frames, grey or YUYV: no MJPEG is decoded. Needs linuxpy."""
+"""V4L2 cameras, grey or YUYV (no MJPEG), with the kernel's own frame numbers and times. Needs linuxpy."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ from drivers.errors import (
 from drivers.frame import Frame, Image
 
 BUFFERS = 8
-# In the order in which they are chosen; of YUYV every second byte is the brightness.
+# In order of preference. Every second byte of YUYV is the brightness.
 PIXEL_FORMATS = ("GREY", "YUYV")
-# Bit of a buffer's flags: its picture is damaged. Numbers of frames have 32 bits.
+# Bit of a buffer's flags that says that its picture is damaged; frame numbers wrap after 32 bits.
 DAMAGED, NUMBERS = 0x40, 1 << 32
-# Seconds; exposure is counted in 100 us. Relative; drivers round.
+# Unit of the exposure control [s], and relative difference allowed between a value and what the driver rounds it to.
 EXPOSURE_UNIT, TOLERANCE = 1e-4, 0.05
 MANUAL_EXPOSURE = 1
-# Of each setting: its control, the control's unit, the control of its automatic and that one's value for off.
+# Setting -> its control, the control's unit, the control that switches its automatic, and the value that switches it
+# off.
 CONTROLS: dict[str, tuple[str, float, str, int]] = {
     "exposure": ("exposure_time_absolute", EXPOSURE_UNIT, "auto_exposure", MANUAL_EXPOSURE),
     "gain": ("gain", 1.0, "", 0),
@@ -62,10 +63,10 @@ class V4l2Camera(Camera):
             size: (width, height); None for the camera's own.
             fps: frames per second; None for the camera's own.
             lag: see `Camera`.
-            video: stands in for the module `linuxpy.video.device`; None for it.
+            video: module to use in place of `linuxpy.video.device`; None: that one.
 
         Raises:
-            ValueError: a pixel format that is not known here.
+            ValueError: the pixel format is not one of PIXEL_FORMATS.
         """
         if pixel_format is not None and pixel_format not in PIXEL_FORMATS:
             raise ValueError(f"pixel format is {pixel_format!r}, allowed: {', '.join(PIXEL_FORMATS)}")
@@ -78,7 +79,7 @@ class V4l2Camera(Camera):
         self._counter, self._last = -1, 0
 
     def open(self) -> None:
-        """Open the device and begin to take pictures; harmless when open.
+        """Open the device and begin to take pictures; does nothing when open.
 
         Raises:
             CameraBackendMissing: linuxpy is not installed.
@@ -106,7 +107,7 @@ class V4l2Camera(Camera):
         self._capture, self._counter = capture, -1
 
     def close(self) -> None:
-        """Stop and give the device back; harmless when closed."""
+        """Stop and give the device back; does nothing when closed."""
         capture, self._capture = self._capture, None
         device, self._device = self._device, None
         if capture is not None:
@@ -174,15 +175,15 @@ class V4l2Camera(Camera):
         return CameraEnded(f"{self.name} is gone ({error.strerror}): check its cable, then open it again")
 
     def _set_format(self, capture: Any) -> None:
-        there = [entry.pixel_format.name for entry in capture.formats()]
-        usable = [name for name in PIXEL_FORMATS if name in there and self._wanted in (None, name)]
+        names = [entry.pixel_format.name for entry in capture.formats()]
+        usable = [name for name in PIXEL_FORMATS if name in names and self._wanted in (None, name)]
         if not usable:
             raise CameraSettingRefused(
-                f"{self.name} has the pixel formats {', '.join(there)}, {self._wanted or ' or '.join(PIXEL_FORMATS)} "
+                f"{self.name} has the pixel formats {', '.join(names)}, {self._wanted or ' or '.join(PIXEL_FORMATS)} "
                 "is needed: OpenCV reads others (give the device path alone)"
             )
-        now = capture.get_format()
-        size = self._size or (now.width, now.height)
+        current = capture.get_format()
+        size = self._size or (current.width, current.height)
         capture.set_format(*size, usable[0])
         self._format = capture.get_format()
         got = (self._format.width, self._format.height)

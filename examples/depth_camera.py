@@ -43,7 +43,7 @@ def main(grid: str) -> None:
     """A map of the scan alone, and one with the depth camera's grid in it."""
     scan = gp.load_terrain(grid)
     points = cloud_of(depth_picture(scan))
-    # Depth cameras err with the square of the depth; `no_returns` would tell where it looked in vain.
+    # Depth cameras err with the square of the depth; `no_returns` would name the directions without a return.
     sigma = 0.002 * np.linalg.norm(points - CAMERA_IN_FOOTPRINT, axis=1) ** 2
     pose = {name: scan.metadata[name] for name in ("stance", "transform_base_to_footprint")}
     depth = gp.terrain_from_points(

@@ -1,4 +1,4 @@
-"""A robot is a folder: where its camera is and which way is up, from joint positions.
+"""Load a robot from its folder: where its camera is over the ground follows from joint positions.
 
     python examples/own_robot.py guara
 
@@ -11,7 +11,7 @@ import guara_perception as gp
 
 
 def main(name: str) -> None:
-    """Stand in the scan posture and look from the camera."""
+    """Print where the camera is and where it looks in the scan posture."""
     robot = gp.load_robot(name)
     stance = gp.Stance(robot.posture(robot.config.scan_posture), robot.legs, gravity_in_base=(0.0, 0.0, -1.0))
     pose = robot.stance_pose(stance)

@@ -14,7 +14,7 @@ COMPILER = HERE / "COMPILER"
 
 
 def adopt(build: Path, version: str, always: bool) -> str:
-    """Return what became of the build, in a line."""
+    """Return the result of the build, in one line of text."""
     made_by = COMPILER.read_text().strip() if COMPILER.exists() else "nobody"
     if version != made_by and not always:
         return (

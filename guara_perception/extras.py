@@ -18,7 +18,7 @@ def optional_library(name: str, extra: str, purpose: str) -> Any:
     Args:
         name: name of the module.
         extra: extra of this package that brings it.
-        purpose: what it is needed for, in words.
+        purpose: what it is needed for.
 
     Raises:
         MissingExtra: it is not installed.

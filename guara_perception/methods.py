@@ -18,7 +18,7 @@ class Method:
     Attributes:
         extract: finds the stripes of some bands.
         literal: what the paper's chain takes as printed; None = triangulation instead of the paper's chain.
-        meaning: in words.
+        meaning: what the method does, as text for `guara --help`.
     """
 
     extract: Extract

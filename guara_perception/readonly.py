@@ -10,10 +10,10 @@ from guara_perception.arrays import Array
 
 
 def readonly(array: Array) -> Array:
-    """The same values in an array that cannot be written, not even through another name of its memory.
+    """The same values in an array that cannot be written, not even through another array on the same memory.
 
-    An array whose memory is read-only already is returned as it is; of any other a copy is frozen, so the caller's
-    own array stays writable.
+    An array whose memory is read-only already is returned as it is. Any other is copied, so that the caller's array
+    stays writable.
     """
     if _is_frozen(array):
         return array

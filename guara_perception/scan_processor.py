@@ -210,7 +210,7 @@ class ScanProcessor:
 
         Args:
             index: index of the stripe in the standard pattern.
-            reason: in words, for the report.
+            reason: why, as text for the report.
 
         Raises:
             InvalidInput: the index is not in the pattern of this mode, or was added before.

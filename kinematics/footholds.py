@@ -8,7 +8,7 @@ With R the turn by a:
     e_i = x_i - (R p_i + t),   V = P_ss + R C R'          P: covariance of the footholds, C: of the readings
     S = (H' V^-1 H)^-1                                    covariance of the footprint; H: d(R p + t) / d(t, a)
     W = V^-1 - V^-1 H S H' V^-1
-    x' = x - P_:s W e,   P' = P - P_:s W P_s:             the footholds, corrected by what the fit leaves over
+    x' = x - P_:s W e,   P' = P - P_:s W P_s:             the footholds, corrected by the residuals of the fit
     cov(footprint, x') = S H' V^-1 P_s:
 
 A foot set down again gets its position from the footprint, with the covariance that this brings. So noise is neither
@@ -24,16 +24,16 @@ import numpy as np
 
 from kinematics.arrays import Float, read_only
 
-# Sigmas beyond which a foot's pull stops growing: costs 5 % of precision where nothing slips.
+# Huber's limit: residuals beyond this many sigmas no longer pull harder; costs 5 % of precision where nothing slips.
 HUBER_LIMIT = 1.5
 
 # Chi-square per degree of freedom above 1 + this / sqrt(freedom) happens by chance once in 100.
 MISFIT_LIMIT = 4.6
 
-# A sole whose pitch changed by more standard deviations rocked.
+# A sole whose pitch changed by more than this many standard deviations has rocked.
 ROCKED_SIGMAS = 3.0
 
-# The start is closed-form and the turn small: it stands still to 1e-12 m after three.
+# The start is the closed-form solution, so that three iterations converge to 1e-12 m.
 ITERATIONS = 5
 
 
@@ -42,12 +42,12 @@ class Fit:
     """A footprint fitted to footholds.
 
     Attributes:
-        transform_footprint_to_odom: (4, 4), a turn about z and a shift.
-        covariance: (4, 4) of its x, y, z [m] and heading [rad].
+        transform_footprint_to_odom: (4, 4), a rotation about z and a translation.
+        covariance: (4, 4) covariance of its x, y, z [m] and heading [rad].
         residual: rms horizontal distance of the soles from their footholds [m].
         misfit: chi-square per degree of freedom where that is more than noise explains, else 1.
         last_covariance: (4, 4) covariance of the last footprint's x, y, z and heading.
-        with_last: (4, 4) covariance of the last footprint's x, y, z and heading with those of this one.
+        with_last: (4, 4) cross-covariance of the last footprint's x, y, z and heading with those of this one.
     """
 
     transform_footprint_to_odom: Float
@@ -63,11 +63,11 @@ class Footholds:
     """Where the standing feet are in `odom`.
 
     Attributes:
-        legs: whose feet.
+        legs: names of the legs, one for each foothold.
         positions: (n, 4) sole centres [m] and pitches [rad].
-        covariance: (4 n, 4 n) of all of them.
-        with_footprint: (4, 4 n) their covariance with the last footprint's x, y, z and heading.
-        of_footprint: (4, 4) covariance of these themselves.
+        covariance: (4 n, 4 n) covariance of all positions.
+        with_footprint: (4, 4 n) cross-covariance of the last footprint's x, y, z and heading with the positions.
+        of_footprint: (4, 4) covariance of the last footprint's x, y, z and heading.
     """
 
     legs: tuple[str, ...]
@@ -79,13 +79,13 @@ class Footholds:
     def after_pause(
         self, stayed: tuple[str, ...], legs: tuple[str, ...], readings: Float, covariances: Float
     ) -> tuple[Fit, Footholds]:
-        """Fit the footprint of a new pause, and take its readings in.
+        """Fit the footprint of a new pause; the footholds that follow hold its readings too.
 
         Args:
             stayed: two or more feet that stayed where they were.
             legs: all feet that carry the body now; those that stayed are among them.
-            readings: (n, 4) of all of them in the new footprint.
-            covariances: (n, 4, 4) of these readings.
+            readings: (n, 4) sole centres and pitches of all these feet in the new footprint [m, rad].
+            covariances: (n, 4, 4) covariance of each reading.
         """
         now = [legs.index(leg) for leg in stayed]
         kept = np.concatenate([np.arange(4) + 4 * self.legs.index(leg) for leg in stayed])
@@ -104,7 +104,7 @@ class Footholds:
             update = pose_covariance @ by_pose.T @ inverse @ errors
             shift, angle = shift + np.append(update[:3], 0.0), angle + float(update[3])
             weights = _pull(errors, prior + noise)
-        left_over = inverse - inverse @ by_pose @ pose_covariance @ by_pose.T @ inverse
+        residual_weight = inverse - inverse @ by_pose @ pose_covariance @ by_pose.T @ inverse
         misfit = _misfit(errors, prior + _blocks(rotation @ covariances[now] @ rotation.T))
         transform = np.eye(4)
         transform[:3, :3], transform[:3, 3] = _turn(angle)[:3, :3], shift[:3]
@@ -120,8 +120,8 @@ class Footholds:
         cross_covariance = self.covariance[:, kept]
         posterior = Footholds(
             self.legs,
-            read_only((self.positions.ravel() - cross_covariance @ left_over @ errors).reshape(-1, 4)),
-            read_only(self.covariance - cross_covariance @ left_over @ cross_covariance.T),
+            read_only((self.positions.ravel() - cross_covariance @ residual_weight @ errors).reshape(-1, 4)),
+            read_only(self.covariance - cross_covariance @ residual_weight @ cross_covariance.T),
             self.with_footprint,
             self.of_footprint,
         )
@@ -142,7 +142,8 @@ class Footholds:
         rotation[:3, :3] = fit.transform_footprint_to_odom[:3, :3]
         shift = np.append(fit.transform_footprint_to_odom[:3, 3], 0.0)
         count, size = len(legs), len(self.positions)
-        # Rows of (footprint, old footholds) that make each new foothold, and the fresh noise of those set down.
+        # Matrix that maps (footprint, old footholds) to the new footholds, and the noise of the readings of feet set
+        # down.
         source, fresh = np.zeros((4 * count, 4 + 4 * size)), np.zeros((count, 4, 4))
         positions = np.zeros((count, 4))
         for row, leg in enumerate(legs):
@@ -168,9 +169,9 @@ class Footholds:
 
     @property
     def own_of_footprint(self) -> Float:
-        """(4, 4) covariance of what the last footprint is off by that no foothold has a part in.
+        """(4, 4) covariance of that part of the last footprint's error which is independent of the footholds.
 
-        It says nothing of where the feet are, so it moves no pause but its own.
+        It says nothing about where the feet are, so later pauses do not inherit it.
         """
         shared = np.linalg.lstsq(self.covariance, self.with_footprint.T, rcond=1e-9)[0]
         own, directions = np.linalg.eigh(self.of_footprint - self.with_footprint @ shared)
@@ -178,7 +179,7 @@ class Footholds:
 
 
 def first_footholds(legs: tuple[str, ...], readings: Float, covariances: Float) -> Footholds:
-    """The footholds of a first pause, whose footprint is `odom`: readings (n, 4) and covariances (n, 4, 4)."""
+    """The footholds of a first pause, whose footprint is `odom`, from readings (n, 4) and covariances (n, 4, 4)."""
     exact = read_only(np.zeros((4, 4)))
     return Footholds(
         legs, read_only(readings), read_only(_blocks(covariances)), read_only(np.zeros((4, readings.size))), exact
@@ -186,7 +187,7 @@ def first_footholds(legs: tuple[str, ...], readings: Float, covariances: Float) 
 
 
 def _without_rocked(covariances: Float, rows: list[int], rotated: Float, prior: Float) -> Float:
-    """Covariances in which the pitch of a sole that rocked (stands on an edge or a pebble) says nothing."""
+    """Covariances (n, 4, 4) that ignore the pitch of each sole that rocked, as on an edge or a pebble."""
     result = covariances.copy()
     for row, angle, variance in zip(rows, rotated, prior, strict=True):
         if angle**2 > ROCKED_SIGMAS**2 * (variance + covariances[row, 3, 3]):
@@ -196,7 +197,7 @@ def _without_rocked(covariances: Float, rows: list[int], rotated: Float, prior: 
 
 
 def _turn(angle: float) -> Float:
-    """A turn (4, 4) of (x, y, z, pitch) about z; no sole turns so far that its pitch axis would matter."""
+    """Rotation (4, 4) of (x, y, z, pitch) about z; pitch stays: its axis turns too little to matter."""
     cosine, sine = np.cos(angle), np.sin(angle)
     turn = np.eye(4)
     turn[:2, :2] = [[cosine, -sine], [sine, cosine]]
@@ -218,7 +219,7 @@ def _blocks(covariances: Float) -> Float:
 
 
 def _pull(errors: Float, covariance: Float) -> Float:
-    """Huber's weight (n,) of every foot by its own error against its own covariance."""
+    """Huber's weight (n,) of every foot, from its error and the covariance of that error."""
     own, foot = errors.reshape(-1, 4), np.arange(errors.size // 4)
     its_covariance = covariance.reshape(foot.size, 4, foot.size, 4)[foot, :, foot]
     distances = np.sqrt(np.vecdot(own, np.linalg.solve(its_covariance, own[..., None])[..., 0]))
@@ -226,14 +227,14 @@ def _pull(errors: Float, covariance: Float) -> Float:
 
 
 def _misfit(errors: Float, covariance: Float) -> float:
-    """Chi-square per degree of freedom of what a fit leaves over, or 1 where noise explains it."""
+    """Chi-square per degree of freedom of the residuals, or 1 where noise explains them."""
     freedom = len(errors) - 4
     misfit = float(errors @ np.linalg.solve(covariance, errors)) / freedom
     return misfit if misfit > 1.0 + MISFIT_LIMIT / np.sqrt(freedom) else 1.0
 
 
 def _closed_form(soles: Float, positions: Float) -> tuple[float, Float]:
-    """Unweighted least squares: the heading between the centred sets, then the shift between their centres."""
+    """Unweighted least squares: heading between the two sets about their means, then translation between the means."""
     p, q = soles - soles.mean(axis=0), positions - positions.mean(axis=0)
     angle = float(np.arctan2(np.sum(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]), np.sum(p[:, :2] * q[:, :2])))
     shift = positions.mean(axis=0) - _turn(angle)[:3, :3] @ soles.mean(axis=0)

@@ -35,8 +35,8 @@ class RobotModel:
         odometry_limits: what counts as a foot that stayed (table [odometry]).
         pause_limits: what counts as a pause (table [pause]).
         self_filter_settings: how the robot's own shapes are taken (table [self_filter]).
-        notes: what in the files is not used or could not be checked, in words.
-        doubts: what loads and should be mended, such as a scan pattern off the area, in words.
+        notes: what in the files is not used or could not be checked.
+        doubts: what loads and should be mended, such as a scan pattern off the area.
         transform_camera_to_base: (4, 4), nominal, from the URDF.
         transform_laser_to_base: (4, 4), nominal; its origin lies on the mirror axis, which is parallel to y.
     """

@@ -27,7 +27,7 @@ def mirror_angle_for(mirror_x: float, mirror_height: float, floor_x: float) -> f
 
 
 def pattern_misses(root: Table, mirror_x: float, mirror_height: float) -> str | None:
-    """What robot.toml's scan pattern misses of the area to scan, in words; None where it sweeps all of it.
+    """What robot.toml's scan pattern misses of the area to scan; None where it sweeps all of it.
 
     Args:
         root: robot.toml; tables [scan] and [grid.footprint] that are absent or malformed are left to who reads them.

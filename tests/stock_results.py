@@ -1,4 +1,4 @@
-"""What comes of a stock URDF: a folder, its check, its stance pose beside that of another reader, a walk."""
+"""What a stock URDF leads to: a folder, its check, its stance pose beside that of another reader, a walk."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.urdf_reader import worst_difference
 
 @dataclass(frozen=True, slots=True)
 class StockResult:
-    """What came of one URDF.
+    """The result of one URDF.
 
     Attributes:
         name: name of the robot.

@@ -1,4 +1,4 @@
-"""Which robots live on a router and how they are, by their sign of life and their status alone."""
+"""Which robots are alive on a router and how they are, from their liveliness tokens and their status alone."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from transport.session import Session
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """One robot as its node tells.
+    """The state of one robot as its node reports it.
 
     Attributes:
         robot: instance name.
-        step: number of the stance pause that it is in, or was last in; None when it tells none.
+        step: number of the stance pause that it is in, or was last in; None when it reports none.
         standing: whether it stands in a pause; None when it does not know.
-        age: [s] since its last grid was published; NaN when there was none.
-        health: the worst of all parts; STALE when it lives and did not answer.
-        message: what is the matter, one part after the other; empty when all is well.
-        links: links of its node.
+        age: time since its last grid was published [s]; NaN when there was none.
+        health: the worst of all items of its status; STALE when it is alive and did not answer.
+        message: messages of the items that are not OK; empty when all are.
+        links: number of links of its node.
         run: identity of the node's run.
     """
 
@@ -42,7 +42,7 @@ class RobotState:
 
 
 def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float = 2.0) -> tuple[RobotState, ...]:
-    """Ask once for all robots, or for those that are named; nothing is subscribed to, and no grid is moved.
+    """Ask once for all robots, or for those that are named; nothing is subscribed to, and no grid is sent.
 
     Args:
         session: open session of a client of the router.
@@ -50,10 +50,10 @@ def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float
         timeout: [s] to wait for answers.
 
     Returns:
-        Those that live, by name.
+        The robots that are alive, by name.
 
     Raises:
-        ScannerUnavailable: no robot is to be seen.
+        ScannerUnavailable: no robot is visible to this client.
     """
     keys = [(alive_key(robot), status_key(robot)) for robot in robots] or [(FLEET_ALIVE, FLEET_STATUS)]
     found: dict[str, RobotState] = {}
@@ -70,11 +70,11 @@ def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float
 
 
 def living_robots(session: Session, *, timeout: float = 2.0) -> tuple[str, ...]:
-    """Instance names of the robots that live on a router, as far as this side may see them; by name.
+    """Instance names, sorted, of the robots that are alive on a router and visible to this client.
 
     Args:
         session: open session of a client of the router.
-        timeout: [s] to wait for the router's word.
+        timeout: [s] to wait for the router's answer.
 
     Raises:
         SessionClosed: the session is closed.
@@ -99,21 +99,21 @@ def _answers(session: Session, key: str, timeout: float) -> list[RobotState]:
         except MessageError:
             return
         state = None if status is None else _state_of(status)
-        # What it says of itself must be what its key says: a robot may speak for no other.
+        # The name in the status must be that of the key: no robot may report for another.
         if status is not None and state is not None and state.robot == robot_of(found_key):
             states.append((status.stamp, state))
 
     session.attempt(
         lambda: zenoh_api.get_replies(session.raw, key, b"", timeout, take, finished.set), f"cannot ask {key!r}"
     )
-    # Zenoh ends the stream itself; the rest is for a busy machine.
+    # Zenoh ends the stream of replies after `timeout`; as much again is for a busy machine.
     finished.wait(2.0 * timeout)
-    # A router that keeps what was published answers too, with what is older.
+    # A router that stores publications answers as well, with an older status: the newest comes last.
     return [state for _, state in sorted(states, key=lambda entry: entry[0])]
 
 
 def _state_of(status: Status) -> RobotState | None:
-    """What a status says; None when it does not say whose it is."""
+    """The state in a status; None when it does not name its robot."""
     own = status.item(STATUS_NAME)
     if own is None or not own.hardware_id:
         return None

@@ -115,7 +115,7 @@ class GridJudge:
         return asked if _clock_of(asked) > _clock_of(sent) else sent
 
     def refusal(self, terrain: Grid, extent: str, *, is_newest: bool = True) -> str:
-        """Why a grid that came must not be taken for one of this robot, in words; empty when it may.
+        """Why a grid that came must not be taken for one of this robot; empty when it may.
 
         Args:
             terrain: that came.

@@ -11,7 +11,7 @@ from transport.received import Received
 from transport.receiver import NewestReceiver
 
 # [s] After subscribing, the last grid and the node's sign of life are there within this time: measured below 0.1 s on
-# a free machine, the rest is for a busy one. Only who asks in vain waits that long.
+# a free machine, the rest is for a busy one. Only a wait for a grid that never comes lasts that long.
 SETTLE = 2.0
 # [s] A grid of a later pause than the one asked for may be of a walk that is over: when the robot does not stand, the
 # BEGIN of the next walk may be on its way.

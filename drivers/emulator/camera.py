@@ -101,7 +101,7 @@ class EmulatedCamera(Camera):
         self._last: Frame | None = None
 
     def open(self) -> None:
-        """Begin to expose; harmless when open."""
+        """Begin to expose; does nothing when open."""
         if self._start is None:
             self._start, self._next = timing.monotonic(), 0
 

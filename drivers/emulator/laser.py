@@ -1,4 +1,4 @@
-"""The emulated laser: on or off by command, watchdog, time limit and heat, with its past to be asked for."""
+"""The emulated laser: on or off, with a log of its changes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Switching:
 
 
 class Laser:
-    """What shines. The caller says when it is switched; the past is kept for cameras that ask for it."""
+    """The laser. The caller says when it is switched; cameras ask for its past, which is kept."""
 
     def __init__(self, now: float) -> None:
         """Begin dark."""
@@ -51,7 +51,7 @@ class Laser:
         """The share of the interval `start` ... `end` during which it shone (0 ... 1)."""
         if end <= start:
             return 1.0 if self.at(start) else 0.0
-        # From the newest change back: a camera asks for the moment just past, of a log that may be long.
+        # From the newest change back: a camera asks for an interval just past, and the log may be long.
         lit, until = 0.0, end
         for event in reversed(self._log):
             if event.time < until:

@@ -128,7 +128,7 @@ class SweepUnit:
         return Result.OK
 
     def end(self, now: float) -> None:
-        """End in the dark, the mirror halted; harmless when none runs."""
+        """End in the dark, the mirror halted; does nothing when none runs."""
         if self.running:
             self._mirror.halt_sweep(now)
             self._finish(now)

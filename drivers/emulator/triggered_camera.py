@@ -72,7 +72,7 @@ class EmulatedTriggeredCamera(Camera):
         self._next: int | None = None
 
     def open(self) -> None:
-        """Wait for triggers; harmless when open."""
+        """Wait for triggers; does nothing when open."""
         if self._next is None:
             self._next = len(self._board.openings())
 

@@ -43,7 +43,7 @@ COMMANDS = {
     )
 }
 # Set before numpy and OpenCV are loaded. Matrices here are small: the threads of the linear algebra only spin, which
-# costs a quarter of the processor time of a scan. OpenCV's own warnings say again what our errors say in words.
+# costs a quarter of the processor time of a scan. OpenCV's own warnings repeat what our errors say in plain words.
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OPENCV_LOG_LEVEL": "ERROR"}
 # A warning that differs by nothing but these is the same.
 NUMBER = re.compile(r"(?<=\s)-?\d+(\.\d+)?")

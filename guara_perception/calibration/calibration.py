@@ -118,7 +118,7 @@ def check_transform(transform: Float, name: str) -> None:
 
 
 def format_indices(indices: tuple[int, ...]) -> str:
-    """Indices in words: `0 ... 69` or `0, 2 ... 68` or the list."""
+    """Indices as text: `0 ... 69` or `0, 2 ... 68` or the list."""
     strides = set(np.diff(indices).tolist())
     if len(strides) == 1 and len(indices) > 2:
         first = str(indices[0]) if strides == {1} else f"{indices[0]}, {indices[1]}"

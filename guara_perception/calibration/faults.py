@@ -161,7 +161,7 @@ def check_mirror(sweep: Sweep) -> None:
 
 
 def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> str:
-    """Which plate the others contradict, in words; or which may be, where that cannot be decided.
+    """Which plate the others contradict; or which may be, where that cannot be decided.
 
     Leaving any plate out changes all heights, so the largest error names the wrong one as often as not. But only
     without the wrong one do the others agree: with four or more plates their planes fit them, with three, where two

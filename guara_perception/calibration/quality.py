@@ -1,4 +1,4 @@
-"""How good a calibration is: figures with limits, a verdict and reasons in words."""
+"""How good a calibration is: figures with limits, a verdict and the reasons for it."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Check:
 
     @property
     def reason(self) -> str:
-        """Why the verdict is not good, in words."""
+        """Why the verdict is not good."""
         if np.isnan(self.value):
             return f"{self.name} could not be found: {self.advice}"
         limit = self.refused_from if self.verdict == REFUSED else self.usable_from

@@ -8,17 +8,19 @@ from guara_perception.arrays import Float, Index, Mask
 
 # A larger difference of height between neighbouring columns is a jump from one surface to another.
 JUMP_M = 0.004
-# Columns beside a jump or a gap: they hold light of both sides, or light that the lens and the column mean spilt.
+# Columns beside a jump or a gap: they hold light of both sides, or light spread by the lens and by the mean of columns.
 END_COLUMNS = 2
-# A run as short as this and weaker throughout than this share of the stripe is what an edge left of a cut stripe.
+# A run of at most this many columns, in all of which the light is weaker than this share of the stripe's median, is
+# what an edge leaves of a stripe that it cuts.
 SHORT_RUN_COLUMNS = 12
 WEAK_OF_STRIPE = 0.5
-# A run that fades towards its end is cut by a shadow edge: what is left of the stripe there lies in the wrong position.
+# A run that fades towards its end is cut by a shadow's edge; the rest of the stripe there gives a wrong position. The
+# run has faded where a column is weaker than this share of the mean of the next LEVEL_COLUMNS.
 FADED_OF_LEVEL = 0.6
 LEVEL_COLUMNS = 12
-# Speckle makes a single column bright in the middle of a shadow.
+# This many columns in a row must be bright to end a fade: speckle makes single columns bright within a shadow.
 SOUND_COLUMNS = 2
-# First columns of a run in which a fade is looked for; in more only where it has not ended there.
+# A fade is sought in this many columns from the end of a run, in more only where it does not end in these.
 FADE_WINDOW = 24
 
 
@@ -50,9 +52,9 @@ def run_ends(height: Float, strength: Float) -> Mask:
 
 
 def run_breaks(height: Float) -> Mask:
-    """(s, w - 1) bool: columns c and c + 1 do not belong to one run, a gap or a jump lies between them."""
+    """(s, w - 1) bool: a gap or a jump lies between columns c and c + 1, so they do not belong to one run."""
     with np.errstate(invalid="ignore"):
-        # A comparison with NaN is False: a gap breaks a run like a jump does.
+        # A comparison with NaN is False, so a gap breaks a run as a jump does.
         return np.asarray(~(np.abs(height[:, 1:] - height[:, :-1]) <= JUMP_M))
 
 
@@ -75,11 +77,11 @@ def _faded(strength: Float, is_return: Mask, breaks: Mask) -> Mask:
         for begin, end in zip(first[is_short].tolist(), last[is_short].tolist(), strict=True):
             faded[begin : end + 1] = True
     left, right = ~is_short & begins, ~is_short & ends
-    # The right ends are the left ends of the reversed row, which is put behind the row: both in one go.
-    both = np.concatenate((strength, strength[::-1, ::-1]))
-    reversed_last = both.size - 1
+    # The right ends are the left ends of the reversed row, which is appended to the row: one call finds both.
+    joined = np.concatenate((strength, strength[::-1, ::-1]))
+    reversed_last = joined.size - 1
     starts = np.concatenate((first[left], reversed_last - last[right]))
-    for begin, length in _fade_lengths(both, starts, np.concatenate((last[left], reversed_last - first[right]))):
+    for begin, length in _fade_lengths(joined, starts, np.concatenate((last[left], reversed_last - first[right]))):
         if begin >= strength.size:
             faded[reversed_last + 1 - begin - length : reversed_last + 1 - begin] = True
         else:
@@ -98,15 +100,15 @@ def _fade_lengths(strength: Float, first: Index, last: Index, window: int = FADE
 
     Args:
         strength: (s, w).
-        first, last: (n,) indices of the ends of runs, counted through all rows.
-        window: first columns that are looked at; more only where these do not decide.
+        first, last: (n,) indices of the first and last column of each run, into the flat array.
+        window: number of columns that are looked at, from the first; more only where these do not decide.
 
     Returns:
         Pairs of first index and number; runs that do not fade may be left out.
     """
     if not first.size:
         return []
-    # Summed row by row: a sum does not depend on what other stripes there are.
+    # Summed row by row, so that rounding does not depend on the other stripes.
     total = np.zeros((len(strength), strength.shape[1] + 1))
     np.cumsum(strength, axis=1, out=total[:, 1:])
     behind = (first // strength.shape[1] + 1)[:, None]

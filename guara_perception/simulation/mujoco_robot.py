@@ -98,7 +98,7 @@ def _for_mujoco(urdf: str, *, with_visuals: bool) -> str:
 
 
 def _for_all_versions(text: str) -> str:
-    """An MJCF text whose servos are <position>: MuJoCo 4 writes them in words that MuJoCo 3 does not know."""
+    """An MJCF text whose servos are <position>: MuJoCo 4 writes them with attributes that MuJoCo 3 does not know."""
     root = ElementTree.fromstring(text)
     kept = ("name", "joint", "ctrlrange", "forcerange")
     for servo in root.iter("general"):

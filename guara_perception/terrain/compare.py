@@ -17,7 +17,7 @@ from guara_perception.terrain.questions.points import known_cells
 
 @dataclass(frozen=True, eq=False)
 class GridComparison:
-    """How grid b differs from grid a; printing it shows the figures in words.
+    """How grid b differs from grid a; printed, it is a readable text.
 
     Attributes:
         difference: height of b minus height of a, (ny, nx) float64 [m]; NaN where either is unknown.

@@ -24,8 +24,8 @@ from guara_perception.view.timeline import Timeline
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-# Where the eye is and looks before the first moment, from base_footprint [m].
-EYE, LOOKED_AT = np.array([1.20, -0.95, 0.80]), np.array([0.36, 0.02, 0.06])
+# Where the viewer stands and looks before the first moment, from base_footprint [m].
+VIEWPOINT, LOOKED_AT = np.array([1.20, -0.95, 0.80]), np.array([0.36, 0.02, 0.06])
 # [s] How long a moment stands while the walk is played.
 PLAY_PERIOD_S = 0.7
 
@@ -204,7 +204,7 @@ class BrowserView:
         self._controls.cell(cell_text(grid.explain(float(point[0]), float(point[1]))))
 
     def _look_from(self, position: Float) -> None:
-        """Let every eye go along as far as the robot moved; who comes later looks at it from the usual side."""
+        """Move every viewpoint as far as the robot moved; a browser that is opened later gets the usual one."""
         moved = position - self._eye_from
         self._eye_from = position
         if self._controls.follow.value:
@@ -212,4 +212,4 @@ class BrowserView:
                 if np.any(moved):
                     client.camera.position = client.camera.position + moved
         camera = self._server.initial_camera
-        camera.position, camera.look_at, camera.up = EYE + position, LOOKED_AT + position, (0.0, 0.0, 1.0)
+        camera.position, camera.look_at, camera.up = VIEWPOINT + position, LOOKED_AT + position, (0.0, 0.0, 1.0)

@@ -22,7 +22,7 @@ class Controls:
 
     Attributes:
         colouring, extent: what of the terrain is shown, as viser's controls.
-        follow: whether the eye goes along with the robot, as viser's control.
+        follow: whether the viewpoint moves with the robot, as viser's control.
     """
 
     def __init__(self, gui: Any, *, go_to: Callable[[int], None], play: Callable[[], None], redraw: Callable[[], None]):

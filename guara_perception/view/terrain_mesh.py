@@ -25,7 +25,7 @@ COLOURINGS = ("hazard", "elevation", "traversability")
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """What the colours of a layer stand for: from `low` to `high`, in words for a person."""
+    """What the colours of a layer stand for: from `low` to `high`, and their texts."""
 
     name: str
     low: float

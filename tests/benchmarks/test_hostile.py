@@ -1,4 +1,4 @@
-"""Files made to harm, as the benchmark makes them: each is refused in words, within its bounds of memory and time."""
+"""Files made to harm, as the benchmark makes them: each is refused, within its bounds of memory and time."""
 
 import json
 import subprocess

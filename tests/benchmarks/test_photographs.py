@@ -37,7 +37,7 @@ def test_positions_are_counted_as_the_truth_says() -> None:
     assert counts.gross_share == pytest.approx(2 / 3)
 
 
-def test_an_absent_folder_is_said(
+def test_an_absent_folder_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing is measured and nothing fails."""

@@ -30,7 +30,7 @@ def test_a_folder_without_a_checkout_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.heavy
-def test_a_scan_that_is_not_there_is_said(tmp_path: Path) -> None:
+def test_a_scan_that_is_not_there_is_reported(tmp_path: Path) -> None:
     """The process that ends is named by its checkout; nothing hangs."""
     with pytest.raises(SystemExit, match="the scan with the code of .* failed"):
         measure({HERE: ROOT}, tmp_path / "scans" / "none", rounds=1)

@@ -125,9 +125,9 @@ def test_orthorectification_by_arrays_and_by_loops_agree():
     """Eqs. 20 and 21 give the same picture both ways, and move a raised pixel towards the nadir."""
     height = np.full((paper_chain.ROWS, paper_chain.COLUMNS), np.nan)
     height[200:210, 500:510] = 0.05
-    eye, x, y = np.array([0.3, 0.0, 0.5]), (0.5, 0.95), (-0.27, 0.27)
-    ortho = paper_chain.orthorectified(height, eye, x, y)
-    np.testing.assert_array_equal(ortho, paper_chain.orthorectified_in_loops(height, eye, x, y))
+    optical_centre, x, y = np.array([0.3, 0.0, 0.5]), (0.5, 0.95), (-0.27, 0.27)
+    ortho = paper_chain.orthorectified(height, optical_centre, x, y)
+    np.testing.assert_array_equal(ortho, paper_chain.orthorectified_in_loops(height, optical_centre, x, y))
     rows, columns = np.nonzero(np.isfinite(ortho))
     assert columns.mean() < 500 and rows.mean() < 200
 

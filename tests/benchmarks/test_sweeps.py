@@ -1,4 +1,4 @@
-"""The benchmark of sweeps: its must-figures hold, in emulated time."""
+"""The benchmark of sweeps: its required figures are met, in emulated time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_a_triggered_sweep_stays_near_its_bound() -> None:
-    """70 stripes at 4 ms of light: all proved, within 1.15 of the bound and 0.65 s."""
+    """70 stripes with 4 ms of light each: all proved, within 1.15 times the bound and within 0.65 s."""
     result = emulated_sweeps.triggered(70)
     assert result.proved == 70 and result.seconds <= min(1.15 * result.bound, 0.65)
 
@@ -24,7 +24,7 @@ def test_no_wrong_stripe_and_every_fault_found() -> None:
 
 @pytest.mark.heavy
 def test_the_figures_are_json(capsys) -> None:
-    """The keys that are promised, and nothing that JSON cannot say."""
+    """They have the promised keys, and survive JSON."""
     figures = json.loads(json.dumps(sweeps.measure(lambda text: None, faulty_sweeps=2)))
     assert set(figures) == {"triggered", "free_running", "faults"}
     assert set(figures["triggered"]) == {"stripes", "flash_s", "seconds", "bound_s", "proved", "end_to_end_s"}

@@ -1,4 +1,4 @@
-"""Every way for a scan to end: whole, by the pause, by an exception, by a camera that hangs; always in the dark."""
+"""Each way in which a scan can end: whole, by the pause, an exception or a hung camera; always with the laser off."""
 
 import time
 
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("emulated_time")
 def test_a_pause_that_ends_leaves_a_partial_scan(
     board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list, off: OffFrames, last: int
 ) -> None:
-    """Stopped while stripe `last` is on its way: what came before is there, the rest missing, the laser off."""
+    """Stopped while stripe `last` is being taken: those before it are there, the others missing, the laser is off."""
     streams: list[StripeStream] = []
 
     def pause_is_over() -> bool:
@@ -44,7 +44,7 @@ def test_a_pause_that_ends_leaves_a_partial_scan(
 
 
 def test_a_scan_that_may_not_begin_is_empty(board: LaserBoard, camera: EmulatedCamera, firing_order: list) -> None:
-    """A pause already over yields nothing and fires nothing."""
+    """In a pause that is over already no stripe is fired."""
     with acquire(board, camera, firing_order, should_stop=lambda: True) as stripes:
         assert list(stripes) == []
         assert stripes.report.fired == () and not stripes.report.in_step
@@ -83,7 +83,7 @@ def test_laser_is_out_as_soon_as_the_scan_has_ended(
         assert not emulated.view().laser_on
 
 
-def test_laser_goes_out_although_the_camera_hangs(
+def test_laser_goes_off_although_the_camera_hangs(
     board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list
 ) -> None:
     """The thread of the scan sits in a grab; leaving the block puts the laser out without waiting for it."""
@@ -109,7 +109,7 @@ def test_laser_goes_out_although_the_camera_hangs(
 def test_leaving_the_loop_early_ends_the_scan(
     board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list
 ) -> None:
-    """`break` is enough; the report tells what was handed out."""
+    """`break` is enough; the report lists the stripes that the caller got."""
     with acquire(board, camera, firing_order, options(OffFrames.ONE)) as stripes:
         for stripe in stripes:
             if stripe.index == 3:
@@ -120,10 +120,10 @@ def test_leaving_the_loop_early_ends_the_scan(
 
 
 @pytest.mark.parametrize("off", [OffFrames.ONE, OffFrames.PER_STRIPE])
-def test_a_slow_caller_makes_the_scan_wait_in_the_dark(
+def test_a_slow_caller_makes_the_scan_wait_with_the_laser_off(
     board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list, off: OffFrames, eventually
 ) -> None:
-    """A full queue pauses the scan with the laser off; afterwards it goes on in step, nothing counts as dropped."""
+    """A full queue interrupts the scan; afterwards it goes on in step, and no frame counts as dropped."""
     with acquire(board, camera, firing_order[:12], options(off, queue_size=2)) as stripes:
         iterator = iter(stripes)
         taken = [next(iterator)]

@@ -150,7 +150,7 @@ def test_stuck_laser_behind_a_blind_sensor_shows_in_the_pictures(
 
 
 def test_hot_board_ends_the_scan(quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard) -> None:
-    """Over-temperature in mid scan: refused in words, dark, and whole again when cool."""
+    """Over-temperature in mid scan: refused with a message, dark, and whole again when cool."""
     stop_at = 4
     choices = AcquireOptions(off=OffFrames.PER_STRIPE, queue_size=1)
     with pytest.raises(LaserRefused, match="too hot"), acquire(quick_board, camera, FIRING_ORDER, choices) as stripes:
@@ -204,7 +204,7 @@ def test_silent_camera_ends_the_scan(quick_board: LaserBoard, camera: EmulatedCa
 
 
 @pytest.mark.parametrize("off", [OffFrames.ONE, OffFrames.PER_STRIPE])
-def test_lost_off_frame_is_said(
+def test_lost_off_frame_is_reported(
     quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, off: OffFrames
 ) -> None:
     """A stripe without its off frame is compared with the one before, comes without, and the report says so."""
@@ -256,7 +256,7 @@ def test_changed_size_is_not_handed_out(
     next_scan_is_whole(quick_board, camera, emulated)
 
 
-def test_changed_exposure_is_said(quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard) -> None:
+def test_changed_exposure_is_reported(quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard) -> None:
     """A camera that doubles its exposure after the off frame changes the whole picture."""
     quick_board.ensure_ready()
     first = camera.grab(5.0)

@@ -162,7 +162,7 @@ def test_lost_steps_show_at_home(board: LaserBoard, emulated: EmulatedBoard) -> 
     assert board.home() == 0
 
 
-def test_missing_home_switch_is_said(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_missing_home_switch_is_reported(board: LaserBoard, emulated: EmulatedBoard) -> None:
     """A switch that is never met ends in an error, and the mirror counts as not homed."""
     emulated.inject(Fault(FaultKind.NO_HOME_SWITCH))
     with pytest.raises(HomeNotFound, match="met no home switch"):

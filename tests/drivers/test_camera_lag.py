@@ -50,7 +50,7 @@ def test_a_covered_laser_has_no_lag(board: LaserBoard, camera: EmulatedCamera, e
     assert not emulated.view().laser_on
 
 
-def test_a_laser_that_stops_answering_is_said(board: LaserBoard, camera: EmulatedCamera, scene) -> None:
+def test_a_laser_that_stops_answering_is_reported(board: LaserBoard, camera: EmulatedCamera, scene) -> None:
     """When pictures no longer follow the switch, the measurement gives up in bounded time."""
     real, calls = board.laser_on, []
 

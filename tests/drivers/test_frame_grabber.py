@@ -95,7 +95,7 @@ def test_no_frame_in_time_is_none(grabber_of) -> None:
 
 
 def test_the_board_is_spoken_to_while_a_frame_is_awaited(grabber_of, board: LaserBoard) -> None:
-    """Each wait in vain feeds the watchdog, so that a slow camera does not put the laser out."""
+    """Each wait that ends without a frame feeds the watchdog, so that a slow camera does not put the laser out."""
     before = board.status().sequence
     grabber_of(Script(None, None, None, (1, NOW))).after(0.0)
     assert board.status().sequence == before + 4

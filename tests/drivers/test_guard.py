@@ -1,4 +1,4 @@
-"""The laser goes out however the host ends: by signal, at exit, killed."""
+"""The laser goes off however its host process ends: by a signal, at exit or killed."""
 
 import signal
 import subprocess
@@ -28,60 +28,60 @@ Host = Callable[..., "subprocess.Popen[str]"]
 
 
 def begin(host: Host, address: str, then: str = KEEP_ALIGHT, open_: str = "board.open()") -> tuple:
-    far = RemoteBoard(address)
+    remote = RemoteBoard(address)
     process = host(OPEN_AND_WAIT.format(open=open_, then=then), address)
     assert process.stdout.readline() == "on\n"
-    assert any(event.on for event in far.switchings())
-    return process, far
+    assert any(event.on for event in remote.switchings())
+    return process, remote
 
 
 def test_watchdog_puts_the_laser_out_when_the_host_is_killed(emulator_process, host: Host, eventually) -> None:
-    """kill -9 leaves no chance to switch off; the board hears nothing more and goes dark by itself."""
-    process, far = begin(host, emulator_process.address)
+    """kill -9 leaves the host no chance to switch off; the board gets no more requests and switches off by itself."""
+    process, remote = begin(host, emulator_process.address)
     time.sleep(0.7)
-    assert far.view().laser_on, "a living host keeps the laser on beyond the watchdog's time"
+    assert remote.view().laser_on, "a living host keeps the laser on beyond the watchdog's time"
     killed = time.monotonic()
     process.kill()
     process.wait(PATIENCE)
-    eventually(lambda: not far.view().laser_on)
-    off = far.switchings()[-1]
+    eventually(lambda: not remote.view().laser_on)
+    off = remote.switchings()[-1]
     # In the emulator's own clock: this is the protocol's limit, not a measure of this machine's speed.
     assert not off.on and off.time - killed <= 0.6
-    assert BoardFault.WATCHDOG in BoardFault(far.view().faults)
+    assert BoardFault.WATCHDOG in BoardFault(remote.view().faults)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_signals_switch_off_rather_than_wait_for_the_watchdog(
     emulator_process, host: Host, number: signal.Signals, eventually
 ) -> None:
-    """A host asked to end says goodbye to the board, without any `with` block."""
-    process, far = begin(host, emulator_process.address)
+    """A host that gets a signal switches the laser off before it ends, without any `with` block."""
+    process, remote = begin(host, emulator_process.address)
     process.send_signal(number)
     status = process.wait(PATIENCE)
     assert status == (128 + number if number != signal.SIGINT else -signal.SIGINT)
-    assert not far.view().laser_on
-    assert BoardFault.WATCHDOG not in BoardFault(far.view().faults)
+    assert not remote.view().laser_on
+    assert BoardFault.WATCHDOG not in BoardFault(remote.view().faults)
 
 
 @pytest.mark.parametrize("then", ["", "raise RuntimeError('lost')", "sys.exit(3)"])
 def test_end_of_the_program_switches_off(emulator_process, host: Host, then: str) -> None:
     """A program that forgets to close the board leaves it dark at exit, also by an exception."""
-    process, far = begin(host, emulator_process.address, then)
+    process, remote = begin(host, emulator_process.address, then)
     process.wait(PATIENCE)
-    assert not far.view().laser_on
-    assert BoardFault.WATCHDOG not in BoardFault(far.view().faults)
+    assert not remote.view().laser_on
+    assert BoardFault.WATCHDOG not in BoardFault(remote.view().faults)
 
 
 def test_handlers_of_the_program_are_left_alone(emulator_process, host: Host) -> None:
     """A program with its own SIGTERM handler keeps it."""
     own = "import signal; signal.signal(signal.SIGTERM, lambda *_: print('mine'))\nboard.open()"
-    process, far = begin(host, emulator_process.address, KEEP_ALIGHT, own)
+    process, remote = begin(host, emulator_process.address, KEEP_ALIGHT, own)
     process.send_signal(signal.SIGTERM)
     assert process.stdout.readline() == "mine\n"
     assert process.poll() is None
     process.send_signal(signal.SIGINT)
     process.wait(PATIENCE)
-    assert not far.view().laser_on
+    assert not remote.view().laser_on
 
 
 class Fake:

@@ -29,7 +29,7 @@ def test_ridge_ends_within_the_wanted_levels(
     assert not emulated.view().laser_on
 
 
-def test_too_bright_a_scene_is_said(ready: LaserBoard, camera: EmulatedCamera, scene) -> None:
+def test_too_bright_a_scene_is_reported(ready: LaserBoard, camera: EmulatedCamera, scene) -> None:
     """At the shortest exposure still clipped: close the iris."""
     scene.brightness = 2000.0
     result = meter_exposure(ready, camera, 0.1, exposure=0.002, limits=(0.001, 0.005))
@@ -37,7 +37,7 @@ def test_too_bright_a_scene_is_said(ready: LaserBoard, camera: EmulatedCamera, s
     assert "close the iris" in result.advice and result.exposure == pytest.approx(0.001)
 
 
-def test_too_dark_a_scene_is_said(ready: LaserBoard, camera: EmulatedCamera, scene) -> None:
+def test_too_dark_a_scene_is_reported(ready: LaserBoard, camera: EmulatedCamera, scene) -> None:
     """At the longest exposure still dim: open the iris."""
     scene.ambient, scene.brightness = 5.0, 25.0
     result = meter_exposure(ready, camera, 0.1, exposure=0.002, limits=(0.0005, 0.004))

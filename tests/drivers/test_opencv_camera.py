@@ -81,7 +81,7 @@ def test_video_file_is_read_whole(video: Path, backend: str) -> None:
 
 
 def test_reopening_a_file_starts_over(sequence: str) -> None:
-    """Open is harmless when open, and begins again after close."""
+    """`open` does nothing when it is open, and begins again after `close`."""
     camera = OpenCvCamera(sequence, backend="images")
     for _ in range(2):
         with camera:
@@ -199,7 +199,7 @@ def test_live_camera_keeps_its_timeout_and_the_newest_frame(live: LiveCapture, e
     assert live.released
 
 
-def test_live_camera_that_stops_is_said(live: LiveCapture) -> None:
+def test_live_camera_that_stops_is_reported(live: LiveCapture) -> None:
     """A cable pulled ends in "stopped delivering", not in endless time-outs."""
     with OpenCvCamera(0) as camera:
         live.alive = False

@@ -1,4 +1,4 @@
-"""Reports of the board: made when their event happens, and what the driver makes of one that it fetches late."""
+"""Reports of the board: they hold the time of their event, and the driver uses it when it fetches them late."""
 
 import time
 from collections.abc import Iterator
@@ -59,8 +59,8 @@ def test_report_of_a_motion_holds_the_time_at_which_it_had_settled() -> None:
 
 
 @pytest.mark.parametrize("seconds", [0.1, 0.8])
-def test_report_of_a_motion_tells_of_the_laser_as_it_was_then(seconds: float) -> None:
-    """The watchdog that bit later has a report of its own."""
+def test_report_of_a_motion_holds_the_laser_as_it_was_then(seconds: float) -> None:
+    """A later event of the watchdog has a report of its own."""
     bench = Bench()
     bench.ask(Request.GO_TO, FAR)
     assert bench.travel_time + SETTLE < 0.5
@@ -73,7 +73,7 @@ def test_report_of_a_motion_tells_of_the_laser_as_it_was_then(seconds: float) ->
         assert later is not None and not later.laser_commanded and later.faults == BoardFault.WATCHDOG
 
 
-def test_report_of_a_motion_longer_than_the_watchdog_tells_that_the_laser_was_out() -> None:
+def test_report_of_a_motion_longer_than_the_watchdog_says_that_the_laser_was_off() -> None:
     """What happened before the end of the motion is in its report, even when nobody looked in between."""
     bench = Bench(mirror_speed=0.3)
     begun = bench.ask(Request.GO_TO, FAR)
@@ -86,8 +86,8 @@ def test_report_of_a_motion_longer_than_the_watchdog_tells_that_the_laser_was_ou
     assert bench.fetch() is None
 
 
-def test_oldest_reports_are_given_up() -> None:
-    """A host that fetches none for long finds the newest; a motion that was replaced has none."""
+def test_oldest_reports_are_dropped() -> None:
+    """A host that fetched none for long gets the newest; a motion that another one replaced has no report."""
     bench = Bench()
     for index in range(9):
         bench.ask(Request.GO_TO, 100 + 10 * index)
@@ -119,7 +119,7 @@ def test_halted_motion_is_reported_and_a_board_without_power_forgets() -> None:
 
 
 class Skewed:
-    """A clock of the board's own: it may have begun elsewhere and run at another rate than the host's."""
+    """The board's clock: with another origin and another rate than the host's, if asked for."""
 
     def __init__(self, offset: float = 0.0, rate: float = 1.0) -> None:
         self.offset, self.rate = offset, rate
@@ -129,7 +129,7 @@ class Skewed:
         return self._begin + self.offset + self.rate * (time.monotonic() - self._begin)
 
     def on_host(self, instant: float) -> float:
-        """The host's time [s] at a moment of this clock."""
+        """The host's time [s] at an instant of this clock."""
         return self._begin + (instant - self._begin - self.offset) / self.rate
 
 
@@ -147,10 +147,10 @@ def skewed(request: pytest.FixtureRequest) -> Iterator[tuple[LaserBoard, Emulate
 
 @pytest.mark.slow
 @pytest.mark.parametrize("asleep", [0.0, 0.35])
-def test_end_of_a_motion_is_known_however_late_one_asks(
+def test_end_of_a_motion_is_known_also_when_asked_late(
     skewed: tuple[LaserBoard, EmulatedBoard, Skewed], asleep: float
 ) -> None:
-    """Never earlier than it was, and hardly later, on clocks that agree in nothing."""
+    """Never reported earlier than it was and hardly later, whatever origin and rate the two clocks have."""
     board, emulated, clock = skewed
     board.go_to_angle(board.identity.angle_of(board.identity.min_step) + 0.4, wait=False)
     time.sleep(asleep)
@@ -163,8 +163,8 @@ def test_end_of_a_motion_is_known_however_late_one_asks(
 
 
 @pytest.mark.parametrize("kind", [FaultKind.GARBAGE, FaultKind.SHORT_READ, FaultKind.STALL, FaultKind.TIMEOUT])
-def test_status_takes_the_place_of_a_report_that_is_lost(kind: FaultKind) -> None:
-    """All that is known then is that the mirror is still now."""
+def test_status_stands_in_for_a_report_that_is_lost(kind: FaultKind) -> None:
+    """Then all that is known is that the mirror stands still at the time of the status."""
     emulated = EmulatedBoard(EmulatorConfig())
     with LaserBoard(backend=emulated_backend(emulated)) as board:
         board.home()
@@ -177,7 +177,7 @@ def test_status_takes_the_place_of_a_report_that_is_lost(kind: FaultKind) -> Non
 
 
 def test_clock_that_went_back_is_not_believed(board: LaserBoard, emulated: EmulatedBoard) -> None:
-    """A report older than the command it answers proves nothing of when: the mirror is still now."""
+    """A report that is older than its command proves no time; the mirror counts as still from now on."""
     board.home()
     board.go_to_angle(0.1, wait=False)
     time.sleep(0.1)
@@ -187,7 +187,7 @@ def test_clock_that_went_back_is_not_believed(board: LaserBoard, emulated: Emula
 
 
 def test_reports_of_earlier_motions_are_passed_over(board: LaserBoard, emulated: EmulatedBoard) -> None:
-    """A scan that lost frames has not fetched theirs."""
+    """Those of motions whose report nobody fetched, as in a scan that lost frames."""
     board.home()
     for angle in (0.1, 0.12, 0.14):
         board.go_to_angle(angle, wait=False)

@@ -1,4 +1,4 @@
-"""What a camera no longer holds, in words."""
+"""What a camera no longer holds."""
 
 from __future__ import annotations
 

@@ -215,7 +215,7 @@ def test_laser_that_the_board_puts_out_in_mid_scan_is_lit_again() -> None:
 
 
 def test_laser_that_the_board_will_not_light_again_ends_the_scan() -> None:
-    """A board that is too hot says so in words."""
+    """A board that is too hot is reported as such."""
     with rig_of(patient_config(settle=0.01), 200.0, 0.002, 0.001) as rig:
         while_the_mirror_turns(rig, 7, hot)
         with pytest.raises(LaserRefused, match="too hot"):

@@ -169,7 +169,7 @@ def test_a_camera_without_trigger_is_refused(rig: Rig, board: LaserBoard) -> Non
 
 
 def test_a_board_of_1_0_is_distinguished_from_one_that_sweeps(rig: Rig) -> None:
-    """It works as before, and refuses a sweep in words."""
+    """It works as before, and refuses a sweep with a message."""
     import dataclasses
 
     old = dataclasses.replace(EmulatorConfig().identity, protocol=(1, 0))

@@ -27,7 +27,7 @@ def test_real_libusb_loads_and_finds_no_board() -> None:
         LaserBoard(BoardConfig(product_id=0xFFFF)).open()
 
 
-def test_missing_libusb_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_libusb_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the library does not load, the message names the package to reinstall."""
     import libusb_package
 

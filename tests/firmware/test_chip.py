@@ -1,4 +1,4 @@
-"""What only the whole firmware on its chip can show: the USB, power, a processor that hangs, the driver on top."""
+"""What only the whole firmware on its emulated chip can show: USB, power, a hung processor, and the driver with it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from drivers.protocol import MICROSOFT_REQUEST, REPORT_ENDPOINT, REPORT_SIZE, RE
 
 pytestmark = pytest.mark.chip
 
-# Seconds that a command's answer takes at most, on top of what a limit allows.
+# What a command's answer may take beyond a limit [s].
 SLACK = 0.002
 
 
@@ -33,7 +33,7 @@ def bus(chip: Chip) -> ChipBus:
 
 @pytest.fixture
 def board(bus: ChipBus, chip: Chip) -> Iterator[LaserBoard]:
-    """The driver and pyusb on the chip, in its time; no data toggle may have been wrong."""
+    """The driver and pyusb on the chip, in the chip's time; at the end no USB data toggle may have been wrong."""
     with ChipClock(bus), LaserBoard(BoardConfig(handle_signals=False), backend=EmulatedBackend(bus)) as device:
         yield device
     assert chip.host.wrong_toggles == 0
@@ -91,8 +91,8 @@ def test_many_motions_keep_the_toggle(board: LaserBoard) -> None:
         board.go_to_step(300 + 17 * (number % 5))
 
 
-def test_clearing_the_halt_begins_the_toggle_anew(board: LaserBoard, bus: ChipBus, chip: Chip) -> None:
-    """Also when a report lies in the controller: it comes, with DATA0, and after it the next."""
+def test_clearing_the_halt_resets_the_toggle(board: LaserBoard, bus: ChipBus, chip: Chip) -> None:
+    """To DATA0, also while a report waits in the USB controller: that one arrives, and the next one as well."""
     board.home()
     for _ in range(3):
         board.go_to_step(400)
@@ -116,7 +116,7 @@ def test_a_halted_endpoint_stalls_until_it_is_cleared(board: LaserBoard, bus: Ch
 
 @pytest.mark.parametrize("patience", [0.0002, 0.001, 0.003])
 def test_a_setup_interrupts_a_transfer(board: LaserBoard, bus: ChipBus, chip: Chip, patience: float) -> None:
-    """A host that gives up while the board waits for its photodiode is answered what it asks next."""
+    """After a host gave up while the board waited for its photodiode, its next request is answered."""
     chip.wiring.dead = True
     with pytest.raises(BusError) as silence:
         bus.control(REQUEST_IN, Request.LASER, 1, 0, 26, patience)
@@ -127,7 +127,7 @@ def test_a_setup_interrupts_a_transfer(board: LaserBoard, bus: ChipBus, chip: Ch
 
 @pytest.mark.parametrize("what", ["reset", "suspend"])
 def test_a_lost_bus_puts_the_laser_out(board: LaserBoard, bus: ChipBus, chip: Chip, what: str) -> None:
-    """At once, and the session is over."""
+    """At once, and a new session is needed before it can be on again."""
     board.ensure_ready()
     board.laser_on()
     begun = chip.nanos
@@ -176,7 +176,7 @@ def test_without_its_watchdog_the_monostable_puts_the_laser_out(board: LaserBoar
     chip.replug()
 
 
-def test_a_dead_laser_is_said(board: LaserBoard, chip: Chip) -> None:
+def test_a_dead_laser_is_reported(board: LaserBoard, chip: Chip) -> None:
     chip.wiring.dead = True
     with pytest.raises(LaserDead):
         board.laser_on()
@@ -195,7 +195,7 @@ def test_a_stuck_laser_is_cut_from_its_supply(board: LaserBoard, chip: Chip) -> 
     assert board.laser_on().laser_sensed
 
 
-def test_lost_steps_and_a_missing_switch_are_said(board: LaserBoard, chip: Chip) -> None:
+def test_lost_steps_and_a_missing_switch_are_reported(board: LaserBoard, chip: Chip) -> None:
     board.home()
     chip.world.position -= 40
     board.go_to_angle(0.2)
@@ -223,7 +223,7 @@ def test_a_second_host_is_refused(board: LaserBoard, bus: ChipBus) -> None:
 
 
 def test_the_motor_never_outruns_its_ramp(board: LaserBoard, chip: Chip) -> None:
-    """No step comes sooner than constant acceleration from either end allows, and the whole is little slower."""
+    """No step comes sooner than constant acceleration from either end allows; the whole takes at most 10 % longer."""
     board.home()
     begun_at = len(chip.world.steps)
     board.go_to_step(1400)

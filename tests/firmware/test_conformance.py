@@ -168,7 +168,7 @@ def test_a_stuck_laser_loses_its_supply(session) -> None:
     assert session.ask(Request.LASER, 1).laser_sensed
 
 
-def test_a_dead_laser_is_said(session) -> None:
+def test_a_dead_laser_is_reported(session) -> None:
     session.board.break_part("dead")
     status = session.ask(Request.LASER, 1)
     assert not status.laser_sensed and BoardFault.LASER_DEAD in status.faults and not status.laser_commanded

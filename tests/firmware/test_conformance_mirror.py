@@ -17,7 +17,7 @@ def test_home_is_found_before_anything_else_moves(session) -> None:
     assert abs(session.board.position - low) <= 1
 
 
-def test_a_missing_home_switch_is_said(session) -> None:
+def test_a_missing_home_switch_is_reported(session) -> None:
     session.board.break_part("no_home")
     status = session.home()
     assert BoardFault.HOME_NOT_FOUND in status.faults and not status.homed

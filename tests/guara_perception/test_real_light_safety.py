@@ -1,4 +1,4 @@
-"""Whole scans in any light: nothing that is dark, unseen or made up is ever called traversable."""
+"""Whole scans in many kinds of light: no cell that is dark, unseen or made up is ever called traversable."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.scenes import Recording, simulated
 
 EVERY_LIGHT = {
     **{name: {name: 1.0} for name in EFFECTS},
-    **{f"all at {share:g}": dict.fromkeys(EFFECTS, share) for share in (0.15, 0.3, 0.6, 1.0)},
+    **{f"all at {strength:g}": dict.fromkeys(EFFECTS, strength) for strength in (0.15, 0.3, 0.6, 1.0)},
     "clipped, with a halo and ghosts": {"clipping": 1.0, "halo": 1.0, "ghosts": 1.0},
     "weak on a bright board": {"weak_line": 1.0, "chessboard": 1.0, "ambient": 0.5},
     "weak, with noise and JPEG": {"weak_line": 1.0, "noise": 1.0, "jpeg": 1.0, "demosaicing": 1.0},
@@ -31,7 +31,7 @@ def rendered(light: str) -> Recording:
 @pytest.mark.heavy
 @pytest.mark.parametrize("light", EVERY_LIGHT)
 def test_no_light_makes_a_cell_traversable_that_is_dark_unseen_or_made_up(light: str) -> None:
-    """With laser-off pictures, with none, and with every third one only; against what was rendered."""
+    """With a laser-off picture for each stripe, for every third one and for none; judged by the rendered scene."""
     recording = rendered(light)
     assert recording.truth is not None
     for every in (1, 3, len(recording.frames) + 1):
@@ -45,7 +45,7 @@ def test_no_light_makes_a_cell_traversable_that_is_dark_unseen_or_made_up(light:
 
 @pytest.mark.slow
 def test_a_height_that_is_not_there_would_be_counted() -> None:
-    """A cell lifted by a centimetre is made up, and one beyond the pit's walls as well."""
+    """`made_up` finds the one cell of a good grid that was lifted by a centimetre."""
     recording = simulated((320, 256), 35, is_uncertain=False)
     assert recording.truth is not None
     processor = recording.processor()

@@ -60,7 +60,7 @@ def test_losing_frames_without_off_frames_makes_nothing_safe_or_known(
 
 
 @pytest.mark.slow
-def test_lost_background_is_said(paper_scan, calibration, robot) -> None:
+def test_lost_background_is_reported(paper_scan, calibration, robot) -> None:
     """The report names the frame that would have served."""
     terrain = without_off(paper_scan, calibration, robot, lost=(20,))
     assert terrain.metadata["frames_bad"] == {
@@ -202,7 +202,7 @@ def test_own_body_is_asked_in_the_footprint_frame(paper_scan: gp.Scan, robot: Ro
     transform = pose.transform_base_to_footprint
     state = robot.state(paper_scan.stance.joint_positions)
     sole = transform[:3, :3] @ state.soles_in_base(["lf"])[0] + transform[:3, 3]
-    eye = np.array([0.0, 0.0, 1.0])
-    body = OwnBody(state, transform, (eye,))
+    sensor_origin = np.array([0.0, 0.0, 1.0])
+    body = OwnBody(state, transform, (sensor_origin,))
     np.testing.assert_array_equal(body.contains(np.array([sole, [0.7, 0, 0], [np.nan] * 3])), [True, False, False])
     np.testing.assert_array_equal(body.hides(np.array([[0.0, 0.0, 0.0], [3.0, 0, 0]])), [True, False])

@@ -1,4 +1,4 @@
-"""Arguments stand in one order in every public function, and a path or name is taken where an object is."""
+"""Every public function takes its arguments in the same order, and a path or name wherever an object is taken."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ GROUPS = (
         "corners",
     ),
     ("on", "off"),
-    # where: a place, a way
+    # where
     ("x", "y", "start", "end", "radius", "clearance"),
     # with what, and for whom
     ("calibration", "leg", "previous", "robot", "stance"),
@@ -48,7 +48,7 @@ FIXED = {"TerrainClient.on_terrain"}
 
 
 def functions() -> Iterator[tuple[str, Callable[..., object]]]:
-    """Every public function, constructor and method of gp that a user calls; results are made by ours alone."""
+    """Every public function, constructor and method of gp that a user calls; not constructors of results."""
     for name in gp.__all__:
         value = getattr(gp, name)
         if inspect.isclass(value):
@@ -77,7 +77,7 @@ def test_arguments_stand_in_one_order(name: str, function: Callable[..., object]
 
 
 def test_no_two_functions_take_a_pair_in_two_orders() -> None:
-    """The same without the table: no pair of names stands one way here and the other way there."""
+    """Without the table: no pair of names stands in one order in one function and in the other order in another."""
     seen: dict[tuple[str, str], str] = {}
     for name, function in functions():
         names = [p for p in positional(function) if p not in ("self", "cls")]
@@ -95,7 +95,7 @@ def test_a_robot_may_be_named_wherever_one_is_taken(
     calibration_file: Path,
     tmp_path: Path,
 ) -> None:
-    """By name and by folder, with the answers of the loaded model."""
+    """A name and a folder give what the loaded model gives."""
     folder = Path(shutil.copytree(robot.folder, tmp_path / "guara"))
     rng = np.random.default_rng(0)
     points = np.column_stack((rng.uniform(0.5, 0.95, 4000), rng.uniform(-0.27, 0.27, 4000), np.zeros(4000)))

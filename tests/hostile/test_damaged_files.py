@@ -1,4 +1,4 @@
-"""Damaged files, cut anywhere or with bytes changed, end in words, as do values that nobody would write."""
+"""Damaged files, cut anywhere or with bytes changed, are refused, as are values that nobody would write."""
 
 import json
 from collections.abc import Callable, Iterator

@@ -38,7 +38,7 @@ def test_a_pause_is_long_enough_stillness(robot: RobotModel) -> None:
     assert detector.update(1.1 + 1.01 * limits.hold_time, still(robot), robot.legs).is_pause
 
 
-def test_a_change_of_feet_starts_anew(robot: RobotModel) -> None:
+def test_a_change_of_feet_starts_again(robot: RobotModel) -> None:
     """When the set of loaded feet changes, the hold time runs from there; their order does not matter."""
     detector = PauseDetector(robot)
     detector.update(0.0, still(robot), robot.legs)

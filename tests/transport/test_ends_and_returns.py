@@ -11,7 +11,7 @@ from transport import keys
 
 
 def test_nothing_in_time_is_a_timeout_and_a_death_is_reported(start, endpoint: str, eventually) -> None:
-    """Waiting in vain says whether the node lives; its killing is seen."""
+    """A wait that times out says whether the node lives; that it was killed is seen."""
     router = start("router", endpoint)
     node = start("node", endpoint, "connect")
     with client_at(endpoint) as client:

@@ -116,7 +116,7 @@ def test_a_damaged_grid_is_an_error_not_an_older_grid(endpoint: str, peer, event
 
 @pytest.mark.slow
 def test_age_decides_what_may_be_used(endpoint: str, peer) -> None:
-    """A grid older than max_age, or than its own validity in time or pauses, is refused in words."""
+    """A grid older than max_age, or than its own validity in time or pauses, is refused with a message."""
     with transport.open_node(listen=endpoint) as session:
         server = transport.PerceptionServer(session)
         with client_at(endpoint) as client:

@@ -1,4 +1,4 @@
-"""A recording on a disk that fills up: nothing acknowledged is lost, nothing torn stays in the file."""
+"""A recording on a disk that fills up: no acknowledged scan is lost, and the file ends with a whole record."""
 
 import os
 import resource
@@ -11,7 +11,7 @@ from transport.recording.growing_file import GrowingFile
 
 
 def test_what_was_acknowledged_around_a_full_disk_survives_a_kill(start, tmp_path: Path) -> None:
-    """Disk full for four scans, freed, kill -9: every acknowledged scan comes back, and those that were kept too."""
+    """Disk full for four scans, freed, kill -9: every acknowledged scan comes back, and so do the four that waited."""
     path = tmp_path / "walk.mcap"
     process = start("record_full", str(path))
     process.expect("waiting")
@@ -29,7 +29,7 @@ def test_what_was_acknowledged_around_a_full_disk_survives_a_kill(start, tmp_pat
 
 
 def test_a_torn_piece_is_cut_off_and_written_again(tmp_path: Path) -> None:
-    """A write that stops half way leaves the file as it was; later all of it follows."""
+    """A write that fails half way leaves the file as it was; a later one writes all that is missing."""
     file = GrowingFile(tmp_path / "grown")
     file.write(b"first")
     file.append()

@@ -136,7 +136,7 @@ def test_after_a_timeout_the_scanner_takes_the_next_request(endpoint: str, peer)
 
 
 def test_an_invalid_request_is_refused(shared_node) -> None:
-    """Bytes that are no request get a refusal in words, and the scanner goes on."""
+    """Bytes that are no request get a refusal with a message, and the scanner goes on."""
     _, endpoint = shared_node
     with transport.open_client(endpoint, timeout=180.0) as session:
         for payload in (b"", b"nonsense", encode_scan_request(

@@ -1,4 +1,4 @@
-"""A viewer on a slow link pays for itself: no request of a local planner fails, no grid of it waits."""
+"""A viewer on a slow link harms nobody else: no request of a local planner fails, and none of its grids waits."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ import transport
 from transport.security.folder import init_security
 
 SCANS = 25
-# Of the links over which viewers join, one after the other.
+# Megabits a second of the links over which viewers join, one after the other.
 MEGABITS = (2.0, 5.0, 2.0)
 
 
@@ -22,7 +22,7 @@ def link(request, endpoint: str, tmp_path) -> tuple[str, dict[str, str]]:
 
 
 def test_a_slow_viewer_costs_a_local_planner_nothing(start, slow_link, link) -> None:
-    """Viewers join (and ask for the last grids), stay and go while a planner asks for scans: all succeed at once."""
+    """Viewers join, ask for the last grids and leave while a planner asks for scans: these arrive within a second."""
     endpoint, folders = link
     node = start("node", endpoint, "listen", folders["node"])
     links = [slow_link(endpoint, megabits * 1e6 / 8) for megabits in MEGABITS]
@@ -41,13 +41,13 @@ def test_a_slow_viewer_costs_a_local_planner_nothing(start, slow_link, link) -> 
             arrival = client.receiver().latest().arrival_stamp
             delays.append((arrival - terrain.scan_end) * 1e-9)
         viewer.expect("got footprint")
-    # Far above what a busy machine costs; before, every eighth grid was two to five seconds late.
+    # Far above what a busy machine costs. Where a slow link holds grids up, every eighth is two to five seconds late.
     assert np.percentile(delays, 95) < 1.0, sorted(delays)[-5:]
     assert node.popen.poll() is None
 
 
 def test_a_viewer_on_a_slow_link_gets_the_newest_in_pieces(start, slow_link, endpoint: str) -> None:
-    """It is late by what its link takes, and what it did not get is counted."""
+    """It gets the last grid whole; the grids that it did not get are counted."""
     node = start("node", endpoint)
     link = slow_link(endpoint, 5e6 / 8)
     session = transport.open_client(link.endpoint, timeout=30.0, shared_memory=False)

@@ -1,4 +1,4 @@
-"""Points as the message type that ROS 2 knows: sensor_msgs/PointCloud2."""
+"""Makes point clouds as ROS 2 has them: sensor_msgs/PointCloud2."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def point_cloud_message(fields: Mapping[str, Array], frame_id: str, stamp: int) 
     """A sensor_msgs/PointCloud2 message object: one row of points, little endian, no gaps.
 
     Args:
-        fields: (n,) arrays by name, `x`, `y` and `z` [m] among them; each keeps its dtype. What viewers colour points
-            by is `rgb`: uint32, 0x00RRGGBB.
+        fields: (n,) arrays by name, `x`, `y` and `z` [m] among them; each keeps its dtype. Viewers take
+            colours from `rgb`: uint32, 0x00RRGGBB.
         frame_id: frame of the points.
         stamp: [ns] since the epoch.
 
     Raises:
-        MessageError: x, y or z is missing, the lengths differ, a dtype that a point cannot have, or a coordinate that
-            is not finite.
+        MessageError: x, y or z is missing, the lengths differ, a dtype is none of DATATYPES, or a coordinate is not
+            finite.
     """
     missing = [name for name in ("x", "y", "z") if name not in fields]
     if missing:

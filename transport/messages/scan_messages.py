@@ -65,7 +65,7 @@ class ScanReply:
         sequence: DONE: sequence of the terrain message, published before.
         stamp: [ns] DONE: stamp of the terrain message.
         code: FAILED: short name of the cause.
-        message: FAILED: the cause in words.
+        message: the cause as text, with FAILED.
     """
 
     id: str
@@ -86,7 +86,7 @@ class Refusal:
     Attributes:
         id: id of the request, empty when it could not be read.
         code: "busy", "denied", "bad_request", "not_stationary", "expired" or "no_terrain".
-        message: the cause in words.
+        message: the cause as text.
     """
 
     id: str

@@ -61,7 +61,7 @@ def expiries(folder: str | Path) -> dict[str, float]:
 
 
 def judge_security(folder: str | Path) -> tuple[Health, str]:
-    """How a security folder stands, and in words what to do: keys that others can read, certificates that end, rules.
+    """What is wrong with a security folder, and what to do: keys that others can read, certificates that end, rules.
 
     Returns:
         ERROR for a key that others can read or a certificate that has expired, WARN for one that ends within

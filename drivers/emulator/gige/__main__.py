@@ -79,7 +79,7 @@ class Fake:
         return self._filled.wait(PATIENCE)
 
     def state(self, answer: int) -> bytes:
-        """Its settings now, packed; `answer` is what became of the request."""
+        """Its settings now, packed; `answer` is the result of the request."""
         addresses = (
             genicam.WIDTH,
             genicam.HEIGHT,

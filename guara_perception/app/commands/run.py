@@ -170,7 +170,7 @@ def _tell(terrain: TerrainGrid) -> None:
 
 
 def recording_size(quality: int | None) -> str:
-    """How frames are recorded and what an hour of it takes, in words."""
+    """How frames are recorded and what an hour of it takes."""
     rate = "at 640 x 512 px and a pause every 4 s"
     if quality is None:
         return f"frames lossless, about 35 GB an hour {rate}; as JPEG (--jpeg {JPEG_QUALITY}) about 5 GB"

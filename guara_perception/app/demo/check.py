@@ -91,7 +91,7 @@ class DemoCheck:
         return checked
 
     def failures(self, pauses_wanted: int) -> list[str]:
-        """What is not as promised, in words; empty when the demo did what it should."""
+        """What is not as promised; empty when the demo did what it should."""
         problems = []
         hind = [foot for foot in self.footholds if foot.is_hind and foot.is_scanned]
         on_hazard = [foot for foot in self.footholds if foot.is_hazard]

@@ -1,4 +1,4 @@
-"""Draws frames, range images, surface and hazards for people: x up, y left, millimetres, legends in words."""
+"""Draws frames, range images, surface and hazards for people: x up, y left, millimetres, with legends."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ def write_picture(path: Path, picture: Image, options: Sequence[int] = ()) -> No
     """Write a picture in the format that the suffix names.
 
     Args:
-        path: to write.
+        path: path of the file to write.
         picture: (h, w) or (h, w, 3) BGR.
         options: options of `cv2.imencode`.
 

@@ -1,4 +1,4 @@
-"""What of the ground that the gait declares may go into the map; the rest is refused in words."""
+"""What of the ground that the gait declares may go into the map; the rest is refused with a message."""
 
 from __future__ import annotations
 

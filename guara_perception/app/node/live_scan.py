@@ -18,13 +18,13 @@ STRIPES_AFTER = 3
 
 @dataclass(frozen=True, slots=True)
 class LiveScan:
-    """What became of a live scan.
+    """The result of a live scan.
 
     Attributes:
         start: before the first frame [ns since the epoch].
         end: when the last frame had arrived [ns since the epoch].
         last_frame: the same on the monotonic clock [s], for latencies.
-        problems: what went wrong, in words; empty for a good scan.
+        problems: what went wrong; empty for a good scan.
         stopped_early: whether the pause ended before the scan.
         failed: whether a device failed; what had been scanned by then is in the processor.
     """

@@ -76,7 +76,7 @@ class Pause:
         self.deadline = self.begun + (self.time_available or self.limit)
 
     def differs(self, stance: Stance) -> str:
-        """Why a stance is not that of BEGIN, in words; empty when it is."""
+        """Why a stance is not that of BEGIN; empty when it is."""
         try:
             self.check(self.stance, stance)
         except KinematicsError as error:

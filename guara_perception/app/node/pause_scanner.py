@@ -95,7 +95,7 @@ class PauseScanner:
     def scan(
         self, pause: Pause, mode: str, should_stop: Callable[[], bool], progress: Progress | None = None
     ) -> TerrainMessage:
-        """Scan one pause and publish what came of it, as provisional while the pause has not confirmed it.
+        """Scan one pause and publish the result, as provisional while the pause has not confirmed it.
 
         Args:
             pause: the gait is in.

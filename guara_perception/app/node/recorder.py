@@ -231,7 +231,7 @@ class ScanRecording:
             self._post(0, lambda: self._begin_again(mode))
 
     def finish(self, terrains: tuple[TerrainMessage, ...], stance_end: Stance | None) -> None:
-        """End the scan and add its grids; returns at once, the recorder's status says what became of it."""
+        """End the scan and add its grids; returns at once, the recorder's status says whether it was written."""
         if not self._is_done:
             self._is_done = True
             end = None if stance_end is None else stance_to_message(stance_end)

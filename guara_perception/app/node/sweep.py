@@ -51,7 +51,7 @@ class SweepJob:
 
 @dataclass(frozen=True, slots=True)
 class Swept:
-    """What came of a sweep.
+    """The result of a sweep.
 
     Attributes:
         terrain: its grid.

@@ -134,7 +134,7 @@ class WalkMap:
         pose = self._way.pose
         if pose is None:
             raise InvalidInput("no pause was fused that could be withdrawn")
-        began_anew = self._way.map is not self._kept.map
+        began_again = self._way.map is not self._kept.map
         self._way = self._kept
         if self._way.last is None:
             # Before the first pause that stands: nothing else was ever in this map.
@@ -143,7 +143,7 @@ class WalkMap:
             self._way.map.take_back()
         self._kept = self._way.copy()
         # A map that began again with this pause stands in another `odom` than the one before: nothing of that one.
-        known = TerrainMap(self._robot) if began_anew else self._way.map
+        known = TerrainMap(self._robot) if began_again else self._way.map
         self._latest = known.view(
             terrain,
             _transform_of(terrain, pose),

@@ -24,7 +24,7 @@ class Walks:
         self._past: list[str] = []
 
     def refusal(self, announcement: StancePause, last: Pause | None) -> str:
-        """Why an announcement is not for this node, in words; empty when it is. `last` is the newest pause."""
+        """Why an announcement is not for this node; empty when it is. `last` is the newest pause."""
         if announcement.robot != self._robot:
             return f"the announcement is for robot {announcement.robot!r}, this node is {self._robot!r}"
         epoch = announcement.epoch

@@ -73,7 +73,7 @@ class BoardAdvice:
         return len(self.views) >= WANTED_PICTURES and len(self._zones) == ZONES**2 and len(self._tilts) == len(SIDES)
 
     def missing(self, shape: tuple[int, ...]) -> str:
-        """What to show next, in words."""
+        """What to show next."""
         advice = []
         empty = [(r, c) for r in range(ZONES) for c in range(ZONES) if (r, c) not in self._zones]
         if empty:

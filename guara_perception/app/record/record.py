@@ -59,7 +59,7 @@ def record_session(
         rangefinder: open board and camera.
         devices: as given; with metered exposure and measured lag they are written into the folder.
         operator: who puts things before the camera.
-        tell: called with each step in words.
+        tell: called with a text for each step of the work.
         watch: called with pictures and words, for a live page.
         progress: called with (stripes done, stripes in all) of each plate.
 

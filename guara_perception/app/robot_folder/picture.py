@@ -23,7 +23,7 @@ CAMERA, LASER, AREA, BAD = "#009e73", "#d55e00", "#56b4e9", "#cc3311"
 
 
 def draw_robot(robot: RobotModel, path: Path) -> None:
-    """Save a picture of two panels: from the side, and from above with what is hidden or out of view in red."""
+    """Save a picture of two panels: from the side, and from above with hidden or unseen ground in red."""
     from matplotlib.patches import Rectangle
 
     pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs), find_unloaded=False)
@@ -66,7 +66,7 @@ def draw_robot(robot: RobotModel, path: Path) -> None:
 
 
 def _draw_links(axes: Axes, robot: RobotModel, pose: StancePose, across: int) -> None:
-    """The convex outline of each shape, seen along y (across = 2) or from above (across = 1)."""
+    """Draw the convex outline of each shape; `across` is the axis drawn upwards, 2 seen from the side, 1 from above."""
     from matplotlib.patches import Polygon
     from scipy.spatial import ConvexHull
 
@@ -75,7 +75,8 @@ def _draw_links(axes: Axes, robot: RobotModel, pose: StancePose, across: int) ->
     for link, looks in robot_looks(robot).items():
         transform = pose.transform_base_to_footprint @ state.transform_to_base(link)
         shapes += [(look.vertices @ transform[:3, :3].T + transform[:3, 3], look.colour) for look in looks]
-    # The far ones first: those on the left when seen from the right, the low ones when seen from above.
+    # Shapes further from the viewer first: those on the left when seen from the right, the low ones when seen from
+    # above.
     shapes.sort(key=lambda item: -item[0][:, 1].mean() if across == 2 else item[0][:, 2].mean())
     for placed, colour in shapes:
         flat: Float = placed[:, [0, across]]

@@ -211,5 +211,5 @@ def _tree(urdf: Urdf, legs: tuple[LegSolver, ...], soles: dict[str, str], sole: 
 
 
 def kind_of(leg: FoundLeg, foot: Foot) -> str:
-    """A leg in words."""
+    """Text that describes a leg."""
     return f"{len(leg.joints)} joints, {'point foot' if foot.is_round else 'flat sole'}"

@@ -28,7 +28,7 @@ SOLE_SAMPLES = 7
 
 @dataclass(frozen=True, slots=True)
 class TrialWalk:
-    """What came of a walk.
+    """The result of a walk.
 
     Attributes:
         pauses: that were scanned.

@@ -30,7 +30,7 @@ PURPOSE = "the scene in Rerun"
 CELL_RADIUS, STRIPE_RADIUS, LINE_RADIUS = 0.0025, 0.0008, 0.0015
 STRIPE_COLOUR, REGION_COLOUR = (213, 94, 0), (0, 89, 61)
 # The robot from the front right, at its size [m], in the frame of the view.
-EYE, LOOKED_AT = (1.45, -1.05, 0.70), (0.35, 0.0, 0.05)
+VIEWPOINT, LOOKED_AT = (1.45, -1.05, 0.70), (0.35, 0.0, 0.05)
 BACKGROUND = (38, 42, 48)
 LINE_LIST = 5
 
@@ -97,7 +97,7 @@ def blueprint(robot: str, model: str, position: Float) -> Any:
     Args:
         robot: instance name.
         model: name of the robot in its URDF.
-        position: (3,) in odom, where the robot stands at the end [m]: what the eye looks at.
+        position: (3,) in odom, where the robot stands at the end [m]: what the viewer looks at.
     """
     rrb: Any = optional_library("rerun.blueprint", "rerun", PURPOSE)
     kinds = rrb.archetypes
@@ -111,7 +111,7 @@ def blueprint(robot: str, model: str, position: Float) -> Any:
         spatial_information=kinds.SpatialInformation(target_frame=ODOM),
         background=BACKGROUND,
         eye_controls=kinds.EyeControls3D(
-            position=position + EYE, look_target=position + LOOKED_AT, eye_up=(0.0, 0.0, 1.0)
+            position=position + VIEWPOINT, look_target=position + LOOKED_AT, eye_up=(0.0, 0.0, 1.0)
         ),
     )
     pictures = [

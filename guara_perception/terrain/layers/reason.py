@@ -15,7 +15,7 @@ class Reason:
         value: what was found, in `unit`.
         limit: what is allowed, in `unit`.
         unit: "m", "rad", "cells", "share" ...
-        detail: more in words.
+        detail: further text, such as where; may be empty.
     """
 
     test: str

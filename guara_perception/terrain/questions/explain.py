@@ -1,4 +1,4 @@
-"""`explain`: what is known of a place, and why a foot may or may not go there, in words."""
+"""`explain`: what is known of a place, and why a foot may or may not go there."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ def terrain_from_points(
         robot: model, name or folder; gives the area, the height limits and those of traversability; None = the Guará.
         no_returns: (m, 3) directions in base_footprint in which the sensor looked and measured nothing, for instance
             the rays of a depth camera's pixels without a depth. What the map knew there is then forgotten. None = it
-            is not known where it looked in vain; then what the map knew there stays and ages.
+            is not known in which directions it got no return; then what the map knew there stays and ages.
         resolution: cell edge [m]; None = the robot's default.
         stamp: time of the measurement [ns since the epoch].
         step: number of the stance pause.

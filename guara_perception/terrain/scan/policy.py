@@ -27,7 +27,7 @@ class ScanDecision:
         mode: "coarse" (the scan is done) or "standard" (fire `stripes` too).
         stripes: indices still to be fired, ascending; with little time those that are needed most. Empty for coarse.
         is_whole: whether `stripes` are all that the standard pattern lacks.
-        reasons: what was found, in words; empty where the way is clear.
+        reasons: what was found; empty where the way is clear.
     """
 
     mode: str

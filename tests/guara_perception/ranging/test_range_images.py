@@ -21,34 +21,34 @@ from guara_perception.ranging.surface import surface_keys, surface_of
 from guara_perception.terrain.assessment.raster import ROUNDING, TOP_LAYER_M
 from kinematics import RobotModel
 
-EYE = np.array([0.4, 0.02, 0.5])
+OPTICAL_CENTRE = np.array([0.4, 0.02, 0.5])
 X, Y = (0.50, 0.95), (-0.27, 0.27)
 
 
-def to_floor(x: Float, y: Float, height: Float, eye: Float) -> tuple[Float, Float]:
+def to_floor(x: Float, y: Float, height: Float, optical_centre: Float) -> tuple[Float, Float]:
     """Where rays from the optical centre through points meet the floor: eqs. 20 and 21 solved for the perspective.
 
     With the nadir (u0', v0') below the optical centre and H its height they read
     ortho = (perspective - nadir) (H - h) / H + nadir.
     """
-    stretch = eye[2] / (eye[2] - height)
-    return (x - eye[0]) * stretch + eye[0], (y - eye[1]) * stretch + eye[1]
+    stretch = optical_centre[2] / (optical_centre[2] - height)
+    return (x - optical_centre[0]) * stretch + optical_centre[0], (y - optical_centre[1]) * stretch + optical_centre[1]
 
 
 @given(x=st.floats(0.4, 1.0), y=st.floats(-0.3, 0.3), z=st.floats(-0.1, 0.2))
 @settings(max_examples=60, deadline=None, derandomize=True)
 def test_ortho_undoes_the_central_projection(x: float, y: float, z: float) -> None:
     """A point projected onto the floor from the optical centre comes back by eqs. 20 and 21, exactly."""
-    u, v = to_floor(*np.array([[x], [y], [z]]), EYE)
-    np.testing.assert_allclose(ortho_v(u, z, EYE[2], EYE[0]), x, atol=1e-9)
-    np.testing.assert_allclose(ortho_u(v, z, EYE[2], EYE[1]), y, atol=1e-9)
+    u, v = to_floor(*np.array([[x], [y], [z]]), OPTICAL_CENTRE)
+    np.testing.assert_allclose(ortho_v(u, z, OPTICAL_CENTRE[2], OPTICAL_CENTRE[0]), x, atol=1e-9)
+    np.testing.assert_allclose(ortho_u(v, z, OPTICAL_CENTRE[2], OPTICAL_CENTRE[1]), y, atol=1e-9)
 
 
 def test_projection_lies_on_the_ray_from_the_eye() -> None:
     """Eye, point and its projection are on one line."""
     point = np.array([0.7, -0.1, 0.08])
-    floor = np.append(np.ravel(to_floor(*point[:, None], EYE)), 0.0)
-    np.testing.assert_allclose(np.cross(point - EYE, floor - EYE), 0, atol=1e-12)
+    floor = np.append(np.ravel(to_floor(*point[:, None], OPTICAL_CENTRE)), 0.0)
+    np.testing.assert_allclose(np.cross(point - OPTICAL_CENTRE, floor - OPTICAL_CENTRE), 0, atol=1e-12)
 
 
 def block(x0: float, x1: float, y0: float, y1: float, h: float) -> dict[int, StripePoints]:
@@ -66,7 +66,7 @@ def block(x0: float, x1: float, y0: float, y1: float, h: float) -> dict[int, Str
 
 def test_pixels_of_the_orthorectified_image_lie_where_they_should() -> None:
     """A block fills the pixels of its own place, rows along x and columns along y; the floor is zero."""
-    images = range_images(block(0.6, 0.7, 0.1, 0.2, 0.05), range(100), EYE, X, Y, 0.008)
+    images = range_images(block(0.6, 0.7, 0.1, 0.2, 0.05), range(100), OPTICAL_CENTRE, X, Y, 0.008)
     ortho = images.ortho_image_mm
     assert ortho.shape == (ROWS, COLUMNS) == (512, 640) and ortho.dtype == np.float32
     row, column = int((0.65 - X[0]) / 0.45 * ROWS), int((0.15 - Y[0]) / 0.54 * COLUMNS)
@@ -77,7 +77,7 @@ def test_pixels_of_the_orthorectified_image_lie_where_they_should() -> None:
 
 def test_perspective_image_shows_the_block_larger_and_away_from_the_nadir() -> None:
     """50 mm of 500: the block's far edge moves out by 1 / 0.9 about the nadir, as in Fig. 16."""
-    images = range_images(block(0.6, 0.7, 0.1, 0.2, 0.05), range(100), EYE, X, Y, 0.008)
+    images = range_images(block(0.6, 0.7, 0.1, 0.2, 0.05), range(100), OPTICAL_CENTRE, X, Y, 0.008)
     perspective = images.range_image_mm
     y = 0.02 + (0.15 - 0.02) / 0.9
     column = int((y - Y[0]) / 0.54 * COLUMNS)
@@ -88,20 +88,20 @@ def test_perspective_image_shows_the_block_larger_and_away_from_the_nadir() -> N
 
 def test_nothing_seen_gives_unknown_pictures() -> None:
     """No stripe: every pixel is NaN, and nobody can write the pictures."""
-    images = range_images({}, range(3), EYE, X, Y, 0.008)
+    images = range_images({}, range(3), OPTICAL_CENTRE, X, Y, 0.008)
     assert np.isnan(images.ortho_image_mm).all() and np.isnan(images.range_image_mm).all()
     assert not images.ortho_image_mm.flags.writeable
 
 
 def plain(
-    stripes: Mapping[int, StripePoints], pattern: range, eye: Float, join_height: float
+    stripes: Mapping[int, StripePoints], pattern: range, optical_centre: Float, join_height: float
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Both pictures (ROWS, COLUMNS) [mm] by the definition: every sample at once, those of the top layer averaged."""
     pixel = min((X[1] - X[0]) / ROWS, (Y[1] - Y[0]) / COLUMNS)
     cloud = surface_of(stripes, surface_keys(stripes, pattern), pattern, join_height, pixel).points
     cloud = cloud[:, np.isfinite(cloud[2])]
     pictures = []
-    for x, y in (cloud[:2], to_floor(*cloud, eye)):
+    for x, y in (cloud[:2], to_floor(*cloud, optical_centre)):
         row = np.floor((x - X[0]) / (X[1] - X[0]) * ROWS + ROUNDING).astype(int)
         column = np.floor((y - Y[0]) / (Y[1] - Y[0]) * COLUMNS + ROUNDING).astype(int)
         inside = (row >= 0) & (row < ROWS) & (column >= 0) & (column < COLUMNS)
@@ -130,7 +130,7 @@ def assert_plain(images: RangeImages, reference: tuple[npt.NDArray[np.float64], 
     step=st.sampled_from([0.0, 0.003, 0.06, -0.05]),
     first_x=st.floats(0.42, 0.9),
     spacing=st.sampled_from([-0.002, 0.001, 0.006, 0.03]),
-    eye=st.tuples(st.floats(0.2, 0.6), st.floats(-0.4, 0.4), st.sampled_from([0.08, 0.3, 0.6])),
+    optical_centre=st.tuples(st.floats(0.2, 0.6), st.floats(-0.4, 0.4), st.sampled_from([0.08, 0.3, 0.6])),
     lost=st.frozensets(st.integers(0, 8), max_size=3),
 )
 @settings(max_examples=25, deadline=None, derandomize=True)
@@ -140,7 +140,7 @@ def test_pictures_of_any_ground_are_those_by_the_definition(
     step: float,
     first_x: float,
     spacing: float,
-    eye: tuple[float, float, float],
+    optical_centre: tuple[float, float, float],
     lost: frozenset[int],
 ) -> None:
     """Rough ground, walls, overhangs, gaps, weak returns and lost stripes, seen from anywhere, beyond the edges too."""
@@ -155,8 +155,8 @@ def test_pictures_of_any_ground_are_those_by_the_definition(
         nothing = ColumnPoints(np.empty(0, np.int32), np.empty((0, 3)))
         strength = random.uniform(20, 100, y.size)
         stripes[k] = StripePoints(points, np.full(y.size, 1e-8), strength, np.zeros(y.size, np.uint8), nothing, nothing)
-    images = range_images(stripes, range(9), np.array(eye), X, Y, 0.008)
-    assert_plain(images, plain(stripes, range(9), np.array(eye), 0.008))
+    images = range_images(stripes, range(9), np.array(optical_centre), X, Y, 0.008)
+    assert_plain(images, plain(stripes, range(9), np.array(optical_centre), 0.008))
 
 
 @pytest.mark.slow
@@ -166,11 +166,11 @@ def test_pictures_of_recorded_scans_are_those_by_the_definition(
 ) -> None:
     """Recorded scans: the same pixels known, and the same heights, and enough of them."""
     processor = run_scan(gp.open_scan(data / "scans" / name), calibration, robot)
-    pattern, eye, join_height = (
+    pattern, optical_centre, join_height = (
         processor.settings.pattern(processor.mode),
         processor.camera_position,
         processor.settings.join_height,
     )
-    images = range_images(processor.points, pattern, eye, X, Y, join_height)
-    assert_plain(images, plain(processor.points, pattern, eye, join_height))
+    images = range_images(processor.points, pattern, optical_centre, X, Y, join_height)
+    assert_plain(images, plain(processor.points, pattern, optical_centre, join_height))
     assert np.isfinite(images.ortho_image_mm).mean() > 0.3 and np.isfinite(images.range_image_mm).mean() > 0.3

@@ -1,4 +1,4 @@
-"""Ends of runs: what lies beside a gap or a jump, and what fades towards one, is no surface."""
+"""Ends of runs of returns: columns beside a gap or a jump, and those that fade towards one, are not used."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from guara_perception.ranging.run_ends import (
 
 
 def ends_of(height: np.ndarray, strength: np.ndarray) -> np.ndarray:
-    """Columns at ends of runs of one stripe."""
+    """Columns of one stripe that are left out."""
     return run_ends(height[None], strength[None])[0]
 
 
@@ -35,7 +35,7 @@ def test_ends_of_a_run_are_left_out() -> None:
 
 
 def test_fading_end_of_a_run_is_left_out() -> None:
-    """A shadow edge cuts the stripe column by column: up to where the strength has come up, nothing is used."""
+    """A shadow's edge weakens the stripe column by column: none is used until the strength has reached its level."""
     height = np.zeros(60)
     height[:10] = np.nan
     strength = np.full(60, 100.0)
@@ -46,7 +46,7 @@ def test_fading_end_of_a_run_is_left_out() -> None:
 
 
 def test_short_weak_run_is_left_out() -> None:
-    """A few weak columns between gaps are what an edge left of a cut stripe; as strong as the rest they stay."""
+    """A few weak columns between gaps are left out; as strong as the others they are used."""
     height = np.zeros(80)
     height[20:30] = height[38:48] = np.nan
     strength = np.full(80, 100.0)
@@ -57,7 +57,7 @@ def test_short_weak_run_is_left_out() -> None:
 
 
 def plainly_faded(run: list[float]) -> int:
-    """First columns of a run before two in a row reach 0.6 of the mean of the next twelve: column by column."""
+    """Number of columns before two in a row reach 0.6 of the mean of the next twelve, by a plain loop."""
     holds = []
     for index, value in enumerate(run):
         following = run[index + 1 : index + 1 + LEVEL_COLUMNS]
@@ -71,7 +71,7 @@ def plainly_faded(run: list[float]) -> int:
 @given(data=st.data())
 @settings(max_examples=40, deadline=None, derandomize=True)
 def test_fades_of_any_length_are_found(data: st.DataObject) -> None:
-    """Runs with smooth or speckled strength, of any length: what is left out at each end is what a plain loop finds."""
+    """Runs of any length, smooth or speckled: at each end those columns are left out that a plain loop finds."""
     random = np.random.default_rng(data.draw(st.integers(0, 10_000)))
     gap = 5
     runs = [random.integers(1, 256, size).astype(float) for size in random.integers(SHORT_RUN_COLUMNS, 300, 3)]
@@ -92,7 +92,7 @@ def test_fades_of_any_length_are_found(data: st.DataObject) -> None:
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=40, deadline=None, derandomize=True)
 def test_runs_of_one_stripe_do_not_touch_the_next(seed: int) -> None:
-    """Several stripes at once, with gaps, jumps and fades up to the picture's borders: each as if it were alone."""
+    """Stripes with gaps, jumps and fades up to the picture's borders: together each gives what it gives alone."""
     random = np.random.default_rng(seed)
     height = np.repeat(random.choice([0.0, 0.003, 0.02, np.nan], (5, 12)), 7, axis=1)
     strength = random.choice([10.0, 40.0, 100.0], (5, 12)).repeat(7, axis=1) * random.uniform(0.5, 1, height.shape)

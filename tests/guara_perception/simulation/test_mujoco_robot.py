@@ -67,7 +67,7 @@ def test_a_robot_without_words_to_mujoco(tmp_path: Path, capsys: pytest.CaptureF
     assert model.nu == len(tapir.joint_names) and model.nbody == len(tapir.frame_names) + 1
 
 
-def test_what_mujoco_refuses_is_said(robot: RobotModel) -> None:
+def test_what_mujoco_refuses_is_reported(robot: RobotModel) -> None:
     """One line with the file and MuJoCo's own words."""
     text = robot.tree.urdf.text.replace('<mass value="0.45"/>', '<mass value="0"/>')
     tree = SimpleNamespace(urdf=SimpleNamespace(text=text, path=Path("guara.urdf")))

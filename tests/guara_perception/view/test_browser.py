@@ -120,7 +120,7 @@ def test_steppable_regions_are_outlined_when_their_box_is_ticked(
 def test_a_walk_is_played_and_leaves_a_trail(
     page: Chromium, robot: RobotModel, grid: gp.TerrainGrid, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The button plays to the end; the robot moves over the ground, its way behind it; the eye stays when asked to."""
+    """The button plays to the end; the robot moves over the ground, its trail behind it; the viewpoint can stay."""
     with BrowserView(robot, port=18120) as view:
         view.show_recording([moment(grid, step, 0.2 * step) for step in range(4)])
         open_page(page, view.address, "step 0")

@@ -15,19 +15,19 @@ LEVEL = gp.assess_terrain(np.zeros((108, 140)), 0.005, origin=(0.0, -0.27))
 
 
 @settings(max_examples=60, deadline=None)
-@given(x=st.floats(0.02, 0.6), y=st.floats(-0.25, 0.25), eye_x=st.floats(-1, 1), eye_y=st.floats(-1, 1))
-def test_on_level_ground_a_ray_meets_what_it_aims_at(x: float, y: float, eye_x: float, eye_y: float) -> None:
+@given(x=st.floats(0.02, 0.6), y=st.floats(-0.25, 0.25), view_x=st.floats(-1, 1), view_y=st.floats(-1, 1))
+def test_on_level_ground_a_ray_meets_what_it_aims_at(x: float, y: float, view_x: float, view_y: float) -> None:
     """From any side, at half a cell."""
-    eye = np.array([eye_x, eye_y, 0.8])
-    met = met_by_ray(LEVEL, eye, 3.0 * (np.array([x, y, 0.0]) - eye))
+    viewpoint = np.array([view_x, view_y, 0.8])
+    met = met_by_ray(LEVEL, viewpoint, 3.0 * (np.array([x, y, 0.0]) - viewpoint))
     assert met is not None
     np.testing.assert_allclose(met, (x, y, 0.0), atol=0.004)
 
 
 def test_the_first_thing_in_the_way_is_met(grid: gp.TerrainGrid) -> None:
     """A ray to the ground behind a box meets the box, on the side from which it comes."""
-    eye, behind = np.array([0.0, 0.1, 0.15]), np.array([0.80, 0.1, 0.0])
-    met = met_by_ray(grid, eye, behind - eye)
+    viewpoint, behind = np.array([0.0, 0.1, 0.15]), np.array([0.80, 0.1, 0.0])
+    met = met_by_ray(grid, viewpoint, behind - viewpoint)
     assert met is not None
     assert met[0] == pytest.approx(0.65, abs=0.01) and 0.0 < met[2] < 0.06
     # From behind it is free.

@@ -86,12 +86,12 @@ def test_what_carries_the_sensors_stands_in_nobodys_way(robot: RobotModel) -> No
     mirror = robot.transform_laser_to_base[:3, 3]
     drawn = [(link, look) for link in ("base_link", "camera_link", "laser_link") for look in looks[link]]
     hit: list[str] = []
-    for eye, own in ((camera, "camera_link"), (mirror, "laser_link")):
+    for origin, own in ((camera, "camera_link"), (mirror, "laser_link")):
         for link, look in drawn:
             transform = state.transform_to_base(link)
             triangles = (look.vertices @ transform[:3, :3].T + transform[:3, 3])[look.faces]
             # The mirror itself lies on the axis; what leaves it starts below its housing.
-            start = eye + (cells - eye) * (0.06 if link == own else 0.0)
+            start = origin + (cells - origin) * (0.06 if link == own else 0.0)
             if crosses(start, cells, triangles):
                 hit.append(f"{own}: {link}")
     assert hit == []

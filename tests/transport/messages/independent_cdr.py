@@ -1,4 +1,4 @@
-"""A second CDR reader, written from the rules of the format alone: it shares no code with what it checks.
+"""A second CDR reader, written from the rules of the format alone: it shares no code with the one that it checks.
 
 Reads the fields of `.msg` texts, given as a list of (type, name), with `struct`; alignment counts from the
 end of the 4-byte header, as XCDR1 has it.
@@ -109,7 +109,7 @@ class Reader:
         if kind in SIZES:
             return self.number(SIZES[kind])
         name = kind if "/" in kind else f"{self.package}/{kind}"
-        return {field: self.read(of) for of, field in self.types[name]}
+        return {field: self.read(field_type) for field_type, field in self.types[name]}
 
 
 def read(payload: bytes, kind: str, folder: Path) -> dict:

@@ -78,7 +78,7 @@ def test_pauses_of_a_gait_that_knows_no_walks_are_read(peer, byte_order: str) ->
 
 
 def test_a_phase_of_a_later_version_is_distinguished_from_damage(peer) -> None:
-    """It is refused in words that say what is known, by an error of its own."""
+    """It is refused with a message that say what is known, by an error of its own."""
     message = make_stance_pause(sample_pause(peer))
     message.phase = 9
     with pytest.raises(transport.UnknownPhase, match=r"phase is 9; known: 1 \(BEGIN\), 2 \(END\) and 3 \(HOLD\)"):

@@ -93,7 +93,7 @@ def test_a_camera_keeps_its_numbers() -> None:
 
 
 def test_markers_replace_what_was_drawn_and_stand_where_things_are() -> None:
-    """First everything goes, then edges from floor to top, heights in words, soles, outlines of regions."""
+    """First everything goes, then edges from floor to top, heights as text, soles, outlines of regions."""
     box = ObstacleMessage(
         outline=np.array([[0.5, 0.0], [0.6, 0.0], [0.6, 0.1]]),
         height=0.08,

@@ -41,7 +41,7 @@ def test_only_the_extent_that_is_wanted(guara, data: Path, calibration_file: Pat
 
 @pytest.mark.slow
 def test_an_earlier_step_begins_another_walk(guara, data: Path, calibration_file: Path, tmp_path: Path):
-    """Step 0 after step 2: said in words, and the map holds the last scan alone."""
+    """Step 0 after step 2: reported, and the map holds the last scan alone."""
     scans = data / "scans"
     said = guara("replay", scans / "dark", scans / "paper", "-c", calibration_file, "-o", tmp_path, "--extent", "map")
     assert said.code == 0

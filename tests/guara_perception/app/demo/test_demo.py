@@ -139,5 +139,5 @@ def test_a_walk_as_promised_has_no_failures() -> None:
     ],
 )
 def test_each_broken_promise_is_a_failure(changes: dict[str, object], said: str) -> None:
-    """The check can fail, and says in words what is wrong."""
+    """The check can fail, and its message says what is wrong."""
     assert any(said in problem for problem in check(**changes).failures(41))

@@ -40,7 +40,7 @@ def test_each_kind_is_known(guara, data: Path, root: Path, terrain_file: Path, c
 
 
 def test_words_for_people(guara, terrain_file: Path, data: Path):
-    """One line per figure, names and values in words."""
+    """One line per figure, names and values as readable text."""
     said = guara("info", terrain_file)
     assert said.code == 0 and "kind:                grid\n" in said.out and "hazards:             DROPOUT " in said.out
     said = guara("info", data / "scans" / "paper")

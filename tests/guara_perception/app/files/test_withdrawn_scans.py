@@ -60,7 +60,9 @@ def test_a_map_that_was_confirmed_does_not_excuse_a_scan(grid: TerrainMessage, p
     assert _record(tmp_path / "r.mcap", paper_scan, *parts) == ["it moved", "it moved"]
 
 
-def test_a_gait_that_counts_anew_has_the_same_step_twice(grid: TerrainMessage, paper_scan: gp.Scan, tmp_path: Path):
+def test_a_gait_that_counts_from_zero_again_has_the_same_step_twice(
+    grid: TerrainMessage, paper_scan: gp.Scan, tmp_path: Path
+):
     """Meant is the scan before the withdrawal; with a clock that was set back, every scan of that step."""
     parts = ((2, 200), (1, 500), (2, 600), _said(grid, 2, 700, WITHDRAWN))
     assert _record(tmp_path / "r.mcap", paper_scan, *parts) == ["", "", "it moved"]

@@ -73,7 +73,7 @@ def test_the_poses_of_the_workshop_complete_the_advice(show):
     assert advice.is_complete() and len(advice.views) >= 12
 
 
-def test_what_is_wrong_with_a_picture_is_said(show):
+def test_what_is_wrong_with_a_picture_is_reported(show):
     """Blank, clipped, blurred, moving, shown before."""
     advice = BoardAdvice(BOARD)
     good = show(0.5, 0.5, 0.45)

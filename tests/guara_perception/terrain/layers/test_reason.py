@@ -1,4 +1,4 @@
-"""A failed test in words: millimetres, degrees, and what has no value at all."""
+"""The text of a failed test: millimetres, degrees, and what has no value at all."""
 
 from __future__ import annotations
 

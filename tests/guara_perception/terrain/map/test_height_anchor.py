@@ -1,4 +1,4 @@
-"""The filter that holds the walk's height to the soles."""
+"""The filter that keeps the walk's height right by the soles that stand on the map."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from guara_perception.terrain.map.height_anchor import HeightAnchor, SoleError
 
 
 def soles(*residuals: float, sigma: float = 0.001) -> dict[str, SoleError]:
-    """Soles of a number of legs."""
+    """Errors of soles, one leg for each residual [m]."""
     return {f"leg{i}": SoleError(residual, sigma**2) for i, residual in enumerate(residuals)}
 
 
-def test_without_soles_everything_is_as_unsure_as_odometry() -> None:
-    """No correction, and cells gain all of the drift."""
+def test_without_soles_the_variance_is_that_of_odometry() -> None:
+    """Nothing is corrected, and cells gain all the variance by which odometry drifts."""
     anchor = HeightAnchor()
     for step in range(1, 6):
         anchor = anchor.after(step * 1e-6, {})
@@ -24,7 +24,7 @@ def test_without_soles_everything_is_as_unsure_as_odometry() -> None:
 
 
 def test_a_common_error_is_taken_off() -> None:
-    """Soles 4 mm over the map, odometry much less sure than they are: nearly 4 mm are taken off, and little is left."""
+    """Soles 4 mm over the map, odometry much less certain: nearly 4 mm are taken off, with a small variance."""
     anchor = HeightAnchor().after(1e-4, soles(0.004, 0.004, 0.004, 0.004))
     assert anchor.offset == pytest.approx(-0.004, rel=0.01)
     assert anchor.variance == pytest.approx(1 / (1 / 1e-4 + 4 / 1e-6), rel=1e-9)
@@ -33,20 +33,20 @@ def test_a_common_error_is_taken_off() -> None:
 
 
 def test_several_soles_weigh_as_their_mean() -> None:
-    """Opposite errors cancel: tilt is no error of the height."""
+    """Opposite errors cancel: a tilt of the body is no error of its height."""
     anchor = HeightAnchor().after(1e-4, soles(0.002, -0.002, 0.002, -0.002))
     assert anchor.offset == pytest.approx(0.0, abs=1e-4)
 
 
 def test_a_sole_far_off_is_left_out_and_named() -> None:
-    """One foot on a thing that the map does not know: the other three decide."""
+    """One foot stands on something that the map does not hold: only the other three count."""
     anchor = HeightAnchor().after(1e-6, soles(0.001, 0.030, 0.001, 0.001))
     assert anchor.rejected == ("leg1",)
     assert -0.001 < anchor.offset < 0.0
 
 
 def test_a_random_walk_is_followed() -> None:
-    """200 pauses of 0.5 mm steps, soles of 1 mm: the error stays below 0.6 mm while odometry grows to several."""
+    """Odometry drifts by 0.5 mm at each of 200 pauses, to over 3 mm; soles of 1 mm keep the error below 0.6 mm."""
     rng = np.random.default_rng(0)
     anchor, drift, errors, raw = HeightAnchor(), 0.0, [], []
     for step in range(1, 201):

@@ -83,7 +83,7 @@ def test_what_an_overlap_takes_off_is_taken_off_where_it_tells(seed: int) -> Non
 def test_a_walk_is_laid_onto_the_map_at_every_pause_or_at_none(
     robot: RobotModel, make_scan: Callable[..., Any], *, is_first_given: bool
 ) -> None:
-    """Whichever comes first: the other is refused in words and changes nothing; the walk then goes on as it began."""
+    """Whichever comes first: the other is refused and changes nothing; the walk then goes on as it began."""
     since = 1e-6 * np.eye(6)
     kinds = [{"covariance_since_last": since}, {}] if is_first_given else [{}, {"covariance_since_last": since}]
     terrain_map = gp.TerrainMap(robot)

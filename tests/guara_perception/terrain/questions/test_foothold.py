@@ -195,7 +195,7 @@ def test_a_grid_carries_its_robot(standing: gp.TerrainGrid) -> None:
 
 
 def test_asking_for_a_leg_needs_a_stance(standing: gp.TerrainGrid) -> None:
-    """Without a stance in the grid, or with a leg that the robot does not have, the question is refused in words."""
+    """Without a stance in the grid, or with a leg that the robot does not have, the question is refused."""
     with pytest.raises(gp.InvalidInput, match="holds no robot, stance, transform_base_to_footprint.*leg=None"):
         world(0).check_foothold(0.7, 0.0, leg="lf")
     with pytest.raises(KinematicsError, match="lf"):

@@ -39,7 +39,7 @@ def test_empty_ground_stays_coarse(robot: RobotModel, make_scan: MakeScan, pairs
 def test_an_obstacle_calls_for_the_stripes_between(
     robot: RobotModel, make_scan: MakeScan, pairs: np.ndarray, scan_grid: Any
 ) -> None:
-    """A box of 12 mm is beyond the height limit: all 35 odd stripes, ascending, with the reason in words."""
+    """A box of 12 mm is beyond the height limit: all 35 odd stripes, ascending, with the reason as text."""
     decision = gp.ScanPolicy(robot).decide(make_scan(box(scan_grid, 0.7, 0.1, 0.012)), pairs)
     assert decision.mode == "standard"
     assert decision.stripes == tuple(range(1, 70, 2))
