@@ -71,12 +71,9 @@ def live_scan(
         with stripes:
             for group in stripes.groups():
                 done.update(capture.index for capture in group)
-                for capture in group:
-                    light.look(capture, processor.band(capture.index))
-                _process(processor, group)
-                if on_stripe is not None:
-                    for capture in group:
-                        on_stripe(capture)
+                _take(group, processor, light, on_stripe)
+                # Or its frames would be held beside those of the next group until that is whole.
+                del group
                 if 0 < len(firing_order) - len(done) <= STRIPES_AFTER and not worked_ahead:
                     # The mirror has yet to turn to these, and the gait waits for what follows them.
                     worked_ahead = True
@@ -92,6 +89,20 @@ def live_scan(
             processor.mark_bad(index, "fired, but no frame came")
     problems.extend(problem for problem in report.problems if problem not in problems)
     return LiveScan(start, end, last_frame, tuple(problems), report.stopped_early, failed)
+
+
+def _take(
+    group: Sequence[StripeCapture],
+    processor: ScanProcessor,
+    light: LightCheck,
+    on_stripe: Callable[[StripeCapture], None] | None,
+) -> None:
+    for capture in group:
+        light.look(capture, processor.band(capture.index))
+    _process(processor, group)
+    if on_stripe is not None:
+        for capture in group:
+            on_stripe(capture)
 
 
 def _process(processor: ScanProcessor, group: Sequence[StripeCapture]) -> None:

@@ -1,12 +1,14 @@
 """Live scans with the real driver over an emulated board, healthy and with every fault at several phases."""
 
 import dataclasses
+import weakref
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
 import guara_perception as gp
-from drivers import CameraSettings, DriverError, Frame
+from drivers import CameraSettings, DriverError, Frame, StripeCapture, StripeStream
 from drivers.emulator import CameraFault, Fault, FaultKind
 from drivers.errors import CameraEnded
 from drivers.protocol import Request
@@ -74,6 +76,33 @@ def test_a_frame_out_of_step_costs_its_own_stripe_of_a_group(rig: Rig) -> None:
     bad = [index for index, profile in processor.profiles.items() if profile.is_frame_bad]
     assert bad and set(processor.points) == set(reported) - set(bad)
     assert any("changed its picture's size" in problem for problem in scan.problems)
+
+
+def test_frames_are_given_back_before_the_next_group_is_awaited(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """While sixteen frames are collected the sixteen before are not held: but one, with which the next is compared."""
+    real_grab, real_groups = rig.camera.grab, StripeStream.groups
+
+    def grab(timeout: float) -> Frame:
+        # The emulation may keep its own picture.
+        frame = real_grab(timeout)
+        return dataclasses.replace(frame, image=frame.image.copy())
+
+    def groups(stream: StripeStream) -> Iterator[tuple[StripeCapture, ...]]:
+        for group in real_groups(stream):
+            frames = [weakref.ref(capture.on) for capture in group if capture.on is not None]
+            sizes.append(len(frames))
+            handed_over = [group]
+            del group
+            yield handed_over.pop()
+            held.append(sum(frame() is not None for frame in frames))
+
+    sizes: list[int] = []
+    held: list[int] = []
+    rig.camera.grab = grab  # type: ignore[method-assign]
+    monkeypatch.setattr(StripeStream, "groups", groups)
+    scan = live_scan(rig.rangefinder, rig.processor(), rig.firing_order, should_stop=lambda: False)
+    assert not scan.failed and max(sizes) >= 8
+    assert len(held) == len(sizes) and max(held) <= 1
 
 
 @pytest.mark.parametrize("stop_at", [0, 1, 17])
