@@ -1,4 +1,4 @@
-"""The process whose memory is measured: it scans twice from frames that it makes one by one."""
+"""The process whose memory is measured: it scans twice from frames that it makes one by one, or group by group."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from guara_perception import ScanProcessor
+from guara_perception import FramePair, ScanProcessor
+from guara_perception.arrays import Image
 from guara_perception.simulation.specimen import specimen
 from tests.scenes import robot_with, scan_stance, with_covariance
 
@@ -21,8 +22,15 @@ def resident(field: str) -> float:
     raise RuntimeError(f"/proc/self/status has no {field}")
 
 
-def main(folder: str, stripes: int) -> None:
-    """Print growth of the first scan, of the second above it, and the size of one pair of frames [MB]."""
+def main(folder: str, stripes: int, together: int = 1) -> None:
+    """Print growth of the first scan, of the second above it, and the size of one pair of frames [MB].
+
+    Args:
+        folder: with one laser-off picture and the bands of the others.
+        stripes: of the scan.
+        together: stripes that are processed at once. One: a camera that waits for its reader fills the same two
+            buffers again. Several: each comes with a frame of its own, and they share the laser-off picture.
+    """
     robot = robot_with(stripes)
     width, height, _ = (int(word) for word in (Path(folder) / "scan.txt").read_text().split())
     calibration = with_covariance(specimen(robot, (width, height)))
@@ -30,17 +38,21 @@ def main(folder: str, stripes: int) -> None:
     off = np.load(Path(folder) / "off.npy")
     pair = 2 * off.nbytes / 1e6
 
+    def fill(on: Image, index: int, rows: tuple[int, int]) -> None:
+        np.copyto(on, off)
+        with (Path(folder) / f"{index}.band").open("rb") as band:
+            band.readinto(on[slice(*rows)].data.cast("B"))
+
     def scan(count: int) -> None:
         processor = ScanProcessor(calibration, robot, stance, "standard")
-        # One pair of buffers, as a camera that waits for its reader has; they count as part of the scan.
-        on_buffer, off_buffer = np.empty_like(off), np.empty_like(off)
-        for index in range(count):
-            first, end = processor.band(index)
-            np.copyto(on_buffer, off)
-            np.copyto(off_buffer, off)
-            with (Path(folder) / f"{index}.band").open("rb") as band:
-                band.readinto(on_buffer[first:end].data.cast("B"))
-            processor.add(index, on_buffer, off_buffer)
+        # The frames count as part of the scan.
+        on_buffers, off_buffer = [np.empty_like(off) for _ in range(min(together, count))], off.copy()
+        for first in range(0, count, together):
+            indices = range(first, min(first + together, count))
+            for index, on in zip(indices, on_buffers, strict=False):
+                fill(on, index, processor.band(index))
+            pairs = [FramePair(index, on, off_buffer) for index, on in zip(indices, on_buffers, strict=False)]
+            processor.add_all(pairs)
         processor.finish()
 
     scan(1)
