@@ -27,7 +27,7 @@ def main(folder: str, stripes: int, together: int = 1) -> None:
 
     Args:
         folder: with one laser-off picture and the bands of the others.
-        stripes: of the scan.
+        stripes: number of stripes of the scan.
         together: stripes that are processed at once. One: a camera that waits for its reader fills the same two
             buffers again. Several: each comes with a frame of its own, and they share the laser-off picture.
     """

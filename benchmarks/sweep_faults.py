@@ -12,13 +12,21 @@ from drivers import AcquireOptions, SweepOptions
 from drivers.emulator import EmulatedTriggeredCamera, EmulatorConfig
 
 FAULTY_SWEEPS = 200
-# Seconds within which an opening is on time for a trigger: half of the tolerance of `SweepOptions`, and clocks' drift.
+# How far from its trigger an opening may lie and be on time [s]: half of the tolerance of `SweepOptions`, and drift of
+# the clocks.
 ON_TIME = 0.0005 + 0.0001
 
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """Triggers gone wrong in sweeps of 70: how many, how many of them were found, and wrong stripes."""
+    """Faulty triggers in sweeps of 70 stripes.
+
+    Attributes:
+        sweeps: number of sweeps.
+        injected: number of faulty triggers.
+        found: number of these that were found.
+        wrong_stripes: number of stripes with a frame of another mirror angle.
+    """
 
     sweeps: int
     injected: int
@@ -27,7 +35,7 @@ class Faults:
 
 
 def faults(sweeps: int = FAULTY_SWEEPS, seed: int = 7) -> Faults:
-    """Miss, double and delay triggers at random, in half of the sweeps with exposures counted.
+    """Miss, double and delay triggers at random; in half of the sweeps the board counts exposures.
 
     A fault is found when no stripe came from the frame that it spoilt: the stripe was taken again or is lost.
     A stripe is wrong when its frame was exposed with the mirror elsewhere than commanded.
@@ -36,14 +44,14 @@ def faults(sweeps: int = FAULTY_SWEEPS, seed: int = 7) -> Faults:
     pattern = pattern_of(70)
     pitch = pattern[1][1] - pattern[0][1]
     injected = found = wrong = 0
-    for number in range(sweeps):
+    for sweep in range(sweeps):
         with emulated(EmulatorConfig()) as (board, driver):
             shutter = board.shutter
-            shutter.wired = number % 2 == 0
-            kinds = {place: rng.choice(("missed", "doubled", "late")) for place in range(160) if rng.random() < 0.05}
-            shutter.missed = frozenset(place for place, kind in kinds.items() if kind == "missed")
-            shutter.doubled = frozenset(place for place, kind in kinds.items() if kind == "doubled")
-            shutter.late = {place: rng.uniform(0.0011, 0.02) for place, kind in kinds.items() if kind == "late"}
+            shutter.wired = sweep % 2 == 0
+            kinds = {number: rng.choice(("missed", "doubled", "late")) for number in range(160) if rng.random() < 0.05}
+            shutter.missed = frozenset(number for number, kind in kinds.items() if kind == "missed")
+            shutter.doubled = frozenset(number for number, kind in kinds.items() if kind == "doubled")
+            shutter.late = {number: rng.uniform(0.0011, 0.02) for number, kind in kinds.items() if kind == "late"}
             camera = EmulatedTriggeredCamera(board, shutter, Picture(board))
             taken = take(driver, camera, pattern, AcquireOptions(sweep=SweepOptions(flash=FLASH)))
             openings, triggers = board.openings(), board.triggers()
@@ -51,17 +59,17 @@ def faults(sweeps: int = FAULTY_SWEEPS, seed: int = 7) -> Faults:
             for stripe in taken:
                 if stripe.on is None:
                     continue
-                place = int(stripe.on[0, 0, 0]) * 256 + int(stripe.on[0, 1, 0])
-                used.add(place)
-                start, end = openings[place]
-                # When the flash is over the mirror may turn on: the shutter is open, but nothing shines.
+                number = int(stripe.on[0, 0, 0]) * 256 + int(stripe.on[0, 1, 0])
+                used.add(number)
+                start, end = openings[number]
+                # After the flash the mirror may turn: the shutter is still open, but the laser is off.
                 lit_until = min(triggers, key=lambda trigger: abs(trigger - start)) + FLASH
                 shown = board.exposure(start, min(end, lit_until))
                 wrong += abs(shown.mirror_angle - stripe.mirror_angle) > 0.1 * pitch or shown.mirror_travel > 0
-            struck = [place for place in kinds if place < len(triggers)]
+            struck = [number for number in kinds if number < len(triggers)]
             injected += len(struck)
             spoilt = _spoilt(openings, triggers, kinds, shutter.delay, shutter.wired)
-            found += len(struck) - len({place for place, opening in spoilt if opening in used})
+            found += len(struck) - len({number for number, opening in spoilt if opening in used})
     return Faults(sweeps, injected, found, wrong)
 
 
@@ -72,17 +80,17 @@ def _spoilt(
     delay: float,
     counted: bool,
 ) -> list[tuple[int, int]]:
-    """Pairs (trigger, opening) that must not be used: late ones, and the second of two; with counting, both of two.
+    """Pairs (trigger, opening) that must not be used: late, or the second of a double; if counted, both of a double.
 
-    An opening that is on time for another trigger, which the camera was too busy to see, shows what that one was for,
-    and is used for it.
+    A late opening may be on time for another trigger, one that came while the camera was busy: it shows the stripe of
+    that trigger and may be used for it.
     """
     spoilt = []
-    for place, (start, _) in enumerate(openings):
+    for number, (start, _) in enumerate(openings):
         trigger = int(np.searchsorted(triggers, start, side="right")) - 1
         is_on_time = bool(np.min(np.abs(start - delay - np.array(triggers))) <= ON_TIME)
         if kinds.get(trigger) == "late" and not is_on_time:
-            spoilt.append((trigger, place))
+            spoilt.append((trigger, number))
         if kinds.get(trigger) == "doubled" and (counted or not is_on_time):
-            spoilt.append((trigger, place))
+            spoilt.append((trigger, number))
     return spoilt

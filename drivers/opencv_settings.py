@@ -7,10 +7,10 @@ from typing import Protocol
 from drivers.camera import CameraSettings, HeldSettings
 from drivers.errors import CameraSettingRefused
 
-# Seconds; V4L2 counts exposure_time_absolute in 100 microseconds.
+# Unit of V4L2's control exposure_time_absolute [s].
 V4L2_EXPOSURE_UNIT = 1e-4
 V4L2_MANUAL_EXPOSURE = 1.0
-# Relative; drivers round to their own steps.
+# Relative difference allowed to what a driver rounds a value to.
 TOLERANCE = 0.02
 EXPOSURE_TOLERANCE = 0.05
 
@@ -19,10 +19,10 @@ class Capture(Protocol):
     """The part of `cv2.VideoCapture` that settings need."""
 
     def set(self, propId: int, value: float) -> bool:
-        """Set a property; False when the device has none such."""
+        """Set a property; False when the device does not have it."""
 
     def get(self, propId: int) -> float:
-        """A property."""
+        """The value of a property."""
 
 
 def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> CameraSettings:
@@ -57,7 +57,7 @@ def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> Came
 
 
 def held_settings(capture: Capture, locked: CameraSettings) -> HeldSettings:
-    """Read what the camera holds of the settings that were locked; what it does not tell (0, -1) is left out.
+    """Read what the camera holds of the settings that were locked; values that it does not report (0, -1) are left out.
 
     Args:
         capture: an open capture.

@@ -1,4 +1,4 @@
-"""A recorded scan: what was fired, from which stance, and its frames, read one by one."""
+"""A recorded scan: its stripes, the stance from which they were taken, and its frames, read one by one."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class ScanStripe:
     """One stripe of a recorded scan.
 
     Attributes:
-        index: in the standard pattern; pairs the stripe with the calibration.
-        mirror_angle: as commanded [rad].
+        index: index in the standard pattern, by which the calibration has its laser plane.
+        mirror_angle: commanded mirror angle [rad].
         on: name of the frame with the laser on.
         off: name of the frame with the laser off (may be shared), or None.
         stamp: time of the frame [ns since the epoch], or None.
@@ -43,12 +43,12 @@ class Scan:
         mode: "coarse" or "standard".
         stamp: begin of the scan [ns since the epoch].
         step: number of the stance pause.
-        stripes: in recorded order.
-        stance: at the beginning.
-        stance_end: read again after the scan, or None.
+        stripes: the stripes, in recorded order.
+        stance: stance at the beginning.
+        stance_end: stance at the end, or None where it was not recorded.
         calibration_hash: hash of the calibration that was in use, or None.
-        source: where it came from, for messages.
-        read_frame: gives the picture of a frame name, (h, w) or (h, w, 3).
+        source: file or folder that the scan came from, for messages.
+        read_frame: function that gives the picture, (h, w) or (h, w, 3), of a frame's name.
         withdrawn: why the node took the grid of this scan back, as the recording says; empty when it did not.
     """
 
@@ -65,7 +65,7 @@ class Scan:
     withdrawn: str = ""
 
     def __post_init__(self) -> None:
-        """Check what no field alone can show."""
+        """Check mode and stripes."""
         if self.mode not in MODES:
             raise InvalidInput(f"{self.source}: mode is {self.mode!r}, allowed: {', '.join(MODES)}")
         seen: set[int] = set()
@@ -78,11 +78,11 @@ class Scan:
 
     @property
     def end(self) -> int:
-        """Stamp of the last stripe [ns since the epoch]; that of the scan where its stripes tell none."""
+        """Stamp of the last stripe [ns since the epoch]; that of the scan where its stripes have none."""
         return max(self.stamp, *(stripe.stamp or 0 for stripe in self.stripes))
 
     def frames(self) -> Iterator[tuple[ScanStripe, Image, Image | None]]:
-        """Stripe, laser-on and laser-off picture, one stripe at a time; a shared off frame is read once in a row.
+        """Stripe, laser-on and laser-off picture, stripe by stripe; an off frame that neighbours share is read once.
 
         Raises:
             MissingFile, FileFormatError: a frame cannot be read; the message names it.

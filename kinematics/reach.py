@@ -20,11 +20,11 @@ from kinematics.tree import KinematicTree
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reach:
-    """The answer for soles of shape (..., 3); arrays are read-only.
+    """Which of some soles a leg reaches, and how; for soles of shape (..., 3), arrays are read-only.
 
     Attributes:
         joint_positions: (..., joints of the leg) [rad]; NaN where no solution exists at all.
-        is_reachable: (...) true where a solution within the joint limits exists.
+        is_reachable: (...) bool, true where a solution within the joint limits exists.
     """
 
     joint_positions: Float
@@ -52,9 +52,9 @@ def reach_in_base(
 
     Args:
         tree: the robot's kinematic tree.
-        leg: its name.
+        leg: name of the leg.
         soles_in_base: (..., 3) sole centres in `base_link` [m]; NaN is not reachable.
-        sole_pitch: pitch of the sole in the leg's plane [rad], one or (...); legs of three joints cannot choose it.
+        sole_pitch: pitch of the sole in the leg's plane [rad], one number or (...); a leg of three joints ignores it.
 
     Raises:
         UnknownName: no such leg.
@@ -71,7 +71,7 @@ def reach_in_base(
         ) from None
     solver = leg_kinematics(tree, leg)
     positions = solver.solve(soles.reshape(-1, 3), pitch.reshape(-1))
-    # NaN compares false: what has no solution is not reachable.
+    # NaN compares false: a sole without a solution is not reachable.
     within = np.all(
         (positions >= solver.lower - LIMIT_TOLERANCE) & (positions <= solver.upper + LIMIT_TOLERANCE), axis=1
     ).reshape(soles.shape[:-1])
@@ -84,7 +84,7 @@ def reach_from_pose(pose: StancePose, leg: str, soles_in_footprint: npt.ArrayLik
 
     Args:
         pose: the stance pose.
-        leg: the leg's name.
+        leg: name of the leg.
         soles_in_footprint: (..., 3) sole centres in `base_footprint` [m]: x, y and the height of the ground there.
 
     Raises:

@@ -45,7 +45,6 @@ REFUSED_NAMES = {
 }
 NAMES_ALLOWED = {
     "place": (
-        "benchmarks/sweep_faults.py",
         "drivers/board_sweep.py",
         "drivers/emulator/sweep.py",
         "drivers/sweep_proof.py",

@@ -1,4 +1,4 @@
-"""What a session repeats twice a second, on one thread: the small messages of many publishers leave together."""
+"""Sends what a Zenoh session repeats twice a second, on one thread: messages of all its publishers leave together."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ CLOSE_TIMEOUT = 2.0
 class Pulse:
     """Calls what was added at each beat, on a thread that lives from the first that is added until it is closed.
 
-    A message of its own wakes its sender, the router and the reader; several that are sent at once wake each of them
-    once.
+    Each message wakes its sender, the router and the reader; several that are sent together wake each of them once.
     """
 
     def __init__(self) -> None:
-        """Nothing is to be done yet."""
+        """Start without actions and without a thread."""
         self._lock = threading.Lock()
         self._actions: dict[object, Callable[[], None]] = {}
         self._closing = threading.Event()
@@ -30,9 +29,9 @@ class Pulse:
         """Call `action` at each beat from now on, until `owner` is removed; it must be quick.
 
         Args:
-            owner: whose action it is, one of each.
-            action: sends something small.
-            first: before those that are there, as one that takes time to make its message.
+            owner: whose action it is; a second action of the same owner replaces the first.
+            action: function that sends a small message.
+            first: call it before the actions that are there already, such as one that takes time to make its message.
         """
         with self._lock:
             self._actions = {owner: action, **self._actions} if first else {**self._actions, owner: action}

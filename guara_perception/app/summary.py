@@ -1,4 +1,4 @@
-"""What a grid holds: one line for a person, plain values for a program."""
+"""Summarises a grid: one line of text for a person, plain values for a program."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, cells_by_flag
 
 
 def facts(terrain: TerrainGrid) -> dict[str, Any]:
-    """The same for a program: plain values, as `--json` prints them."""
+    """Plain values that summarise a grid, as `--json` prints them."""
     hazard = terrain.hazard
     return {
         "robot": terrain.metadata.get("robot"),
@@ -32,7 +32,7 @@ def facts(terrain: TerrainGrid) -> dict[str, Any]:
 
 
 def summary(terrain: TerrainGrid) -> str:
-    """Step, mode, how much is known and safe, the commonest causes, and what is wrong with the scan if anything."""
+    """One line: step, mode, how much is known and traversable, the four most frequent flags, reasons of its health."""
     hazard = np.asarray(terrain.hazard)
     known = float(np.mean((hazard & UNKNOWN_MASK) == 0))
     safe = float(np.mean(np.asarray(terrain.traversability) > 0))

@@ -1,4 +1,4 @@
-"""What the node's benchmark says beside the reference extraction: ratios in the same moment, given at one speed."""
+"""The node's benchmark compares a scan with the reference extraction run just before and after it."""
 
 from benchmarks.yardstick import beside
 

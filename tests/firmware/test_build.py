@@ -1,4 +1,4 @@
-"""The committed firmware is what its source gives, in the form that a Pico takes."""
+"""The committed firmware is what its source compiles to, in the form that a Pico takes."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ COMPILER = "arm-none-eabi-gcc"
 
 
 @pytest.mark.slow
-def test_the_source_gives_the_committed_bytes(tmp_path: Path) -> None:
-    """Built anywhere, by the compiler that COMPILER names."""
+def test_the_source_compiles_to_the_committed_bytes(tmp_path: Path) -> None:
+    """With the compiler that the file COMPILER names, in any folder."""
     if shutil.which(COMPILER) is None:
         pytest.skip(f"{COMPILER} is not installed: bytes were not compared")
     subprocess.run(
@@ -44,7 +44,7 @@ def test_the_image_is_sealed_for_the_boot_rom() -> None:
 
 
 def test_uf2_holds_the_image_for_this_family() -> None:
-    """Every block names the RP2040, its place and its number; the image comes back whole."""
+    """Every block holds its address, its number and the family RP2040; `from_uf2` gives the image back."""
     image = bytes(range(256)) * 5 + b"tail"
     blocks = to_uf2(image)
     assert len(blocks) == 6 * 512
@@ -60,7 +60,7 @@ def test_a_second_stage_too_long_is_refused() -> None:
 
 
 @pytest.mark.parametrize("data", [b"", b"no firmware", bytes(512)])
-def test_what_is_no_uf2_is_refused(tmp_path: Path, data: bytes) -> None:
+def test_a_file_that_is_no_uf2_is_refused(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "wrong.uf2"
     path.write_bytes(data)
     with pytest.raises(ValueError, match="not a UF2 file"):

@@ -21,7 +21,7 @@ LARGEST_STEP = 2**53
 
 
 class PausePhase(IntEnum):
-    """What a message says of a stance pause: it begins, the robot still stands (HOLD), it ends."""
+    """What a message announces: the pause begins, the robot still stands (HOLD), or the pause ends."""
 
     BEGIN = 1
     END = 2
@@ -30,7 +30,7 @@ class PausePhase(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class StancePause:
-    """A stance pause begins, goes on or ends.
+    """An announcement that a stance pause begins, goes on or ends.
 
     Attributes:
         robot: instance name.
@@ -41,7 +41,7 @@ class StancePause:
         time_available: [s] from the stamp to the planned end of the pause; 0 when not known.
         known_ground: what the gait declares safe, in `frame_id`.
         frame_id: frame of `known_ground`.
-        epoch: identity of the walk, the same in all its pauses; empty when the gait does not tell one.
+        epoch: identity of the walk, the same in all its pauses; empty when the gait gives none.
     """
 
     robot: str
@@ -137,7 +137,7 @@ def _decoded(payload: bytes | bytearray | memoryview) -> Any:
     try:
         return decode(payload, STANCE_PAUSE)
     except MessageError as error:
-        # Without it the message ends on a multiple of four bytes: a cut one is not taken for it.
+        # Without `epoch` a message ends on a multiple of four bytes, so that one which was cut is not mistaken for it.
         if len(payload) < 8 or len(payload) % 4 != 0:
             raise
         length = (1).to_bytes(4, "little" if payload[1] else "big")

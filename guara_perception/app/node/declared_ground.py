@@ -1,4 +1,4 @@
-"""What of the ground that the gait declares may go into the map; the rest is refused with a message."""
+"""Decides whether ground that the gait declares may go into the map."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from guara_perception.terrain.map.known_ground import KnownGround
 from transport import StancePause
 
 FRAME = "base_footprint"
-# Two soles' patches for each of four feet, and as many again.
+# Two patches for each of four feet, twice.
 MAXIMUM_PATCHES = 16
 MAXIMUM_CORNERS = 16
-# [m] Further away nobody has been; what lies beyond the map is clipped.
+# [m] Far beyond any step; ground outside of the map is clipped.
 FURTHEST = 20.0
-# [m] Ground that is known worse is not known.
+# [m] Ground with a larger sigma is of no use as known ground.
 LARGEST_SIGMA = 0.1
 
 

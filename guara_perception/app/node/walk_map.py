@@ -21,8 +21,8 @@ logger = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
-class _Way:
-    """All that a walk is by now: what `withdraw` comes back to."""
+class _WalkState:
+    """Everything that a walk has gathered so far; `withdraw` goes back to a copy of it."""
 
     odometry: LegOdometry
     map: TerrainMap
@@ -33,9 +33,9 @@ class _Way:
     last: TerrainGrid | None = None
     restarts: list[str] = field(default_factory=list)
 
-    def copy(self) -> _Way:
-        """With an odometry of its own; the map, which is large, keeps its own copy of its cells."""
-        return _Way(
+    def copy(self) -> _WalkState:
+        """A copy with its own odometry. The map is shared: it is large, and keeps what it needs to go back itself."""
+        return _WalkState(
             copy.copy(self.odometry),
             self.map,
             self.epoch,
@@ -57,19 +57,19 @@ class WalkMap:
         """Start before the first pause."""
         self._robot = robot
         odometry = LegOdometry(robot, transform_camera_to_base=calibration.transform_camera_to_base)
-        self._way = _Way(odometry, TerrainMap(robot))
-        self._kept = self._way.copy()
+        self._state = _WalkState(odometry, TerrainMap(robot))
+        self._kept = self._state.copy()
         self._latest: TerrainGrid | None = None
 
     @property
     def latest(self) -> TerrainGrid | None:
-        """The map as it was given last."""
+        """The map that `update` or `withdraw` returned last."""
         return self._latest
 
     @property
     def restarts(self) -> tuple[str, ...]:
         """Why the map was started again, each time."""
-        return tuple(self._way.restarts)
+        return tuple(self._state.restarts)
 
     def update(
         self,
@@ -94,16 +94,16 @@ class WalkMap:
         Raises:
             kinematics.KinematicsError: the stance does not fit the robot.
         """
-        way = self._way
-        if way.last is not None and (epoch, step) == (way.epoch, way.step) and stance == way.stance:
+        state = self._state
+        if state.last is not None and (epoch, step) == (state.epoch, state.step) and stance == state.stance:
             # A further scan of a pause, on request: the ground was fused with the first.
-            return way.last
-        if way.step is not None and epoch != way.epoch:
-            self._restart(f"walk {epoch!r} came after walk {way.epoch!r}")
-        elif way.step is not None and step <= way.step:
-            self._restart(f"step {step} came after step {way.step}: another walk")
-        way.pose = pose = self._locate(stance)
-        way.last = self._latest = way.map.update(
+            return state.last
+        if state.step is not None and epoch != state.epoch:
+            self._restart(f"walk {epoch!r} came after walk {state.epoch!r}")
+        elif state.step is not None and step <= state.step:
+            self._restart(f"step {step} came after step {state.step}: another walk")
+        state.pose = pose = self._locate(stance)
+        state.last = self._latest = state.map.update(
             terrain,
             _transform_of(terrain, pose),
             pose.covariance,
@@ -113,37 +113,38 @@ class WalkMap:
             metadata=self._reported(pose),
             time=time,
         )
-        way.epoch, way.step, way.stance = epoch, step, stance
-        return way.last
+        state.epoch, state.step, state.stance = epoch, step, stance
+        return state.last
 
     def keep(self) -> None:
-        """What was fused up to now stands."""
-        self._way.map.keep()
-        self._kept = self._way.copy()
+        """Make all that was fused so far permanent: `withdraw` goes back to here."""
+        self._state.map.keep()
+        self._kept = self._state.copy()
 
     def withdraw(self, terrain: TerrainGrid, *, time: float | None = None) -> TerrainGrid:
         """Undo all since `keep`, and give the map of the pauses before, in base_footprint of the withdrawn one.
 
         Args:
-            terrain: in which nothing is known, and why, for the withdrawn pause.
+            terrain: grid of the withdrawn pause, without a known cell; its health says why.
             time: as in `update`.
 
         Raises:
-            InvalidInput: nothing was fused since.
+            InvalidInput: no pause was fused since.
         """
-        pose = self._way.pose
+        pose = self._state.pose
         if pose is None:
             raise InvalidInput("no pause was fused that could be withdrawn")
-        began_again = self._way.map is not self._kept.map
-        self._way = self._kept
-        if self._way.last is None:
+        began_again = self._state.map is not self._kept.map
+        self._state = self._kept
+        if self._state.last is None:
             # Before the first pause that stands: nothing else was ever in this map.
-            self._way.map = TerrainMap(self._robot)
+            self._state.map = TerrainMap(self._robot)
         else:
-            self._way.map.take_back()
-        self._kept = self._way.copy()
-        # A map that began again with this pause stands in another `odom` than the one before: nothing of that one.
-        known = TerrainMap(self._robot) if began_again else self._way.map
+            self._state.map.take_back()
+        self._kept = self._state.copy()
+        # A map that began again with this pause stands in another `odom` than the one before: it must show nothing of
+        # that one.
+        known = TerrainMap(self._robot) if began_again else self._state.map
         self._latest = known.view(
             terrain,
             _transform_of(terrain, pose),
@@ -157,27 +158,28 @@ class WalkMap:
         return {
             "slipped_feet": list(pose.slipped_feet),
             "odometry_residual": pose.residual,
-            "restarts": list(self._way.restarts),
+            "restarts": list(self._state.restarts),
         }
 
     def _locate(self, stance: Stance) -> OdometryPose:
         try:
-            return self._way.odometry.update(stance)
+            return self._state.odometry.update(stance)
         except OdometryLost as error:
             self._restart(f"odometry lost: {error}")
-            return self._way.odometry.update(stance)
+            return self._state.odometry.update(stance)
 
     def _restart(self, reason: str) -> None:
         logger.warning("the map starts again: %s", reason)
-        self._way.restarts.append(reason)
-        self._way.odometry.reset()
-        self._way.map = TerrainMap(self._robot)
+        self._state.restarts.append(reason)
+        self._state.odometry.reset()
+        self._state.map = TerrainMap(self._robot)
 
 
 def _transform_of(terrain: TerrainGrid, pose: OdometryPose) -> Float:
-    """transform_footprint_to_odom (4, 4) of the footprint that the scan was processed in.
+    """transform_footprint_to_odom (4, 4) for the footprint in which the scan was processed.
 
-    Without gravity that one is level with the support plane, and odometry's own with the gravity that it carries along.
+    Without gravity the scan's footprint is parallel to the support plane, while that of odometry is horizontal by the
+    gravity of earlier pauses.
     """
     to_footprint = terrain.metadata.get("transform_base_to_footprint")
     if to_footprint is None:

@@ -1,4 +1,4 @@
-"""A page on this machine that shows what the camera sees and what is asked, while a session is recorded."""
+"""A web page on this machine that shows the camera's picture and what to do, while a session is recorded."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ class LivePage:
     """Serves the page to this machine only, on a thread of its own, while the `with` block lasts.
 
     Attributes:
-        address: to open in a browser.
+        address: address to open in a browser.
     """
 
     def __init__(self, port: int = 0) -> None:
         """Prepare the page.
 
         Args:
-            port: to serve on; 0 takes any that is free.
+            port: port to serve on; 0 takes any that is free.
 
         Raises:
             InvalidInput: the port is taken.
@@ -77,7 +77,7 @@ class LivePage:
                 self.wfile.write(content)
 
             def log_message(self, format: str, *args: object) -> None:
-                """Nothing: every picture would be a line."""
+                """Log nothing: every picture would be a line."""
 
         try:
             self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
@@ -99,12 +99,12 @@ class LivePage:
         self._server.server_close()
 
     def tell(self, task: str) -> None:
-        """Show which task of the session it is."""
+        """Show the name of the session's present task."""
         with self._lock:
             self._task, self._advice = task, ""
 
     def watch(self, picture: Image, advice: str) -> None:
-        """Show a picture and what to do."""
+        """Show a picture, and advice on what to do."""
         with self._lock:
             self._picture, self._advice = picture, advice
             self._number += 1

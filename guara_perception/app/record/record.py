@@ -1,4 +1,4 @@
-"""`record_session`: leads through a calibration session, one step after the other."""
+"""`record_session`: leads an operator through a calibration session, task by task."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 DEVICES_FILE: Final = "devices.toml"
 FIRST_EXPOSURE_S: Final = 0.008
 GRAB_SECONDS: Final = 2.0
-# Pictures of the board that are looked at before the recording gives up (ten minutes at 30 per second).
+# Pictures of the board after which the recording gives up (ten minutes at 30 per second).
 MOST_LOOKS: Final = 18_000
 MOST_TRIES: Final = 20
 # Called with a picture and what is wanted next.
@@ -55,12 +55,13 @@ def record_session(
 
     Args:
         writer: writer of the session's folder; what that holds already is not asked for again.
-        robot: the model.
+        robot: model of the robot.
         rangefinder: open board and camera.
-        devices: as given; with metered exposure and measured lag they are written into the folder.
-        operator: who puts things before the camera.
-        tell: called with a text for each step of the work.
-        watch: called with pictures and words, for a live page.
+        devices: the devices as the user named them; with the metered exposure and the measured lag they are written
+            into the folder.
+        operator: who puts boards, crosses and plates before the camera.
+        tell: called with a text for each task.
+        watch: called with each picture and what to do next, for a live page.
         progress: called with (stripes done, stripes in all) of each plate.
 
     Returns:
@@ -117,7 +118,7 @@ def measured_devices(robot: RobotModel, rangefinder: Rangefinder, devices: Devic
 
 
 def _as_before(rangefinder: Rangefinder, devices: Devices) -> None:
-    """Lock what a session that goes on was begun with: its pictures and plates are of one exposure."""
+    """Lock the settings with which an interrupted session began, so that all its pictures have one exposure."""
     from drivers import CameraSettings
 
     rangefinder.lock(CameraSettings(**devices.settings))
@@ -130,7 +131,7 @@ def _picture(rangefinder: Rangefinder) -> Image:
 
 
 def _fresh(rangefinder: Rangefinder) -> Image:
-    """A picture that was exposed after now: one that was under way when asked is thrown away."""
+    """A picture whose exposure begins after this call; one that is under way is dropped."""
     rangefinder.camera.flush()
     _picture(rangefinder)
     return _picture(rangefinder)

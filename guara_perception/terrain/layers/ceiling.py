@@ -16,7 +16,8 @@ class Ceiling:
     """Upper bounds of the ground for one grid, as `LinesOfSight.ceiling` gives them.
 
     Attributes:
-        height: (ny, nx) no ground of the cell is higher [m, base_footprint]; NaN where there is no bound.
+        height: (ny, nx) upper bound of the ground's height in each cell, in base_footprint [m]; NaN where there is
+            none.
         sigma: standard deviation of each bound [m].
     """
 

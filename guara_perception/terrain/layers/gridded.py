@@ -14,7 +14,7 @@ from guara_perception.terrain.layers.hazard import Hazard
 
 
 class Gridded:
-    """Something known of each cell: at the least its height, its hazards and its traversability."""
+    """Base of classes that hold layers; at least `elevation`, `hazard` and `traversability`."""
 
     __slots__ = ()
 
@@ -77,7 +77,7 @@ def coordinates(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[Float, Float]:
     """Coordinates that a user gave as numbers or arrays, as arrays of one shape [m].
 
     Raises:
-        InvalidInput: no numbers, or arrays of different shapes.
+        InvalidInput: not numbers, or arrays of different shapes.
     """
     try:
         px, py = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))

@@ -1,4 +1,4 @@
-"""The stripe in light in which its highest peaks do not tell it."""
+"""Stripes in light in which the highest peak of a column need not be the stripe."""
 
 import cv2
 import numpy as np
@@ -41,7 +41,7 @@ def eight_bits(light: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
 
 @pytest.mark.parametrize("colour", LASERS)
 def test_a_weak_line_on_a_bright_chessboard_is_found_in_any_colour(colour: str) -> None:
-    """The edges of the board have twice the line's contrast; its colour tells it, and nobody names that."""
+    """The edges of the board have twice the line's contrast; the line is found by its colour, which is not given."""
     profile = gp.extract_stripe(eight_bits(scene(1) + laser(LASERS[colour], 50)))
     error = np.abs(profile.position_px - line())
     found = np.isfinite(error)
@@ -50,7 +50,7 @@ def test_a_weak_line_on_a_bright_chessboard_is_found_in_any_colour(colour: str) 
 
 
 def test_exposure_that_drifted_between_off_and_on_is_fitted() -> None:
-    """The board shows in the difference more strongly than the laser."""
+    """In the plain difference of the two pictures the board is stronger than the laser."""
     gains = np.array([0.8, 1.25, 1.2])
     profile = gp.extract_stripe(eight_bits(scene(2) * gains + laser(LASERS["red"], 60)), eight_bits(scene(3)))
     error = np.abs(profile.position_px - line())
@@ -60,8 +60,8 @@ def test_exposure_that_drifted_between_off_and_on_is_fitted() -> None:
 
 
 @pytest.mark.parametrize("sigma", [0.8, 2.0, 5.0])
-def test_a_clipped_core_of_any_width_has_its_centre_in_the_middle(sigma: float) -> None:
-    """White in the middle, the laser's colour at the rim."""
+def test_a_clipped_core_of_any_width_is_centred(sigma: float) -> None:
+    """The core is white, the rim has the laser's colour."""
     profile = gp.extract_stripe(eight_bits(0.3 * scene(4) + laser((0.5, 0.5, 1.0), 700, sigma)))
     error = np.abs(profile.position_px - line())
     found = np.isfinite(error)
@@ -80,7 +80,7 @@ def test_a_gap_stays_a_gap() -> None:
 
 
 def test_a_clipped_ridge_beside_the_path_makes_its_columns_ambiguous() -> None:
-    """Stripe and reflection are white: no level tells which is which there, and elsewhere nothing is lost."""
+    """Stripe and reflection are both clipped white, so neither can be chosen; elsewhere no column is lost."""
     light = laser((0.5, 0.5, 1.0), 700, 2.0)
     light[:, 120:200] += np.roll(light[:, 120:200], 40, axis=0)
     profile = gp.extract_stripe(eight_bits(0.3 * scene(6) + light))
@@ -92,8 +92,8 @@ def test_a_clipped_ridge_beside_the_path_makes_its_columns_ambiguous() -> None:
 NO_STRIPE = 3
 
 
-def worth_of(states: tuple[int, ...], evidence: npt.NDArray[np.float32]) -> float:
-    """Evidence (columns, 3) of a path by its row in each column, or NO_STRIPE, its costs paid."""
+def value_of(states: tuple[int, ...], evidence: npt.NDArray[np.float32]) -> float:
+    """Evidence (columns, 3) along a path minus its costs; a state is the row in a column, or NO_STRIPE."""
     value = 0.0
     for before, state in zip((NO_STRIPE, *states), (*states, NO_STRIPE), strict=True):
         if state != NO_STRIPE and before != NO_STRIPE:
@@ -105,22 +105,22 @@ def worth_of(states: tuple[int, ...], evidence: npt.NDArray[np.float32]) -> floa
 
 @pytest.mark.parametrize("columns", [1, 2, 4, 5])
 def test_the_path_is_the_best_of_all(columns: int) -> None:
-    """Against trying every path, for pictures small enough, several at once."""
+    """In small pictures, two at once: as good as the best of all possible paths."""
     rng = np.random.default_rng(6)
     for _ in range(12):
         evidence = rng.normal(0, 4, (2, columns, NO_STRIPE)).astype(np.float32)
-        row, is_stripe, worth = follow_stripe(evidence)
+        row, is_stripe, values = follow_stripe(evidence)
         assert row.shape == is_stripe.shape == (2, columns)
         for picture in range(2):
             every = np.ndindex(*(NO_STRIPE + 1,) * columns)
-            best = max(worth_of(states, evidence[picture]) for states in every)
+            best = max(value_of(states, evidence[picture]) for states in every)
             found = tuple(np.where(is_stripe[picture], row[picture], NO_STRIPE).tolist())
-            assert worth[picture] == pytest.approx(best, abs=1e-4)
-            assert worth_of(found, evidence[picture]) == pytest.approx(best, abs=1e-4)
+            assert values[picture] == pytest.approx(best, abs=1e-4)
+            assert value_of(found, evidence[picture]) == pytest.approx(best, abs=1e-4)
 
 
 def test_without_a_stripe_the_row_is_that_of_the_nearest() -> None:
-    """Two pieces far apart with nothing between: each column has the row of the nearer one; none at all has no row."""
+    """Between two pieces far apart each column has the row of the nearer one; a picture without any has no stripe."""
     evidence = np.full((2, 40, 60), -5.0, np.float32)
     evidence[0, :10, 7] = evidence[0, 30:, 50] = 9.0
     row, is_stripe, _ = follow_stripe(evidence)

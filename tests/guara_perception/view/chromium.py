@@ -1,4 +1,4 @@
-"""Drives a headless Chromium through the DevTools protocol: open a page, listen to it, take its picture."""
+"""Drives a headless Chromium through the DevTools protocol: a page, its errors and requests, and its picture."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ class Chromium:
 
         deadline = time.monotonic() + START_TIMEOUT_S
         while not (port_file.exists() and len(port_file.read_text().split()) == 2):
-            assert self._process.poll() is None, "Chromium ended at once"
+            assert self._process.poll() is None, "Chromium ended when it was started"
             assert time.monotonic() < deadline, "Chromium did not start"
             time.sleep(0.1)
         port = int(port_file.read_text().split()[0])

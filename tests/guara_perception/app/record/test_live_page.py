@@ -24,7 +24,7 @@ def get(address: str) -> bytes:
 
 
 @pytest.mark.slow
-def test_page_shows_step_words_and_picture():
+def test_page_shows_task_advice_and_picture():
     """State and picture are the last ones given; before the first picture there is none."""
     with LivePage() as page:
         assert b"<img" in get(page.address)
@@ -45,7 +45,7 @@ def test_page_shows_step_words_and_picture():
 
 @pytest.mark.slow
 def test_a_taken_port_is_refused():
-    """In words, with the way out."""
+    """The message says to give another port."""
     with LivePage() as page:
         port = int(page.address.split(":")[2].strip("/"))
         with pytest.raises(gp.InvalidInput, match=f"port {port}: .*; give another --port"):
@@ -73,7 +73,7 @@ def test_person_is_asked_step_by_step(monkeypatch: pytest.MonkeyPatch, capsys: p
 @pytest.mark.slow
 @pytest.mark.view
 def test_page_in_a_browser_shows_what_is_reported(tmp_path):
-    """Chromium shows the words and draws the picture; it asks no other machine for anything."""
+    """Chromium shows the advice and draws the picture; it asks no other machine for anything."""
     chromium = pytest.importorskip("websockets", reason="extra view") and find_chromium()
     if chromium is None:
         pytest.skip("no Chromium on this machine")
@@ -82,7 +82,7 @@ def test_page_in_a_browser_shows_what_is_reported(tmp_path):
         page.watch(np.full((300, 400, 3), (0, 0, 255), np.uint8), "lay it flat")
         browser.call("Page.navigate", url=page.address)
         browser.wait_for(
-            "document.getElementById('words') && document.getElementById('words').textContent == 'lay it flat'"
+            "document.getElementById('advice') && document.getElementById('advice').textContent == 'lay it flat'"
         )
         browser.wait_for("document.getElementById('picture').naturalWidth == 400")
         assert browser.evaluate("document.getElementById('task').textContent") == "the board on the floor"

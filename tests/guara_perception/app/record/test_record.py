@@ -58,7 +58,7 @@ def recorded_with_charuco(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def unfinished(recorded: Path, tmp_path: Path) -> Path:
-    """A copy in which the crosses, a plate and the end are still to do."""
+    """A copy without the crosses, one plate and the finished session.json."""
     folder = Path(shutil.copytree(recorded, tmp_path / "session"))
     for name in ("session.json", CROSSES_PICTURE, "calibration.json"):
         (folder / name).unlink()
@@ -104,7 +104,7 @@ def test_devices_are_measured_and_kept(recorded: Path):
 @pytest.mark.heavy
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("session", SESSIONS)
-def test_the_way_from_the_box_to_the_first_grid(session: str, guara, tmp_path: Path, request: pytest.FixtureRequest):
+def test_commands_lead_to_a_first_grid(session: str, guara, tmp_path: Path, request: pytest.FixtureRequest):
     """The commands of docs/first-grid.md, one after the other, with emulated devices."""
     folder: Path = request.getfixturevalue(session)
     pattern = open_session(folder).board.pattern
@@ -123,7 +123,7 @@ def test_the_way_from_the_box_to_the_first_grid(session: str, guara, tmp_path: P
 
 @pytest.fixture
 def devices_of_the_session(recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The session's devices.toml where the board is on the bus and the camera is a class of one's own, as real ones."""
+    """The session's devices.toml with a board on the USB bus and a camera given as a class, as with real devices."""
     truth, robot = SimulatedWorkshop().truth, load_robot("guara")
     view = SimulatedRangefinder(World(), truth, robot, seed=3)
     standing = Stance(robot.posture(robot.config.scan_posture), robot.legs, None)
@@ -170,7 +170,7 @@ def test_doctor_checks_camera_and_board_of_the_session(
 
 
 def record_with(workshop: SimulatedWorkshop, session: Path) -> SessionWriter:
-    """Go on with a session in a workshop; what wrote it."""
+    """Go on with a session in a workshop; returns its writer."""
     plan = SessionPlan("guara", BoardSpec(9, 7, 0.03), cross_points(workshop.robot), (0.0, 0.04, 0.08), workshop.stance)
     writer = SessionWriter(session, plan)
     with workshop.rangefinder:
@@ -180,7 +180,7 @@ def record_with(workshop: SimulatedWorkshop, session: Path) -> SessionWriter:
 
 @pytest.mark.heavy
 def test_an_interrupted_recording_goes_on(unfinished: Path):
-    """Only what is missing is taken; what was there stays, to the byte."""
+    """Only what is missing is taken; pictures that were there are not written again."""
     before = {path: path.stat().st_mtime_ns for path in unfinished.rglob("*.png") if path.parent.name != "report"}
     record_with(SimulatedWorkshop(), unfinished)
     assert (unfinished / "session.json").is_file() and (unfinished / "plate_40" / "scan.json").is_file()
@@ -204,7 +204,7 @@ def test_a_session_that_goes_on_is_locked_as_it_was_begun(unfinished: Path):
 
 
 def test_a_plate_in_light_that_clips_is_reported(tmp_path: Path):
-    """The scan is whole; the words say what to do."""
+    """The scan is whole; one of its problems is the clipped light."""
     workshop = SimulatedWorkshop()
     workshop.lay_plate(0.04)
     with workshop.rangefinder as rangefinder:
@@ -217,7 +217,7 @@ def test_a_plate_in_light_that_clips_is_reported(tmp_path: Path):
 def test_crosses_that_are_not_there_are_asked_for_again(
     recorded: Path, unfinished: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    """With the reason; and after many tries the recording ends, with everything kept."""
+    """With the reason; after MOST_TRIES the recording ends, and all pictures are kept."""
     shutil.copytree(recorded / "plate_40", unfinished / "plate_40")
     asked: list[str] = []
 
@@ -249,7 +249,7 @@ def test_a_plate_is_scanned_whole_or_not_at_all(tmp_path: Path):
 
 
 def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: Path, robot):
-    """`guara scan FOLDER --no-calibration` is what a plate needs."""
+    """`guara scan FOLDER --no-calibration` scans a plate for a calibration."""
     said = guara("scan", tmp_path / "plate", "--simulated", "--no-calibration", "--mode", "coarse")
     assert said.code == 0 and "recorded without a calibration" in said.out
     scan = gp.open_scan(tmp_path / "plate")

@@ -1,4 +1,4 @@
-"""`guara view --rerun`: a recording becomes one file that Rerun opens as a scene; what cannot be shown is said."""
+"""`guara view --rerun`: a recording becomes one file that Rerun opens as a scene; what cannot be shown is refused."""
 
 import subprocess
 import sys
@@ -110,8 +110,8 @@ def test_without_rerun_one_line_says_what_to_install(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_is_no_scene_is_refused(tmp_path: Path, walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Other files, recordings of earlier versions, names that Rerun would not open: exit 2 and a word what to do."""
+def test_files_without_a_scene_are_refused(tmp_path: Path, walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Other files, recordings of earlier versions, names that Rerun would not open: exit 2, and what to do."""
     pytest.importorskip("rerun", reason="extra `rerun` is not installed")
     bare = tmp_path / "bare.mcap"
     with RecordingWriter(bare, robot="guara"):
@@ -138,7 +138,7 @@ def test_what_is_no_scene_is_refused(tmp_path: Path, walk: Path, capsys: pytest.
 
 
 def test_every_shape_of_the_robot_is_drawn_solid(robot: RobotModel) -> None:
-    """Under the names that Rerun's own reader of URDF gives the visuals; a text that is no URDF has none."""
+    """Under the names that Rerun's own URDF reader gives the visuals; a text that is no URDF gives no shapes."""
     pytest.importorskip("rerun", reason="extra `rerun` is not installed")
     from rerun.urdf import UrdfTree
 

@@ -1,4 +1,4 @@
-"""Grids that came in the compact form: nothing is accepted on them that the grid as computed refuses."""
+"""Grids that were sent in the compact encoding: they accept nothing that the grid as computed refuses."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ OTHERS = [
 ]
 
 
-def through_the_air(terrain: gp.TerrainGrid) -> gp.TerrainGrid:
-    """What arrives of a grid that was sent in the compact form."""
+def sent_compactly(terrain: gp.TerrainGrid) -> gp.TerrainGrid:
+    """The grid that arrives when one is sent in the compact encoding."""
     message = terrain_to_message(terrain, robot="guara", sequence=1)
     return message_to_terrain(decode_terrain(encode_compact(message)))
 
 
 @st.composite
 def worlds(draw: st.DrawFn) -> gp.TerrainGrid:
-    """Boxes, holes, slopes, noise and doubt of any size, in a scan's grid or a map's."""
+    """Grids with boxes, holes, slopes, noise and variances of any size."""
     rng = np.random.default_rng(draw(st.integers(0, 10_000)))
     shape = (44, 60)
     y, x = np.mgrid[: shape[0], : shape[1]] * 0.005
@@ -69,7 +69,7 @@ def recorded(request: pytest.FixtureRequest, data: Path, robot: RobotModel) -> g
 
 
 def check_layers(computed: gp.TerrainGrid, received: gp.TerrainGrid) -> None:
-    """Every layer on its safe side and near to what was computed; flags, counts and what is unknown as they were."""
+    """Every layer errs to its safe side only and by little; flags, ages, looks and unknown cells are the same."""
     for name in ("hazard", "age", "looks"):
         np.testing.assert_array_equal(received.layers[name], computed.layers[name])
     known = np.isfinite(computed.elevation)
@@ -105,7 +105,7 @@ def accepted_to(limit: Callable[[float], bool], low: float, high: float) -> floa
 
 
 def check_paths(computed: gp.TerrainGrid, received: gp.TerrainGrid, rng: np.random.Generator, count: int) -> int:
-    """Paths with as much clearance, and as low, as the received grid still accepts: the computed one accepts them."""
+    """The computed grid accepts paths with the most clearance, and the lowest, that the received one accepts."""
     accepted = 0
     x, y = computed.geometry.centres()
     for _ in range(count):
@@ -135,8 +135,10 @@ def check_paths(computed: gp.TerrainGrid, received: gp.TerrainGrid, rng: np.rand
     return accepted
 
 
-def check_places(computed: gp.TerrainGrid, received: gp.TerrainGrid, rng: np.random.Generator, leg: str | None) -> int:
-    """Footholds, regions, polygons and height scans."""
+def check_positions(
+    computed: gp.TerrainGrid, received: gp.TerrainGrid, rng: np.random.Generator, leg: str | None
+) -> int:
+    """The computed grid accepts each foothold, region and polygon that the received one accepts; heights agree."""
     x, y = computed.geometry.centres()
     px, py = (a.ravel() for a in np.meshgrid(x, y))
     px, py = px + rng.uniform(-0.0025, 0.0025, px.size), py + rng.uniform(-0.0025, 0.0025, py.size)
@@ -163,8 +165,8 @@ def check_places(computed: gp.TerrainGrid, received: gp.TerrainGrid, rng: np.ran
     return int(computed.check_foothold(px, py, leg).ok.sum())
 
 
-def walked_on(terrain: gp.TerrainGrid, forward: float, up: float) -> gp.TerrainGrid:
-    """The grid with the body over it, so that legs reach into it."""
+def with_body_moved(terrain: gp.TerrainGrid, forward: float, up: float) -> gp.TerrainGrid:
+    """The grid with the body moved forward and up [m], so that legs reach into the grid."""
     pose = np.array(terrain.metadata["transform_base_to_footprint"])
     pose[[0, 2], 3] += forward, up
     return dataclasses.replace(terrain, metadata={**terrain.metadata, "transform_base_to_footprint": pose.tolist()})
@@ -174,46 +176,46 @@ def walked_on(terrain: gp.TerrainGrid, forward: float, up: float) -> gp.TerrainG
 @PROPERTY
 @given(worlds(), st.integers(0, 10_000))
 def test_no_question_is_answered_better_than_on_the_computed_grid(terrain: gp.TerrainGrid, seed: int) -> None:
-    """Any ground and any doubt, at the very limit of what is accepted."""
-    received = through_the_air(terrain)
+    """Any ground and any variance, with questions at the limit of what is accepted."""
+    received = sent_compactly(terrain)
     check_layers(terrain, received)
     rng = np.random.default_rng(seed)
     check_paths(terrain, received, rng, 4)
-    check_places(terrain, received, rng, None)
+    check_positions(terrain, received, rng, None)
 
 
 @pytest.mark.slow
 @PROPERTY
 @given(worlds())
 def test_no_distance_is_larger_and_coarser_grids_keep_to_it(terrain: gp.TerrainGrid) -> None:
-    """The distance field, and cells put together by two."""
-    received = through_the_air(terrain)
+    """The distance field, and grids of cells twice as long."""
+    received = sent_compactly(terrain)
     for computed, other in ((terrain, received), (terrain.coarser(2), received.coarser(2))):
         assert (other.distance_field(-0.05, 0.1).values <= computed.distance_field(-0.05, 0.1).values).all()
-        check_places(computed, other, np.random.default_rng(0), None)
+        check_positions(computed, other, np.random.default_rng(0), None)
 
 
 @pytest.mark.slow
 def test_recorded_scans_keep_to_it(recorded: gp.TerrainGrid) -> None:
-    """Real stripes: every question, at places, ways and heights of all kinds."""
-    received = through_the_air(recorded)
+    """Layers, paths and positions on grids of recorded scans."""
+    received = sent_compactly(recorded)
     check_layers(recorded, received)
     rng = np.random.default_rng(7)
     check_paths(recorded, received, rng, 15)
-    check_places(recorded, received, rng, None)
-    over = walked_on(recorded, 0.35, -0.03)
-    assert check_places(over, through_the_air(over), rng, "lf") > 0
+    check_positions(recorded, received, rng, None)
+    over = with_body_moved(recorded, 0.35, -0.03)
+    assert check_positions(over, sent_compactly(over), rng, "lf") > 0
 
 
 @pytest.mark.slow
 def test_a_leg_at_the_end_of_its_reach_is_not_made_longer(paper_terrain: gp.TerrainGrid) -> None:
-    """The body raised so that the border of the reach lies in the grid, again and again: never a place more."""
+    """The body at 20 random positions that put the border of the reach into the grid: none is gained, few are lost."""
     rng = np.random.default_rng(3)
     x, y = (a.ravel() for a in np.meshgrid(*paper_terrain.geometry.centres()))
     fewer = at_the_border = 0
     for forward, up in rng.uniform([0.2, -0.1], [0.4, 0.035], (20, 2)):
-        computed = walked_on(paper_terrain, forward, up)
-        of_received = through_the_air(computed).check_foothold(x, y, "lf").ok
+        computed = with_body_moved(paper_terrain, forward, up)
+        of_received = sent_compactly(computed).check_foothold(x, y, "lf").ok
         of_computed = computed.check_foothold(x, y, "lf").ok
         assert (of_received <= of_computed).all()
         at_the_border += bool(of_computed.any())
@@ -222,8 +224,8 @@ def test_a_leg_at_the_end_of_its_reach_is_not_made_longer(paper_terrain: gp.Terr
 
 
 def test_what_it_costs_is_little(paper_terrain: gp.TerrainGrid) -> None:
-    """Nearly every foothold stands, and a third is not a tenth: the limits were moved by hairs."""
-    received = through_the_air(paper_terrain)
+    """On a recorded scan no foothold is lost, and at most a fifth of the steppable regions."""
+    received = sent_compactly(paper_terrain)
     x, y = (a.ravel() for a in np.meshgrid(*paper_terrain.geometry.centres()))
     of_computed = paper_terrain.check_foothold(x, y).ok
     assert of_computed.sum() > 500 and received.check_foothold(x, y).ok.sum() == of_computed.sum()
@@ -231,14 +233,14 @@ def test_what_it_costs_is_little(paper_terrain: gp.TerrainGrid) -> None:
 
 
 def test_a_compact_grid_is_not_fused(paper_terrain: gp.TerrainGrid, robot: RobotModel) -> None:
-    """The bounds would be lost in the map."""
+    """The map could not keep the bounds of the rounding."""
     with pytest.raises(gp.InvalidInput, match="compact encoding cannot be fused: .* Ask for it lossless"):
-        gp.TerrainMap(robot).update(through_the_air(paper_terrain), np.eye(4), 1e-8 * np.eye(6))
+        gp.TerrainMap(robot).update(sent_compactly(paper_terrain), np.eye(4), 1e-8 * np.eye(6))
 
 
 @pytest.mark.parametrize("said", [{}, {"elevation": 1e-4}, {"elevation": -1, "variance": 0}, 3, {"elevation": "x"}])
-def test_a_grid_that_lies_about_its_rounding_is_refused_in_words(paper_terrain: gp.TerrainGrid, said: object) -> None:
-    """Where it matters: without the numbers nothing is bounded."""
+def test_a_grid_with_impossible_rounding_is_refused(paper_terrain: gp.TerrainGrid, said: object) -> None:
+    """By every question that needs it: without these numbers nothing is bounded."""
     metadata = {**paper_terrain.metadata, "rounding": said}
     broken = dataclasses.replace(paper_terrain, metadata=metadata)
     with pytest.raises(gp.InvalidInput, match=r"says rounding = .*must give elevation \[m\] and variance"):
