@@ -183,8 +183,8 @@ class LegOdometry:
             covariance_since_last=read_only(_since_last(last, pose, fit)),
             own_covariance=read_only(_own(pose, transform, footholds)),
             stayed_feet=tuple(stayed),
-            swung_feet=tuple(leg for leg, way in moved.items() if way >= self._limits.swing_least),
-            slipped_feet=tuple(leg for leg, way in moved.items() if way < self._limits.swing_least),
+            swung_feet=tuple(leg for leg, distance in moved.items() if distance >= self._limits.swing_least),
+            slipped_feet=tuple(leg for leg, distance in moved.items() if distance < self._limits.swing_least),
             residual=fit.residual,
             gravity=gravity or self._gravity_of(pose),
         )
@@ -230,10 +230,10 @@ def _since_last(last: OdometryPose, pose: StancePose, fit: Fit) -> Float:
     """
     before, after = last.transform_footprint_to_odom, fit.transform_footprint_to_odom
     rotation = before[:3, :3]
-    way = after[:3, 3] - before[:3, 3]
+    moved = after[:3, 3] - before[:3, 3]
     by_new, by_last = np.eye(4), -np.eye(4)
     by_new[:3, :3], by_last[:3, :3] = rotation.T, -rotation.T
-    by_last[:3, 3] = rotation.T @ (way[1], -way[0], 0.0)
+    by_last[:3, 3] = rotation.T @ (moved[1], -moved[0], 0.0)
     shared = by_last @ fit.with_last @ by_new.T
     planar = by_last @ fit.last_covariance @ by_last.T + by_new @ fit.covariance @ by_new.T + shared + shared.T
     result = np.zeros((6, 6))

@@ -126,12 +126,12 @@ class SelfFilter:
             )
         origins = np.atleast_2d(origins)
         self._check_outside(origins)
-        ways = points - origins
+        directions = points - origins
         segments = _Segments(
             origins,
-            ways,
-            np.sqrt(np.einsum("ni,ni->n", ways, ways)),
-            (ways @ origins[0]) if len(origins) == 1 else np.einsum("ni,ni->n", ways, origins),
+            directions,
+            np.sqrt(np.einsum("ni,ni->n", directions, directions)),
+            (directions @ origins[0]) if len(origins) == 1 else np.einsum("ni,ni->n", directions, origins),
             np.einsum("ni,ni->n", origins, origins),
         )
         blocked = np.zeros(len(points), dtype=np.bool_)
@@ -143,7 +143,7 @@ class SelfFilter:
             shape = self.shapes[index]
             near = np.flatnonzero(segments.pass_by(shape.centre, shape.reach) & ~blocked)
             if len(near):
-                blocked[near] = shape.blocks(origins if len(origins) == 1 else origins[near], ways[near])
+                blocked[near] = shape.blocks(origins if len(origins) == 1 else origins[near], directions[near])
         return blocked
 
     def _check_outside(self, origins: Float) -> None:
@@ -158,18 +158,18 @@ class SelfFilter:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Segments:
-    """Segments with what every coarse test needs: origins o (1 or n, 3), ways w (n, 3), |w|, w . o and |o|^2."""
+    """Segments, for coarse tests: origins o (1 or n, 3), vectors w (n, 3) from origin to end, |w|, w . o and |o|^2."""
 
     origins: Float
-    ways: Float
+    directions: Float
     lengths: Float
-    ways_by_origins: Float
-    origin_squares: Float
+    directions_by_origins: Float
+    origins_squared: Float
 
     def pass_by(self, centre: Float, reach: float) -> Mask:
         """Which segments come within reach of a centre: coarse, but never wrong where a shape is met."""
-        along = self.ways @ centre - self.ways_by_origins
-        distance = self.origin_squares - self.origins @ (2.0 * centre) + (centre @ centre - reach**2 - ROUNDING)
+        along = self.directions @ centre - self.directions_by_origins
+        distance = self.origins_squared - self.origins @ (2.0 * centre) + (centre @ centre - reach**2 - ROUNDING)
         # Distance of the centre from the line: |c|^2 - (w . c)^2 / |w|^2, without dividing.
         beside = distance * self.lengths**2 <= along**2
         behind, beyond = along < -reach * self.lengths, along > (self.lengths + reach) * self.lengths

@@ -47,9 +47,9 @@ class PlacedShape:
             return np.asarray(within & (np.abs(local[:, 2]) <= self.half[2]))
         return np.asarray(np.einsum("ni,ni->n", local, local) <= self.half[0] ** 2)
 
-    def blocks(self, origins: Float, ways: Float) -> Mask:
-        """Which of the segments from `origins` (n, 3) or (1, 3) along `ways` (n, 3), in `base_link` [m], it touches."""
-        start, along = (origins - self.centre) @ self.rotation, ways @ self.rotation
+    def blocks(self, origins: Float, directions: Float) -> Mask:
+        """Which segments it touches, from `origins` (n, 3) or (1, 3) along `directions` (n, 3), in `base_link` [m]."""
+        start, along = (origins - self.centre) @ self.rotation, directions @ self.rotation
         if self.kind == "box":
             enter, leave = _through_slabs(start, along, self.half)
         else:

@@ -28,6 +28,8 @@ REFUSED = {
     r"\bheight gates\b": "height limits",
     r"\b(?:spread(?=\(| =|, )|\w+_spread\b)": "sigma, variance, scatter or extent",
     r"\bmiddles\b": "medians or centres",
+    r"\b[Hh]armless when\b": "does nothing when",
+    r"\b[Ww]hat (?:came|became) of\b": "the result of",
     # An entry of Args or Attributes.
     r"(?m:^ {4,}\w+(?:, \w+)*: of )": "say what it is: `name: name of the robot`",
 }
@@ -38,6 +40,7 @@ REFUSED_NAMES = {
     "places": "indices, positions or poses",
     "spread": "sigma, variance, scatter or extent",
     "untold": "is_unknown",
+    "words": "text, message, arguments, command, expected_text",
     "ours": "what it is: estimate, sent, computed",
     "theirs": "what it is: received, other",
     "middle": "centre, mean, median or the index of it",
@@ -63,7 +66,6 @@ NAMES_ALLOWED = {
         "guara_perception/app/targets/write.py",
         "tests/guara_perception/app/targets/test_targets.py",
     ),
-    "middle": ("tests/guara_perception/app/node/test_node.py",),
     "places": ("drivers/emulator/sweep.py", "tests/guara_perception/terrain/questions/test_foothold.py"),
 }
 # Of the optics of eyes and of light, not of sensors and figures.

@@ -35,20 +35,21 @@ class Body:
         signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
         return np.array([(signs * half) @ transform[:3, :3].T + transform[:3, 3] for transform, half in self._boxes])
 
-    def meets(self, number: int, viewpoint: Float, ways: Float32) -> tuple[Float32, npt.NDArray[np.int8]]:
+    def meets(self, number: int, viewpoint: Float, directions: Float32) -> tuple[Float32, npt.NDArray[np.int8]]:
         """Where lines from a viewpoint meet one box.
 
         Args:
             number: number of the box.
             viewpoint: (3,) in the world.
-            ways: (n, 3) directions; the result is in their lengths.
+            directions: (n, 3) from the viewpoint; the result is in units of their lengths.
 
         Returns:
-            (n,) share of the way at which the line enters, inf where it misses, and the axis (0, 1, 2) of the face.
+            (n,) share of the direction's length at which the line enters, inf where it misses, and the axis (0, 1, 2)
+            of the face.
         """
         transform, half = self._boxes[number]
         start = (viewpoint - transform[:3, 3]) @ transform[:3, :3]
-        along = ways @ transform[:3, :3].astype(np.float32)
+        along = directions @ transform[:3, :3].astype(np.float32)
         with np.errstate(divide="ignore", invalid="ignore"):
             one, other = ((-half - start) / along).astype(np.float32), ((half - start) / along).astype(np.float32)
         near, far = np.minimum(one, other), np.maximum(one, other)
@@ -56,11 +57,11 @@ class Body:
         hit = (enter <= far.min(axis=1)) & (enter > 0)
         return np.where(hit, enter, np.float32(np.inf)), near.argmax(axis=1).astype(np.int8)
 
-    def normal(self, number: int, axis: npt.NDArray[np.int8], ways: Float32) -> Float32:
+    def normal(self, number: int, axis: npt.NDArray[np.int8], directions: Float32) -> Float32:
         """Unit normals (n, 3) in the world of the faces met, facing the viewpoint."""
         rotation = self._boxes[number][0][:3, :3].astype(np.float32)
         normals = rotation.T[axis]
-        facing = np.sign(np.einsum("ni,ni->n", normals, ways))
+        facing = np.sign(np.einsum("ni,ni->n", normals, directions))
         return np.asarray(-facing[:, None] * normals)
 
 

@@ -74,18 +74,18 @@ def look(
         light: light and sensor.
     """
     camera, (laser, across) = transform_camera_to_world[:3, 3], beam
-    ways = rays @ transform_camera_to_world[:3, :3].T.astype(np.float32)
-    points = _ground_points(relief, camera, ways)
+    directions = rays @ transform_camera_to_world[:3, :3].T.astype(np.float32)
+    points = _ground_points(relief, camera, directions)
     slope = relief.sample(relief.slope, points[..., 0], points[..., 1])
     steepness = 1 / np.sqrt(1 + slope[..., 0] ** 2 + slope[..., 1] ** 2)
     normals = np.dstack((-slope[..., 0] * steepness, -slope[..., 1] * steepness, steepness))
-    albedo, shine = _surface(relief, points, ways, normals)
+    albedo, shine = _surface(relief, points, directions, normals)
     if light.chessboard:
         # What swallows light is not painted: dark ground stays dark.
         board = np.where(albedo.max(axis=2) > DARK_ALBEDO, _chessboard(points), albedo[..., 0])
         albedo += np.float32(light.chessboard) * (board[..., None] - albedo)
     is_body = (
-        _add_body(body, camera, ways, points, normals, albedo, shine)
+        _add_body(body, camera, directions, points, normals, albedo, shine)
         if body is not None
         else np.zeros(points.shape[:2], dtype=bool)
     )
@@ -98,7 +98,7 @@ def look(
     cosine_camera = (rays[..., 2] / np.sqrt((rays**2).sum(axis=2))).astype(np.float32)
     vignette = cosine_camera ** np.float32(light.vignetting)
     points -= laser.astype(np.float32)
-    laser_gain = _laser_gain(points, normals, ways, albedo[..., 0], shine, across, light) * lit * vignette
+    laser_gain = _laser_gain(points, normals, directions, albedo[..., 0], shine, across, light) * lit * vignette
     sun = np.maximum(normals @ (SUN_DIRECTION / np.linalg.norm(SUN_DIRECTION)).astype(np.float32), 0)
     sky = (1 - light.sun) * (0.6 + 0.4 * normals[..., 2]) + light.sun * sun / np.float32(SUN_DIRECTION[2])
     ambient = albedo[..., ::-1] * (sky * vignette)[..., None] * np.array(light.ambient, dtype=np.float32)
@@ -113,27 +113,29 @@ def look(
     )
 
 
-def _ground_points(relief: Relief, camera: Float, ways: Float32) -> Float32:
+def _ground_points(relief: Relief, camera: Float, directions: Float32) -> Float32:
     """Points (h, w, 3) where lines of sight meet the ground."""
-    level = np.sqrt(ways[..., 0] ** 2 + ways[..., 1] ** 2) + np.float32(1e-9)
-    down = np.maximum(-ways[..., 2], np.float32(1e-3))
+    level = np.sqrt(directions[..., 0] ** 2 + directions[..., 1] ** 2) + np.float32(1e-9)
+    down = np.maximum(-directions[..., 2], np.float32(1e-3))
     tangent = level / down
     # Bearings from the middle of the picture, so that they never wrap around inside it.
-    ahead = ways[ways.shape[0] // 2, ways.shape[1] // 2]
+    ahead = directions[directions.shape[0] // 2, directions.shape[1] // 2]
     heading = float(np.arctan2(ahead[1], ahead[0]))
     c, s = np.float32(np.cos(heading)), np.float32(np.sin(heading))
-    bearing = np.arctan2(c * ways[..., 1] - s * ways[..., 0], c * ways[..., 0] + s * ways[..., 1])
+    bearing = np.arctan2(
+        c * directions[..., 1] - s * directions[..., 0], c * directions[..., 0] + s * directions[..., 1]
+    )
     bearing += np.float32(heading)
     first, last = float(bearing.min()), float(bearing.max())
-    count = int(2 * ways.shape[1] * max((last - first) / 2.2, 0.5))
+    count = int(2 * directions.shape[1] * max((last - first) / 2.2, 0.5))
     view = PolarView.around(relief, camera, (first, last), count, RADIUS_M, RADIUS_SPACING_M)
     radius = view.meets(bearing, tangent, TANGENTS)
-    points = ways * (radius / level)[..., None]
+    points = directions * (radius / level)[..., None]
     points += camera.astype(np.float32)
     return points
 
 
-def _surface(relief: Relief, points: Float32, ways: Float32, normals: Float32) -> tuple[Float32, Float32]:
+def _surface(relief: Relief, points: Float32, directions: Float32, normals: Float32) -> tuple[Float32, Float32]:
     """Albedo (h, w, 3) red, green, blue and shine (h, w). A wall is of what is above it: look just behind it."""
     behind = np.float32(0.0015) * (1 - normals[..., 2])
     x = points[..., 0] - behind * normals[..., 0]
@@ -154,7 +156,7 @@ def _chessboard(points: Float32) -> Float32:
 
 
 def _laser_gain(
-    points: Float32, normals: Float32, ways: Float32, albedo: Float32, shine: Float32, across: Float, light: Light
+    points: Float32, normals: Float32, directions: Float32, albedo: Float32, shine: Float32, across: Float, light: Light
 ) -> Float32:
     """Level of the stripe's centre at points relative to the laser: scattered by the surface, and mirrored."""
     distance = np.sqrt((points**2).sum(axis=2)) + np.float32(1e-6)
@@ -164,7 +166,7 @@ def _laser_gain(
     if shiny.any():
         arriving, normal = points[shiny] / distance[shiny][:, None], normals[shiny]
         leaving = arriving - 2 * (arriving * normal).sum(axis=1)[:, None] * normal
-        towards = -ways[shiny] / np.linalg.norm(ways[shiny], axis=1)[:, None]
+        towards = -directions[shiny] / np.linalg.norm(directions[shiny], axis=1)[:, None]
         lobe = np.maximum((leaving * towards).sum(axis=1), 0) ** np.float32(MIRRORED_EXPONENT)
         scattered[shiny] += shine[shiny] * np.float32(MIRRORED_GAIN) * lobe * (cosine[shiny] > 0)
     beside = np.abs(points @ across.astype(np.float32)) <= np.float32(np.sin(light.fan)) * distance
@@ -175,17 +177,17 @@ def _laser_gain(
 def _add_body(
     body: Body,
     camera: Float,
-    ways: Float32,
+    directions: Float32,
     points: Float32,
     normals: Float32,
     albedo: Float32,
     shine: Float32,
 ) -> Mask:
     """Put the robot's own shapes in front of the ground; returns where."""
-    height, width = ways.shape[:2]
+    height, width = directions.shape[:2]
     is_body = np.zeros((height, width), dtype=bool)
-    share = ((points - camera.astype(np.float32)) * ways).sum(axis=2) / (ways**2).sum(axis=2)
-    lowest, highest = ways.reshape(-1, 3).min(axis=0), ways.reshape(-1, 3).max(axis=0)
+    share = ((points - camera.astype(np.float32)) * directions).sum(axis=2) / (directions**2).sum(axis=2)
+    lowest, highest = directions.reshape(-1, 3).min(axis=0), directions.reshape(-1, 3).max(axis=0)
     for number, corners in enumerate(body.corners()):
         # A cheap look first: the box lies beside the cone of all lines of sight, or above the camera.
         towards = corners - camera
@@ -196,11 +198,11 @@ def _add_body(
         bounds = np.array([lowest[:2], highest[:2]]) / np.maximum(-highest[2], 0.05)
         if (scaled.max(axis=0) < bounds[0]).any() or (scaled.min(axis=0) > bounds[1]).any():
             continue
-        enter, axis = body.meets(number, camera, ways.reshape(-1, 3))
+        enter, axis = body.meets(number, camera, directions.reshape(-1, 3))
         nearer = np.flatnonzero(enter < share.ravel())
         if not nearer.size:
             continue
-        chosen = ways.reshape(-1, 3)[nearer]
+        chosen = directions.reshape(-1, 3)[nearer]
         points.reshape(-1, 3)[nearer] = chosen * enter[nearer, None] + camera.astype(np.float32)
         normals.reshape(-1, 3)[nearer] = body.normal(number, axis[nearer], chosen)
         albedo.reshape(-1, 3)[nearer] = LEG_ALBEDO

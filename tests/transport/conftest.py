@@ -114,9 +114,9 @@ def starter(launch: Callable[..., "subprocess.Popen[str] | ForkedProcess"]) -> I
             process.kill()
 
 
-def forked_program(*words: str) -> ForkedProcess:
+def forked_program(*arguments: str) -> ForkedProcess:
     """A process that runs `peer.py`, forked where everything is imported already."""
-    return ForkedProcess(PEER, *words)
+    return ForkedProcess(PEER, *arguments)
 
 
 @pytest.fixture

@@ -53,8 +53,8 @@ def find_foot(urdf: Urdf, leg: FoundLeg) -> Foot:
     def reach(item: tuple[Shape, Float]) -> float:
         shape, m = item
         distance = float(np.linalg.norm(m[:3, 3]))
-        way = m[:3, 3] / distance if distance > 1e-9 else np.array([0.0, 0.0, -1.0])
-        return distance + extent_along(shape, m[:3, :3], way)
+        direction = m[:3, 3] / distance if distance > 1e-9 else np.array([0.0, 0.0, -1.0])
+        return distance + extent_along(shape, m[:3, :3], direction)
 
     shape, m = max(shapes, key=reach)
     full = _full_size(shape)

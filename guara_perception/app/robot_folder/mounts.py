@@ -126,12 +126,13 @@ def _pitch(area_x: tuple[float, float], camera_x: float, height: float) -> float
 
 def _in_view(points: Float, camera: Float, pitch: float) -> bool:
     """Whether a camera pitched forward from straight down sees all points (n, 3)."""
-    ways = points - camera
+    directions = points - camera
     ahead = np.array([np.sin(pitch), 0.0, -np.cos(pitch)])
     along = np.array([np.cos(pitch), 0.0, np.sin(pitch)])
-    depth = ways @ ahead
+    depth = directions @ ahead
     return bool(
-        np.all(np.abs(ways[:, 1]) <= VIEW_ACROSS * depth) and np.all(np.abs(ways @ along) <= VIEW_ALONG * depth)
+        np.all(np.abs(directions[:, 1]) <= VIEW_ACROSS * depth)
+        and np.all(np.abs(directions @ along) <= VIEW_ALONG * depth)
     )
 
 

@@ -177,9 +177,9 @@ def _climb(x: Float, y: Float, flight: list[tuple[Mask, float]]) -> Float:
     """Direction (2,) from the lowest tread to the highest: that in which the heights of treads rise."""
     centres = np.array([[x[mask].mean(), y[mask].mean()] for mask, _ in flight])
     rises = np.array([mean for _, mean in flight])
-    way = (rises - rises.mean()) @ (centres - centres.mean(axis=0))
-    length = float(np.linalg.norm(way))
-    return way / length if length > 0 else np.array([1.0, 0.0])
+    direction = (rises - rises.mean()) @ (centres - centres.mean(axis=0))
+    length = float(np.linalg.norm(direction))
+    return direction / length if length > 0 else np.array([1.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True)

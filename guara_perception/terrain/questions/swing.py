@@ -1,4 +1,4 @@
-"""`swing`: a way for a foot from where it stands to where it will stand, over what lies between."""
+"""`swing`: a path for a foot from where it stands to where it will stand, over what lies between."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from guara_perception.robot_model import RobotLike
 
 
-# Where the straight way is barred: corners at these shares of it, and this far beside it [m].
+# Where the straight path is barred: corners at these shares of it, and this far beside it [m].
 CORNER_SHARES = (0.25, 0.5, 0.75)
 ASIDE_M = (0.03, -0.03, 0.06, -0.06, 0.09, -0.09, 0.12, -0.12)
 # Over the least height: first what samples half a cell apart may miss, then more.
@@ -35,11 +35,11 @@ REACH_SPACING_M = 0.010
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Swing:
-    """A way for a foot, or why there is none.
+    """A path for a foot, or why there is none.
 
     Attributes:
         ok: whether there is one.
-        points: (n, 3) corners of the way of the sole's centre, from start to end, in base_footprint [m]; (0, 3) where
+        points: (n, 3) corners of the path of the sole's centre, from start to end, in base_footprint [m]; (0, 3) where
             not ok.
         clearance: least distance from the ground between the ends [m], NaN where not ok.
         reasons: each failed test of the best try with value and limit; empty where ok.
@@ -112,7 +112,7 @@ def _over(
     leg: str | None,
     robot: RobotLike | None,
 ) -> Swing:
-    """The swing that stays over a way on the ground."""
+    """The swing that stays over a path on the ground."""
     line = sampled(track, terrain.resolution / 2)
     # Seen from above all heights are alike: what is unknown or too old there is so for each of them.
     blocked = check_over(ground, line + (0.0, 0.0, LONGEST_PATH_M), clearance).reasons
@@ -123,17 +123,17 @@ def _over(
     refused: tuple[Reason, ...] = ()
     for rise in RISES_M:
         for profile in (_hull(line, heights), np.full(len(line), heights.max())):
-            way = np.concatenate((ends[:1], _bends(line + (0.0, 0.0, 1.0) * (profile + rise)[:, None]), ends[1:]))
-            verdict = check_over(ground, way, clearance)
-            reasons = verdict.reasons or _out_of_reach(terrain, way, leg, robot)
+            path = np.concatenate((ends[:1], _bends(line + (0.0, 0.0, 1.0) * (profile + rise)[:, None]), ends[1:]))
+            verdict = check_over(ground, path, clearance)
+            reasons = verdict.reasons or _out_of_reach(terrain, path, leg, robot)
             if not reasons:
-                return Swing(True, way, verdict.clearance, ())
+                return Swing(True, path, verdict.clearance, ())
             refused = refused or reasons
     return _none(refused)
 
 
 def _least_heights(ground: SwingGround, line: Float, clearance: float) -> Float:
-    """How high (n,) the way must be over samples of the line from start to end, to keep its clearance [m]."""
+    """How high (n,) the path must be over samples of the line from start to end, to keep its clearance [m]."""
     cells = corridor_of(ground.geometry, line, clearance)
     at = np.where(cells.used, cells.iy, 0), np.where(cells.used, cells.ix, 0)
     top = ground.top[at].astype(np.float64) + confidences(ground, cells)
@@ -141,7 +141,7 @@ def _least_heights(ground: SwingGround, line: Float, clearance: float) -> Float:
 
 
 def _hull(line: Float, heights: Float) -> Float:
-    """Heights (n,) of the upper hull over the length of the way."""
+    """Heights (n,) of the upper hull over the length of the path."""
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
     kept: list[int] = []
     for i in range(len(along)):
@@ -156,19 +156,19 @@ def _is_below(along: Float, heights: Float, a: int, b: int, c: int) -> bool:
     return bool((along[b] - along[a]) * (heights[c] - heights[a]) >= (heights[b] - heights[a]) * (along[c] - along[a]))
 
 
-def _bends(way: Float) -> Float:
-    """The points of a way at which it changes its direction, and its ends."""
-    directions = np.diff(way, axis=0)
+def _bends(path: Float) -> Float:
+    """The points of a path at which it changes its direction, and its ends."""
+    directions = np.diff(path, axis=0)
     directions = directions / np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-12)
     turns = np.linalg.norm(np.diff(directions, axis=0), axis=1) > 1e-6
-    return np.asarray(way[np.concatenate(([True], turns, [True]))])
+    return np.asarray(path[np.concatenate(([True], turns, [True]))])
 
 
-def _out_of_reach(terrain: LayeredGrid, way: Float, leg: str | None, robot: RobotLike | None) -> tuple[Reason, ...]:
-    """Why the leg cannot go this way with the body where it stood; empty where it can or none is asked for."""
+def _out_of_reach(terrain: LayeredGrid, path: Float, leg: str | None, robot: RobotLike | None) -> tuple[Reason, ...]:
+    """Why the leg cannot follow this path with the body where it stood; empty where it can or none is asked for."""
     if leg is None:
         return ()
-    samples = sampled(way, REACH_SPACING_M)
+    samples = sampled(path, REACH_SPACING_M)
     beyond = beyond_reach(terrain, leg, samples, robot)
     if (beyond == 0).all():
         return ()

@@ -88,11 +88,11 @@ def test_grid_of_many_pauses_ago_is_stale(node, client: gp.TerrainClient, eventu
     client.wait_for_step(20, timeout=180)
     client.wait_for_step(20, timeout=30, extent="map")
 
-    def is_stale(extent: str, words: str) -> bool:
+    def is_stale(extent: str, expected_text: str) -> bool:
         try:
             client.latest(extent=extent)
         except gp.StaleTerrain as error:
-            return words in str(error)
+            return expected_text in str(error)
         return False
 
     node.tell("pause 21")

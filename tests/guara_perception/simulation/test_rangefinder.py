@@ -56,8 +56,8 @@ def test_every_pixel_shows_the_point_where_its_ray_meets_the_floor(
     view = on_level_ground.set_pose(transform)
     camera = transform @ calibration.transform_camera_to_base
     rows, columns = np.meshgrid(np.arange(0, 512, 37), np.arange(0, 640, 41), indexing="ij")
-    ways = calibration.camera.rays(np.column_stack((columns.ravel(), rows.ravel()))) @ camera[:3, :3].T
-    wanted = camera[:3, 3] - ways * (camera[2, 3] / ways[:, 2])[:, None]
+    rays = calibration.camera.rays(np.column_stack((columns.ravel(), rows.ravel()))) @ camera[:3, :3].T
+    wanted = camera[:3, 3] - rays * (camera[2, 3] / rays[:, 2])[:, None]
     points = view.points[rows, columns].reshape(-1, 3) + view.origin
     near = np.linalg.norm(wanted[:, :2] - camera[:2, 3], axis=1) < 1.2
     assert near.mean() > 0.8

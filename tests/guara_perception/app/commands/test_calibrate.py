@@ -45,8 +45,8 @@ def session_copy(data: Path, tmp_path: Path) -> Callable[..., Path]:
 def test_good_session(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One command writes calibration, report and camera_info, says every figure, and exits 0."""
     out, report, lens = tmp_path / "c.json", tmp_path / "report", tmp_path / "camera.yaml"
-    words = ["calibrate", data / "calibration", "-o", out, "--report", report, "--camera-info", lens]
-    assert run([*map(str, words), "--pattern", "standard"]) == 0
+    arguments = ["calibrate", data / "calibration", "-o", out, "--report", report, "--camera-info", lens]
+    assert run([*map(str, arguments), "--pattern", "standard"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("verdict: good\n")
     assert re.search(r"ok +plate left out +0\.0\d+ mm", said)
@@ -80,7 +80,7 @@ def test_refused_session(
 ) -> None:
     """A refused calibration exits 1, writes the report but no calibration, unless it is forced."""
     folder, out, report = session_copy(wrong_height), tmp_path / "c.json", tmp_path / "report"
-    words = ["calibrate", str(folder), "-o", str(out)]
+    arguments = ["calibrate", str(folder), "-o", str(out)]
     made: list[CalibrationResult] = []
 
     def once(*arguments: Any, **more: Any) -> CalibrationResult:
@@ -92,13 +92,13 @@ def test_refused_session(
     # The report's pictures are looked at in the test above; here its words count.
     for pictures in (camera_pictures, laser_pictures):
         monkeypatch.setattr(pictures, "to_png", lambda figure: b"")
-    assert run([*words, "--report", str(report)]) == 1
+    assert run([*arguments, "--report", str(report)]) == 1
     said = capsys.readouterr()
     assert said.out.startswith("verdict: refused\n")
     assert "calibration refused: plate plate_40 contradicts the others: they put its top at 40.0 mm" in said.err
     assert not out.exists()
     assert "Do not use this calibration" in (report / "report.html").read_text()
-    assert run([*words, "--force"]) == 0
+    assert run([*arguments, "--force"]) == 0
     assert gp.load_calibration(out).quality["verdict"] == "refused"
     assert len(made) == 2
 
@@ -163,7 +163,7 @@ def test_broken_session_file(
 
 
 @pytest.mark.parametrize(
-    ("words", "reason"),
+    ("arguments", "reason"),
     [
         (["-o", "c.txt"], "--out is c.txt, it must end in .json"),
         (["-o", "nowhere/c.json"], "the folder nowhere does not exist"),
@@ -176,12 +176,12 @@ def test_bad_options(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-    words: list[str],
+    arguments: list[str],
     reason: str,
 ) -> None:
     """Options that cannot work are refused with exit 2."""
     monkeypatch.chdir(tmp_path)
-    assert run(["calibrate", str(data / "calibration"), *words]) == 2
+    assert run(["calibrate", str(data / "calibration"), *arguments]) == 2
     assert reason in capsys.readouterr().err
 
 
@@ -196,7 +196,7 @@ def test_no_session(tmp_path: Path) -> None:
 def test_report_folder_that_is_a_file(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A report cannot go where a file is; it is said before the work."""
     (tmp_path / "report").write_text("")
-    words = [
+    arguments = [
         "calibrate",
         str(data / "calibration"),
         "-o",
@@ -204,7 +204,7 @@ def test_report_folder_that_is_a_file(data: Path, tmp_path: Path, capsys: pytest
         "--report",
         str(tmp_path / "report"),
     ]
-    assert run(words) == 2
+    assert run(arguments) == 2
     assert "a file; it must be a folder" in capsys.readouterr().err
 
 

@@ -186,7 +186,7 @@ def test_an_uplink_serves_readers_elsewhere_too(free_endpoint: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("words", "reported"),
+    ("arguments", "reported"),
     [
         (["--uplink", "tcp/site.local:7447"], "is reachable from other machines and nothing protects it"),
         (["--uplink", "tcp/127.0.0.1:1", "--connect", "tcp/127.0.0.1:2"], "contradict one another"),
@@ -194,9 +194,11 @@ def test_an_uplink_serves_readers_elsewhere_too(free_endpoint: str) -> None:
     ],
 )
 def test_an_uplink_that_cannot_be_is_refused(
-    free_endpoint: str, words: list[str], reported: str, capsys: pytest.CaptureFixture[str]
+    free_endpoint: str, arguments: list[str], reported: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Exit 2, one line."""
-    assert run(["run", "--simulated", *([] if "--connect" in words else ["--listen", free_endpoint]), *words]) == 2
+    assert (
+        run(["run", "--simulated", *([] if "--connect" in arguments else ["--listen", free_endpoint]), *arguments]) == 2
+    )
     error = capsys.readouterr().err
     assert reported in error and error.count("\n") == 1

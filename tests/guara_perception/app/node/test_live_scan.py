@@ -204,7 +204,7 @@ def test_settings_that_hold_and_good_light_are_not_reported(simulated: Simulated
 
 
 @pytest.mark.parametrize(
-    ("changed", "words"),
+    ("changed", "expected_words"),
     [
         (
             {"gain": 12.0},
@@ -215,7 +215,7 @@ def test_settings_that_hold_and_good_light_are_not_reported(simulated: Simulated
     ],
 )
 def test_what_another_program_changes_is_reported_with_what_it_does_to_the_light(
-    simulated: SimulatedRobot, changed: dict[str, float], words: tuple[str, str]
+    simulated: SimulatedRobot, changed: dict[str, float], expected_words: tuple[str, str]
 ) -> None:
     """The scan is taken all the same; the next one says it again."""
     with simulated.rangefinder as rangefinder:
@@ -223,7 +223,7 @@ def test_what_another_program_changes_is_reported_with_what_it_does_to_the_light
         for _ in range(2):
             scan = short_scan(simulated)
             assert not scan.failed
-            for word in words:
+            for word in expected_words:
                 assert any(word in problem for problem in scan.problems), (word, scan.problems)
         rangefinder.lock(rangefinder.settings)
         assert short_scan(simulated).problems == ()

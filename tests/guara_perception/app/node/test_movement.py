@@ -23,8 +23,8 @@ def both(bench: Bench, step: int, *, confirmed: bool = False) -> tuple[gp.Terrai
     return footprint, bench.client.wait_for_step(step, timeout=TIMEOUT, extent="map", confirmed=confirmed)
 
 
-def reported(bench: Bench, words: str) -> bool:
-    return wait_until(lambda: any(words in item.message for item in bench.status.items()))
+def reported(bench: Bench, expected_text: str) -> bool:
+    return wait_until(lambda: any(expected_text in item.message for item in bench.status.items()))
 
 
 def is_withdrawn(terrain: gp.TerrainGrid) -> bool:
@@ -168,14 +168,14 @@ def test_a_second_begin_with_the_same_joints_says_nothing_new(bench: Bench) -> N
 
 
 @pytest.mark.parametrize(
-    ("position", "words"),
+    ("position", "expected_text"),
     [(1e6, "is at 1e+06 rad, half a turn or more beyond its limits"), (3.0, "joints are where none can be")],
 )
-def test_joints_that_no_robot_can_have_are_refused(bench: Bench, position: float, words: str) -> None:
+def test_joints_that_no_robot_can_have_are_refused(bench: Bench, position: float, expected_text: str) -> None:
     """At a million radians, or where no encoder is: reported in the status, not scanned, the next pause is served."""
     wild = Stance(dict.fromkeys(bench.gait.stance.joint_positions, position), bench.gait.stance.support_feet, None)
     bench.gait.say(0, PausePhase.BEGIN, wild)
-    assert reported(bench, words)
+    assert reported(bench, expected_text)
     bench.gait.say(1, PausePhase.BEGIN)
     assert bench.client.wait_for_step(0, timeout=TIMEOUT).step == 1
 
@@ -233,9 +233,9 @@ REFUSED_GROUND: dict[str, tuple[dict[str, object], str]] = {
 
 def test_ground_that_nobody_can_know_is_refused_in_words(bench: Bench) -> None:
     """None of it goes into the map; each pause is scanned all the same, and the next one's ground is taken."""
-    for step, (what, (fields, words)) in enumerate(REFUSED_GROUND.items()):
+    for step, (what, (fields, expected_text)) in enumerate(REFUSED_GROUND.items()):
         bench.gait.say(step, PausePhase.BEGIN, **fields)
-        assert reported(bench, words), what
+        assert reported(bench, expected_text), what
         assert both(bench, step)[1].metadata["known_ground"] == [], what
         bench.gait.say(step, PausePhase.END)
     last = len(REFUSED_GROUND)

@@ -71,8 +71,8 @@ def test_views_get_points_and_picture_of_each_scan(bench: Bench, paper_scan: gp.
     message = pictures.wait_for(lambda _: True, TIMEOUT).message
     assert read_time(message.header.stamp) == terrain.stamp
     seen = cv2.imdecode(message.data, cv2.IMREAD_COLOR)
-    middle = {stripe.index: stripe.on for stripe in paper_scan.stripes}[34]
-    wanted = cv2.resize(paper_scan.read_frame(middle), (480, 384), interpolation=cv2.INTER_AREA)
+    frame_name = {stripe.index: stripe.on for stripe in paper_scan.stripes}[34]
+    wanted = cv2.resize(paper_scan.read_frame(frame_name), (480, 384), interpolation=cv2.INTER_AREA)
     assert np.abs(seen.astype(int) - wanted).mean() < 4.0
 
 
@@ -301,8 +301,11 @@ def test_a_withdrawn_scan_is_not_replayed(
     assert said.code == 0 and "step 1: withdrawn on the robot, left out (" in said.out
     assert [path.name for path in (tmp_path / "grids").iterdir()] == ["0000-step0-footprint.npz"]
     out = tmp_path / "out"
-    for words in (["process", both, "--step", "1", "-o", tmp_path / "t.npz"], ["convert", both, out, "--step", "1"]):
-        refused = guara(*words)
+    for arguments in (
+        ["process", both, "--step", "1", "-o", tmp_path / "t.npz"],
+        ["convert", both, out, "--step", "1"],
+    ):
+        refused = guara(*arguments)
         assert refused.code == 2 and "its grid was withdrawn on the robot" in refused.err
         assert refused.err.count("\n") == 1
     assert "no scan whose grid stands" in guara("replay", moved, "-o", out).err and not out.exists()
