@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import gc
 import importlib
+import io
 import json
 import os
 import pkgutil
@@ -81,6 +82,7 @@ def serve(listener: socket.socket) -> list[str]:
             continue
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
         signal.signal(signal.SIGINT, signal.default_int_handler)
         for other in (listener, connection, *children.values()):
             other.close()
@@ -115,17 +117,17 @@ def answer(connection: socket.socket, number: int) -> None:
 def run(arguments: list[str]) -> None:
     """What `python ARGUMENTS...` runs: `-c CODE`, `-m MODULE` or a script, with arguments."""
     # As a new interpreter opens them; the server's own remember what its streams were.
-    sys.stdin, sys.stdout, sys.stderr = (
-        open(0, closefd=False),
-        open(1, "w", closefd=False),
-        open(2, "w", 1, closefd=False),
-    )
+    is_unbuffered = bool(os.environ.get("PYTHONUNBUFFERED"))
+    binary = open(1, "wb", 0 if is_unbuffered else -1, closefd=False)
+    sys.stdin, sys.stdout = open(0, closefd=False), io.TextIOWrapper(binary, write_through=is_unbuffered)
+    sys.stderr = open(2, "w", 1, closefd=False)
     sys.path[0] = "" if arguments[0].startswith("-") else str(Path(arguments[0]).resolve().parent)
     if arguments[0] == "-m":
         sys.argv = ["-m", *arguments[2:]]
+        name = arguments[1] + ".__main__" * hasattr(sys.modules.get(arguments[1]), "__path__")
         # Imported already, which runpy warns of.
-        sys.modules.pop(arguments[1], None)
-        runpy.run_module(arguments[1], run_name="__main__", alter_sys=True)
+        sys.modules.pop(name, None)
+        runpy.run_module(name, run_name="__main__", alter_sys=True)
         return
     code, file = (arguments[1], "<string>") if arguments[0] == "-c" else (Path(arguments[0]).read_text(), arguments[0])
     sys.argv = ["-c", *arguments[2:]] if arguments[0] == "-c" else arguments

@@ -2,8 +2,6 @@
 
 import dataclasses
 import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -21,6 +19,7 @@ from drivers.emulator import (
     ExposureView,
     emulated_backend,
 )
+from tests.forked import ForkedProcess
 
 HEIGHT, WIDTH = 256, 320
 ROOT = Path(__file__).resolve().parents[2]
@@ -125,13 +124,7 @@ class EmulatorProcess:
     """`python -m drivers.emulator`, running."""
 
     def __init__(self, listen: str) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "drivers.emulator", "--listen", listen],
-            stdout=subprocess.PIPE,
-            text=True,
-            cwd=ROOT,
-        )
-        assert self.process.stdout is not None
+        self.process = ForkedProcess("-m", "drivers.emulator", "--listen", listen, folder=ROOT)
         fields = self.process.stdout.readline().split()
         assert fields[0] == "ready"
         self.address = fields[1]
@@ -139,8 +132,7 @@ class EmulatorProcess:
     def stop(self) -> int:
         self.process.terminate()
         status = self.process.wait(PATIENCE)
-        assert self.process.stdout is not None
-        self.process.stdout.close()
+        self.process.close()
         return status
 
 
@@ -152,25 +144,15 @@ def emulator_process() -> Iterator[EmulatorProcess]:
 
 
 @pytest.fixture
-def host() -> Iterator[Callable[..., subprocess.Popen[str]]]:
+def host() -> Iterator[Callable[..., ForkedProcess]]:
     """Starts a Python program in a process of its own; whatever is left of it is ended after the test."""
-    started: list[subprocess.Popen[str]] = []
+    started: list[ForkedProcess] = []
 
-    def start(program: str, *arguments: str) -> subprocess.Popen[str]:
-        process = subprocess.Popen(
-            [sys.executable, "-c", program, *arguments],
-            stdout=subprocess.PIPE,
-            text=True,
-            cwd=ROOT,
-            env=os.environ | {"PYTHONUNBUFFERED": "1"},
-        )
-        started.append(process)
-        return process
+    def start(program: str, *arguments: str) -> ForkedProcess:
+        environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+        started.append(ForkedProcess("-c", program, *arguments, environment=environment, folder=ROOT))
+        return started[-1]
 
     yield start
     for process in started:
-        if process.poll() is None:
-            process.kill()
-        process.wait(PATIENCE)
-        assert process.stdout is not None
-        process.stdout.close()
+        process.close()

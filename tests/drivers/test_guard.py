@@ -1,7 +1,6 @@
 """The laser goes off however its host process ends: by a signal, at exit or killed."""
 
 import signal
-import subprocess
 import time
 from collections.abc import Callable
 
@@ -11,6 +10,7 @@ from drivers import guard
 from drivers.emulator import RemoteBoard
 from drivers.protocol import BoardFault
 from tests.drivers.conftest import PATIENCE
+from tests.forked import ForkedProcess
 
 OPEN_AND_WAIT = """
 import sys, time
@@ -24,7 +24,7 @@ print("on")
 """
 KEEP_ALIGHT = "while True:\n    board.status(); time.sleep(0.02)"
 
-Host = Callable[..., "subprocess.Popen[str]"]
+Host = Callable[..., ForkedProcess]
 
 
 def begin(host: Host, address: str, then: str = KEEP_ALIGHT, open_: str = "board.open()") -> tuple:

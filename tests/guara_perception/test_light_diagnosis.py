@@ -70,7 +70,7 @@ def test_lamps_that_flicker_strongly_are_reported_without_laser_off_pictures_too
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("laser", [200.0, 1000.0, 8000.0])
+@pytest.mark.parametrize("laser", [200.0, pytest.param(1000.0, marks=pytest.mark.heavy), 8000.0])
 def test_a_dark_room_does_not_flicker(laser: float) -> None:
     """Where nothing but the stripe is bright, a share of what is left says nothing of lamps."""
     recording = simulated(SIZE, STRIPES, Light(ambient=(0.0, 0.0, 0.0), laser=laser))

@@ -18,6 +18,7 @@ from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.specimen import rotation, specimen
 from guara_perception.simulation.world import World
 from kinematics import RobotModel, Stance, load_robot
+from tests.thorough import examples
 
 QUIET = Light(speckle=0.0, bounce=0.0, shot_noise=0.0, read_noise=0.0)
 
@@ -46,7 +47,7 @@ def on_level_ground(robot: RobotModel, calibration: Calibration) -> SimulatedRan
 
 
 @pytest.mark.slow
-@settings(max_examples=4, deadline=None, derandomize=True)
+@settings(max_examples=examples(6), deadline=None, derandomize=True)
 @given(roll=st.floats(-0.08, 0.08), pitch=st.floats(-0.08, 0.08), yaw=st.floats(-3.2, 3.2))
 def test_every_pixel_shows_the_point_where_its_ray_meets_the_floor(
     on_level_ground: SimulatedRangefinder, calibration: Calibration, roll: float, pitch: float, yaw: float

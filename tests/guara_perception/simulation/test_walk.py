@@ -17,6 +17,7 @@ from guara_perception.simulation.stand import OutOfReach, body_pose, stand_on
 from guara_perception.simulation.walk import WalkEnded, WalkNoise, simulate_walk
 from guara_perception.simulation.world import World
 from kinematics import RobotModel, load_robot
+from tests.thorough import examples
 
 EXACT = WalkNoise(joint=0.0, contact=0.0, slip=0.0, imu=0.0)
 
@@ -53,7 +54,7 @@ def test_on_level_ground_the_walk_repeats_every_cycle(robot: RobotModel) -> None
         assert later.nominal == pytest.approx(one.nominal)
 
 
-@settings(max_examples=8, deadline=None, derandomize=True)
+@settings(max_examples=examples(8), deadline=None, derandomize=True)
 @given(seed=st.integers(0, 200))
 def test_the_joints_put_every_sole_where_it_stands(robot: RobotModel, seed: int) -> None:
     """Forward kinematics of the true joints and pose gives the true soles, level, resting on the ground."""

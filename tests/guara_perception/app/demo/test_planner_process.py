@@ -1,13 +1,17 @@
 """The demo's planner in its own process: it answers from the grid that it received, and its end is reported."""
 
+import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import guara_perception as gp
+from guara_perception.app.demo import planner_process
 from guara_perception.app.demo.planner_process import PlannerProcess
 from guara_perception.exceptions import PlannerFailed
 from guara_perception.simulation.planner import plan_swing
+from tests.forked import ForkedProcess
 
 pytestmark = pytest.mark.slow
 
@@ -22,6 +26,13 @@ def node(start, module_endpoint: str, terrain_file: Path):
     process.tell("publish 5")
     process.tell("map 5")
     return process
+
+
+@pytest.fixture
+def forked_planner(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Planners are forked where all is imported; the other tests start them as the demo does."""
+    forked = SimpleNamespace(**{**vars(subprocess), "Popen": lambda arguments, **_: ForkedProcess(*arguments[1:])})
+    monkeypatch.setattr(planner_process, "subprocess", forked)
 
 
 def test_foothold_is_that_of_the_grid(node, module_endpoint: str, paper_terrain: gp.TerrainGrid):
@@ -50,7 +61,7 @@ def test_no_node_is_reported_and_nothing_is_left_behind(free_endpoint: str, capf
     assert said.startswith("planner: cannot connect to") and "Traceback" not in said
 
 
-def test_planner_that_died_is_reported(node, module_endpoint: str):
+def test_planner_that_died_is_reported(forked_planner: None, node, module_endpoint: str):
     """Asking a dead planner is an error at once, and closing it twice is none."""
     planner = PlannerProcess(module_endpoint, "guara")
     planner._process.kill()
@@ -61,7 +72,7 @@ def test_planner_that_died_is_reported(node, module_endpoint: str):
     planner.close()
 
 
-def test_closing_ends_the_process(node, module_endpoint: str):
+def test_closing_ends_the_process(forked_planner: None, node, module_endpoint: str):
     """Leaving the block ends the planner by itself, without a signal; asking it afterwards is an error."""
     with PlannerProcess(module_endpoint, "guara") as planner:
         process = planner._process
