@@ -97,7 +97,7 @@ class Chromium:
         answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
         return answer["result"].get("value")
 
-    def wait_for(self, expression: str, timeout: float = 60.0) -> None:
+    def wait_for(self, expression: str, timeout: float = 180.0) -> None:
         """Wait until a JavaScript expression is true."""
         deadline = time.monotonic() + timeout
         while not self.evaluate(expression):
