@@ -1,4 +1,4 @@
-"""What is wrong with a scan of few returns: where its light lies against where the calibration expects each stripe."""
+"""Diagnoses a scan of few returns: compares where its light is with where the calibration expects each stripe."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from guara_perception.stripes.glance import brightest_rows
 
 # [m] The lines of the stripes on z = 0 are drawn this far to both sides.
 HALF_LENGTH_M = 0.6
-# Columns that a glance takes from each frame, spread over the picture.
+# Number of columns that a glance reads of each frame, spread over the picture.
 GLANCED = 12
 # A frame fits a stripe when half of its light lies within this of it: less than half a pitch of neighbouring stripes.
 FIT_PX_OF_HEIGHT = 0.008
@@ -25,12 +25,14 @@ GLANCED_FRAMES = 12
 # Frames that must fit for a cause to be named, as a share and in number.
 FITTING_SHARE = 0.6
 FEWEST_FRAMES = 4
-# A part of the frames that fits otherwise than the rest is reported from here on.
+# From this share on, frames that fit turned or flipped while the others fit upright are reported.
 MIXED_SHARE = 0.15
-# Light that lies this finely on the lines of other stripes shows those; 0.98 of it does, less than 0.65 by chance.
+# Least share of the light near other stripes that must lie close to them, for the frames to be said to show these; in
+# such frames 0.98 of it does, by chance less than 0.65.
 FINE_SHARE = 0.8
-# Stripes look nearly the same from left to right: fits that differ by less than this factor do not tell turned from
-# flipped. They differ by 1.08 for a camera that is mounted and centred to a quarter of a pixel, by 2 for most.
+# Stripes look nearly the same from left to right: fits that differ by less than this factor leave open whether frames
+# are turned or flipped. They differ by 1.08 for a camera that is mounted and centred to a quarter of a pixel, by 2 for
+# most.
 ALIKE = 1.03
 WHERE_NONE_CAN_BE = (
     "a stripe where none can be, too high or too low: the calibration is of another rangefinder, camera or mirror "
@@ -40,10 +42,10 @@ TURNED, FLIPPED, UPRIGHT = "turned by 180 degrees", "flipped top to bottom", ""
 
 
 class Glances:
-    """Where the brightest light of some frames of a scan is, whatever their stripes should show."""
+    """Rows of the brightest light in some frames of a scan, wherever their stripes should be."""
 
     def __init__(self, order: Sequence[int], width: int) -> None:
-        """Choose frames: by an odd stride, which shows it when every second one is wrong.
+        """Choose frames by an odd stride, so that frames of both kinds are among them when every second one is wrong.
 
         Args:
             order: indices of the scan's stripes.
@@ -59,15 +61,15 @@ class Glances:
             self._rows[pair.index] = brightest_rows(pair.on, pair.off, self._columns)
 
     def take_over(self, other: Glances) -> None:
-        """Count what was seen in a part of this scan too."""
+        """Add the glances at a part of this scan."""
         self._rows.update(other._rows)
 
     def wrong_frames(self, geometry: ScanGeometry, calibration: Calibration) -> str:
-        """What the frames have in common that they should not: turned, flipped, out of order; empty for nothing.
+        """Text that says how the frames are wrong: turned, flipped or out of order; empty when nothing is found.
 
         Args:
             geometry: geometry of the scan.
-            calibration: in use.
+            calibration: the calibration that is in use.
         """
         indices = [index for index in sorted(self._rows) if np.isfinite(self._rows[index]).sum() >= GLANCED // 3]
         if len(indices) < FEWEST_FRAMES:
@@ -108,10 +110,10 @@ class _Fit:
     Attributes:
         name: name of the way in which the frames are seen.
         stripe: index of the stripe that each frame fits best.
-        fits: (f,) whether it fits.
+        fits: (f,) whether the frame fits that stripe.
         fine: share of the light near those stripes that lies within a third of what counts as near: a third would by
             chance.
-        distance: mean distance of the light from the best stripes [px], what is far counted as near at the most.
+        distance: mean distance of the light from the best stripes [px], at most the distance that counts as near.
     """
 
     name: str
@@ -138,7 +140,7 @@ class _Fit:
 
 
 def _elsewhere(geometry: ScanGeometry, indices: Sequence[int], seen: Float) -> str:
-    """Said when most frames show light, but not where their stripes can be; empty otherwise."""
+    """Text for frames that mostly show light where no stripe can be; empty otherwise."""
     bands = np.array([geometry.stripes[index].band for index in indices], np.float64)
     outside = ((seen < bands[:, :1]) | (seen >= bands[:, 1:])).sum(axis=1) > 0.5 * np.isfinite(seen).sum(axis=1)
     if outside.mean() < FITTING_SHARE:
@@ -159,12 +161,12 @@ def _expected(geometry: ScanGeometry, calibration: Calibration, columns: Index) 
 
 
 def _order_words(index: Index, stripe: Index) -> str:
-    """How the stripes that frames show differ from the stripes that they are said to be."""
+    """Text that says how the stripes in the frames differ from the indices that the frames were given with."""
     off = stripe - index
     usual = int(np.median(off))
     if (np.abs(off - usual) <= 1).mean() > FITTING_SHARE:
-        way = "ahead" if usual > 0 else "behind"
-        return f"the frames are {abs(usual)} stripe indices {way}: a frame was lost or the camera lags"
+        direction = "ahead" if usual > 0 else "behind"
+        return f"the frames are {abs(usual)} stripe indices {direction}: a frame was lost or the camera lags"
     if np.corrcoef(index, stripe)[0, 1] < -0.8:
         return "the frames are in reverse order"
     return "the frames show other stripes than they are said to be: they are out of order, or of another pattern"

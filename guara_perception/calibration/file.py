@@ -24,7 +24,7 @@ def load_calibration(path: str | Path) -> Calibration:
     """Read and validate a calibration file.
 
     The hash of the result is that of the content; a stored hash that differs (a file edited by hand) is logged as a
-    warning, and the grids carry the hash of what was really used.
+    warning, and grids carry the hash of the content.
 
     Raises:
         MissingFile: no such file.
@@ -38,7 +38,7 @@ def parse_calibration(content: bytes, source: str) -> Calibration:
 
     Args:
         content: text of `calibration.json`.
-        source: where it came from, for messages.
+        source: name of what the content came from, for messages.
 
     Raises:
         FileFormatError: the content is not a calibration; the message names the field.

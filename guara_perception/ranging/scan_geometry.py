@@ -1,4 +1,4 @@
-"""What is known of a scan before its first frame: where each stripe can appear and which cells it should pass over."""
+"""Predicts a scan before its first frame: in which rows of the picture each stripe can appear, and its laser plane."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.height_rows import plane_in_frame, row_bands
 from guara_perception.settings import Settings
 
-# Beyond the height limits, so that a stripe just outside is seen and not taken for no return at all.
+# Bands reach this far beyond the height limits, so that a stripe just outside of these is seen as such.
 LIMIT_MARGIN_M = 0.025
-# Room for smoothing and for the centre window at the edge of the band.
+# Rows added at the edges of a band, for smoothing and for the window about the centre.
 ROW_MARGIN_PX = 8
 
 
@@ -22,8 +22,8 @@ class StripeGeometry:
     """One stripe of the pattern.
 
     Attributes:
-        index: in the standard pattern.
-        plane_in_camera: (4,) n . X + d = 0.
+        index: index in the standard pattern.
+        plane_in_camera: (4,) laser plane n . X + d = 0 in the camera frame.
         band: first and end row in which the stripe can appear; (0, 0) when it is out of view.
     """
 
@@ -38,9 +38,10 @@ class ScanGeometry:
 
     Attributes:
         transform_camera_to_footprint: (4, 4).
-        stripes: by index, in the order of the pattern, those that are calibrated.
-        planes_in_footprint: (s, 4) in the same order.
-        sensor_origins: (3,) each of camera and laser (the spot on the mirror axis nearest to the camera).
+        stripes: those stripes of the pattern that are calibrated, by index and in its order.
+        planes_in_footprint: (s, 4) their laser planes in base_footprint, in the same order.
+        sensor_origins: (3,) of the camera and (3,) of the laser, the point of the mirror axis nearest to the camera
+            [m].
     """
 
     transform_camera_to_footprint: Float
@@ -60,7 +61,7 @@ class ScanGeometry:
 def scan_geometry(
     calibration: Calibration, transform_base_to_footprint: Float, settings: Settings, mode: str
 ) -> ScanGeometry:
-    """Predict a scan from calibration and stance."""
+    """Predict a scan from the calibration and the pose that follows from the stance."""
     transform = transform_base_to_footprint @ calibration.transform_camera_to_base
     pattern = set(settings.pattern(mode))
     planned = [stripe for stripe in calibration.stripes if stripe.index in pattern]
@@ -83,7 +84,7 @@ def laser_origin(planes: Float, near: Float) -> Float:
 
     Args:
         planes: (s, 4) planes of all stripes in one frame.
-        near: (3,) a point in the same frame, for instance the camera.
+        near: (3,) a point in the same frame, for instance the optical centre.
 
     Returns:
         (3,) point in that frame. The axis is the line that fits all planes in the least-squares sense.

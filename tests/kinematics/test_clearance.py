@@ -1,3 +1,5 @@
+"""How much room a sole and its leg have over the ground at a foothold."""
+
 import math
 
 import numpy as np
@@ -23,7 +25,7 @@ def test_a_sole_on_flat_ground_touches_it_all_over(robot: RobotModel, standing: 
         assert clearance.leg > 0.005
 
 
-def test_a_bump_under_the_sole_is_felt(guara: RobotModel) -> None:
+def test_a_step_under_the_sole_presses_into_it(guara: RobotModel) -> None:
     """A 12 mm step under the front of the sole presses in by 12 mm; a hole under its heel leaves a gap."""
     standing = guara.stance_pose(Stance(guara.posture("scan"), guara.legs))
     target = foothold(standing, "lf")
@@ -33,8 +35,8 @@ def test_a_bump_under_the_sole_is_felt(guara: RobotModel) -> None:
     assert hole.sole_gap == pytest.approx(0.05) and hole.sole == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_wall_before_the_knee_is_felt(robot: RobotModel, standing: StancePose) -> None:
-    """Ground that rises to the knee leaves no clearance, and higher ground less; the sole does not notice."""
+def test_a_wall_before_the_knee_leaves_no_clearance(robot: RobotModel, standing: StancePose) -> None:
+    """The higher the wall, the smaller the leg's clearance, down to below 0; the sole still touches flat ground."""
     leg = robot.legs[0]
     target = foothold(standing, leg)
     last = math.inf
@@ -49,7 +51,7 @@ def test_a_wall_before_the_knee_is_felt(robot: RobotModel, standing: StancePose)
 
 
 def test_unknown_ground_is_not_clear(robot: RobotModel, standing: StancePose) -> None:
-    """NaN below any part gives NaN, which passes no comparison."""
+    """Unknown ground below the leg or the sole gives NaN, which passes no comparison."""
     target = foothold(standing, robot.legs[0])
     clearance = foothold_clearance(standing, robot.legs[0], target, lambda x, y: np.full_like(x, np.nan))
     assert math.isnan(clearance.leg) and math.isnan(clearance.sole) and math.isnan(clearance.sole_gap)

@@ -1,14 +1,14 @@
-"""What a `FakeGigeCamera` and its process say to one another."""
+"""The messages between a `FakeGigeCamera` and its process."""
 
 from __future__ import annotations
 
 import struct
 from typing import IO
 
-# Kind, time of the exposure on the camera's clock [ns], bytes of the picture that follows.
+# Kind, time of the exposure on the camera's clock [ns], number of bytes of the picture that follows.
 REQUEST = struct.Struct("<cQI")
 EXPOSE, ASK = b"X", b"?"
-# Whether it was done; width, height, pixel format, exposure [us], gain, source of the output line.
+# Whether the request was carried out; width, height, pixel format, exposure [us], gain, source of the output line.
 STATE = struct.Struct("<7I")
 
 

@@ -1,4 +1,4 @@
-"""The outcome of a calibration as a few lines for the terminal."""
+"""Summarises a calibration in a few lines for the terminal."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def value_text(check: Check) -> str:
 
 
 def limits_text(check: Check) -> str:
-    """The two limits, and which way they are read."""
+    """The limits of good and of refused, with the sign that says on which side of them values are good."""
     side = ">=" if check.higher_is_better else "<="
     return f"({side} {check.usable_from:g}, {side} {check.refused_from:g})"
 

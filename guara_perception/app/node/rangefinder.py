@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 FiringOrder = Sequence[tuple[int, float]]
 
-# Stripes that are processed at once: at 30 frames per second a third less of processor time than each by itself, for
-# the memory of as many frames; the last, for which the gait waits, is never among others.
+# Number of stripes that are processed together. At 30 frames per second that takes a third less processor time than one
+# by one, for the memory of as many frames; the last, for which the gait waits, is never among others.
 STRIPES_TOGETHER = 16
 
 
@@ -42,9 +42,9 @@ class Rangefinder:
         board: the laser board.
         camera: the camera.
         options: how scans are taken; None = one off frame per scan, STRIPES_TOGETHER.
-        settings: locked and read back when the camera is opened; None leaves it as it is.
-        clock: by which all devices of this process live while these are open; None = the machine's. Emulated devices
-            with a clock of their own never wait, and miss nothing on a machine that is busy.
+        settings: settings that are locked and read back when the camera is opened; None leaves the camera as it is.
+        clock: clock of all devices of this process while these are open; None = the machine's. Emulated devices have
+            one on which waiting takes no time, so that they miss nothing on a busy machine.
     """
 
     board: LaserBoard
@@ -89,7 +89,7 @@ class Rangefinder:
     def setting_changes(self) -> tuple[str, ...]:
         """Which locked settings the camera does not hold any more, and what to do; empty where it cannot be read.
 
-        A few questions to the camera, some milliseconds together.
+        It reads a few settings, which takes some milliseconds.
         """
         if self._locked is None:
             return ()
@@ -106,9 +106,9 @@ class Rangefinder:
         return acquire(self.board, self.camera, firing_order, options, band=band, should_stop=should_stop)
 
     def lost_steps(self, firing_order: FiringOrder) -> int:
-        """Bring the mirror home, and then to the first stripe: how many steps it had lost since the last time.
+        """Bring the mirror home, then to the first stripe; returns the motor steps lost since it was last home.
 
-        Other than 0, the stripes since then lay elsewhere than commanded and their heights are wrong.
+        If that is not 0, stripes since then lay elsewhere than commanded, and their heights are wrong.
 
         Raises:
             drivers.BoardError: the board cannot be reached, or found no home.

@@ -18,7 +18,7 @@ from guara_perception.simulation.world import World
 from kinematics import RobotModel, load_robot
 from tests.physics_figures import physics_figures, rms
 
-# Asked, not imported: each worker collects this file, whichever tests it runs.
+# `find_spec` does not import it, which takes seconds in each worker that collects this file.
 needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="MuJoCo is not installed (extra `sim`)")
 pytestmark = [pytest.mark.sim, pytest.mark.heavy, needs_mujoco]
 
@@ -35,7 +35,7 @@ def standing(height: float = 0.36) -> np.ndarray:
 
 
 def test_a_standing_robot_stands(robot: RobotModel) -> None:
-    """Held by its servos the robot keeps its posture: a few millimetres of sag, level, where it was put."""
+    """Held by its servos the robot keeps its posture and position: it sags by a few millimetres and stays level."""
     posture = robot.posture("scan")
     body = PhysicsRobot(World(), robot, standing(), posture)
     body.run(posture, 2.0)
@@ -52,15 +52,15 @@ def test_boxes_carry_the_robot(robot: RobotModel) -> None:
     posture = robot.posture("scan")
     table = World(features=(Box(x=0.0, y=0.0, size=(0.9, 0.6), height=0.05),))
     heights = []
-    for world, drop in ((World(), 0.0), (table, 0.05)):
-        body = PhysicsRobot(world, robot, standing(0.36 + drop), posture)
+    for world, ground in ((World(), 0.0), (table, 0.05)):
+        body = PhysicsRobot(world, robot, standing(0.36 + ground), posture)
         body.run(posture, 1.5)
         heights.append(body.transform_base_to_world[2, 3])
     assert heights[1] - heights[0] == pytest.approx(0.05, abs=1e-3)
 
 
 def test_the_walk_advances_in_its_lanes(robot: RobotModel) -> None:
-    """Two cycles on level ground: most of 280 mm ahead, feet in their lanes, one foot moved between pauses."""
+    """Two cycles on level ground: 75 to 105 % of 280 mm ahead, feet in their lanes, one foot moved between pauses."""
     pauses = list(physics_walk(World(), robot, cycles=2, noise=WalkNoise(joint=0, imu=0)))
     moved = pauses[-1].transform_base_to_world[0, 3] - pauses[0].transform_base_to_world[0, 3]
     assert 0.75 * 0.28 < moved < 1.05 * 0.28

@@ -15,7 +15,7 @@ from guara_perception.simulation.world import World
 
 
 def test_each_feature_has_its_exact_height() -> None:
-    """Heights follow from the geometry that was asked for, at points that a raster would miss."""
+    """Heights follow from the features' geometry, also 0.1 mm beside their edges, which a raster would miss."""
     world = World(
         x=(0.0, 6.0),
         features=(
@@ -43,7 +43,7 @@ def test_a_turned_box_covers_its_turned_corners() -> None:
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 1000))
 def test_the_raster_agrees_with_the_exact_height(seed: int) -> None:
-    """The quick raster holds exactly the heights and materials of its cells' centres."""
+    """The raster, which is computed otherwise, holds the heights and materials of its cells' centres."""
     world = random_world(seed, boxes=4, rocks=3, length=1.5)
     heights, materials = world.raster((0.5, 1.5), (-0.4, 0.4), 0.02)
     x, y = np.meshgrid(np.arange(0.51, 1.5, 0.02), np.arange(-0.39, 0.4, 0.02))
@@ -116,6 +116,6 @@ def test_random_worlds_repeat_and_leave_the_start_free() -> None:
     ],
 )
 def test_impossible_worlds_are_refused(make, message: str) -> None:
-    """What cannot be is refused, with what was given and what is allowed."""
+    """The message says what was given and what is allowed."""
     with pytest.raises(InvalidInput, match=message):
         make()

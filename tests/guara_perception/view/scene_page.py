@@ -1,4 +1,4 @@
-"""The page of the view in a browser: what its pictures show, and how it is operated."""
+"""Helpers for tests of the page of the view in a browser: what its pictures show, and how to operate it."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from tests.guara_perception.view.chromium import Chromium
 PATIENCE_S = 90.0
 
 
-# Between the panels.
+# Columns of the picture between the panels.
 SCENE = np.s_[:, 320:660]
 
 
 def share(picture: np.ndarray, colour: Any, tolerance: int) -> float:
-    """Share of the pixels of (nearly) a colour, hue rather than brightness."""
+    """Share of the pixels whose channels are all within `tolerance` of those of a colour [levels of 255]."""
     wanted = np.array(colour) * 255
     return float((np.abs(picture.astype(float) - wanted).max(axis=-1) < tolerance).mean())
 
@@ -30,13 +30,13 @@ def is_rust(picture: np.ndarray) -> np.ndarray:
 
 
 def is_laser(picture: np.ndarray) -> np.ndarray:
-    """Pixels of stripes: red, and rather blue than green, as nothing else of the scene is."""
+    """Pixels of stripes: red, with more blue than green, as nothing else in the scene."""
     red, green, blue = (picture[..., i].astype(int) for i in range(3))
     return (red > 150) & (red > green + 60) & (blue > green + 10)
 
 
 def until(page: Chromium, condition: Callable[[np.ndarray], bool], what: str) -> np.ndarray:
-    """The first picture of the page that meets a condition; drawing takes its time in software."""
+    """The first picture of the page that meets a condition; drawing in software is slow."""
     deadline = time.monotonic() + PATIENCE_S
     while True:
         picture = page.screenshot()

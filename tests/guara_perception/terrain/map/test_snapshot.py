@@ -1,4 +1,4 @@
-"""A view of the rolling map says of each cell what all the cells of the memory that it touches say, at any turn."""
+"""A cell of a view of the rolling map holds what all cells of the memory hold that it touches, at any rotation."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NOW = 200
 
 
 def memory_of_a_walk(seed: int, reach: float) -> OdomCells:
-    """Cells with every state: known and unknown, in conflict, old."""
+    """Random cells in every state: known, unknown, in conflict, old."""
     rng = np.random.default_rng(seed)
     cells = OdomCells(RESOLUTION, reach)
     cells.centre_on(1.0, -0.5)
@@ -44,8 +44,10 @@ def memory_of_a_walk(seed: int, reach: float) -> OdomCells:
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3, np.pi / 4, -2.0])
 @pytest.mark.parametrize("reach", [0.5, 0.12], ids=["inside", "reaching out of the window"])
-def test_each_cell_tells_of_all_that_it_touches(robot: RobotModel, make_scan: Any, yaw: float, reach: float) -> None:
-    """Flags joined, lowest and highest sample of all, the value of the cell under the centre."""
+def test_each_cell_holds_what_all_cells_hold_that_it_touches(
+    robot: RobotModel, make_scan: Any, yaw: float, reach: float
+) -> None:
+    """Their flags joined, their lowest and highest sample, and the height of the one under its centre."""
     cells, settings = memory_of_a_walk(int(10 * yaw) + 100, reach), Settings.of(robot)
     transform = np.eye(4)
     transform[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
