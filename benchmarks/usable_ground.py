@@ -26,6 +26,7 @@ from guara_perception.simulation.planner import plan_foothold, plan_swing
 from guara_perception.terrain.assessment.edges import half_cells
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.questions.best_foothold import Foothold
+from guara_perception.terrain.questions.corridor import corridor_of, sampled
 from guara_perception.terrain.questions.path import PathVerdict
 from kinematics import RobotModel, load_robot
 from tests.truth import truth_calibration
@@ -175,6 +176,8 @@ def swings(counts: Counter[str], robot: RobotModel, judged: JudgedPause) -> None
             counts[f"{shape}: accepted{with_bounds}, truth lacks over 1 mm"] += (
                 verdict.ok and lack(by_truth) > REFUSED_BY_M
             )
+            if by_truth.ok and verdict.reasons:
+                counts[f"{shape}: refused{with_bounds}, {_beside(fused, judged.dark, make(start, end))}"] += 1
             if by_truth.ok:
                 for reason in verdict.reasons:
                     why = f"{reason.test} {reason.detail if reason.test == 'unknown' else ''}".strip()
@@ -213,6 +216,18 @@ def arc(start: Float, end: Float) -> Float:
     path = start + share * (end - start)
     path[:, 2] += APEX_M * np.sin(np.pi * share[:, 0])
     return path
+
+
+def _beside(fused: gp.TerrainGrid, dark: Mask, way: Float) -> str:
+    """Of what kind the unknown cells below a way are."""
+    iy, ix = corridor_of(fused.geometry, sampled(way, fused.resolution / 2), CLEARANCE_M).unique()
+    inside = fused.geometry.contains(iy, ix)
+    cells = np.zeros(fused.shape, dtype=bool)
+    cells[iy[inside], ix[inside]] = True
+    unknown = cells & ((fused.hazard & UNKNOWN_MASK) != 0)
+    if not unknown.any():
+        return "all known"
+    return "dark ground" if (unknown & dark).any() else "bright ground alone"
 
 
 def _bright(oracle: gp.TerrainGrid, dark: Mask, wish: tuple[float, float]) -> Foothold | None:
