@@ -32,12 +32,12 @@ from transport.publisher import Publisher
 from transport.server import PerceptionServer
 from transport.stance_link import StanceReceiver
 
-# Kind of message, and how often it is sent a second. Floods come last: a message that cannot be read ends the pause.
+# Kind of message, and how many are sent per second. Floods come last: a message that cannot be read ends the pause.
 HOLDS = (("hold", 100.0), ("hold", 500.0))
 FLOODS = (("malformed", 1000.0), ("of another robot", 1000.0))
 ROUNDS = 3
 TIMEOUT = 60.0
-# Lines of the log a second that a flood may cost.
+# Lines that the log may get per second, whatever is sent.
 ALLOWED_LINES = 1.0
 
 
@@ -124,7 +124,7 @@ def measure(seconds: float) -> dict[str, Cost]:
     """
     counter = _Counter()
     root = logging.getLogger()
-    level = root.level
+    threshold = root.level
     root.addHandler(counter)
     root.setLevel(logging.INFO)
     spent: dict[str, list[float]] = {}
@@ -149,7 +149,7 @@ def measure(seconds: float) -> dict[str, Cost]:
                     raise SystemExit("HOLD did not confirm the grid: the scanner's status still says provisional")
     finally:
         root.removeHandler(counter)
-        root.setLevel(level)
+        root.setLevel(threshold)
     return {name: Cost(sent[name], statistics.median(spent[name]), max(lines[name])) for name in spent}
 
 
@@ -168,7 +168,7 @@ def main() -> None:
     for name, cost in costs.items():
         print(
             f"{name:<28} {cost.sent:>6} sent, {cost.spent_ms:6.3f} ms of processor time each, "
-            f"{cost.lines:.1f} lines of the log a second"
+            f"{cost.lines:.1f} log lines per second"
         )
     if options.json:
         figures: dict[str, Any] = {name: dataclasses.asdict(cost) for name, cost in costs.items()}

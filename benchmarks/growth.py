@@ -43,7 +43,7 @@ def growth(standard: Recording, effort: Effort) -> Section:
         "Growth",
         "CPU time of a whole scan over the number of stripes (640 x 512) and of pixels (the standard scan, resized), "
         "and of all traversability layers over the number of 5 mm cells. The exponent is the slope of a straight line "
-        "through the logarithms, 1 is proportional; the steepest is that between two neighbouring sizes.",
+        "through the logarithms, 1 is proportional; the steepest is the largest one between two neighbouring sizes.",
         ("with", "from ... to", "ms CPU", "time x", "size x", "exponent", "steepest"),
         rows,
         figures,

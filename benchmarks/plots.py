@@ -57,7 +57,7 @@ def _plain_ticks(axes: npt.NDArray[Any]) -> None:
     """Ticks at 1, 2 and 5 of each decade where there is room, written as people write numbers."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-    def tick_text(value: float, position: int | None = None) -> str:
+    def tick_text(value: float, number: int | None = None) -> str:
         for unit, sign in ((1e6, " M"), (1e3, " k")):
             if value >= unit:
                 return f"{value / unit:g}{sign}"

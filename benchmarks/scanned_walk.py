@@ -46,7 +46,7 @@ class JudgedPause:
     Attributes:
         item: the pause and its scan.
         fused: the fused map, whose poses come from odometry and drift.
-        ceiling: bounds of the map's unknown cells.
+        ceiling: bounds of the ground of the map's cells, known and unknown.
         sight_seconds: processor time that these bounds took [s].
         oracle: the map as it would be if every cell of it were known exactly.
         dark: (ny, nx) cells with ground that swallows the laser.
@@ -63,7 +63,7 @@ class JudgedPause:
 
 
 def judged_walk(robot: RobotModel, truth: TrueGround, pauses: Iterable[ScannedPause]) -> Iterator[JudgedPause]:
-    """Fuse the scans of a walk as the node does; yields each pause from FIRST_JUDGED_STEP on with map and truth."""
+    """Fuse the scans of a walk at the poses of odometry; yields pauses from FIRST_JUDGED_STEP on with map and truth."""
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
     sight = gp.LinesOfSight(terrain_map)
     for item in pauses:
@@ -104,7 +104,8 @@ def scanned_walk(
         seed: seed of the random world, the specimen's calibration and the noise.
         mode: scan mode.
         cycles: number of cycles walked.
-        kept: folder for walks; a walk that is there is read, any other is scanned and written. None = neither.
+        kept: folder for walks; a walk that is there is read, any other is scanned and written. None = nothing is
+            read or written.
     """
     world = random_world(seed)
     file = None if kept is None else kept / f"wide-{robot.name}-{seed}-{mode}-{cycles}.pickle"

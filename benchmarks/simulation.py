@@ -1,4 +1,4 @@
-"""Prints the simulation's figures: frames per second, height error through the whole pipeline, the physics walk."""
+"""Prints figures of the simulation: frames per second, errors of height after the whole pipeline, a physics walk."""
 
 from __future__ import annotations
 
@@ -31,32 +31,32 @@ BOXES = World(
 
 
 def standing(height: float = 0.36) -> Float:
-    """The body level over the origin."""
+    """The body horizontal, above the origin."""
     transform = np.eye(4)
     transform[2, 3] = height
     return transform
 
 
 def frame_rates(size: tuple[int, int]) -> tuple[float, float, float]:
-    """Frames per second with the laser on, frames per second in on/off pairs, and seconds to place the robot."""
+    """Frames per second with the laser on, frames per second in on/off pairs, and seconds that `set_pose` takes."""
     robot = load_robot("guara")
     calibration = specimen(robot, size, seed=1)
     rangefinder = SimulatedRangefinder(BOXES, calibration, robot)
     rangefinder.set_pose(standing(), robot.posture("scan"))
     start = time.perf_counter()
     rangefinder.set_pose(standing(), robot.posture("scan"))
-    placed = time.perf_counter()
+    posed = time.perf_counter()
     for stripe in calibration.stripes:
         rangefinder.frame(mirror_angle=stripe.mirror_angle)
     lit = time.perf_counter()
     pairs = list(rangefinder.frames(calibration.indices))
     end = time.perf_counter()
     count = len(calibration.stripes)
-    return count / (lit - placed), 2 * len(pairs) / (end - lit), placed - start
+    return count / (lit - posed), 2 * len(pairs) / (end - lit), posed - start
 
 
 def height_errors(world: World, size: tuple[int, int]) -> tuple[Float, float]:
-    """Errors of all interior cells [m] of one standard scan, and the share of them that is known."""
+    """Errors of the known interior cells of one standard scan [m], and their share of all interior cells."""
     robot = load_robot("guara")
     calibration = specimen(robot, size, seed=1)
     rangefinder = SimulatedRangefinder(world, calibration, robot)
@@ -86,7 +86,7 @@ def height_errors(world: World, size: tuple[int, int]) -> tuple[Float, float]:
 def _in_sight(
     world: World, calibration: gp.Calibration, heights: Float, origin: tuple[float, float]
 ) -> npt.NDArray[np.bool_]:
-    """Which points of a 1 mm raster camera and laser both see."""
+    """Which points of a raster of 1 mm are seen by both camera and laser."""
     robot = load_robot("guara")
     relief = Relief.of(world)
     rangefinder = SimulatedRangefinder(world, calibration, robot)
@@ -106,10 +106,10 @@ def main() -> None:
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     for size, least in (((640, 512), 60), ((1280, 1024), 15)):
-        lit, paired, placing = frame_rates(size)
+        lit, paired, posing = frame_rates(size)
         print(
             f"{size[0]}x{size[1]}: {lit:.0f} frames/s laser on (at least {least}), {paired:.0f} frames/s in pairs, "
-            f"{placing:.2f} s to place the robot"
+            f"{posing:.2f} s for a new pose"
         )
     for name, world in (("flat", World()), ("boxes", BOXES)):
         for size in ((640, 512), (1280, 1024)):

@@ -43,7 +43,7 @@ class CameraSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldSettings:
-    """What a camera holds at one moment.
+    """What a camera holds at one instant.
 
     Attributes:
         values: by the names of `CameraSettings`, in its units; what the camera does not tell is missing.

@@ -1,4 +1,4 @@
-"""A camera that plays the frames of any iterable, one after the other: recordings, arrays, generators."""
+"""A camera that plays the frames of any iterable, one after the other: of a scan, a recording, a generator."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from drivers.frame import Frame, read_only
 class ReplayCamera(Camera):
     """Plays frames in their order; each grab takes the next, so nothing is ever dropped.
 
-    It opens no files: the caller opens a recording (a folder, MCAP) and gives its frames as an iterable. Frames must
-        come in the order in which
-    `acquire` asks for them. An iterable that can be iterated again (a list) starts over when the camera is reopened.
+    It opens no files: the caller opens a scan (a folder) or a recording (MCAP) and gives its frames as an iterable.
+    Frames must come in the order in which `acquire` asks for them. An iterable that can be iterated again (a list)
+    starts over when the camera is reopened.
     """
 
     lag = 0.0

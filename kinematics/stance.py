@@ -17,14 +17,14 @@ class Stance:
     """What the gait controller knows of the robot at a pause.
 
     Attributes:
-        joint_positions: joint name -> position [rad], read-only.
+        joint_positions: joint name -> position, an angle [rad], read-only.
         support_feet: names of the legs whose soles carry the body, each once.
         gravity_in_base: direction of gravity in `base_link`, pointing down ((0, 0, -1) when level), any
             length; None when unknown.
 
     Raises:
-        StanceError: a value is of the wrong type or not finite, a foot is named twice, or gravity does not point down
-            (z is 0 or more); the message names the field.
+        StanceError: a value is of the wrong type, not finite or too large, a foot is named twice, or gravity does not
+            point down (z is 0 or more); the message names the field.
     """
 
     joint_positions: Mapping[str, float]

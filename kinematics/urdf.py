@@ -81,11 +81,11 @@ class Urdf:
     def path_to(self, link: str) -> tuple[Joint, ...]:
         """The joints from the root to a link, in that order."""
         above = {joint.child: joint for joint in self.joints}
-        path: list[Joint] = []
+        chain: list[Joint] = []
         while link in above:
-            path.insert(0, above[link])
+            chain.insert(0, above[link])
             link = above[link].parent
-        return tuple(path)
+        return tuple(chain)
 
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> Float:

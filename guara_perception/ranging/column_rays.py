@@ -1,4 +1,4 @@
-"""Viewing rays at a row of every image column: a polynomial in the row per column stands for the lens."""
+"""Viewing rays at a row of every image column, by a polynomial for each column in place of the lens model."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from guara_perception.calibration.camera import CameraModel
 # Numbers of coefficients, tried in this order. A usual lens needs 16; one whose distortion is not monotonic near a
 # corner of the picture needs more.
 COUNTS = (16, 24)
-# Largest error of a ray where it is projected into the picture [px]: the triangulated point is then right to a few nm.
+# Largest error of a ray at the points where it is checked, projected into the picture [px]: a triangulated point is
+# then right to a few nm.
 TOLERANCE_PX = 1e-6
 
 
 class ColumnRays:
-    """Rays of one camera; those of `CameraModel.rays` within TOLERANCE_PX, at a fraction of the time."""
+    """Rays of one camera, as `CameraModel.rays` gives them to some millionths of a pixel, in a fraction of the time."""
 
     def __init__(self, camera: CameraModel) -> None:
         """Fit the polynomials; where none fits the lens, `at` computes each ray with the camera model itself."""
@@ -39,7 +40,7 @@ class ColumnRays:
         coefficients = self._coefficients if columns is None else self._coefficients.take(columns, axis=2)
         for _ in range(2 + scaled.ndim - coefficients.ndim):
             coefficients = coefficients[:, :, None]
-        # Several stripes at once: twice as fast as one by one.
+        # Horner's scheme.
         rays = coefficients[0] * scaled
         for coefficient in coefficients[1:-1]:
             rays += coefficient
@@ -59,7 +60,7 @@ def _fitted(camera: CameraModel, count: int) -> Float | None:
     """Coefficients (count, 2, width), highest power first, of rows scaled to -1 ... 1; None when they do not fit.
 
     The polynomials interpolate the rays at Chebyshev nodes along columns and rows, which is near the best fit there is.
-    The error is checked at points `between` the nodes.
+    The error is checked at other points than the nodes, `between` and beyond them.
     """
     nodes, between = chebyshev.chebpts1(count), chebyshev.chebpts2(count)
     inverse = np.linalg.inv(chebyshev.chebvander(nodes, count - 1))

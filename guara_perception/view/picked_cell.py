@@ -1,4 +1,4 @@
-"""Which place of a terrain a ray meets: what somebody means who clicks on it."""
+"""Where a ray meets a terrain: what somebody means who clicks on it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MARGIN_M = 0.005
 
 
 def met_by_ray(terrain: TerrainGrid, origin: npt.ArrayLike, direction: npt.ArrayLike) -> Float | None:
-    """The first place (3,) where a ray comes to the drawn terrain or below it, None where it passes by.
+    """The first position (3,) where a ray comes to the drawn terrain or below it, None where it passes by.
 
     Args:
         terrain: grid; unknown cells are taken as high as they are drawn.
@@ -28,9 +28,9 @@ def met_by_ray(terrain: TerrainGrid, origin: npt.ArrayLike, direction: npt.Array
     heights = drawn_heights(terrain)
     near, far = 0.0, FAR_M
     if along[2] != 0.0:
-        # Only between the levels of the highest and the lowest cell.
-        levels = np.array([heights.max() + MARGIN_M, heights.min() - MARGIN_M])
-        one, other = np.sort((levels - start[2]) / along[2])
+        # Only between the heights of the highest and the lowest cell.
+        limits = np.array([heights.max() + MARGIN_M, heights.min() - MARGIN_M])
+        one, other = np.sort((limits - start[2]) / along[2])
         near, far = max(near, float(one)), min(far, float(other))
     if far <= near:
         return None

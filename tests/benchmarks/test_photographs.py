@@ -13,7 +13,7 @@ FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "photographs"
 @pytest.mark.heavy
 @pytest.mark.skipif(not FOLDER.is_dir(), reason="the photographs are not part of the repository")
 def test_stripes_of_real_lasers_are_found_without_laser_off_pictures() -> None:
-    """Families of cameras and places count alike."""
+    """Families of cameras and rooms count alike."""
     families = judge(FOLDER, product, with_off=False)
     coverage, gross, filled = means(families)
     assert coverage >= 0.94
@@ -23,7 +23,7 @@ def test_stripes_of_real_lasers_are_found_without_laser_off_pictures() -> None:
 
 
 def test_positions_are_counted_as_the_truth_says() -> None:
-    """Right within three pixels, gross beyond; what is returned in a gap is counted apart."""
+    """Right within three pixels, gross far beyond; what is returned in a gap is counted apart."""
     nan = np.nan
     counts = Counts()
     counts.add(
@@ -37,7 +37,7 @@ def test_positions_are_counted_as_the_truth_says() -> None:
     assert counts.gross_share == pytest.approx(2 / 3)
 
 
-def test_an_absent_folder_is_reported(
+def test_a_folder_without_photographs_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing is measured and nothing fails."""

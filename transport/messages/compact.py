@@ -59,8 +59,8 @@ def _in_bits(bits: int, *, up: bool) -> Callable[[Array], Array]:
 
     def to_bits(values: Array) -> Array:
         """Of values that are not negative: floats of one sign are in the order of their bits."""
-        pattern = values.view(np.int32)
-        result = ((pattern + rest if up else pattern) & ~rest).view(np.float32)
+        integers = values.view(np.int32)
+        result = ((integers + rest if up else integers) & ~rest).view(np.float32)
         # What is lost in either direction stays: nothing becomes infinite, and nothing becomes 0.
         return np.where(np.isfinite(result) & (result > 0.0), result, values)
 

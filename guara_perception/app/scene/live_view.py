@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 THINNED = 3
 PICTURE_WIDTH_PX = 480
 JPEG_QUALITY = 80
-# Stripes this far from the middle are not worth a copy of their picture.
+# Stripes farther than this from the middle one are not worth a copy of their picture.
 NEAR = 2
 
 
@@ -35,8 +35,9 @@ class LiveView:
         """For a node.
 
         Args:
-            views: sends.
-            middle: index of the stripe in the middle of the pattern: the one nearest to it is shown.
+            views: sends the messages.
+            centre: index of the stripe in the middle of the pattern; the stripe nearest to it is shown, the first one
+                where none is within NEAR.
         """
         self._views, self._centre = views, centre
         self._seen: tuple[int, Image] | None = None

@@ -1,4 +1,4 @@
-"""The sub-pixel centre of a line, its noise and its width."""
+"""The sub-pixel centre of a stripe, its noise and its width."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from guara_perception.stripes.centre import centres, noise_gain, responses, stri
 
 
 def gaussian(centre: float, sigma: float, rows: int = 60, columns: int = 5) -> np.ndarray:
-    line = 100 * np.exp(-0.5 * ((np.arange(rows) - centre) / sigma) ** 2)
-    return np.tile(line[:, None], (1, columns)).astype(np.float32)
+    profile = 100 * np.exp(-0.5 * ((np.arange(rows) - centre) / sigma) ** 2)
+    return np.tile(profile[:, None], (1, columns)).astype(np.float32)
 
 
 def centred(light: np.ndarray, top: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
@@ -24,7 +24,7 @@ def centred(light: np.ndarray, top: np.ndarray, sigma: float) -> tuple[np.ndarra
 @given(centre=st.floats(28.6, 31.4), sigma=st.floats(1.0, 4.0), background=st.floats(-50, 50))
 @settings(max_examples=60, deadline=None, derandomize=True)
 def test_centre_of_a_gaussian_on_a_constant_background(centre: float, sigma: float, background: float) -> None:
-    """The filter finds the middle of any symmetrical line, and a constant background does not move it."""
+    """The filter finds the centre, and a constant background does not move it."""
     light = gaussian(centre, sigma) + np.float32(background)
     top = np.full(5, int(round(centre)))
     rows, noise = centred(light, top, round(sigma, 1))
@@ -32,7 +32,7 @@ def test_centre_of_a_gaussian_on_a_constant_background(centre: float, sigma: flo
     assert (noise > 0).all()
 
 
-def test_centre_of_a_clipped_line_is_the_middle_of_its_plateau() -> None:
+def test_centre_of_a_clipped_stripe_is_that_of_its_plateau() -> None:
     """A clipped core is symmetrical: its shoulders give the centre."""
     light = np.minimum(gaussian(30.4, 3.0), 40)
     rows, _ = centred(light, np.full(5, 30), 3.0)
@@ -50,7 +50,7 @@ def test_noise_of_a_centre_is_that_of_monte_carlo() -> None:
 
 @pytest.mark.parametrize("sigma", [1.5, 2.5, 4.0])
 def test_width_of_the_stripe(sigma: float) -> None:
-    """The width above half the peak gives the sigma back, to the whole pixel that it is counted in."""
+    """The width above half the peak gives the sigma back, as well as a width in whole pixels can."""
     light = gaussian(30.0, sigma)
     found = stripe_sigma(light, np.full(5, 30), np.arange(5), light.max(axis=0))
     assert found == pytest.approx(sigma, abs=0.45)

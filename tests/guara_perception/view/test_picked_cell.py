@@ -17,7 +17,7 @@ LEVEL = gp.assess_terrain(np.zeros((108, 140)), 0.005, origin=(0.0, -0.27))
 @settings(max_examples=60, deadline=None)
 @given(x=st.floats(0.02, 0.6), y=st.floats(-0.25, 0.25), view_x=st.floats(-1, 1), view_y=st.floats(-1, 1))
 def test_on_level_ground_a_ray_meets_what_it_aims_at(x: float, y: float, view_x: float, view_y: float) -> None:
-    """From any side, at half a cell."""
+    """From any side, to less than a cell."""
     viewpoint = np.array([view_x, view_y, 0.8])
     met = met_by_ray(LEVEL, viewpoint, 3.0 * (np.array([x, y, 0.0]) - viewpoint))
     assert met is not None

@@ -74,7 +74,7 @@ def test_what_was_sent_is_the_rounded_message(peer: Any) -> None:
 
 
 def test_a_damaged_compact_message_is_refused(peer: Any) -> None:
-    """Cut anywhere, or whole with something else inside."""
+    """Cut at every seventh byte, or whole with something else inside."""
     payload = encode_compact(peer.make_terrain(1, shape=(4, 5)))
     for length in range(0, len(payload), 7):
         with pytest.raises(MessageError):
@@ -111,7 +111,7 @@ def test_a_client_chooses_it_and_others_get_what_they_got(node: Any, endpoint: s
 
 
 def test_plain_zenoh_sees_which_is_which(node: Any, endpoint: str) -> None:
-    """Encodings of the keys and of the answers; a plain subscriber to `terrain` gets plain CDR."""
+    """Encodings of the keys and of the answers; whoever asks for `terrain` gets plain CDR."""
     configuration = zenoh.Config()
     configuration.insert_json5("mode", '"client"')
     configuration.insert_json5("connect/endpoints", f'["{endpoint}"]')
@@ -133,7 +133,7 @@ def test_plain_zenoh_sees_which_is_which(node: Any, endpoint: str) -> None:
 
 @pytest.mark.slow
 def test_a_node_of_an_earlier_version_is_named_as_the_cause(endpoint: str, peer: Any) -> None:
-    """It has a sign of life and a lossless grid, and answers questions lossless: both are said, or taken."""
+    """It has a sign of life and a lossless grid: the message says so, or the lossless answer is taken."""
     with transport.open_node(listen=endpoint) as node:
         publisher = transport.Publisher(node, keys.terrain_key())
         publisher.put(transport.encode_terrain(peer.make_terrain(1, shape=(4, 5))))

@@ -15,7 +15,7 @@ COMPONENT = st.floats(-1.0, 1.0)
 @given(st.tuples(COMPONENT, COMPONENT, COMPONENT, COMPONENT).filter(lambda q: np.linalg.norm(q) > 1e-3))
 @settings(max_examples=200, derandomize=True, deadline=None)
 def test_quaternion_and_matrix_round_trip(components: tuple[float, float, float, float]) -> None:
-    """A rotation survives the way into a quaternion and back, half turns included."""
+    """A rotation survives the way into a quaternion and back."""
     q = np.array(components) / np.linalg.norm(components)
     rotation = matrix_from_quaternion(tuple(q))
     back = np.array(quaternion_from_matrix(rotation))
@@ -33,7 +33,7 @@ def test_quaternion_turns_the_right_way() -> None:
 
 
 @pytest.mark.parametrize("bad", [(0, 0, 0, 0), (0, 0, 0, 2), (np.nan, 0, 0, 1), (np.inf, 0, 0, 1)])
-def test_no_unit_quaternion_is_refused(bad: tuple[float, float, float, float]) -> None:
-    """A quaternion that is no rotation is refused."""
+def test_a_quaternion_of_another_length_is_refused(bad: tuple[float, float, float, float]) -> None:
+    """Only unit quaternions stand for rotations."""
     with pytest.raises(MessageError, match="unit quaternion"):
         matrix_from_quaternion(bad)

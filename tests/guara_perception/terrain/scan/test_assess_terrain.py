@@ -55,7 +55,7 @@ def test_its_input_is_not_kept() -> None:
     ],
 )
 def test_bad_input_is_refused(arguments: dict[str, object], message: str) -> None:
-    """Every wrong argument is named, with what is allowed; none reaches numpy."""
+    """What is wrong is named, with what is allowed; no error of numpy reaches the caller."""
     given: dict[str, object] = {"elevation": np.zeros((2, 2)), "resolution": 0.005, **arguments}
     with pytest.raises(gp.InvalidInput, match=message):
         gp.assess_terrain(**given)
@@ -68,8 +68,8 @@ def test_variance_may_be_nan_where_the_height_is() -> None:
     assert np.isnan(gp.assess_terrain(heights, 0.005, variance=variance).variance[3, 3])
 
 
-def test_an_empty_map_is_a_map() -> None:
-    """All unknown: nothing traversable, every question answered."""
+def test_a_grid_without_a_height_is_a_grid() -> None:
+    """All unknown: nothing traversable, and questions are answered."""
     terrain = gp.assess_terrain(np.full((40, 40), np.nan), 0.005)
     assert not (terrain.traversability > 0).any()
     assert (terrain.to_occupancy() == 100).all()
@@ -98,7 +98,7 @@ def test_absurd_limits_are_refused(limits: gp.TraversabilityLimits, change: dict
 
 
 def test_confidence_may_be_zero(limits: gp.TraversabilityLimits) -> None:
-    """Who trusts the values as they are may say so."""
+    """Whoever trusts the values as they are may say so."""
     import dataclasses
 
     assert dataclasses.replace(limits, confidence=0).confidence == 0
