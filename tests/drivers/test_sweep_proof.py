@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from drivers.arrays import Float
 from drivers.sweep_proof import WAIT_UNIT, ClockMatch, uneven_waits
+from tests.thorough import further
 
 TOLERANCE = 0.001
 OFFSET, DELAY, EXPOSURE, ARRIVAL = 77.0, 50e-6, 0.004, 0.0055
@@ -60,7 +61,7 @@ def proved_at(triggers: Float, stamps: Float) -> int | None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sweep", [SWEEPS[0], pytest.param(SWEEPS[1], marks=pytest.mark.heavy), SWEEPS[2]])
+@pytest.mark.parametrize("sweep", [SWEEPS[0], *further(*SWEEPS[1:])])
 def test_any_two_triggers_may_go_wrong(sweep: tuple[int, float, bool]) -> None:
     """Every trigger, and every pair of them, missed, doubled or late: the offset is proved, and the true one.
 

@@ -12,6 +12,7 @@ from guara_perception.light_diagnosis import LightLooks
 from guara_perception.simulation import Light, real_light
 from guara_perception.stripes.extract import extract_stripe
 from tests.scenes import simulated as simulated_scene
+from tests.thorough import further
 
 # How uncertain the calibration is, matters to no light.
 simulated = partial(simulated_scene, is_uncertain=False)
@@ -43,7 +44,10 @@ def test_health_names_the_effect_of_light_and_what_to_change(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("effect", "with_off"), [("chessboard", False), ("chessboard", True), ("ghosts", False)])
+@pytest.mark.parametrize(
+    ("effect", "with_off"),
+    [("chessboard", False), ("chessboard", True), pytest.param("ghosts", False, marks=pytest.mark.heavy)],
+)
 def test_texture_is_named_where_laser_off_pictures_would_help(effect: str, with_off: bool) -> None:
     """On a chessboard most of the stripe is found all the same; with laser-off pictures or on soil all is well."""
     recording = simulated((640, 512), 35, real_light({effect: 1.0}))
@@ -70,7 +74,7 @@ def test_lamps_that_flicker_strongly_are_reported_without_laser_off_pictures_too
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("laser", [200.0, pytest.param(1000.0, marks=pytest.mark.heavy), 8000.0])
+@pytest.mark.parametrize("laser", [200.0, *further(1000.0, 8000.0)])
 def test_a_dark_room_does_not_flicker(laser: float) -> None:
     """Where nothing but the stripe is bright, a share of what is left says nothing of lamps."""
     recording = simulated(SIZE, STRIPES, Light(ambient=(0.0, 0.0, 0.0), laser=laser))

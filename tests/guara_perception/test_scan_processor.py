@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.ranging.stripe_ranger import StripeRanger
 from tests.guara_perception.recordings import Frames, guara, recording, truth
-from tests.thorough import examples
+from tests.thorough import examples, further
 
 
 def processor(name: str, mode: str | None = None, method: str = "precise") -> gp.ScanProcessor:
@@ -50,7 +50,7 @@ def grouped(frames: Sequence[Frames], sizes: Sequence[int]) -> Iterator[list[gp.
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["paper", "dark", "tilt"])
+@pytest.mark.parametrize("name", ["tilt", *further("paper", "dark")])
 @given(data=st.data())
 @settings(max_examples=examples(4), deadline=None, derandomize=True)
 def test_any_order_and_grouping_gives_the_same_bits(name: str, data: st.DataObject) -> None:
@@ -81,7 +81,7 @@ def test_any_order_and_grouping_gives_the_same_bits(name: str, data: st.DataObje
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["dark", "paper", "tilt"])
+@pytest.mark.parametrize("name", ["paper", *further("dark", "tilt")])
 @pytest.mark.parametrize("late", [(), (-1,), (12, -1), (0, 20, 21)])
 def test_work_ahead_changes_no_bit_whichever_stripes_are_late(name: str, late: tuple[int, ...]) -> None:
     """The last three, one missed and taken again at the end, one lost for good: the grid of all of them at once."""

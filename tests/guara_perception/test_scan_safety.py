@@ -14,7 +14,7 @@ import guara_perception as gp
 from guara_perception.ranging.groups import in_groups
 from tests.grid_truth import figures, load_truth
 from tests.guara_perception.recordings import DATA, guara, recording, truth
-from tests.thorough import IS_THOROUGH, examples
+from tests.thorough import IS_THOROUGH, examples, further
 
 pytestmark = pytest.mark.slow
 
@@ -106,7 +106,7 @@ def with_off_pictures(name: str, off_of: Callable[[int], np.ndarray | None]) -> 
     return processor.finish()
 
 
-@pytest.mark.parametrize("name", ["paper", "dark"])
+@pytest.mark.parametrize("name", ["dark", *further("paper")])
 @pytest.mark.parametrize("lost", [{9}, {0, 1, 8, 15, 16, 30}, set(range(99))], ids=["one", "some", "all"])
 def test_losing_laser_off_pictures_never_makes_another_cell_safe(name: str, lost: set[int]) -> None:
     """Stripes without one are served by other frames or by their own: safe cells are among those of the whole scan."""
@@ -115,7 +115,7 @@ def test_losing_laser_off_pictures_never_makes_another_cell_safe(name: str, lost
     assert not ((terrain.traversability > 0) & ~(whole(name).traversability > 0)).any()
 
 
-@pytest.mark.parametrize("name", ["paper", "dark"])
+@pytest.mark.parametrize("name", ["dark", *further("paper")])
 @pytest.mark.parametrize("gain", [0.7, 1.3, None])
 def test_foreign_laser_off_pictures_make_nothing_safe_that_is_not(name: str, gain: float | None) -> None:
     """Exposed otherwise, or those of another scan (None): no unseen and no dark cell becomes traversable."""

@@ -17,7 +17,7 @@ from guara_perception.settings import Settings
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from tests.calibrated_session import calibrated_session
 from tests.guara_perception.recordings import guara, recording, truth
-from tests.thorough import examples
+from tests.thorough import examples, further
 
 ROWS = slice(16, 124)  # the footprint's of the wide grid: 80 mm more on each side
 
@@ -64,7 +64,7 @@ def test_it_knows_more_the_farther_away(both: tuple[gp.TerrainGrid, gp.TerrainGr
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["paper", "dark"])
+@pytest.mark.parametrize("name", ["dark", *further("paper")])
 @given(data=st.data())
 @settings(max_examples=examples(6), deadline=None, derandomize=True)
 def test_losing_stripes_or_frames_makes_no_cell_of_it_safe(name: str, data: st.DataObject) -> None:

@@ -25,6 +25,7 @@ from guara_perception.calibration.session import CalibrationSession, Fiducials, 
 from kinematics import RobotModel
 from tests.calibration_errors import BEYOND_MM, IN_RANGE_MM, height_errors, worst_rms
 from tests.guara_perception.calibration.breaking import with_frames, with_pictures, with_plate
+from tests.thorough import further
 
 
 def test_camera_and_mount(result: CalibrationResult, calibration: gp.Calibration) -> None:
@@ -182,7 +183,7 @@ def test_two_plates_are_usable(few_stripes: CalibrationSession, robot: RobotMode
     assert found.reasons[0].startswith("plate left out could not be found: scan three or more plates")
 
 
-@pytest.mark.parametrize("wrong", [0, 1, 2])
+@pytest.mark.parametrize("wrong", [1, *further(0, 2)])
 def test_wrong_plate_is_named(result: CalibrationResult, robot: RobotModel, wrong: int) -> None:
     """A plate that is 2 mm higher than said contradicts the others; it is named with its true height."""
     plates = list(result.session.plates)

@@ -16,6 +16,7 @@ from guara_perception.app.node.live_scan import LiveScan, live_scan
 from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.terrain.layers.hazard import Hazard
 from tests.guara_perception.app.node.conftest import Rig
+from tests.thorough import further
 
 pytestmark = pytest.mark.slow
 
@@ -129,7 +130,7 @@ def test_a_pause_that_ends_leaves_the_rest_unscanned(rig: Rig, stop_at: int) -> 
 
 
 @pytest.mark.parametrize("kind", TRANSFER_FAULTS, ids=lambda kind: kind.value)
-@pytest.mark.parametrize("skip", [0, 40])
+@pytest.mark.parametrize("skip", [0, *further(40)])
 def test_no_transfer_fault_makes_anything_safer(rig: Rig, kind: FaultKind, skip: int) -> None:
     """A fault of the bus early, in the middle or late in a scan: survived, and reported where it cost data."""
     rig.board.inject(Fault(kind, skip=skip, count=4))

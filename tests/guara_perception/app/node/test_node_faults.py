@@ -21,6 +21,7 @@ from kinematics import RobotModel, Stance
 from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, running, wait_until
 from tests.recorded_view import RecordedView
+from tests.thorough import further
 from transport import Health, PausePhase, StancePause
 from transport.messages.codec import encode
 from transport.messages.stance_pause import make_stance_pause
@@ -97,9 +98,7 @@ def end_at(bench: Bench, stripe: int, step: int) -> Callable[[], None]:
     return lambda: rangefinder.__dict__.pop("sweep")
 
 
-@pytest.mark.parametrize(
-    "stripe", [0, pytest.param(1, marks=pytest.mark.heavy), 34, pytest.param(35, marks=pytest.mark.heavy), 69]
-)
+@pytest.mark.parametrize("stripe", [34, *further(0, 1, 35, 69)])
 def test_a_standard_scan_cut_at_any_stripe_leaves_the_rest_unscanned(standard_bench: Bench, stripe: int) -> None:
     """What was not fired is UNSCANNED, nothing unknown is free in grid or map, and the next pause is whole."""
     bench, whole = standard_bench, standard_bench.rig.reference

@@ -119,7 +119,7 @@ def test_ground_declared_far_and_wide_costs_no_more_than_the_map(robot: RobotMod
 @pytest.mark.slow
 def test_declared_ground_in_the_metadata_does_not_grow_without_end(robot: RobotModel, make_scan: MakeScan) -> None:
     """Declared at each pause: of those that filled nothing only the newest is named, none past its validity."""
-    terrain_map, pauses = gp.TerrainMap(robot), 2 * Settings.of(robot).validity_pauses
+    terrain_map, pauses = gp.TerrainMap(robot), Settings.of(robot).validity_pauses + 10
     patch = gp.KnownGround(np.array([(-0.2, -0.1), (0.2, -0.1), (0.2, 0.1), (-0.2, 0.1)]), 0.0, 0.005)
     counts, steps = [], []
     for step in range(pauses):
