@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulator.motion import Motor
+from tests.thorough import examples
 
 SPEED, SETTLE, OVERSHOOT = 1000.0, 0.01, 32
 
@@ -15,7 +16,7 @@ def motor(position: float = 0.0) -> Motor:
 
 @pytest.mark.slow
 @given(st.lists(st.tuples(st.integers(0, 5000), st.floats(0.0, 3.0)), min_size=1, max_size=6))
-@settings(max_examples=100, derandomize=True)
+@settings(max_examples=examples(100), derandomize=True)
 def test_no_motion_is_faster_than_the_motor(moves: list[tuple[int, float]]) -> None:
     """Whatever is commanded, and whenever, the position never jumps."""
     device, now = motor(), 0.0

@@ -20,7 +20,7 @@ from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 from guara_perception.ranging.surface import surface_keys, surface_of
 from guara_perception.terrain.assessment.raster import ROUNDING, TOP_LAYER_M
 from kinematics import RobotModel
-from tests.thorough import further
+from tests.thorough import examples, further
 
 OPTICAL_CENTRE = np.array([0.4, 0.02, 0.5])
 X, Y = (0.50, 0.95), (-0.27, 0.27)
@@ -134,7 +134,7 @@ def assert_plain(images: RangeImages, reference: tuple[npt.NDArray[np.float64], 
     optical_centre=st.tuples(st.floats(0.2, 0.6), st.floats(-0.4, 0.4), st.sampled_from([0.08, 0.3, 0.6])),
     lost=st.frozensets(st.integers(0, 8), max_size=3),
 )
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=examples(25), deadline=None, derandomize=True)
 def test_pictures_of_any_ground_are_those_by_the_definition(
     seed: int,
     roughness: float,

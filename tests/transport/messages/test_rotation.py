@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.thorough import examples
 from transport import MessageError
 from transport.messages.rotation import matrix_from_quaternion, quaternion_from_matrix
 
@@ -13,7 +14,7 @@ COMPONENT = st.floats(-1.0, 1.0)
 
 @pytest.mark.slow
 @given(st.tuples(COMPONENT, COMPONENT, COMPONENT, COMPONENT).filter(lambda q: np.linalg.norm(q) > 1e-3))
-@settings(max_examples=200, derandomize=True, deadline=None)
+@settings(max_examples=examples(200), derandomize=True, deadline=None)
 def test_quaternion_and_matrix_round_trip(components: tuple[float, float, float, float]) -> None:
     """A rotation survives the way into a quaternion and back."""
     q = np.array(components) / np.linalg.norm(components)
