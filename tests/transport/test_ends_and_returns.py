@@ -63,7 +63,7 @@ def test_a_stopped_planner_costs_the_healthy_one_nothing(start, endpoint: str) -
         before = receiver.received
         stuck.send(signal.SIGSTOP)
         # 60 grids of the usual 0.4 MB: more than the 16 MiB of shared memory, which the stopped one holds.
-        node.tell("stream 60 0.04 27")
+        node.tell("stream 60 0.15 27")
         node.expect("streamed 60")
         client.wait_for(lambda grid: grid.sequence == 60, timeout=180.0)
         assert receiver.received - before == 60 and receiver.missed == 0
