@@ -132,7 +132,9 @@ def run(arguments: list[str]) -> None:
     code, file = (arguments[1], "<string>") if arguments[0] == "-c" else (Path(arguments[0]).read_text(), arguments[0])
     sys.argv = ["-c", *arguments[2:]] if arguments[0] == "-c" else arguments
     main = sys.modules["__main__"] = ModuleType("__main__")
-    main.__dict__.update(__file__=file)
+    if arguments[0] != "-c":
+        # `-c` has none: processes that `multiprocessing` starts would look for it.
+        main.__dict__.update(__file__=file)
     exec(compile(code, file, "exec", dont_inherit=True), vars(main))
 
 

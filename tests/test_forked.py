@@ -69,3 +69,13 @@ def test_they_read_their_input() -> None:
     process.stdin.write("terrain")
     assert process.communicate(forked.PATIENCE) == ("TERRAIN", "")
     process.close()
+
+
+def test_multiprocessing_starts_processes_from_forked_code(root: Path) -> None:
+    """Code given with `-c` is no file, which a process that is spawned would look for, and never answer."""
+    code = (
+        "import multiprocessing as m\n"
+        "with m.get_context('spawn').Pool(1) as pool:\n"
+        "    print(pool.apply_async(abs, (-3,)).get(timeout=120))\n"
+    )
+    assert run_forked("-c", code, folder=root).stdout == "3\n"
