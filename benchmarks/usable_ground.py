@@ -176,9 +176,8 @@ def swings(counts: Counter[str], robot: RobotModel, judged: JudgedPause) -> None
             counts[f"{shape}: accepted{with_bounds}, truth lacks over 1 mm"] += (
                 verdict.ok and lack(by_truth) > REFUSED_BY_M
             )
-            if by_truth.ok and verdict.reasons:
-                counts[f"{shape}: refused{with_bounds}, {_beside(fused, judged.dark, make(start, end))}"] += 1
-            if by_truth.ok:
+            if by_truth.ok and not verdict.ok:
+                counts[f"{shape}: refused{with_bounds}, {_unknown_below(fused, judged.dark, make(start, end))}"] += 1
                 for reason in verdict.reasons:
                     why = f"{reason.test} {reason.detail if reason.test == 'unknown' else ''}".strip()
                     counts[f"{shape}: refused{with_bounds} for {why}"] += 1
@@ -218,16 +217,15 @@ def arc(start: Float, end: Float) -> Float:
     return path
 
 
-def _beside(fused: gp.TerrainGrid, dark: Mask, way: Float) -> str:
-    """Of what kind the unknown cells below a way are."""
+def _unknown_below(fused: gp.TerrainGrid, dark: Mask, way: Float) -> str:
+    """The kind of the unknown cells below a way."""
     iy, ix = corridor_of(fused.geometry, sampled(way, fused.resolution / 2), CLEARANCE_M).unique()
     inside = fused.geometry.contains(iy, ix)
-    cells = np.zeros(fused.shape, dtype=bool)
-    cells[iy[inside], ix[inside]] = True
-    unknown = cells & ((fused.hazard & UNKNOWN_MASK) != 0)
+    below = iy[inside], ix[inside]
+    unknown = (fused.hazard[below] & UNKNOWN_MASK) != 0
     if not unknown.any():
         return "all known"
-    return "dark ground" if (unknown & dark).any() else "bright ground alone"
+    return "dark ground" if dark[below][unknown].any() else "bright ground alone"
 
 
 def _bright(oracle: gp.TerrainGrid, dark: Mask, wish: tuple[float, float]) -> Foothold | None:

@@ -129,12 +129,13 @@ def run(arguments: list[str]) -> None:
         sys.modules.pop(name, None)
         runpy.run_module(name, run_name="__main__", alter_sys=True)
         return
-    code, file = (arguments[1], "<string>") if arguments[0] == "-c" else (Path(arguments[0]).read_text(), arguments[0])
-    sys.argv = ["-c", *arguments[2:]] if arguments[0] == "-c" else arguments
     main = sys.modules["__main__"] = ModuleType("__main__")
-    if arguments[0] != "-c":
-        # `-c` has none: processes that `multiprocessing` starts would look for it.
-        main.__dict__.update(__file__=file)
+    if arguments[0] == "-c":
+        # Without a `__file__`: processes that `multiprocessing` starts would look for it.
+        code, file, sys.argv = arguments[1], "<string>", ["-c", *arguments[2:]]
+    else:
+        code, file, sys.argv = Path(arguments[0]).read_text(), arguments[0], arguments
+        main.__file__ = file
     exec(compile(code, file, "exec", dont_inherit=True), vars(main))
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from kinematics import LegOdometry, OdometryLost, OdometryPose, RobotModel, Stance
 from kinematics.transforms import inverse
-from tests.thorough import IS_THOROUGH
+from tests.thorough import IS_THOROUGH, further
 
 Crawl = Callable[..., Iterator[tuple]]
 
@@ -53,7 +53,7 @@ def test_a_walk_without_noise_is_followed_exactly(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gravity", [pytest.param((0.0, 0.0, -9.81), marks=pytest.mark.heavy), None])
+@pytest.mark.parametrize("gravity", [None, *further((0.0, 0.0, -9.81))])
 def test_error_of_a_long_crawl(guara: RobotModel, crawl: Crawl, gravity: tuple | None) -> None:
     """Over 48 pauses (1.68 m) with 0.2 degrees and 1 mm of noise the median error of walks is within 1 %."""
     walk, errors = list(crawl(12)), []

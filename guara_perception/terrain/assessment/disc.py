@@ -45,6 +45,20 @@ def disc_kernel(radius_cells: float) -> Kernel:
     Raises:
         InvalidInput: the disc is larger than MOST_RADIUS_CELLS cells.
     """
+    return _cells_within(radius_cells, 0.0)
+
+
+def touched_kernel(radius_cells: float) -> Kernel:
+    """In the square of `disc_kernel` the cells of which any part lies within the radius, not only their centres.
+
+    Raises:
+        InvalidInput: as `disc_kernel`.
+    """
+    return _cells_within(radius_cells, 0.5)
+
+
+def _cells_within(radius_cells: float, half_cell: float) -> Kernel:
+    """Cells (2 r + 1, 2 r + 1) whose centres, or squares of that half edge about them, come within the radius."""
     if not radius_cells < MOST_RADIUS_CELLS + 1:
         raise InvalidInput(
             f"the disc's radius is {radius_cells:.0f} cells, at most {MOST_RADIUS_CELLS} are allowed: "
@@ -52,19 +66,8 @@ def disc_kernel(radius_cells: float) -> Kernel:
         )
     radius = max(radius_cells, 1.0)
     half = int(np.floor(radius + 1e-9))
-    offsets = np.arange(-half, half + 1)
-    return (offsets[:, None] ** 2 + offsets**2 <= radius**2 + 1e-9).astype(np.uint8)
-
-
-def touched_kernel(radius_cells: float) -> Kernel:
-    """Cells of which any part lies within the radius of the centre, where `disc_kernel` has those whose centres do.
-
-    Raises:
-        InvalidInput: as `disc_kernel`.
-    """
-    half = disc_kernel(radius_cells).shape[0] // 2
-    nearest = np.maximum(np.abs(np.arange(-half, half + 1)) - 0.5, 0.0)
-    return (nearest[:, None] ** 2 + nearest**2 <= max(radius_cells, 1.0) ** 2 + 1e-9).astype(np.uint8)
+    nearest = np.maximum(np.abs(np.arange(-half, half + 1)) - half_cell, 0.0)
+    return (nearest[:, None] ** 2 + nearest**2 <= radius**2 + 1e-9).astype(np.uint8)
 
 
 def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: float) -> DiscFit:

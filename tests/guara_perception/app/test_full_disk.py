@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.forked import run_forked
+from tests.thorough import further
 
 # A limit of the size of files fails the writes of a process as a full disk does.
 CODE = """
@@ -20,7 +21,7 @@ for words in json.loads(sys.argv[1]):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("chosen", [slice(1), pytest.param(slice(1, None), marks=pytest.mark.heavy)])
+@pytest.mark.parametrize("chosen", [slice(1), *further(slice(1, None))])
 def test_each_writing_command_names_its_file_and_leaves_none(
     data: Path, calibration_file: Path, terrain_file: Path, root: Path, tmp_path: Path, chosen: slice
 ) -> None:

@@ -12,6 +12,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.map.lines_of_sight import NONE, _bounds
 from kinematics import LegOdometry, RobotModel, Stance
 from tests.analytic_walk import CAMERA_IN_BASE, Ground, scan, seen_height, walk
+from tests.thorough import further
 
 MakeScan = Callable[..., gp.TerrainGrid]
 NO_DRIFT = 1e-12 * np.eye(6)
@@ -280,7 +281,7 @@ def test_each_cell_is_moved_by_what_it_may_have_drifted_itself(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.heavy)])
+@pytest.mark.parametrize("seed", [1, *further(2)])
 def test_on_a_walk_that_drifts_the_truth_is_below_the_bounds(robot: RobotModel, seed: int) -> None:
     """Boxes, dark ground and hidden places; every bounded unknown cell, at five places each (0 broken by over 5 mm)."""
     ground, bounded = Ground.random(seed), 0

@@ -15,7 +15,7 @@ import guara_perception as gp
 from guara_perception.app.messages import message_to_terrain, terrain_to_message
 from guara_perception.terrain.layers.rounding import rounding_of
 from kinematics import RobotModel
-from tests.thorough import examples
+from tests.thorough import examples, further
 from tests.truth import truth_calibration
 from transport import decode_terrain
 from transport.messages.compact import ROUNDING, encode_compact
@@ -58,7 +58,7 @@ def worlds(draw: st.DrawFn) -> gp.TerrainGrid:
     return gp.assess_terrain(heights, 0.005, origin=(0.5, -0.1), variance=variance)
 
 
-@pytest.fixture(scope="module", params=[*RECORDED, *(pytest.param(name, marks=pytest.mark.heavy) for name in OTHERS)])
+@pytest.fixture(scope="module", params=[*RECORDED, *further(*OTHERS)])
 def recorded(request: pytest.FixtureRequest, data: Path, robot: RobotModel) -> gp.TerrainGrid:
     """Terrain of a recorded scan; those of all specimens where they are at hand."""
     specimen, _, name = request.param.rpartition("/")
