@@ -77,10 +77,10 @@ def emulated(config: EmulatorConfig | None = None) -> Iterator[tuple[EmulatedBoa
 
 def bound_of(driver: LaserBoard, pattern: list[tuple[int, float]], flash: float) -> float:
     """How long moves, settling and flashes take at least, by the board's own motion profile [s]."""
-    profile = driver.motion_profile()
+    motion_profile = driver.motion_profile()
     steps = [driver.step_at(angle) for _, angle in pattern]
-    moves = sum(profile.time(after - before) for before, after in zip(steps, steps[1:], strict=False))
-    return moves + len(steps) * (profile.settle + flash)
+    moves = sum(motion_profile.time(after - before) for before, after in zip(steps, steps[1:], strict=False))
+    return moves + len(steps) * (motion_profile.settle + flash)
 
 
 def take(

@@ -1,4 +1,4 @@
-"""Devices of the rangefinder: the USB laser board, cameras, and scans taken with both in step.
+"""Devices of the rangefinder: the USB laser board, cameras, and scans taken with both.
 
 Usable alone. Real devices, an emulated board at the USB level (`drivers.emulator`) and replayed frames have the
 same interface. pyusb and OpenCV are imported when a device is opened.

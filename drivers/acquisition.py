@@ -19,14 +19,14 @@ from drivers.errors import AcquisitionNotEntered, DriverError
 from drivers.firing_order import PlannedStripe, RowRangeOf, check_firing_order
 from drivers.frame import Frame
 from drivers.options import AcquireOptions
-from drivers.proof import StepProof
+from drivers.proof import StripeProof
 from drivers.raw_stripe import RawStripe
 from drivers.scan_report import write_report
 from drivers.scan_worker import ScanWorker
 from drivers.sweep_worker import SweepWorker
 
 logger = logging.getLogger(__name__)
-# Seconds between two looks at whether the scan's thread still lives.
+# Seconds between two checks that the scan's thread still lives.
 POLL = 1.0
 # Seconds; more than a camera may take to return from a grab slice.
 JOIN = 2.0
@@ -102,7 +102,7 @@ class StripeStream:
         self._firing_order = firing_order
         kind = ScanWorker if options.sweep is None else SweepWorker
         self._worker: ScanWorker | SweepWorker = kind(board, camera, self._firing_order, options, should_stop)
-        self._proof = StepProof(options.limits)
+        self._proof = StripeProof(options.limits)
         self._verdicts: list[tuple[int, StripeVerdict]] = []
         self._on_before: Image | None = None
         self._waiting: deque[RawStripe] = deque()
@@ -129,7 +129,7 @@ class StripeStream:
         try:
             self._worker.cancel()
         except DriverError as failure:
-            # What ended the scan was raised while iterating; closing must not raise its echo over again.
+            # What ended the scan was raised while iterating; closing must not raise it again.
             if error is None and not (self._ended and self._worker.failure is not None):
                 raise
             logger.error("while ending the scan after %r: %s", error or self._worker.failure, failure)
@@ -143,7 +143,7 @@ class StripeStream:
 
         Raises:
             AcquisitionNotEntered: outside the `with` block.
-            DriverError: what ended the scan; `report` tells how far it came.
+            DriverError: what ended the scan; `report` says how many stripes came before.
         """
         while self._await_group():
             while self._waiting:
@@ -154,14 +154,14 @@ class StripeStream:
 
         Raises:
             AcquisitionNotEntered: outside the `with` block.
-            DriverError: what ended the scan, after the last group; `report` tells how far it came.
+            DriverError: what ended the scan, after the last group; `report` says how many stripes came before.
         """
         while self._await_group():
             yield tuple(self._judged(self._waiting.popleft()) for _ in range(len(self._waiting)))
 
     @property
     def report(self) -> ScanReport:
-        """What the scan amounted to, so far or at its end."""
+        """The result of the scan, so far or at its end."""
         return write_report(self._firing_order, self._worker, tuple(self._verdicts))
 
     def _await_group(self) -> bool:

@@ -25,7 +25,7 @@ BAYER = ("BayerRG8", "BayerGR8", "BayerGB8", "BayerBG8")
 PIXEL_FORMATS = (MONO, *BAYER)
 # Block ids of GigE Vision 1.x are 1 ... 65535 and begin again at 1.
 SHORT_IDS = 65535
-# Seconds after an exposure before which no other may begin, where the camera tells no highest frame rate.
+# Seconds after an exposure before which no other may begin, where the camera reports no highest frame rate.
 READ_OUT = 0.0002
 
 
@@ -62,10 +62,10 @@ class AravisCamera(Camera):
             exposure_output: line that shows when the camera exposes ("Line2"), for the board's EXPOSURE_ACTIVE;
                 None leaves the lines as they are.
             pixel_format: one of PIXEL_FORMATS; None: grey where the camera has it, otherwise its mosaic.
-            size: (width, height) of the frames, from the sensor's middle; None for the whole sensor.
+            size: (width, height) of the frames, from the sensor's centre; None for the whole sensor.
             fps: frames per second of a camera that runs freely; None for its own.
             lag: see `Camera`.
-            raw: give a mosaic as it is, whole.
+            raw: deliver every pixel of a mosaic, not the red ones alone.
 
         Raises:
             ValueError: a pixel format that is not known here.
@@ -291,7 +291,7 @@ class AravisCamera(Camera):
         return Frame(image, self._counter, stamp, taken * 1e-9 if taken else None)
 
     def _count(self, number: int) -> None:
-        """Go on in the camera's own counting, over the place where its short numbers begin again."""
+        """Continue the camera's own counting past the wrap of its short numbers."""
         if self._counter < 0:
             self._counter = 0
         elif number > self._last_id:

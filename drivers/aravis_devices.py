@@ -13,9 +13,9 @@ class AravisDevice:
     """A camera that Aravis found.
 
     Attributes:
-        name: to open it by.
-        maker, model, serial: as it says.
-        address: address of the network or the bus.
+        name: name by which `AravisCamera` opens it.
+        maker, model, serial: what the camera reports of itself.
+        address: its address on the network or the bus.
         protocol: "GigEVision", "USB3Vision" or "Fake".
     """
 
@@ -52,7 +52,7 @@ def trigger_lines(name: str) -> tuple[str, ...]:
     """Ask a camera on which of its lines it can be triggered.
 
     Args:
-        name: as `find_aravis_cameras` gives it.
+        name: name of the camera, as `find_aravis_cameras` gives it.
 
     Raises:
         CameraBackendMissing: Aravis is not installed.

@@ -8,9 +8,9 @@ from drivers.camera import CameraSettings, HeldSettings
 from drivers.errors import CameraSettingRefused
 
 MICROSECOND = 1e-6
-# Relative; cameras count exposure in rows or in steps of their clock, gain in steps of a decibel's part.
+# Relative; cameras count exposure in rows or in ticks of their clock, gain in fractions of a decibel.
 EXPOSURE_TOLERANCE, GAIN_TOLERANCE = 0.05, 0.02
-# One step of gain or gamma, whatever the value.
+# Absolute: cameras round gain and gamma to about this.
 ROUNDING = 0.05
 
 

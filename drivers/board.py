@@ -30,7 +30,7 @@ REPORT_SLICE = 0.02
 # Milliseconds.
 CLOCK_WRAP = 1 << 32
 # Resolution of the board's clock [s], and share by which it may be slow.
-CLOCK_STEP, CLOCK_ERROR = 0.001, 0.01
+CLOCK_RESOLUTION, CLOCK_ERROR = 0.001, 0.01
 
 
 class LaserBoard(BoardSession):
@@ -44,7 +44,7 @@ class LaserBoard(BoardSession):
         """Prepare the board; nothing is opened yet.
 
         Args:
-            config: ids and patience; None for the defaults.
+            config: ids and timeouts; None for the defaults.
             backend: a pyusb backend, for example that of an emulated board; None for libusb.
         """
         super().__init__(config, backend=backend)
@@ -194,10 +194,10 @@ class LaserBoard(BoardSession):
         return self.still_since(timeout)[0]
 
     def still_since(self, timeout: float | None = None) -> tuple[BoardStatus, float]:
-        """Wait as `wait_until_still`; return the status when it ended, and by when it surely had [s, monotonic clock].
+        """Wait as `wait_until_still`; return the status, and an instant before which the motion ended [s, host].
 
-        Asked late, this does not wait: a report that waits to be fetched says when the motion ended. The two
-        clocks need not agree: the answer to the command carried the board's, and came at a known time.
+        Called late, this does not wait: a report that was not fetched yet says when the motion ended. The clocks of
+        board and host need not agree: the answer to the command carried the board's time and came at a known time.
 
         Args:
             timeout: longest wait [s]; None for the configured one.
@@ -214,7 +214,7 @@ class LaserBoard(BoardSession):
             status = self._read_report(REPORT_SLICE) or self.status()
         self._moving = False
         taken = round((status.device_time - self._board_time) / 1e-3) % CLOCK_WRAP * 1e-3
-        return status, min(timing.monotonic(), self._host_time + taken * (1.0 + CLOCK_ERROR) + CLOCK_STEP)
+        return status, min(timing.monotonic(), self._host_time + taken * (1.0 + CLOCK_ERROR) + CLOCK_RESOLUTION)
 
     def _begin_motion(self, status: BoardStatus) -> None:
         self._motion, self._moving = status.motion, status.moving

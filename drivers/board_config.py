@@ -17,8 +17,8 @@ class BoardConfig:
         product_id: USB product id, 0 ... 0xFFFF.
         serial: serial number, needed only when several boards are plugged in.
         timeout: time one transfer may take [s]. Short, since the watchdog allows 0.4 s of silence; a command is not
-            repeated for longer than half of that.
-        attempts: how often a transfer that timed out, stalled or came back damaged is made in all.
+            repeated for longer than half of these 0.4 s.
+        attempts: how many times in all a transfer is tried that times out, stalls or comes back damaged.
         motion_timeout: time a motion may take [s].
         home_timeout: time homing may take [s].
         handle_signals: let SIGTERM and SIGHUP end the program through its `with` blocks while the board is

@@ -1,4 +1,4 @@
-"""The board's own sweep as the host sees it: fill the table, begin, hear of every frame."""
+"""The board's own sweep as the host sees it: fill the table, begin, receive a record of every frame."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class BoardSweep:
 
         Args:
             steps: mirror's motor steps of the stripes, in order, at most 256.
-            waits: before their triggers, in 0.5 ms.
+            waits: wait before each stripe's trigger, in units of 0.5 ms.
             first: place of the table where they begin; what stands there already is not sent again.
 
         Raises:

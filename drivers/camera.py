@@ -18,9 +18,9 @@ class CameraSettings:
 
     Attributes:
         exposure: time the shutter is open [s], automatic exposure off.
-        gain: in the camera's own unit, automatic gain off.
+        gain: gain in the camera's own unit, automatic gain off.
         white_balance: colour temperature [K], automatic white balance off.
-        gamma: in the camera's own unit; choose the linear value, since a stripe's centre moves with gamma.
+        gamma: gamma in the camera's own unit; choose the linear value, since a stripe's centre moves with gamma.
 
     Raises:
         ValueError: a value that is not finite, or an exposure, temperature or gamma not above 0.
@@ -46,7 +46,7 @@ class HeldSettings:
     """What a camera holds at one instant.
 
     Attributes:
-        values: by the names of `CameraSettings`, in its units; what the camera does not tell is missing.
+        values: what the camera reports, by the names and in the units of `CameraSettings`.
         automatic: names of the settings that it changes by itself.
     """
 
@@ -63,9 +63,9 @@ class Camera(ABC):
         name: what the camera is called in messages.
         lag: a frame stamped t shows nothing older than t - lag [s]: exposure, read-out and transfer together.
             None when unknown: acquisition then throws frames away after every change instead. `measure_lag`
-            finds it out.
-        triggered: exposes at each pulse on its trigger line and at no other time, and tells `Frame.device_time`.
-        trigger_period: shortest time between two triggers that it bears at its present exposure [s].
+            measures it.
+        triggered: exposes at each pulse on its trigger line and at no other time, and gives `Frame.device_time`.
+        trigger_period: shortest time between two triggers that it accepts at its present exposure [s].
         counts_frames: `Frame.counter` is the device's own, so that a frame lost before the host had it shows as a gap.
     """
 
@@ -110,7 +110,7 @@ class Camera(ABC):
     def held(self, locked: CameraSettings) -> HeldSettings:
         """What the camera holds now of the settings that are not None in `locked`; nothing is set.
 
-        A camera that cannot be read tells nothing: this is what is inherited.
+        This default, for a camera that cannot be read, reports nothing.
 
         Raises:
             CameraEnded: the camera does not answer.

@@ -21,7 +21,7 @@ GOLDEN = 0.618034
 MAX_CLIPPED = 0.1
 # Frames after which any pipeline shows the new state.
 SETTLE_FRAMES = 6
-# Frames to wait for a change before the camera counts as not looking.
+# Frames to wait for a change before the camera is taken not to see the laser.
 MOST_FRAMES = 20
 
 
@@ -30,8 +30,8 @@ class LagMeasurement:
     """The lag of a camera.
 
     Attributes:
-        lag: a frame stamped t shows nothing older than t - lag [s], but for at most a tenth of its light, which noise
-            hides; the safe end of what was measured.
+        lag: a frame stamped t shows nothing older than t - lag [s], except for at most a tenth of its light, which
+            noise hides; the upper end of what was measured.
         uncertainty: by how much the true lag may be shorter [s].
         period: time between frames [s].
         toggles: how often the laser was switched.
@@ -53,12 +53,12 @@ def measure_lag(board: LaserBoard, camera: Camera, *, toggles: int = 24, timeout
         board: an open board, mirror at rest where the camera sees the stripe.
         camera: an open camera.
         toggles: how often to switch, at least 4; the uncertainty falls with it.
-        timeout: for a frame [s].
+        timeout: longest wait for a frame [s].
 
     Raises:
         ValueError: too few toggles.
         LaserNotSeen: the pictures do not depend on the laser, or contradict one another.
-        StripeClipped: the stripe is too bright to tell a part of an exposure from the whole.
+        StripeClipped: the stripe is too bright to tell a partial exposure from a whole one.
         CameraTimeout: no frame came.
     """
     if toggles < 4:
@@ -73,7 +73,7 @@ def measure_lag(board: LaserBoard, camera: Camera, *, toggles: int = 24, timeout
         on = True
         for turn in range(toggles):
             on = not on
-            # Steps of the golden section distribute the moments evenly over the period.
+            # Multiples of the golden section distribute the switchings evenly over the period.
             timing.sleep(turn * GOLDEN % 1.0 * period)
             board.status()
             before = timing.monotonic()

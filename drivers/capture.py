@@ -47,7 +47,7 @@ class StripeEvidence:
     Attributes:
         lit_fraction: share of the sampled columns that show the laser, 0 ... 1.
         leak_fraction: share of the sampled columns where the off frame is brighter, as if by a stripe.
-        contrast: median height of the stripe over the off frame, in counts of the image, channels summed; NaN when
+        contrast: median brightness of the stripe above the off frame, in counts of the image, channels summed; NaN when
             none is lit.
         offset: by how much the whole frame is brighter than the off frame, in the same counts.
         noise: standard deviation of the difference, in the same counts.
@@ -69,15 +69,15 @@ class StripeCapture:
     """One stripe as it arrives.
 
     Attributes:
-        index: in the standard pattern.
-        mirror_angle: as commanded [rad].
+        index: index of the stripe in the standard pattern.
+        mirror_angle: commanded mirror angle [rad].
         mirror_angle_reached: mirror angle at the motor step nearest to it [rad].
         on: frame with the laser on, read-only; None when it was lost or of another size.
         off: frame with the laser off; None when there is none.
         on_stamp: time of the on frame on the monotonic clock [s], NaN without one.
         off_stamp: time of the off frame on the monotonic clock [s], NaN without one.
         verdict: whether laser, mirror and frame were in step.
-        evidence: what the verdict rests on; None without a frame.
+        evidence: the measurements behind the verdict; None without a frame.
     """
 
     index: int
@@ -93,10 +93,10 @@ class StripeCapture:
 
 @dataclass(frozen=True, slots=True)
 class ScanReport:
-    """What a scan amounted to, so far or at its end.
+    """The result of a scan, so far or at its end.
 
     Attributes:
-        planned: indices of the firing_order, in order.
+        planned: indices of the firing order, in order.
         fired: indices for which the laser was on, in order (their frames may have been lost).
         verdicts: (index, verdict) of each stripe handed out, in order.
         stopped_early: whether `should_stop` ended it.
@@ -107,7 +107,7 @@ class ScanReport:
         frames_repeated: frames delivered twice.
         duration: from the first command to the arrival of the last frame [s].
         problems: what is wrong; empty for a good scan.
-        notes: what one should know of how it was taken.
+        notes: remarks on how it was taken.
     """
 
     planned: tuple[int, ...]

@@ -101,7 +101,7 @@ class CameraNotFound(CameraError, FileNotFoundError):
 
 
 class CameraBackendMissing(CameraError, ValueError):
-    """The installed OpenCV has no backend of the wanted kind (FireWire, GStreamer)."""
+    """What the camera needs is not installed: Aravis, or the backend of OpenCV (FireWire, GStreamer)."""
 
 
 class CameraNotOpen(CameraError, RuntimeError):
@@ -117,7 +117,7 @@ class CameraTimeout(CameraError, TimeoutError):
 
 
 class CameraEnded(CameraError, EOFError):
-    """The video file, image sequence or replay has no further frame."""
+    """The camera is gone, or the video file, image sequence or replay has no further frame."""
 
 
 class CameraSettingRefused(CameraError, ValueError):
@@ -125,7 +125,7 @@ class CameraSettingRefused(CameraError, ValueError):
 
 
 class AcquisitionError(DriverError):
-    """A scan could not be taken, or could not be taken in step."""
+    """A scan could not be taken, or laser, mirror and frames were not in step."""
 
 
 class BadFiringOrder(AcquisitionError, ValueError):

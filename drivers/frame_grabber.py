@@ -11,7 +11,7 @@ from drivers.errors import CameraTimeout
 from drivers.frame import Frame
 from drivers.options import AcquireOptions
 
-# Seconds; between two, the board is spoken to, so that its watchdog (0.4 s) is fed while a frame is awaited.
+# Seconds of one wait for a frame; after each the board is asked for its status, which feeds its watchdog (0.4 s).
 SLICE = 0.1
 
 
@@ -20,7 +20,7 @@ class FrameGrabber:
 
     Attributes:
         used: frames that were returned.
-        skipped: frames exposed, at least in part, before the command.
+        skipped: frames that were exposed, at least partly, before the command.
         dropped: frames missing in the camera's counting that were due while one was awaited.
         repeated: frames that came with a number already seen.
         last_stamp: stamp of the last frame returned [s].
@@ -41,7 +41,7 @@ class FrameGrabber:
         self.last_stamp = timing.monotonic()
 
     def restart(self) -> None:
-        """Forget what waits in the camera, and begin to start counting again."""
+        """Forget what waits in the camera, and count again from its next frame."""
         self._camera.flush()
         self._before = None
 
@@ -49,9 +49,9 @@ class FrameGrabber:
         """The first frame exposed wholly after `ready` [s]; None when none came in time.
 
         Args:
-            ready: when the command had taken effect, at the earliest if `proved` is given.
-            proved: asked once, when a frame is there that may be the one: waits until the command has taken effect and
-                returns since when [s].
+            ready: when the command had taken effect [s]; if `proved` is given, the earliest instant that is possible.
+            proved: called once, when a frame has come that may be the one: waits until the command has taken effect
+                and returns since when [s].
 
         Raises:
             CameraEnded: the camera has no more frames.

@@ -1,7 +1,7 @@
-"""Sees to it that open boards put their laser out when the program ends, however it ends.
+"""Makes sure that open boards put their laser out when the program ends, however it ends.
 
 Exceptions unwind through `with` blocks by themselves. SIGTERM and SIGHUP would not, so while a board is open
-they are turned into `SystemExit`; what leaves no `with` block behind is caught at interpreter exit. SIGKILL
+they are turned into `SystemExit`; a board opened without a `with` block is closed at interpreter exit. SIGKILL
 cannot be caught by anyone: for that, the board has its watchdog.
 """
 
@@ -44,7 +44,7 @@ def watch(device: Closable, handle_signals: bool = True) -> None:
 
 
 def release(device: Closable) -> None:
-    """Forget `device`; with the last one, signals are as they were before."""
+    """Forget `device`; after the last one, signals are handled as they were before."""
     with _lock:
         if device in _open:
             _open.remove(device)

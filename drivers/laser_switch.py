@@ -1,4 +1,4 @@
-"""The laser as a scan uses it: switched by one thread, and put out for good by another at any moment."""
+"""The laser as a scan uses it: switched by one thread, and put out for good by another at any time."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class LaserSwitch:
         return since is not None and timing.monotonic() - since <= 0.5 * self._board.identity.laser_limit
 
     def on(self) -> None:
-        """Switch on; a fault that the board lets one clear is cleared once.
+        """Switch on; a fault that can be cleared is cleared once.
 
         Raises:
             ScanStopped: the switch was closed.
@@ -73,7 +73,7 @@ class LaserSwitch:
         """Switch on if need be, and rest before the board's time limit is reached.
 
         Args:
-            shines: what the board's last status said of the laser.
+            shines: whether the laser is on by the board's last status.
         """
         if self._lit_since is not None and not shines:
             logger.warning("the board put the laser out during the scan")

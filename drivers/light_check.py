@@ -1,4 +1,4 @@
-"""Looks for clipped and too dark light in the first frames that a scan takes anyway."""
+"""Finds light that is clipped or too dark in the first frames that a scan takes anyway."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ import numpy as np
 
 from drivers.arrays import Image
 from drivers.capture import StripeCapture
-from drivers.metering import levels_of
+from drivers.metering import brightness_of
 
-# Stride, in rows and in columns, between the pixels of the background that are looked at.
+# Stride, in rows and in columns, between the pixels of the background that are examined.
 INTERVAL = 8
 # From this share of the scale on a pixel counts as clipped.
 CLIPPED = 0.996
 # Lamps and their reflections clip less than this share of a picture that is otherwise well exposed.
 CLIPPED_PICTURE = 0.05
-# Of the columns that show the stripe. Bright floors clip three quarters of them and are still measured well.
+# Share of the columns that show the stripe. Bright floors clip three quarters of them and are still measured well.
 CLIPPED_STRIPE = 0.85
-# Of the full scale; a stripe below it is hardly brighter than the noise of cheap cameras. Metering aims at 0.7.
+# Share of the full scale; a stripe below it is hardly brighter than the noise of cheap cameras. Metering aims at 0.7.
 DARK_STRIPE = 0.1
-# Stripes looked at until one shows the laser; holes and black ground show none.
-MOST_LOOKS = 4
+# Stripes to examine until one shows the laser; holes and black ground show none.
+MOST_STRIPES = 4
 WHAT_TO_DO = "(`guara record` meters it; it stands as exposure in devices.toml)"
 
 
@@ -35,7 +35,7 @@ class LightCheck:
     def __init__(self) -> None:
         """Start with nothing seen."""
         self.problems: tuple[str, ...] = ()
-        self._looks = 0
+        self._examined = 0
         self._has_background = False
 
     def look(self, capture: StripeCapture, rows: tuple[int, int]) -> None:
@@ -45,7 +45,7 @@ class LightCheck:
             capture: the next stripe of the scan.
             rows: (first, end) between which the stripe can lie; (0, 0) when it cannot be in view.
         """
-        if self._looks >= MOST_LOOKS or capture.on is None:
+        if self._examined >= MOST_STRIPES or capture.on is None:
             return
         if not self._has_background:
             self._has_background = True
@@ -53,20 +53,20 @@ class LightCheck:
         first, end = rows
         if end <= first or capture.off is None or capture.off.shape != capture.on.shape:
             return
-        self._looks += 1
-        levels = levels_of(capture.on[first:end], capture.off[first:end])
-        if math.isnan(levels.ridge):
+        self._examined += 1
+        brightness = brightness_of(capture.on[first:end], capture.off[first:end])
+        if math.isnan(brightness.ridge):
             return
-        self._looks = MOST_LOOKS
-        if levels.clipped > CLIPPED_STRIPE:
+        self._examined = MOST_STRIPES
+        if brightness.clipped > CLIPPED_STRIPE:
             self._add(
-                f"light: {100 * levels.clipped:.0f} % of the stripe is clipped: expose less or close the iris "
+                f"light: {100 * brightness.clipped:.0f} % of the stripe is clipped: expose less or close the iris "
                 f"{WHAT_TO_DO}"
             )
-        elif levels.ridge < DARK_STRIPE:
+        elif brightness.ridge < DARK_STRIPE:
             self._add(
-                f"light: the stripe is at {100 * levels.ridge:.0f} % of the full scale, too dark: expose longer, open "
-                f"the iris or raise the gain {WHAT_TO_DO}"
+                f"light: the stripe is at {100 * brightness.ridge:.0f} % of the full scale, too dark: expose longer, "
+                f"open the iris or raise the gain {WHAT_TO_DO}"
             )
 
     def _add(self, problem: str) -> None:

@@ -24,11 +24,11 @@ class MeteringResult:
     """What metering found.
 
     Attributes:
-        exposure: set at the end [s]; None when the camera's exposure cannot be set.
+        exposure: the exposure that was set last [s]; None when the camera's exposure cannot be set.
         stripe_level: brightness of the stripe's ridge, median over the columns that show it, 0 ... 1 of full scale.
         background_level: median brightness with the laser off, 0 ... 1.
         clipped_fraction: share of those columns whose ridge is clipped.
-        settled: whether the level is within the wanted range.
+        settled: whether the brightness of the ridge is within the wanted range.
         advice: what to do when it is not; empty otherwise.
     """
 
@@ -57,8 +57,8 @@ def meter_exposure(
     Args:
         board: an open board, ready for a scan.
         camera: an open camera.
-        mirror_angle: where to look [rad]; the middle of the sweep is a good choice.
-        exposure: to begin with [s]; None leaves the camera's exposure alone and only measures.
+        mirror_angle: mirror angle of the stripe to look at [rad]; the centre of the sweep is a good choice.
+        exposure: the first exposure to try [s]; None leaves the camera's exposure alone and only measures.
         limits: shortest and longest exposure allowed [s].
         levels: wanted brightness of the ridge, 0 ... 1.
         max_rounds: exposures tried at most.
@@ -100,13 +100,13 @@ def meter_exposure(
 
 
 @dataclass(frozen=True, slots=True)
-class _Levels:
+class _Brightness:
     ridge: float
     background: float
     clipped: float
 
     def factor(self, levels: tuple[float, float]) -> float:
-        """By what to multiply the exposure; 1 when it is right."""
+        """The factor by which to change the exposure; 1 when it is right."""
         if math.isnan(self.ridge):
             return 2.0 if self.background < levels[1] else 0.5
         if levels[0] <= self.ridge <= levels[1]:
@@ -115,7 +115,7 @@ class _Levels:
         return min(4.0, max(0.25, wanted / max(self.ridge, 1e-3)))
 
 
-def _measure(board: LaserBoard, camera: Camera, grabber: FrameGrabber) -> _Levels:
+def _measure(board: LaserBoard, camera: Camera, grabber: FrameGrabber) -> _Brightness:
     board.laser_off()
     grabber.restart()
     off = grabber.after(timing.monotonic())
@@ -128,10 +128,10 @@ def _measure(board: LaserBoard, camera: Camera, grabber: FrameGrabber) -> _Level
         raise CameraTimeout(f"{camera.name} brought no frame while the exposure was metered: check its cable")
     if on.image.shape != off.image.shape:
         raise CameraError(f"{camera.name} changed its picture from {off.image.shape} to {on.image.shape}")
-    return levels_of(on.image, off.image)
+    return brightness_of(on.image, off.image)
 
 
-def levels_of(on: Image, off: Image) -> _Levels:
+def brightness_of(on: Image, off: Image) -> _Brightness:
     """The brightness of ridge and background, and the share of clipped columns."""
     full = float(np.iinfo(on.dtype).max)
     stride = max(1, on.shape[1] // SAMPLES)
@@ -144,8 +144,8 @@ def levels_of(on: Image, off: Image) -> _Levels:
     lit = rise - np.median(difference) > max(0.02, 8.0 * noise)
     background = float(np.median(dark))
     if lit.mean() < 0.02:
-        return _Levels(math.nan, background, 0.0)
-    return _Levels(float(np.median(ridge[lit])), background, float(np.mean(ridge[lit] >= 0.996)))
+        return _Brightness(math.nan, background, 0.0)
+    return _Brightness(float(np.median(ridge[lit])), background, float(np.mean(ridge[lit] >= 0.996)))
 
 
 def _strongest(image: Image) -> np.ndarray:
@@ -157,7 +157,7 @@ def _at_limit(held: float, factor: float, limits: tuple[float, float]) -> bool:
     return (factor < 1 and held <= limits[0] * 1.01) or (factor > 1 and held >= limits[1] * 0.99)
 
 
-def _advice(measured: _Levels, levels: tuple[float, float]) -> str:
+def _advice(measured: _Brightness, levels: tuple[float, float]) -> str:
     what = f"the stripe's ridge is at {measured.ridge:.2f} of full scale, wanted {levels[0]:g} ... {levels[1]:g}"
     if measured.ridge > levels[1] or measured.clipped > 0.5:
         return f"{what}: close the iris or shade the scene, the exposure cannot go lower"

@@ -30,7 +30,7 @@ LONGEST_READ = 15.0
 BACKENDS = {"any": "CAP_ANY", "v4l2": "CAP_V4L2", "gstreamer": "CAP_GSTREAMER", "ffmpeg": "CAP_FFMPEG"}
 BACKENDS |= {"images": "CAP_IMAGES", "firewire": "CAP_FIREWIRE"}
 FIREWIRE_HELP = (
-    "this OpenCV has no FireWire backend (no pip wheel of it has): see docs/drivers.md, 'FireWire cameras', "
+    "this OpenCV has no FireWire backend (no pip wheel has one): see docs/drivers.md, 'FireWire cameras', "
     "for the ways around"
 )
 
@@ -120,7 +120,7 @@ class OpenCvCamera(Camera):
             self._reader.join(LONGEST_READ)
             if self._reader.is_alive():
                 # Releasing a capture that another thread still reads crashes the process.
-                logger.error("%s does not return from a read; it is left to the end of the program", self.name)
+                logger.error("%s does not return from a read; its thread goes on until the program ends", self.name)
                 self._capture = None
             self._reader = None
         if self._capture is not None:
@@ -174,7 +174,7 @@ class OpenCvCamera(Camera):
         good, image = capture.retrieve()
         if not good:
             return None
-        # Made for this frame alone: frozen itself, not only as a view, it may be relied on never to change.
+        # The array was made for this frame alone: with itself frozen, not only a view of it, it never changes.
         image.setflags(write=False)
         frame = Frame(image, self._counter, stamp)
         self._counter += 1

@@ -10,7 +10,7 @@ from drivers.errors import CameraSettingRefused
 # Unit of V4L2's control exposure_time_absolute [s].
 V4L2_EXPOSURE_UNIT = 1e-4
 V4L2_MANUAL_EXPOSURE = 1.0
-# Relative difference allowed to what a driver rounds a value to.
+# Relative difference allowed between what was asked for and what the driver rounds it to.
 TOLERANCE = 0.02
 EXPOSURE_TOLERANCE = 0.05
 

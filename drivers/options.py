@@ -30,15 +30,15 @@ class AcquireOptions:
         max_lost: lost frames in a row that end the scan.
         flush_frames: frames thrown away after every change of laser or mirror when the camera's `lag` is unknown.
         queue_size: stripes that may wait for the caller, rounded up to whole groups of `together`; when the queue is
-            full, the scan pauses with the laser off.
-        together: stripes that are handed to the caller in one group, once the last of them is there. Towards the end
-            groups become smaller: at most twice as many as are still to come, the last stripe alone. So it waits for
-            nobody, as long as a stripe is worked on in half a frame's time. Work in bursts finds its code and data in
-            the processor's caches: on a machine that is idle between frames it takes a good third less time. Each
-            stripe costs the memory of a frame.
+            full, the scan waits with the laser off.
+        together: stripes that are handed to the caller in one group, once the last of them has come. Towards the end
+            groups become smaller, at most twice as large as the number of stripes still to come, and the last stripe
+            comes alone: it need not wait if the caller takes at most half a frame's time for a stripe. Work in bursts
+            finds its code and data in the processor's caches: on a machine that is idle between frames it takes over
+            a third less time. Each stripe costs the memory of a frame.
         limits: when a difference between frames counts.
         sweep: let the board sweep by itself and trigger the camera, see `SweepOptions`; None: the host turns the
-            mirror and the camera runs freely. A sweep does not pause for a slow caller: all of its frames may wait.
+            mirror and the camera runs freely. A sweep does not wait for a slow caller: all of its frames may queue up.
 
     Raises:
         ValueError: a value outside what is allowed.

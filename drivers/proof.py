@@ -17,13 +17,13 @@ from drivers.firing_order import RowRange
 COLUMNS = 80
 # Sampled rows: finer than half a stripe's width at any size.
 ROWS = 512
-# Of the sampled rows and columns, those that tell of offset and noise.
-EVERY = (32, 4)
+# Among the sampled rows and columns, strides between those from which offset and noise are taken.
+COARSE_STRIDES = (32, 4)
 # Stripes from which the usual shift per radian is taken.
 MEMORY = 9
 # Share of columns lit within the band from which on the rest of the frame cannot outvote them.
 PLAINLY_LIT = 0.5
-IN_STEP = (StripeVerdict.OK, StripeVerdict.AMBIENT_CHANGED)
+PROVED = (StripeVerdict.OK, StripeVerdict.AMBIENT_CHANGED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +31,7 @@ class ProofLimits:
     """When a difference counts.
 
     Attributes:
-        min_contrast: height of a lit pixel above the off frame, share of one channel's full scale.
+        min_contrast: brightness of a lit pixel above the off frame, share of one channel's full scale.
         noise_factor: the same in standard deviations of the difference; the larger of the two holds.
         min_lit_fraction: share of columns that must be lit for the laser to count as seen.
         min_leak_fraction: share of columns brighter in the off frame for it to count as lit.
@@ -49,11 +49,12 @@ class ProofLimits:
     max_out_of_band: float = 0.5
 
 
-class StepProof:
+class StripeProof:
     """Judges the stripes of one scan, in the order in which they were taken.
 
-    An off frame is looked at wholly with the first stripe that it serves. Once that stripe was in step, the next ones
-    are looked at in their bands alone, which costs a tenth; whatever is not plainly in step there is looked at wholly.
+    The first stripe that is compared with an off frame is compared over the whole frame. If it was in step, the next
+    ones are compared in their bands alone, which costs a tenth; any that is not plainly in step there is compared over
+    the whole frame.
     """
 
     def __init__(self, limits: ProofLimits | None = None) -> None:
@@ -78,57 +79,61 @@ class StepProof:
         """Compare the on frame of a stripe with a reference.
 
         Args:
-            mirror_angle: as commanded [rad].
+            mirror_angle: commanded mirror angle [rad].
             on: frame with the laser on.
             reference: the off frame, or the on frame of the stripe before.
-            reference_is_off: which of them.
+            reference_is_off: whether the reference is the off frame.
             band: rows (first, end) where the stripe can be; None for anywhere.
 
         Returns:
-            The verdict and what it rests on: of the whole frame, or of the rows of the band where they were enough.
+            The verdict and its evidence: from the whole frame, or from the rows of the band where they were enough.
         """
         if reference is not self._reference:
             self._grid = _SampleGrid.of(reference)
             self._reference, self._reference_light = reference, self._grid.light(reference)
             self._reference_is_clean = False
-        level = self._level(on)
+        background = self._background(on)
         if band is not None and self._reference_is_clean:
             rows = self._grid.sampled(band)
             if rows[1] > rows[0]:
-                found = self._compare(mirror_angle, on, rows, level, reference_is_off)
+                found = self._compare(mirror_angle, on, rows, background, reference_is_off)
                 if found[1].lit_fraction >= PLAINLY_LIT:
-                    # Looked at in the band alone, it is nowhere else.
-                    verdict = self._verdict(*found, level, None)
-                    if verdict in IN_STEP:
+                    # Only rows of the band were compared, so no lit column can lie outside it.
+                    verdict = self._verdict(*found, background, None)
+                    if verdict in PROVED:
                         return verdict, found[1]
-        found = self._compare(mirror_angle, on, (0, len(self._reference_light)), level, reference_is_off)
-        verdict = self._verdict(*found, level, band)
-        self._reference_is_clean = reference_is_off and verdict in IN_STEP
+        found = self._compare(mirror_angle, on, (0, len(self._reference_light)), background, reference_is_off)
+        verdict = self._verdict(*found, background, band)
+        self._reference_is_clean = reference_is_off and verdict in PROVED
         return verdict, found[1]
 
-    def _level(self, on: Image) -> _Level:
+    def _background(self, on: Image) -> _Background:
         """How the whole frame differs from the reference, by one in 128 of the sampled pixels."""
-        sample = self._grid.coarser.light(on) - self._reference_light[:: EVERY[0], :: EVERY[1]]
+        sample = self._grid.coarser.light(on) - self._reference_light[:: COARSE_STRIDES[0], :: COARSE_STRIDES[1]]
         offset = _median(sample)
         noise = 1.4826 * _median(np.abs(sample - offset))
         full = float((1 << 8 * on.dtype.itemsize) - 1)
         threshold = max(self._limits.min_contrast * full, self._limits.noise_factor * noise)
-        return _Level(offset, noise, threshold, full * (on.shape[2] if on.ndim == 3 else 1))
+        return _Background(offset, noise, threshold, full * (on.shape[2] if on.ndim == 3 else 1))
 
     def _compare(
         self,
         mirror_angle: float,
         on: Image,
         rows: tuple[int, int],
-        level: _Level,
+        background: _Background,
         reference_is_off: bool,
     ) -> tuple[_Seen, StripeEvidence]:
         first, end = rows
         difference = self._grid.light(on, rows)
         difference -= self._reference_light[first:end]
-        peaks = difference.max(axis=0) - level.offset
-        lit = peaks > level.threshold
-        leaks = np.count_nonzero(level.offset - difference.min(axis=0) > level.threshold) if reference_is_off else 0
+        peaks = difference.max(axis=0) - background.offset
+        lit = peaks > background.threshold
+        leaks = (
+            np.count_nonzero(background.offset - difference.min(axis=0) > background.threshold)
+            if reference_is_off
+            else 0
+        )
         at = (first + difference.argmax(axis=0)) * float(self._grid.row_stride)
         seen = _Seen(mirror_angle, at, lit)
         count = int(np.count_nonzero(lit))
@@ -136,13 +141,15 @@ class StepProof:
             lit_fraction=count / lit.size,
             leak_fraction=int(leaks) / lit.size,
             contrast=_median(peaks if count == lit.size else peaks[lit]) if count else math.nan,
-            offset=level.offset,
-            noise=level.noise,
+            offset=background.offset,
+            noise=background.noise,
             row=_median(at if count == lit.size else at[lit]) if count else math.nan,
             row_shift=seen.shift_from(self._before),
         )
 
-    def _verdict(self, seen: _Seen, evidence: StripeEvidence, level: _Level, band: RowRange | None) -> StripeVerdict:
+    def _verdict(
+        self, seen: _Seen, evidence: StripeEvidence, background: _Background, band: RowRange | None
+    ) -> StripeVerdict:
         limits = self._limits
         if evidence.leak_fraction >= limits.min_leak_fraction:
             return StripeVerdict.LEAK
@@ -156,7 +163,7 @@ class StepProof:
         if not self._moved(seen, evidence.row_shift):
             return StripeVerdict.NOT_MOVED
         self._before = seen
-        if abs(evidence.offset) > limits.max_offset * level.full_scale:
+        if abs(evidence.offset) > limits.max_offset * background.full_scale:
             return StripeVerdict.AMBIENT_CHANGED
         return StripeVerdict.OK
 
@@ -176,7 +183,7 @@ class StepProof:
 
 
 @dataclass(frozen=True, slots=True)
-class _Level:
+class _Background:
     """How a whole frame differs from the reference, in counts with the channels summed."""
 
     offset: float
@@ -221,7 +228,7 @@ class _SampleGrid:
     @property
     def coarser(self) -> _SampleGrid:
         """The grid of one in 128 of the pixels."""
-        return _SampleGrid(EVERY[0] * self.row_stride, EVERY[1] * self.column_stride)
+        return _SampleGrid(COARSE_STRIDES[0] * self.row_stride, COARSE_STRIDES[1] * self.column_stride)
 
     def sampled(self, band: RowRange) -> tuple[int, int]:
         """The first sampled row in a band of image rows, and the one after its last."""
@@ -244,9 +251,9 @@ class _SampleGrid:
         return total
 
     def _pixels(self, image: Image, rows: slice) -> Array:
-        """The sampled pixels; of colours of a byte each the three and the first of the pixel beside it.
+        """The sampled pixels; with three channels of one byte, these and the first channel of the next pixel.
 
-        Those four are read as one number: the frame comes from memory, and each pass over it costs as much again.
+        The four bytes are read as one number: the frame comes from memory, and each pass over it costs as much again.
         """
         stride = self.column_stride
         is_colour = image.ndim == 3 and image.shape[2] == 3 and image.dtype.itemsize == 1
@@ -257,7 +264,7 @@ class _SampleGrid:
 
 
 def _median(values: Array) -> float:
-    """The median; a third of the time that numpy's takes for so few."""
+    """The median; a third of the time that numpy's takes for a few values."""
     ordered = np.sort(values, axis=None)
     half = ordered.size // 2
     return float(ordered[half] if ordered.size % 2 else 0.5 * (ordered[half - 1] + ordered[half]))

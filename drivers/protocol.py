@@ -5,7 +5,7 @@ from __future__ import annotations
 import binascii
 import enum
 
-# 0x1209:0x0001 is a product id that pid.codes keeps free for private testing. A board made in numbers
+# 0x1209:0x0001 is a product id that pid.codes keeps free for private testing. A board made in series
 # needs an id of its own; `BoardConfig` takes it.
 VENDOR_ID = 0x1209
 PRODUCT_ID = 0x0001
@@ -26,12 +26,12 @@ STATUS_SIZE = 26
 STRIPE_SIZE = 32
 MOTION_SIZE = 32
 REPORT_SIZE = 32
-"""Of the interrupt endpoint: what is read at once, so that a longer record of a later 1.x fits too."""
+"""Bytes read from the interrupt endpoint at once, so that a longer record of a later 1.x fits too."""
 
 STRIPE_MARK = 0x53
 """First byte of a stripe's record; that of a status report is its result, 0."""
 SWEEP_STRIPES = 256
-"""Stripes of one sweep at most."""
+"""Most stripes of one sweep."""
 SWEEP_PLACES = 512
 """Places of the table of steps."""
 FLASH_SHORTEST_US = 200

@@ -1,4 +1,4 @@
-"""A stripe as the thread of a scan delivers it: whether its pictures prove it is decided later."""
+"""A stripe as the thread of a scan delivers it: the verdict on its pictures follows later."""
 
 from __future__ import annotations
 

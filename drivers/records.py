@@ -32,7 +32,7 @@ class BoardIdentity:
         max_step: highest step that may be commanded.
         zero_step: step at which `mirror_angle` is zero.
         watchdog: silence of the host after which the laser is put out [s].
-        laser_limit: longest time the laser may be on in one go [s].
+        laser_limit: longest time the laser may be on without a rest [s].
         laser_rest: time the laser must be off before that time is counted from 0 again [s].
     """
 
@@ -109,11 +109,11 @@ class BoardStatus:
         sequence: count of requests served since power-up, modulo 65536.
         flags: what the board is doing.
         faults: what is wrong.
-        step: where the board believes the mirror to be, from the home switch.
+        step: step at which the board believes the mirror to be, counted from the home switch.
         motion: count of motions begun since power-up, modulo 65536.
         temperature: temperature of the board [degrees Celsius].
         home_error: steps by which the count was wrong when the home switch was last met.
-        laser_time: how long the laser has been on in one go [s].
+        laser_time: how long the laser has been on without a rest [s].
         device_time: the board's clock [s] since power-up.
     """
 

@@ -20,7 +20,7 @@ def raise_refusal(status: BoardStatus, argument: int, identity: BoardIdentity | 
     Args:
         status: the answer.
         argument: what was asked for (the step of a GO_TO).
-        identity: for the travel in the message, when known.
+        identity: identity of the board, for the travel in the message; None when unknown.
     """
     match status.result:
         case Result.OK:

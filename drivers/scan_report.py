@@ -9,7 +9,7 @@ from drivers.firing_order import PlannedStripe
 from drivers.scan_worker import ScanWorker
 from drivers.sweep_worker import SweepWorker
 
-WORDS = {
+MEANINGS = {
     StripeVerdict.AMBIENT_CHANGED: "the light or the camera's exposure changed: lock its settings",
     StripeVerdict.LEAK: "light in the off frame: the laser does not go out, or the camera's lag is wrong",
     StripeVerdict.NOT_MOVED: "the stripe did not move: the mirror is stuck, or the camera's lag is wrong",
@@ -52,7 +52,7 @@ def write_report(
 def _problems(worker: ScanWorker | SweepWorker, verdicts: tuple[tuple[int, StripeVerdict], ...]) -> list[str]:
     counts = Counter(verdict for _, verdict in verdicts)
     problems = [
-        f"{counts[kind]} of {len(verdicts)} stripes: {meaning}" for kind, meaning in WORDS.items() if counts[kind]
+        f"{counts[kind]} of {len(verdicts)} stripes: {meaning}" for kind, meaning in MEANINGS.items() if counts[kind]
     ]
     if verdicts and counts[StripeVerdict.DARK] == len(verdicts):
         problems.append("no stripe shows the laser: it is dead or covered, or the camera does not look at it")

@@ -16,7 +16,7 @@ from drivers.options import AcquireOptions, OffFrames
 from drivers.raw_stripe import RawStripe
 from drivers.stripe_worker import StripeWorker
 
-# Seconds between two looks at whether to stop, while the caller is slow.
+# Seconds between two checks whether to stop, while the caller is slow.
 QUEUE_SLICE = 0.05
 
 
@@ -24,7 +24,7 @@ class ScanWorker(StripeWorker):
     """Takes one scan stripe by stripe, with a camera that runs freely; the queue to the caller is bounded.
 
     Attributes:
-        grabber: for its counts.
+        grabber: takes the frames from the camera, and counts them.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class ScanWorker(StripeWorker):
 
     def _take(self) -> None:
         self.grabber.restart()
-        # All at once, not one between frames: after a sleep each costs many times as much.
+        # All at once, not one between frames: after a sleep each call costs many times as much.
         self._steps = [self._board.step_at(stripe.mirror_angle) for stripe in self._firing_order]
         if self._options.off is OffFrames.PER_STRIPE:
             self._take_pairs()
@@ -78,8 +78,8 @@ class ScanWorker(StripeWorker):
         off = self._off_frame(timing.monotonic()) if self._options.off is OffFrames.ONE else None
         for number, stripe in enumerate(self._firing_order):
             # A camera that runs freely, with the laser on anyway, takes its next frame meanwhile: one wait instead of
-            # two, and the board says afterwards whether the mirror was still. One that waits to be asked must not be
-            # asked before it is.
+            # two, and the board says afterwards whether the mirror was still. A camera whose lag is unknown is
+            # asked only after the mirror is still.
             self._check()
             ahead = bool(self._camera.lag) and self.switch.may_stay_on
             if not ahead:
@@ -102,7 +102,7 @@ class ScanWorker(StripeWorker):
         return frame
 
     def _lit_and_still(self) -> float:
-        """Wait until the mirror is still; return since when it is, with the laser on [s]."""
+        """Wait until the mirror is still; return since when it is still with the laser on [s]."""
         status, since = self._board.still_since()
         if status.laser_commanded:
             return since
@@ -134,7 +134,7 @@ class ScanWorker(StripeWorker):
                 self.grabber.restart()
 
     def _put(self, item: tuple[RawStripe, ...] | None) -> bool:
-        """Wait for a free slot of the queue; False when the scan was cancelled instead."""
+        """Wait for room in the queue; False when the scan was cancelled instead."""
         while not self._cancelled.is_set():
             try:
                 self.items.put(item, timeout=QUEUE_SLICE)

@@ -40,22 +40,22 @@ from drivers.usb_link import UsbLink
 _Record = TypeVar("_Record")
 logger = logging.getLogger(__name__)
 WORTH_REPEATING = (BoardTimeout, BoardStalled, BoardTransferFailed, BadReply)
-# Of the board's watchdog: for this long a command is repeated.
+# Share of the watchdog's time for which a command is repeated.
 WATCHDOG_SHARE = 0.5
 SWEEPS_SINCE = (1, 1)
 HOST_VERSION = PROTOCOL_MAJOR << 8 | PROTOCOL_MINOR
-# Seconds between two looks at the bus while reconnecting.
+# Seconds between two searches of the bus while reconnecting.
 SEARCH_PERIOD = 0.1
 
 
 class BoardSession:
-    """The connection half of the laser board's driver, a context manager; thread-safe."""
+    """The connection side of the laser board's driver, a context manager; thread-safe."""
 
     def __init__(self, config: BoardConfig | None = None, *, backend: Any = None) -> None:
         """Prepare the board; nothing is opened yet.
 
         Args:
-            config: ids and patience; None for the defaults.
+            config: ids and timeouts; None for the defaults.
             backend: a pyusb backend, for example that of an emulated board; None for libusb.
         """
         self.config = config or BoardConfig()
@@ -181,7 +181,7 @@ class BoardSession:
         """Ask how the motor moves.
 
         Raises:
-            BoardStalled: the board speaks protocol 1.0, which does not tell.
+            BoardStalled: the board speaks protocol 1.0, which does not report it.
         """
         return self._repeat(Request.MOTION, 0, MOTION_SIZE, MotionProfile.unpack)
 
@@ -215,7 +215,7 @@ class BoardSession:
         return status
 
     def _repeat(self, request: Request, argument: int, size: int, read: Callable[[bytes], _Record]) -> _Record:
-        # A bad cable must end in an error before the watchdog ends it in the dark.
+        # A bad cable must raise an error before the watchdog puts the laser out.
         patience = math.inf if self._identity is None else WATCHDOG_SHARE * self._identity.watchdog
         deadline = timing.monotonic() + patience
         attempt = 1

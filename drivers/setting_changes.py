@@ -7,7 +7,7 @@ from drivers.camera import Camera, CameraSettings
 UNITS = {"exposure": " s", "gain": "", "white_balance": " K", "gamma": ""}
 # Relative; what is read is the camera's own rounding of what was locked, so it should come back as it was.
 TOLERANCE = 0.02
-# A step of gain or gamma in any unit; their locked value may be 0.
+# Absolute, in any unit: the locked value of a gain or gamma may be 0.
 ROUNDING = {"gain": 0.05, "gamma": 0.005}
 WHAT_TO_DO = "see that no other program uses the camera and start again: settings are locked when it is opened"
 
@@ -15,10 +15,10 @@ WHAT_TO_DO = "see that no other program uses the camera and start again: setting
 def setting_changes(camera: Camera, locked: CameraSettings) -> tuple[str, ...]:
     """Which settings are not as they were locked, each in one sentence with what to do; empty when all are.
 
-    What the camera does not tell counts as held.
+    A setting that the camera does not report is taken to be held.
 
     Args:
-        camera: open.
+        camera: an open camera.
         locked: what `Camera.lock` returned.
 
     Raises:

@@ -1,4 +1,4 @@
-"""`StripeWorker`: what the threads of a scan have in common, whoever turns the mirror."""
+"""`StripeWorker`: what the threads of a scan have in common, whether host or board turns the mirror."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class StripeWorker(threading.Thread, ABC):
         failure: the error that ended the scan, or None.
         stopped_early: whether `should_stop` ended it.
         off_frames_lost: off frames that did not come; their stripes are compared with the one before.
-        notes: what else the report says.
+        notes: further remarks for the report.
         begun: when the scan began [s].
     """
 
@@ -48,7 +48,7 @@ class StripeWorker(threading.Thread, ABC):
         Args:
             name: name of the thread.
             board, camera, firing_order, options, should_stop: as in `drivers.acquire`.
-            groups: that may wait for the caller; 0 for any number.
+            groups: number of groups that may wait for the caller; 0 for any number.
         """
         super().__init__(name=name, daemon=True)
         self._board, self._camera, self._firing_order, self._options = board, camera, firing_order, options

@@ -13,7 +13,7 @@ class SweepOptions:
 
     Attributes:
         flash: how long the laser shines for a stripe at most [s].
-        period: shortest time between two triggers that the camera bears [s].
+        period: shortest time between two triggers that the camera accepts [s].
         tolerance: by how much differences of trigger times and of the camera's own times may disagree [s].
         repeats: how often stripes that could not be proved are taken again.
 

@@ -9,17 +9,17 @@ import numpy as np
 from drivers.arrays import Float
 from drivers.protocol import WAIT_UNIT_US
 
-# Places of a sweep before whose triggers the board waits. A shift by one trigger shows once at each, one by more
-# of them oftener: the first let few frames show it, the last show it when a camera has slept through a third of a
-# sweep. Their distances are unlike, or a shift by one of these would bring all but the outermost together.
+# Places of a sweep before whose triggers the board waits. A shift by one trigger shows once at each, a larger
+# shift more often: the first ones reveal it from few frames, the last ones when a camera has missed a third of a sweep.
+# Their distances are uneven: with equal distances, a shift by one distance would match all but the outermost.
 WAITING_PLACES = (1, 3, 4, 8, 10, 15, 21, 27, 34)
 WAIT_UNIT = WAIT_UNIT_US * 1e-6
 # Number of frames that the true shift of the frames against the triggers must explain more than any other.
 MARGIN = 3
 # Share of the triggers so far whose frames must have come.
 LEAST_SHARE = 0.5
-# By how much two quartz clocks may differ.
-DRIFT = 2e-4
+# Relative difference that two quartz clocks may have.
+CLOCK_ERROR = 2e-4
 
 
 def uneven_waits(count: int, tolerance: float) -> list[int]:
@@ -33,7 +33,7 @@ def uneven_waits(count: int, tolerance: float) -> list[int]:
         count: number of stripes.
         tolerance: by how much differences of the two clocks may disagree [s].
     """
-    # A hair less than whole units of a tolerance that no binary number is.
+    # Whole units must stay whole, though the tolerance may have no exact binary value.
     wait = math.ceil(2 * tolerance / WAIT_UNIT - 1e-6)
     return [wait if place in WAITING_PLACES else 0 for place in range(count)]
 
@@ -46,7 +46,7 @@ class ClockMatch:
     """
 
     def __init__(self, tolerance: float) -> None:
-        """Know nothing.
+        """Begin with the offset unknown.
 
         Args:
             tolerance: by how much differences of the two clocks may disagree [s].
@@ -84,17 +84,17 @@ class ClockMatch:
         """Return the number of the frame that was exposed at a trigger, None when none can be proved to be it.
 
         Args:
-            trigger: on the board's clock [s].
+            trigger: time of the trigger on the board's clock [s].
             stamps: stamps of all frames, (m,) on the camera's clock [s].
         """
         if self._offset is None or stamps.size == 0:
             return None
-        allowed = self._half + DRIFT * abs(trigger - self._proved_at)
+        allowed = self._half + CLOCK_ERROR * abs(trigger - self._proved_at)
         distance = np.abs(stamps - trigger - self._offset)
         near = np.flatnonzero(distance <= allowed)
         if near.size != 1:
             return None
         found = int(near[0])
-        # The clocks drift apart slowly; what was proved last is the nearest.
+        # The offset drifts: the one proved last is the best.
         self._offset, self._proved_at = float(stamps[found] - trigger), trigger
         return found

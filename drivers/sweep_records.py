@@ -20,16 +20,16 @@ class StripeRecord:
 
     Attributes:
         shot: what the camera was triggered for.
-        motion: count of motions at the sweep's begin.
-        place: in the table of steps.
+        motion: count of motions at the beginning of the sweep.
+        place: place of the stripe in the table of steps.
         left: stripes still to come.
         clock: the board's clock at the trigger [s], modulo 2^32 us.
-        exposures: counted until the next trigger; 0 where they are not counted.
-        delay: from the trigger to the exposure [s].
+        exposures: number of exposures until the next trigger; 0 where they are not counted.
+        delay: time from the trigger to the exposure [s].
         exposure: its length [s].
-        lit: for how long the laser was on [s].
+        lit: how long the laser was on [s].
         faults: what was wrong then.
-        step: at which the mirror stood.
+        step: motor step at which the mirror stood.
     """
 
     shot: Shot
@@ -93,11 +93,11 @@ class MotionProfile:
     """How the board's motor moves, as the board reports it.
 
     Attributes:
-        start_speed: from which it starts, and at which it stops [steps/s].
-        top_speed: [steps/s].
-        acceleration: between the two [steps/s^2].
+        start_speed: speed at which it starts, and at which it stops [steps/s].
+        top_speed: highest speed [steps/s].
+        acceleration: acceleration between the two speeds [steps/s^2].
         settle: rest after a motion before the mirror is still [s].
-        overshoot: steps by which a move down goes too far.
+        overshoot: steps by which a downward move goes too far.
     """
 
     start_speed: float
@@ -125,13 +125,13 @@ class MotionProfile:
         """Return how long a motion over a number of steps takes, without settling [s].
 
         Args:
-            steps: signed; one down goes too far and comes back.
+            steps: signed number of steps; a downward motion goes too far and comes back.
         """
         if steps < 0:
-            return self._leg(self.overshoot - steps) + self._leg(self.overshoot)
-        return self._leg(steps)
+            return self._one_way(self.overshoot - steps) + self._one_way(self.overshoot)
+        return self._one_way(steps)
 
-    def _leg(self, steps: int) -> float:
+    def _one_way(self, steps: int) -> float:
         # One interval for each step, at the speed that constant acceleration from the nearer end allows.
         squared = self.start_speed**2
         ramp = round(min(max(0.0, (self.top_speed**2 - squared) / (2 * self.acceleration)), steps))

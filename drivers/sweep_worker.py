@@ -1,4 +1,4 @@
-"""The thread of a scan that the board sweeps by itself: hears of triggers, takes frames, hands over what is proved."""
+"""The thread of a scan that the board sweeps by itself: reads records, takes frames, hands over proved stripes."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class SweepWorker(StripeWorker):
     def _take(self) -> None:
         if not self._camera.triggered:
             raise CameraNotTriggered(
-                f"{self._camera.name} runs freely: a sweep needs a camera that waits for the board's trigger and tells "
+                f"{self._camera.name} runs freely: a sweep needs a camera that waits for the board's trigger and gives "
                 "its own time; scan without AcquireOptions.sweep"
             )
         sweeps = BoardSweep(self._board)
@@ -125,26 +125,26 @@ class SweepWorker(StripeWorker):
         while not self._is_over(sweep):
             self._check()
             self._feed(sweep)
-            self._hear(sweeps, sweep)
-            self._look(sweep)
+            self._read_records(sweeps, sweep)
+            self._grab(sweep)
             self._hand_over(sweep)
         return [stripe for place, stripe in enumerate(stripes, first) if place not in sweep.done]
 
     def _waits(self, steps: Sequence[int]) -> list[int]:
         """Waits before the triggers [0.5 ms]: uneven ones until the clocks are matched, none after that.
 
-        Where need be they are lengthened by the time that the camera needs anyway: its period would swallow them, and
+        Where necessary they are lengthened by the time that the camera needs anyway: its period would swallow them, and
         all gaps would be even.
         """
         if self._match.proved:
             return [0] * len(steps)
-        profile = self._board.motion_profile()
+        motion_profile = self._board.motion_profile()
         needed = self._period * (2 if self._options.off is OffFrames.PER_STRIPE else 1)
         waits = uneven_waits(len(steps), self._sweep_options.tolerance)
         for place, wait in enumerate(waits):
             if wait:
-                move = profile.time(steps[place] - steps[max(place - 1, 0)])
-                spare = needed - (move + profile.settle + self._sweep_options.flash)
+                move = motion_profile.time(steps[place] - steps[max(place - 1, 0)])
+                spare = needed - (move + motion_profile.settle + self._sweep_options.flash)
                 waits[place] = min(wait + max(0, math.ceil(spare / WAIT_UNIT)), WAIT_UNITS)
         return waits
 
@@ -167,7 +167,7 @@ class SweepWorker(StripeWorker):
         if blocking:
             raise LaserRefused(f"the board ended the sweep: {describe_faults(blocking)}")
 
-    def _hear(self, sweeps: BoardSweep, sweep: Sweep) -> None:
+    def _read_records(self, sweeps: BoardSweep, sweep: Sweep) -> None:
         while (record := self._board.read_record(REPORT_SLICE)) is not None:
             if not isinstance(record, StripeRecord) or record.motion != sweep.motion & 0xFFFF:
                 continue
@@ -176,7 +176,7 @@ class SweepWorker(StripeWorker):
             if record.shot is Shot.STRIPE and record.lit > 0:
                 self.fired.append(sweep.stripes[record.place - sweep.first].index)
 
-    def _look(self, sweep: Sweep) -> None:
+    def _grab(self, sweep: Sweep) -> None:
         try:
             frame = self._camera.grab(FRAME_SLICE)
         except CameraTimeout:

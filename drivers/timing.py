@@ -1,4 +1,4 @@
-"""The monotonic clock of all devices. An emulated board that keeps its own time lends its clock: then nothing waits."""
+"""The monotonic clock of all devices. For emulated devices it can be an emulated one: then nothing really waits."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ _clock: Clock = _MachineClock()
 
 
 def monotonic() -> float:
-    """Return the time [s] on the clock that holds now."""
+    """Return the time [s] on the clock in use."""
     return _clock.monotonic()
 
 
 def sleep(seconds: float) -> None:
-    """Wait on the clock that holds now."""
+    """Wait on the clock in use."""
     _clock.sleep(seconds)
 
 
 @contextmanager
 def on_clock(clock: Clock) -> Iterator[None]:
-    """Let every device of this process live by `clock` within the block."""
+    """Make every device of this process use `clock` within the block."""
     global _clock
     before, _clock = _clock, clock
     try:

@@ -1,4 +1,4 @@
-"""The udev rule that lets an ordinary user open the board, and the words that tell how to install it."""
+"""The udev rule that lets an ordinary user open the board, and the commands that install it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def udev_rule(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
 
 
 def udev_instructions(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
-    """The commands to type, one a line, that install the rule."""
+    """The commands to type, one per line, that install the rule."""
     return (
         f"echo '{udev_rule(vendor_id, product_id)}' | sudo tee {UDEV_RULE_FILE}\n"
         "sudo udevadm control --reload-rules && sudo udevadm trigger\n"

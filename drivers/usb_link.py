@@ -119,7 +119,7 @@ class UsbLink:
 
         Raises:
             BoardNotOpen: no device is held.
-            BoardError: what the bus said, typed.
+            BoardError: the transfer failed; its type says how.
         """
         device = self._held()
         value, index = split_argument(argument)
@@ -140,7 +140,7 @@ class UsbLink:
         Raises:
             BoardNotOpen: no device is held.
             BoardStalled: the endpoint stalled; its halt has been cleared, so the next read works.
-            BoardError: what the bus said, typed.
+            BoardError: the transfer failed; its type says how.
         """
         device = self._held()
         try:

@@ -1,4 +1,4 @@
-"""Compares a build with the committed firmware and, if the same compiler made both, puts it in its place.
+"""Compares a build with the committed firmware and, if the same compiler made both, replaces the committed one.
 
 `python adopt.py BUILD.uf2 COMPILER_VERSION [--adopt]`; `--adopt` also when the compilers differ.
 """

@@ -11,7 +11,7 @@
 enum {
     REPORTS_KEPT = 4,
     TICK_US = 1000,
-    /* Dark within the time that the identity names, although the tick looks only once a millisecond. */
+    /* Dark within the time that the identity names, although the tick checks only once a millisecond. */
     WATCHDOG_US = WATCHDOG_MS * 1000 - 2 * TICK_US,
 };
 
@@ -22,7 +22,7 @@ static struct {
     uint16_t faults_reported;
 
     bool answer_waits;
-    bool see_it_out;          /* the whole time, even when the photodiode agrees at once */
+    bool see_it_out;          /* wait all of SENSE_US, even when the photodiode agrees at once */
     uint8_t waiting_request, waiting_result;
     uint64_t answer_due;
 
@@ -313,7 +313,7 @@ void board_tick(void) {
     }
 }
 
-/* A leg of a sweep is nothing to report; whatever else ends is. */
+/* The end of one leg of a sweep is not reported; the end of every other motion is. */
 static void after_motion(void) {
     bool sweep_ended = sweep_take_ended();
     bool motion_ended = mirror_take_ended();

@@ -1,4 +1,4 @@
-/* Clocks, pins, timers and thermometer of the RP2040. Every interrupt has the same priority: none cuts into another. */
+/* Clocks, pins, timers and thermometer of the RP2040. All interrupts have the same priority: none interrupts another. */
 #include "board.h"
 #include "config.h"
 #include "flash_id.h"
@@ -73,7 +73,7 @@ void hal_heartbeat(void) {
 
 void hal_step(bool up) {
     write_pin(PIN_DIRECTION, up);
-    wait(2); /* the TMC2209 wants 20 ns before the pulse and 100 ns of it */
+    wait(2); /* the TMC2209 needs 20 ns before the pulse, and a pulse of 100 ns */
     write_pin(PIN_STEP, true);
     wait(40);
     write_pin(PIN_STEP, false);
@@ -81,7 +81,7 @@ void hal_step(bool up) {
 
 static void set_alarm(uint32_t alarm, uint32_t us) {
     if (us) {
-        /* An alarm that is past when it is written comes only after the timer's 71 minutes. */
+        /* An alarm in the past fires only after the timer has wrapped, in 71 minutes. */
         REG(TIMER + TIMER_ALARM + 4 * alarm) = REG(TIMER + TIMER_RAW) + (us < SHORTEST_ALARM_US ? SHORTEST_ALARM_US : us);
     } else {
         REG(TIMER + TIMER_ARMED) = 1u << alarm;
@@ -128,7 +128,7 @@ void isr_pins(void) {
     bool now_open = hal_exposure();
     if (edges == (EDGE_LOW | EDGE_HIGH) || edges == (now_open ? EDGE_HIGH : EDGE_LOW)) {
         if (edges == (EDGE_LOW | EDGE_HIGH)) {
-            board_exposure(!now_open); /* both came before this was served: their order follows from how they left it */
+            board_exposure(!now_open); /* both edges came before this was served: the line as it is now gives their order */
         }
         board_exposure(now_open);
     }
@@ -205,7 +205,7 @@ int main(void) {
     start_thermometer();
     read_flash_id();
     board_power_up();
-    REG(PSM_WDSEL) = 0x1fffc; /* everything but the two oscillators starts anew when the watchdog bites */
+    REG(PSM_WDSEL) = 0x1fffc; /* the watchdog resets everything but the two oscillators */
     REG(WATCHDOG + 4) = 2 * WATCHDOG_RESET_US;
     REG(WATCHDOG) = 1u << 30;
     next_tick = REG(TIMER + TIMER_RAW) + TICK_US;

@@ -7,7 +7,7 @@ enum {
 
     /* 200 full steps of 64 microsteps turn the mirror once: 2 pi / 12800. */
     STEP_NANORAD = 490874,
-    /* 40 degrees of travel; the sheet falls straight down 15 degrees above its low end. */
+    /* 40 degrees of travel; the laser plane falls straight down 15 degrees above its low end. */
     MIN_STEP = 16,
     MAX_STEP = MIN_STEP + 1422,
     ZERO_STEP = MIN_STEP + 533,

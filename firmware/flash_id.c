@@ -1,4 +1,4 @@
-/* The program runs from RAM, so the flash can be spoken to: command 4Bh, four bytes of nothing, eight of the number. */
+/* The program runs from RAM, so commands can be sent to the flash: 4Bh, four dummy bytes, eight bytes of the id. */
 #include "flash_id.h"
 
 #include <stdint.h>

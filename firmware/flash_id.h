@@ -3,5 +3,5 @@
 
 enum { FLASH_ID_DIGITS = 16 };
 
-void read_flash_id(void);        /* once, before anything else wants the flash */
+void read_flash_id(void);        /* once, before anything else uses the flash */
 const char *flash_id(void);      /* hexadecimal; zeros when the chip gave none */

@@ -114,7 +114,7 @@ int host_request(uint8_t request, int32_t argument, uint8_t *answer) {
     world.last_request = world.now;
     int length = board_request(request, argument, answer);
     if (length == 0 || request == REQUEST_IDENTIFY || request == REQUEST_MOTION) {
-        world.last_request = before; /* these feed nothing */
+        world.last_request = before; /* these do not feed the watchdog */
     }
     while (length < 0) {
         host_run(1000, false);

@@ -15,7 +15,7 @@ static struct {
     uint16_t faults;
     uint64_t on_since;
     uint64_t dark_since;
-    uint64_t run_us;      /* of this go, up to on_since */
+    uint64_t run_us;      /* time lit since the last rest, up to on_since */
     int16_t temperature;
     uint8_t disagreeing;  /* milliseconds for which the photodiode has contradicted */
 } light;

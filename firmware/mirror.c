@@ -17,7 +17,7 @@ static struct {
     uint16_t level;
     bool up;
     int32_t step;
-    int32_t leg;                  /* where this part of the motion ends */
+    int32_t leg;                  /* where this leg of the motion ends */
     int32_t target;               /* where the motion ends */
     bool has_target;
     int32_t begun_at;

@@ -5,7 +5,7 @@
 
 typedef struct {
     uint8_t kind;         /* a stripe or an off frame */
-    uint16_t motion;      /* count of motions at the sweep's begin */
+    uint16_t motion;      /* count of motions at the beginning of the sweep */
     uint16_t place;       /* in the table */
     uint16_t left;        /* stripes still to come */
     uint32_t clock_us;    /* of the trigger */

@@ -11,9 +11,9 @@ enum {
     UNSET = INT16_MIN,
     EXPOSURE_WAIT_US = 5000, /* after the trigger; later the stripe counts as missed */
     SHUTTER_WAIT_US = 100000, /* for a shutter to close before the next trigger */
-    LAST_WAIT_US = 2000,     /* for exposures too many after the last trigger */
+    LAST_WAIT_US = 2000,     /* for surplus exposures after the last trigger */
     RETRY_US = 100,
-    SEEN_AFTER_US = 200,     /* lit so long, the photodiode must have seen it */
+    SEEN_AFTER_US = 200,     /* a flash of this length must be seen by the photodiode */
     KEPT = 2 * SWEEP_STRIPES + 1,
 };
 
@@ -33,7 +33,7 @@ static struct {
     bool shot_is_off;  /* the shot under way or next is an off frame */
     bool shot_open;    /* its record is not written yet */
     bool has_shone;
-    bool has_waited;   /* the time that its place asks for */
+    bool has_waited;   /* the time that the table gives for its place */
     uint64_t triggered, lit_since, dark_since, ready_since;
     stripe_record_t shot;
 
@@ -323,7 +323,7 @@ void sweep_exposure(bool begins, uint64_t now) {
     if (begins) {
         sweep.shot.exposures++;
         if (sweep.phase != TRIGGERED) {
-            return; /* one too many */
+            return; /* a surplus exposure */
         }
         sweep.shot.delay_us = (uint16_t)(now - sweep.triggered);
         if (sweep.shot_is_off) {

@@ -11,7 +11,7 @@ uint8_t sweep_set_period(int32_t us);
 uint8_t sweep_set_off_frames(int32_t mode);
 uint8_t sweep_begin(uint32_t argument, uint64_t now);
 
-void sweep_end(uint64_t now);                /* dark, mirror halted; harmless when none runs */
+void sweep_end(uint64_t now);                /* dark, mirror halted; does nothing when none runs */
 bool sweep_is_running(void);
 void sweep_go_on(uint64_t now);              /* the mirror is still, or the time asked for has come */
 void sweep_exposure(bool begins, uint64_t now); /* the camera's shutter */

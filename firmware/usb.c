@@ -122,7 +122,7 @@ static void send_report(void) {
     }
 }
 
-/* The endpoint begins anew with DATA0; a report that was in the controller is sent again with it. */
+/* The endpoint begins again with DATA0; a report that was in the controller is sent again with it. */
 static void restart_reports(void) {
     take_back(EP1_IN, EP1_IN_BIT);
     usb.report_data1 = usb.halted = false;
@@ -293,7 +293,7 @@ void usb_start(void) {
         REG(USB_RAM + offset) = 0;
     }
     REG(USB + MUXING) = 1 << 0 | 1 << 3;
-    REG(USB + POWER) = 1 << 2 | 1 << 3; /* the Pico has no VBUS pin for the controller: it is told */
+    REG(USB + POWER) = 1 << 2 | 1 << 3; /* the Pico has no VBUS pin for the controller: force it */
     REG(USB + MAIN_CTRL) = 1;
     REG(USB + SIE_CTRL) = 1 << 29;
     REG(USB_RAM + EP1_IN_SETUP) = 1u << 31 | 1 << 29 | 3 << 26 | EP1_BUFFER;

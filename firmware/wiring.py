@@ -17,7 +17,7 @@ BOARD_PIN = {2: 4, 3: 5, 4: 6, 5: 7, 6: 9, 7: 10, 8: 11, 9: 12, 10: 14, 11: 15, 
 WIDTH, HEIGHT = 1000, 600
 PICO = (370, 70, 260, 400)
 ROW, FIRST_ROW = 46, 110
-# Side, and the part's lines of text, by the pins that it is wired to.
+# Side of the Pico, signals that the part is wired to, and its lines of text.
 PARTS = (
     ("left", ("LASER",), ("P-MOSFET B, laser", "N-MOSFET 2N7002 at its gate")),
     ("left", ("SUPPLY",), ("P-MOSFET A, supply", "two 2N7002 in series at its gate")),

@@ -21,7 +21,7 @@ LIFT_ORDER = ("rh", "rf", "lh", "lf")
 CYCLE_M = 0.140
 ADVANCE_M = CYCLE_M / len(LIFT_ORDER)
 HIP_HEIGHT_M = 0.360
-# A leg that stands lowest must still reach half a stride aside.
+# The leg of the lowest foot must still reach half a swing away.
 LONGEST_LEG_M = 0.375
 PAUSE_NS = 4_675_000_000
 # Where camera and laser are in base_link (nominal), for occlusion.
@@ -30,7 +30,7 @@ LASER_IN_BASE = np.array([0.600, 0.0, 0.110])
 SENSOR_SIGMA_M = (0.0001, 0.0002)
 # How far aside the camera sees the ground at the near and at the far end of the scanned area.
 SEEN_ASIDE_M = (0.26, 0.38)
-# Share of cells without a return, as of 18 coarse scans by simulated frames over random worlds: where heights change by
+# Share of cells without a return, from 18 coarse scans of simulated frames over random worlds: where heights change by
 # more than EDGE_M from a cell to those beside it, beside such cells, and within two cells of dark ground.
 EDGE_M = 0.008
 DROPPED_AT_EDGES, DROPPED_BESIDE_EDGES, DROPPED_BESIDE_DARK = 0.21, 0.08, 0.09
@@ -104,7 +104,7 @@ class Pause:
         stance: as measured, with noise.
         transform_base_to_world: the truth, (4, 4).
         soles_in_world: leg -> (3,), true.
-        next_footholds: leg -> (3,) true places of the next swing of each leg.
+        next_footholds: leg -> (3,) true position where the next swing of each leg ends.
         next_leg: the leg that swings next.
     """
 
@@ -196,15 +196,15 @@ def _clusters(rng: np.random.Generator, relief: Float, top: Float, dark: npt.NDA
 
     Args:
         rng: random numbers.
-        relief: (ny, nx) of each cell [m].
-        top: (ny nx,) highest point of each cell [m].
-        dark: (ny nx,) whether its ground swallows the laser.
+        relief: range of heights within each cell [m], (ny, nx).
+        top: highest point of each cell [m], (ny nx,).
+        dark: whether the ground of each cell swallows the laser, (ny nx,).
     """
     high, around = top.reshape(relief.shape), np.ones((3, 3), np.uint8)
     edges = cv2.dilate(high, around) - cv2.erode(high - relief, around) > EDGE_M
     beside = cv2.dilate(edges.astype(np.uint8), around) > 0
-    rim = cv2.dilate(dark.reshape(relief.shape).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    share = np.select([edges, rim, beside], [DROPPED_AT_EDGES, DROPPED_BESIDE_DARK, DROPPED_BESIDE_EDGES], 0.0)
+    near_dark = cv2.dilate(dark.reshape(relief.shape).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    share = np.select([edges, near_dark, beside], [DROPPED_AT_EDGES, DROPPED_BESIDE_DARK, DROPPED_BESIDE_EDGES], 0.0)
     noise = cv2.GaussianBlur(rng.normal(0, 1, relief.shape), (0, 0), CLUSTER_CELLS)
     rank = np.empty(noise.size)
     rank[np.argsort(noise, axis=None)] = np.arange(noise.size) / noise.size
@@ -229,7 +229,7 @@ def _measured(
 
 
 def _foothold(ground: Ground, x: float, y: float) -> Float:
-    """The flattest place for a sole near a wish, and its height."""
+    """The flattest place for a sole near a wanted position, and its height."""
     best = None
     for dx in np.arange(-0.03, 0.031, 0.01):
         for dy in np.arange(-0.02, 0.021, 0.01):

@@ -30,15 +30,15 @@ def height_errors(
         plane = plane_in_frame(stripe.plane, true_pose)
         plane_in_camera = estimate.stripe(stripe.index).plane
         found = []
-        for level in heights_mm * 1e-3:
-            x = -(plane[1] * y + plane[2] * level + plane[3]) / plane[0]
-            points = np.column_stack((x, y, np.full(len(y), level)))
+        for ground_height in heights_mm * 1e-3:
+            x = -(plane[1] * y + plane[2] * ground_height + plane[3]) / plane[0]
+            points = np.column_stack((x, y, np.full(len(y), ground_height)))
             pixels = truth.camera.project((points - true_pose[:3, 3]) @ true_pose[:3, :3])
             visible = (pixels[:, 0] >= 0) & (pixels[:, 0] <= width - 1) & (pixels[:, 1] >= 0)
             visible &= (pixels[:, 1] <= height - 1) & (x > AREA_X[0]) & (x < AREA_X[1])
             rays = estimate.camera.rays(pixels[visible])
             points = rays * (-plane_in_camera[3] / (rays @ plane_in_camera[:3]))[:, None]
-            found.append(points @ camera_pose[2, :3] + camera_pose[2, 3] - level)
+            found.append(points @ camera_pose[2, :3] + camera_pose[2, 3] - ground_height)
         errors[stripe.index] = np.concatenate(found)
     return errors
 

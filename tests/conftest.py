@@ -21,20 +21,20 @@ from tests.truth import truth_calibration
 
 DATA = Path(__file__).parent / "data"
 
-# A shell that starts the tests in the background lets them ignore Ctrl-C, `nohup` lets them ignore the end of a
-# terminal, and so would every program that they start and signal. A handler that does nothing keeps it so for the tests
-# alone: a new program gets the default of the system.
+# Tests that a shell starts in the background ignore Ctrl-C, and under `nohup` the end of a terminal; programs that they
+# start would inherit this. With a handler that does nothing only the tests ignore the signal: a new program gets the
+# default of the system.
 for ignored in (signal.SIGINT, signal.SIGHUP):
     if signal.getsignal(ignored) == signal.SIG_IGN:
         signal.signal(ignored, lambda *_: None)
 
 
-# Collecting makes thousands of objects that all stay: to look through them for garbage costs a sixth of it.
+# Collecting makes thousands of objects that all stay: looking through them for garbage takes a sixth of its time.
 gc.disable()
 
 
 def pytest_collection_finish() -> None:
-    """From here on garbage is collected, and what the collection made is none."""
+    """From here on garbage is collected; objects made before are never searched."""
     gc.freeze()
     gc.enable()
 
@@ -47,7 +47,7 @@ settings.load_profile("busy")
 def pytest_xdist_setupnodes(config: pytest.Config, specs: list[Any]) -> None:
     """Workers that share a core are forked where the tests are imported already: each would need seconds for it."""
     if len(specs) <= len(os.sched_getaffinity(0)):
-        return  # All import at once, sooner than one of them and the others after it.
+        return  # It is quicker if all import at once than if one imports first.
     forked.start_server(*config.invocation_params.args)
     for spec in specs:
         if spec.popen:
@@ -55,11 +55,11 @@ def pytest_xdist_setupnodes(config: pytest.Config, specs: list[Any]) -> None:
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Three workers to a core: much of a test's time goes by while it waits; with two, a fifth of the cores' idles."""
+    """Three workers per core, since tests wait for much of their time; with two, the cores idle for a fifth of it."""
     return int(os.environ.get("WORKERS_PER_CORE", "3")) * min(len(os.sched_getaffinity(0)), 4)
 
 
-# Whoever asks for one of these starts a program, or scans with devices that keep real time.
+# Fixtures that start a program, or scan with devices that keep real time.
 PROGRAMS = {
     "start",
     "start_program",
@@ -72,7 +72,7 @@ PROGRAMS = {
     "module_endpoint",
     "fake",
 }
-# Of tests/guara_perception/calibration: a whole calibration, and what is given to one.
+# Folder below tests, and its fixtures of a whole calibration and of what goes into one.
 CALIBRATED = ("guara_perception/calibration", {"result", "few_stripes"})
 
 

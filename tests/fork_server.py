@@ -49,7 +49,7 @@ def import_everything(pytest_arguments: list[str]) -> None:
 
 
 def serve(listener: socket.socket) -> list[str]:
-    """Fork for each request; return what it asks for in each child. Ends with whoever started it, and all children."""
+    """Fork for each request; return its arguments in the child. The server and all children end with its parent."""
     wake, woken = os.pipe()
     os.set_blocking(woken, False)
     signal.set_wakeup_fd(woken)
@@ -97,7 +97,7 @@ def serve(listener: socket.socket) -> list[str]:
 
 
 def report_ends(children: dict[int, socket.socket]) -> None:
-    """Tell whoever asked for them how the children have ended."""
+    """Report how each child has ended to the process that asked for it."""
     while children:
         pid, status = os.waitpid(-1, os.WNOHANG)
         if not pid:

@@ -2,7 +2,7 @@
 
 One server (`fork_server.py`) serves all workers of a run, and the workers themselves are forked by it: it has imported
 the tests too. What it gives is a process of its own, with its own streams, signals and end, as `subprocess.Popen` would
-start it. What is tested from the interpreter's begin to its end, as imports and exit are, takes a new interpreter.
+start it. Tests of the interpreter's start and end, as of imports and exit, need a new interpreter.
 Run as `python forked.py ARGUMENTS...` this file is `python ARGUMENTS...`, forked.
 """
 
@@ -32,7 +32,7 @@ def start_server(*pytest_arguments: str) -> None:
         pytest_arguments: what it collects, for workers that run tests; without any it imports the packages only.
     """
     with socket.socket(socket.AF_UNIX) as listener:
-        # The kernel finds a free name in its own name space; who asks early waits until all is imported.
+        # The kernel finds a free name in its own name space; whoever asks early waits until all is imported.
         listener.bind("")
         listener.listen(256)
         os.environ[ADDRESS] = listener.getsockname()[1:].decode()
@@ -41,7 +41,7 @@ def start_server(*pytest_arguments: str) -> None:
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
         pipe, fds = subprocess.PIPE, [listener.fileno()]
         server = subprocess.Popen(command, env=environment, stdin=pipe, stdout=subprocess.DEVNULL, pass_fds=fds)
-    # It ends when its standard input does. Waited for, its processor time counts as this process's.
+    # It ends when its standard input does. Waiting for it adds its processor time to that of this process.
     atexit.register(server.communicate)
 
 
@@ -108,7 +108,9 @@ class ForkedProcess:
             said[number] = stream.read()
 
         self.stdin.close()
-        readers = [threading.Thread(target=read, args=of, daemon=True) for of in enumerate((self.stdout, self.stderr))]
+        readers = [
+            threading.Thread(target=read, args=item, daemon=True) for item in enumerate((self.stdout, self.stderr))
+        ]
         for reader in readers:
             reader.start()
         self.wait(timeout)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 import guara_perception as gp
 
-# From a change of height this large inside 3 x 3 mm, cells this near are no interior.
+# Cells nearer than the margin to a jump of height, within 3 x 3 mm, do not count as interior.
 JUMP_M = 0.003
 INTERIOR_MARGIN_MM = 6
 # A known cell that nobody could see must at least lie within its true heights by this much.
@@ -103,16 +103,16 @@ def figures(terrain: gp.TerrainGrid, truth: Truth) -> Figures:
         bias=_mean(error[used]),
         bias_near=_mean(error[near]),
         bias_far=_mean(error[far]),
-        known=_share(used, truth.interior),
-        unseen_known=_share(unseen, truth.unseen),
+        known=_percent(used, truth.interior),
+        unseen_known=_percent(unseen, truth.unseen),
         unseen_wrong=int(wrong.sum()),
-        dark_known=_share(truth.dark & known, truth.dark),
+        dark_known=_percent(truth.dark & known, truth.dark),
         unsafe=int((traversable & (truth.unseen | truth.dark)).sum()),
     )
 
 
 def made_up(terrain: gp.TerrainGrid, truth: Truth) -> int:
-    """Cells called traversable at a height that is not there."""
+    """Cells called traversable at a height that the ground does not have."""
     height = np.asarray(terrain.elevation, np.float64)
     beyond = (height > truth.high + MADE_UP_M) | (height < truth.low - MADE_UP_M)
     return int(np.count_nonzero(beyond & (np.asarray(terrain.traversability) > 0)))
@@ -122,5 +122,5 @@ def _mean(values: npt.NDArray[np.float64]) -> float:
     return float(values.mean()) if values.size else np.nan
 
 
-def _share(part: npt.NDArray[np.bool_], whole: npt.NDArray[np.bool_]) -> float:
+def _percent(part: npt.NDArray[np.bool_], whole: npt.NDArray[np.bool_]) -> float:
     return 100.0 * float(part.sum()) / float(whole.sum()) if whole.any() else 0.0

@@ -20,7 +20,7 @@ CLEAR_M = 0.020
 
 @dataclass
 class WalkFigures:
-    """What the physics walk amounted to; errors in metres.
+    """The results of a physics walk; errors in metres.
 
     Attributes:
         grids: pauses that gave a grid.
@@ -89,7 +89,7 @@ class _Walker:
         if terrain.looks[iy, ix] == 0:
             self.figures.declared += 1
         elif terrain.clearance[iy, ix] > CLEAR_M:
-            # By way of the body: what is compared is the map, not which feet the footprint's z = 0 was taken from.
+            # Through the body's pose, so that the result does not depend on the feet that define the footprint's z = 0.
             to_footprint = np.array(terrain.metadata["transform_base_to_footprint"])
             point = pause.transform_base_to_world @ np.linalg.solve(to_footprint, (found.x, found.y, found.z, 1.0))
             error = float(point[2] - self._world.height(point[0], point[1]))
@@ -98,5 +98,5 @@ class _Walker:
 
 
 def rms(errors: list[float]) -> float:
-    """Root mean square, NaN of nothing."""
+    """Root mean square, NaN for an empty list."""
     return float(np.sqrt(np.mean(np.square(errors)))) if errors else float("nan")

@@ -1,4 +1,4 @@
-"""A TCP proxy that passes a given number of bytes a second: a slow link on one machine."""
+"""A TCP proxy that passes a given number of bytes per second: a slow link on one machine."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class SlowLink:
 
     Attributes:
         endpoint: Zenoh endpoint to connect to in place of the real one.
-        passed: [byte] that went either way so far.
+        passed: data passed so far, both directions together [byte].
     """
 
     def __init__(self, target: str, rate: float) -> None:
@@ -25,7 +25,7 @@ class SlowLink:
 
         Args:
             target: Zenoh endpoint on this machine, over TCP or TLS.
-            rate: [byte/s] each way.
+            rate: data rate in each direction [byte/s].
         """
         host, _, port = target.rpartition(":")
         self._target, self._rate = int(port), rate

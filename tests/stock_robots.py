@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
-# Package and the file's place in it.
+# Package, and path of the file in its folder.
 EXAMPLES, BULLET = "example-robot-data", "pybullet"
 FOLDERS = {EXAMPLES: "cmeel.prefix/share/example-robot-data/robots", BULLET: "pybullet_data"}
 FILES = {

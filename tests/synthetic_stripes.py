@@ -24,7 +24,7 @@ GAP_MARGIN_COLUMNS = 4
 
 @dataclass(frozen=True)
 class Case:
-    """One kind of light: grey levels of the peak and of the noise, and how much the reflectance varies (its share)."""
+    """One kind of light: grey levels of the peak and of the noise, and the relative variation of the reflectance."""
 
     name: str
     peak: float
@@ -46,8 +46,8 @@ def stripes(case: Case, seed: int = 0, count: int = STRIPES) -> Iterator[tuple[I
         centre = (
             ROWS / 2 + random.uniform(-3, 3) + 12 * np.sin(columns / random.uniform(150, 400) + random.uniform(0, 6))
         )
-        step = random.integers(200, 900)
-        centre[step : step + 160] += random.uniform(8, 20)
+        jump = random.integers(200, 900)
+        centre[jump : jump + 160] += random.uniform(8, 20)
         gap = int(random.integers(950, 1150))
         centre[gap : gap + 80] = np.nan
         light = case.peak * np.exp(-0.5 * ((rows - np.nan_to_num(centre, nan=-99)) / SIGMA_PX) ** 2)
@@ -58,11 +58,11 @@ def stripes(case: Case, seed: int = 0, count: int = STRIPES) -> Iterator[tuple[I
         yield _as_frame(on), _as_frame(off), centre
 
 
-def _texture(share: float, random: np.random.Generator) -> Float | float:
+def _texture(variation: float, random: np.random.Generator) -> Float | float:
     """Relative reflectance (rows, columns, 1) of coarse sand."""
-    if share == 0:
+    if variation == 0:
         return 1.0
-    grains = random.normal(1, share, (ROWS // GRAIN_PX, COLUMNS // GRAIN_PX))
+    grains = random.normal(1, variation, (ROWS // GRAIN_PX, COLUMNS // GRAIN_PX))
     smooth = cv2.resize(grains, (COLUMNS, ROWS), interpolation=cv2.INTER_CUBIC)
     return np.asarray(np.clip(smooth, 0.1, 2.0), np.float64)[:, :, None]
 
@@ -90,7 +90,7 @@ def stripe_errors(found: Sequence[npt.NDArray[Any]], centres: Sequence[Float]) -
 
     Args:
         found: rows per column of each stripe, NaN where none was found.
-        centres: the true ones.
+        centres: true rows per column of each stripe.
     """
     row, truth = np.concatenate(found), np.concatenate(centres)
     judged = ~np.concatenate([_near_change(centre) for centre in centres])

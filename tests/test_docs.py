@@ -6,7 +6,7 @@ holds links `scans/paper`, `scans/dark`, `scans/tilt`, `session`, `tests/data`, 
 page started one itself (`guara run --simulated`, stopped at the end of the page). What cannot be run here is checked
 as far as it goes: `make` lines against the Makefile, `guara demo` lines (it has tests of its own) and blocks after a
 line `<!-- needs: laser board and camera -->` by parsing their options and importing what they import. Blocks that begin
-with `# not run here: ` and what they lack say so to the reader too; of these the `guara` lines are parsed.
+with `# not run here: ` and what they lack say so to the reader too; their `guara` lines are parsed.
 """
 
 import ast
@@ -73,8 +73,8 @@ class Block:
 def blocks(page: Path) -> list[Block]:
     """The fenced blocks of a page, in order."""
     found = []
-    pattern = r"(?:^<!-- needs: (?P<needs>.*?) -->\n+)?^(?P<indent> *)```(?P<language>[^\n]*)\n(?P<text>.*?)^ *```[ ]*$"
-    for match in re.finditer(pattern, page.read_text(), re.MULTILINE | re.DOTALL):
+    fenced = r"(?:^<!-- needs: (?P<needs>.*?) -->\n+)?^(?P<indent> *)```(?P<language>[^\n]*)\n(?P<text>.*?)^ *```[ ]*$"
+    for match in re.finditer(fenced, page.read_text(), re.MULTILINE | re.DOTALL):
         line = page.read_text()[: match.start("language")].count("\n") + 1
         text = textwrap.dedent(match["text"])
         found.append(Block(f"{page.relative_to(ROOT)}:{line}", match["language"].strip(), text, match["needs"] or ""))
@@ -166,7 +166,7 @@ class Reader:
         if is_node:
             wait_for_port(free=False)
         else:
-            assert process.stdout.readline(), f"{block.source}: {line}: ended without a word"
+            assert process.stdout.readline(), f"{block.source}: {line}: ended without output"
             self.stop_running()
 
     def provide_node(self) -> None:
@@ -253,9 +253,9 @@ def reader(tmp_path: Path, data: Path, calibration_file: Path, paper_terrain: gp
     (tmp_path / "my_robot.urdf").symlink_to(ROOT / "tests" / "robots" / "tapir" / "urdf" / "tapir.urdf")
     (tmp_path / "calibration.json").write_text(calibration_file.read_text())
     paper_terrain.save(tmp_path / ".published.npz")
-    someone = Reader(tmp_path, tmp_path / ".published.npz")
-    yield someone
-    someone.leave()
+    page_reader = Reader(tmp_path, tmp_path / ".published.npz")
+    yield page_reader
+    page_reader.leave()
 
 
 @pytest.mark.heavy

@@ -11,7 +11,7 @@ import guara_perception as gp
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 FOLDERS = "tests|benchmarks|examples|guara_perception|kinematics|drivers|transport|robots|firmware|ros"
-# Made by who follows the page.
+# Made by whoever follows the page.
 MADE = {"robots/mine/robot.toml", "robots/mine/README.md", "firmware/build/"}
 
 

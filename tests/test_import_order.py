@@ -1,4 +1,4 @@
-"""Files import in one direction: no file needs, by any way round, one that needs it."""
+"""Files import in one direction: no file imports, directly or through others, a file that imports it."""
 
 import ast
 from collections.abc import Iterator

@@ -173,8 +173,8 @@ def test_lock_covers_every_dependency_on_every_python(root: Path, project: dict,
 
 
 @pytest.mark.parametrize("lock", LOCKS)
-def test_lock_pins_content_and_names_no_place(root: Path, lock: str):
-    """Every entry has hashes; where packages come from is the machine's own business."""
+def test_lock_pins_content_and_names_no_source(root: Path, lock: str):
+    """Every entry has hashes; each machine decides where packages come from."""
     assert all(hashes > 0 for _, hashes in locked(root / lock))
     text = (root / lock).read_text()
     for word in ("://", "--index", "--extra-index", "--find-links", "--trusted", " @ ", "file:"):

@@ -1,4 +1,4 @@
-"""The site of documents: every public name has its place in the reference, and it builds without a warning."""
+"""The site of documents: every public name is in the reference, and it builds without a warning."""
 
 from __future__ import annotations
 

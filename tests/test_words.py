@@ -110,7 +110,7 @@ def test_no_file_holds_a_refused_phrase(phrase: str):
 
 
 def test_phrases_are_found():
-    """The patterns refuse what they were made for."""
+    """The expressions refuse what they were made for."""
     for line in ("it is told so", "so many rows", "a covariance that is none", "the eyes see", "the sheet falls"):
         assert any(re.search(phrase, line) for phrase in REFUSED), line
 

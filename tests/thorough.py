@@ -10,10 +10,10 @@ IS_THOROUGH = os.environ.get("THOROUGH") == "1"
 
 
 def examples(number: int) -> int:
-    """As many of this number as are tried now, two at least."""
+    """How many examples to try now: this number, or a third of it, but two at least."""
     return number if IS_THOROUGH else max(number // 3, 2)
 
 
 def further(*cases: Any) -> Sequence[Any]:
-    """Costly cases beside another one of the same test that shows the same: `heavy`, so tried in CI."""
+    """Costly further cases of a test, which has a cheaper one: `heavy`, so tried in CI."""
     return [pytest.param(case, marks=pytest.mark.heavy) for case in cases]

@@ -17,7 +17,7 @@ def truth_calibration(data: Path) -> gp.Calibration:
     """
     truth = json.loads((data / "calibration" / "truth.json").read_text())
     planes = truth["laser_planes_camera"]
-    stripes = pattern(data, len(planes))
+    stripes = indices_and_angles(data, len(planes))
     camera = truth["camera"]
     return gp.Calibration(
         robot="guara",
@@ -35,7 +35,7 @@ def truth_calibration(data: Path) -> gp.Calibration:
     )
 
 
-def pattern(data: Path, count: int) -> list[tuple[int, float]]:
+def indices_and_angles(data: Path, count: int) -> list[tuple[int, float]]:
     """Index and mirror angle of every stripe, from the first scan that holds all of them."""
     for path in sorted(data.glob("**/scan.json")):
         listed = json.loads(path.read_text())["stripes"]

@@ -16,11 +16,11 @@ JOINT_SIGMA, TILT_SIGMA = 0.05, 0.05
 
 
 def worst_difference(robot: RobotModel, source: Path) -> float:
-    """The largest difference of transform_base_to_footprint over several stances of a robot, by number of the matrix.
+    """The largest difference of an entry of transform_base_to_footprint over several stances of a robot.
 
     Args:
         robot: loaded from a folder that was made of `source`.
-        source: the stock URDF, which the other reader reads; where a sole lies on its foot's link is the folder's.
+        source: the stock URDF, which the other reader reads; the folder says where a sole lies on its foot's link.
     """
     # yourdfpy warns of every mesh that it is asked not to load.
     logging.getLogger("yourdfpy.urdf").setLevel(logging.ERROR)

@@ -25,15 +25,15 @@ REPORTS_KEPT = 4
 class EmulatedBoard:
     """A laser board made of software; thread-safe.
 
-    Nothing runs in the background: timers take effect at the moment they were due, whenever one asks next.
+    Nothing runs in the background: at the next call, timers take effect as of the instant at which they were due.
     """
 
     def __init__(self, config: EmulatorConfig | None = None, clock: Callable[[], float] = timing.monotonic) -> None:
-        """Power up, with the mirror in the middle of its travel and its home unknown.
+        """Power up, with the mirror at the centre of its travel and its home unknown.
 
         Args:
             config: what kind of board; None for the defaults.
-            clock: where the time [s] comes from.
+            clock: gives the time [s].
         """
         self.config = config or EmulatorConfig()
         self.clock = clock
@@ -86,7 +86,7 @@ class EmulatedBoard:
             if known is Request.IDENTIFY:
                 return self._identity()
             if known is Request.MOTION:
-                return self._mirror.profile.pack()
+                return self._mirror.motion_profile.pack()
             if self._session:
                 self._light.feed(now)
             self._sequence += 1
@@ -169,7 +169,7 @@ class EmulatedBoard:
         self._run_sweep(now)
         ended = self._mirror.ended(now)
         if ended is not None:
-            # Made as things were at that moment, however late one looks.
+            # The report shows the state at that instant, however late it is asked for.
             self._report(ended)
         self._light.advance(now)
         self._mirror.advance(now)

@@ -17,7 +17,7 @@ from drivers.protocol import REPORT_ENDPOINT, REQUEST_IN, REQUESTS, join_argumen
 TO_DEVICE, TO_ENDPOINT, FROM_DEVICE = 0x00, 0x02, 0x80
 CLEAR_FEATURE, GET_DESCRIPTOR, GET_CONFIGURATION, SET_CONFIGURATION = 1, 6, 8, 9
 CLEAR_REPORT_HALT = (TO_ENDPOINT, CLEAR_FEATURE, 0, REPORT_ENDPOINT)
-# Seconds between two looks at a board that stands still and has nothing to report.
+# Seconds between two polls of a board that stands still and has nothing to report.
 REPORT_SLICE = 0.002
 BEFORE = (FaultKind.UNPLUG, FaultKind.STALL, FaultKind.TIMEOUT)
 AFTER = (FaultKind.UNPLUG_AFTER, FaultKind.TIMEOUT_AFTER, FaultKind.SHORT_READ, FaultKind.GARBAGE)
@@ -109,7 +109,7 @@ class LocalBus:
         self._halted = False
 
     def interrupt(self, length: int, timeout: float) -> bytes:
-        """Wait for something to report; an endpoint that has stalled does so until its halt is cleared."""
+        """Wait for something to report; a stalled endpoint stalls again until its halt is cleared."""
         plan = self._board.plan
         fault = plan.strike("report", BEFORE)
         self._halted = self._halted or (fault is not None and fault.kind is FaultKind.STALL)

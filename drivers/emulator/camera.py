@@ -54,7 +54,7 @@ KINDS = ("drop", "repeat", "freeze", "silence", "resize", "brighten")
 
 
 class EmulatedCamera(Camera):
-    """Exposes at a fixed rate, whether anybody looks or not; a slow reader finds the newest frame only.
+    """Exposes at a fixed rate, whether anybody reads or not; a slow reader gets only the newest frame.
 
     Frame n is exposed from `start + n / fps` for `exposure` and arrives `latency` later.
     """
@@ -72,12 +72,12 @@ class EmulatedCamera(Camera):
         """Prepare the camera.
 
         Args:
-            board: whose laser and mirror it sees.
+            board: the board whose laser and mirror it sees.
             render: makes the image of an exposure, from what the board did meanwhile and the camera's settings.
             fps: frames per second.
             exposure: time the shutter is open [s]; `lock` changes it.
-            latency: from the end of the exposure to the arrival [s].
-            name: for messages.
+            latency: time from the end of the exposure to the arrival [s].
+            name: name of the camera in messages.
 
         Raises:
             ValueError: fps or exposure not above 0, or an exposure longer than a frame.

@@ -1,4 +1,4 @@
-"""A clock of one's own for emulated devices: to wait is to set it forward, so nothing ever waits."""
+"""A clock for emulated devices alone: waiting sets it forward, so nothing really waits."""
 
 from __future__ import annotations
 

@@ -34,11 +34,11 @@ class EmulatorConfig:
     """Configuration of an `EmulatedBoard`.
 
     Attributes:
-        identity: what the board says of itself, and obeys.
+        identity: what the board reports of itself, with the limits that it obeys.
         serial: serial number.
-        mirror_speed: [rad/s]; 7 rad/s is a stepper at a leisurely 220 full steps a second.
+        mirror_speed: speed of the mirror [rad/s]; 7 rad/s is a stepper at a leisurely 220 full steps a second.
         settle: rest after a motion before the mirror is still [s].
-        overshoot: steps a move down goes too far, to take up backlash.
+        overshoot: steps by which a downward move goes too far, to take up backlash.
         periodic_error: amplitude of the stepper's periodic error [rad], period 8 full steps.
         temperature: temperature of the board [degrees Celsius].
         bus_delay: time each transfer takes [s]; a full-speed control transfer takes about 0.001.

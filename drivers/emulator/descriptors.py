@@ -30,7 +30,7 @@ ENDPOINT_FIELDS = "bLength bDescriptorType bEndpointAddress bmAttributes wMaxPac
 
 
 def descriptor(kind: int, index: int, serial: str) -> bytes | None:
-    """Return a descriptor of the emulated board, None when it has none such.
+    """Return a descriptor of the emulated board, None when there is no such descriptor.
 
     Args:
         kind: type of the descriptor, the high byte of wValue.
@@ -54,7 +54,7 @@ def descriptor(kind: int, index: int, serial: str) -> bytes | None:
 
 
 def parse_device(data: bytes, address: int) -> SimpleNamespace:
-    """Return a device descriptor with the device's place on the bus."""
+    """Return a device descriptor with the device's address on the bus."""
     fields = dict(zip(DEVICE_FIELDS, DEVICE_LAYOUT.unpack_from(data), strict=True))
     return SimpleNamespace(**fields, address=address, bus=1, port_number=address, port_numbers=(address,), speed=2)
 

@@ -30,7 +30,7 @@ class FaultKind(enum.Enum):
     """Claiming fails because another program holds the interface."""
 
     LOST_STEP = "lost_step"
-    """The motor misses `amount` steps in its next motion and does not know."""
+    """The motor misses `amount` steps in its next motion, unnoticed by the firmware."""
     LASER_STUCK_ON = "laser_stuck_on"
     LASER_STUCK_OFF = "laser_stuck_off"
     BLIND_SENSOR = "blind_sensor"

@@ -32,7 +32,7 @@ class Laser:
         return self._log[-1].time
 
     def switch(self, on: bool, now: float) -> None:
-        """Change at `now`; nothing happens when it is so already."""
+        """Switch at `now`; does nothing when the laser is in that state already."""
         if on != self.on:
             self._log.append(Switching(now, on))
 

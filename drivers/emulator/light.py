@@ -1,4 +1,4 @@
-"""The laser's half of the emulated firmware: switch, photodiode, watchdog, time limit, heat, supply relay."""
+"""The laser's side of the emulated firmware: switch, photodiode, watchdog, time limit, heat, supply relay."""
 
 from __future__ import annotations
 
@@ -80,8 +80,8 @@ class LightUnit:
         """Switch on in a sweep, which feeds no watchdog; return whether the firmware was willing.
 
         Args:
-            now: [s].
-            goes_on: a further flash of the sweep: the time lit adds up, whatever the pause before it.
+            now: present time [s].
+            goes_on: whether it is a further flash of the same sweep; the time lit then adds up, whatever the gap.
         """
         if not self.may_shine:
             return False
@@ -106,7 +106,7 @@ class LightUnit:
         self._update(now)
 
     def advance(self, now: float) -> None:
-        """Let the hardware timers act at the moments they are due."""
+        """Let the hardware timers act at the instants at which they are due."""
         if self.temperature() >= TOO_HOT and BoardFault.OVER_TEMPERATURE not in self.faults:
             self.cut(BoardFault.OVER_TEMPERATURE, now)
         if not self.laser.on:
@@ -117,7 +117,7 @@ class LightUnit:
             self.cut(BoardFault.WATCHDOG if watchdog <= limit else BoardFault.LASER_TIME, min(watchdog, limit))
 
     def flags(self) -> int:
-        """The bits of the flags that tell of the laser."""
+        """The laser's bits of the status flags."""
         # As numbers: an operator of an enum takes longer than all else that a transfer does here.
         flags = int(BoardFlag.HAS_SENSOR)
         flags |= int(BoardFlag.LASER_COMMANDED) if self._commanded else 0
@@ -130,7 +130,7 @@ class LightUnit:
         return self._temperature if hot is None else float(hot.amount)
 
     def time_on(self, now: float) -> float:
-        """For how long the laser has been on in one go [s]."""
+        """How long the laser has been on without interruption [s]."""
         return now - self._run_start if self.laser.on else 0.0
 
     @property

@@ -1,4 +1,4 @@
-"""The mirror's half of the emulated firmware: homing, going to a step, range, lost steps."""
+"""The mirror's side of the emulated firmware: homing, going to a step, range, lost steps."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class MirrorUnit:
         self._under_way = False
 
     @property
-    def profile(self) -> MotionProfile:
+    def motion_profile(self) -> MotionProfile:
         """How the motor moves: it starts at its top speed."""
         return MotionProfile(self._motor.speed, self._motor.speed, FREE, self._motor.settle, self._config.overshoot)
 
@@ -68,7 +68,7 @@ class MirrorUnit:
         return self._motor.still_at
 
     def advance(self, now: float) -> None:
-        """Let a homing that is over take effect."""
+        """Apply the result of a homing that has ended."""
         if not self._homing or now < self._motor.still_at:
             return
         self._homing = False
@@ -109,7 +109,7 @@ class MirrorUnit:
         return Result.OK
 
     def sweep_to(self, step: int, now: float) -> None:
-        """Begin a leg of a sweep, which is no motion of its own."""
+        """Turn to the next stripe of a sweep, which is not counted as a motion."""
         self._target = step
         self._motor.move(step, now)
 
@@ -140,7 +140,7 @@ class MirrorUnit:
         self._homing = False
 
     def moving(self, instant: float) -> bool:
-        """Whether the mirror moved or settled at a moment [s]."""
+        """Whether the mirror moved or settled at an instant [s]."""
         jammed = self.motions > 0 and self._plan.holds(FaultKind.JAMMED) is not None
         return jammed or instant < self._motor.still_at
 
@@ -154,7 +154,7 @@ class MirrorUnit:
         return round(self._motor.believed_position(instant))
 
     def flags(self, instant: float) -> int:
-        """The bits of the flags that tell of the mirror."""
+        """The mirror's bits of the status flags."""
         flags = int(BoardFlag.MOVING) if self.moving(instant) else 0
         return flags | (int(BoardFlag.HOMED) if self._homed else 0)
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Leg:
-    """One straight part of a motion: from `start` [s] at step `origin` to `end` [s] at step `target`."""
+class Segment:
+    """One segment of a motion, at constant speed: from `start` [s] at step `origin` to `end` [s] at step `target`."""
 
     start: float
     end: float
@@ -25,20 +25,20 @@ class Leg:
 
 
 class Motor:
-    """A stepper that moves at constant speed, in legs; keeps the last few thousand to answer for the past."""
+    """A stepper that moves at constant speed, in segments; keeps the last few thousand to answer for the past."""
 
     def __init__(self, speed: float, settle: float, overshoot: int, position: float, now: float) -> None:
         """Stand still.
 
         Args:
-            speed: [steps/s].
+            speed: speed of the motor [steps/s].
             settle: time after a motion before the mirror is still [s].
             overshoot: steps by which a move down goes too far, to come back upwards.
             position: true position [steps from the home switch].
-            now: [s].
+            now: present time [s].
         """
         self.speed, self.settle, self._overshoot = speed, settle, overshoot
-        self._legs: deque[Leg] = deque([Leg(now, now, position, position)], maxlen=4096)
+        self._segments: deque[Segment] = deque([Segment(now, now, position, position)], maxlen=4096)
         self.still_at = now
         self.lost = 0.0
         """True position minus what the firmware believes [steps]."""
@@ -53,8 +53,8 @@ class Motor:
         self.still_at = self._add(start, origin, goal) + self.settle
 
     def move_on(self, target: float) -> None:
-        """Add a further leg to the believed position `target` after the motion under way."""
-        last = self._legs[-1]
+        """Add a further segment to the believed position `target` after the motion under way."""
+        last = self._segments[-1]
         self.still_at = self._add(last.end, last.target, target + self.lost) + self.settle
 
     def lose(self, steps: float) -> None:
@@ -65,15 +65,15 @@ class Motor:
         """Stop where the motor is."""
         position = self.true_position(now)
         self._cut(now)
-        self._legs.append(Leg(now, now, position, position))
+        self._segments.append(Segment(now, now, position, position))
         self.still_at = now + self.settle
 
     def true_position(self, time: float) -> float:
         """Where the mirror really is at `time` [steps from the home switch]."""
-        for leg in reversed(self._legs):
-            if leg.start <= time:
-                return leg.at(time)
-        return self._legs[0].origin
+        for segment in reversed(self._segments):
+            if segment.start <= time:
+                return segment.at(time)
+        return self._segments[0].origin
 
     def believed_position(self, time: float) -> float:
         """Where the firmware believes the mirror to be [steps]."""
@@ -82,9 +82,9 @@ class Motor:
     def _add(self, start: float, origin: float, target: float) -> float:
         self._cut(start)
         end = start + abs(target - origin) / self.speed
-        self._legs.append(Leg(start, end, origin, target))
+        self._segments.append(Segment(start, end, origin, target))
         return end
 
     def _cut(self, now: float) -> None:
-        while len(self._legs) > 1 and self._legs[-1].start >= now:
-            self._legs.pop()
+        while len(self._segments) > 1 and self._segments[-1].start >= now:
+            self._segments.pop()

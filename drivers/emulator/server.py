@@ -15,9 +15,9 @@ from drivers.protocol import Request
 
 
 class EmulatorServer:
-    """Listens on a local socket, one thread a client. A client that vanishes changes nothing on the board.
+    """Listens on a local socket, one thread per client. A client that vanishes changes nothing on the board.
 
-    That is the point: real hardware does not learn that its host process has died, it only hears nothing more.
+    Real hardware does not learn either that its host process has died: it only receives nothing more.
     The claim on the interface is given back, as the kernel does when a process ends.
     """
 

@@ -15,11 +15,11 @@ class Shutter:
 
     Attributes:
         wired: its EXPOSURE_ACTIVE is connected to the board.
-        delay: from the trigger to the opening [s].
+        delay: time from the trigger to the opening [s].
         exposure: how long it is open [s].
         missed: numbers of the triggers, from 0, that it does not see.
-        doubled: numbers of those after which it opens twice.
-        late: for the numbers of others, by how much later it opens [s].
+        doubled: numbers of the triggers after which it opens twice.
+        late: numbers of the triggers after which it opens late, each with how much later that is [s].
     """
 
     wired: bool = False

@@ -24,7 +24,7 @@ from drivers.protocol import (
 )
 from drivers.sweep_records import StripeRecord
 
-# Seconds after a trigger in which an exposure must begin, and after the last one in which too many are counted.
+# Seconds after a trigger in which an exposure must begin, and after the last one in which surplus ones are counted.
 EXPOSURE_WAIT, LAST_WAIT = 0.005, 0.002
 # Seconds of light after which the photodiode must have seen it.
 SEEN_AFTER = 0.0002
@@ -42,7 +42,7 @@ class Phase(enum.Enum):
 
 
 class SweepUnit:
-    """The board's own sweep. `due` is when `act` must be called; the caller lets no event pass by."""
+    """The board's own sweep. `due` is when `act` must be called; the caller must not let one pass."""
 
     def __init__(self, mirror: MirrorUnit, light: LightUnit, shutter: Shutter) -> None:
         """Prepare, with nothing set."""
@@ -102,7 +102,7 @@ class SweepUnit:
         return result
 
     def begin(self, argument: int, power_up: float, now: float) -> Result:
-        """Begin a sweep; `argument` as of SWEEP, unsigned."""
+        """Begin a sweep; `argument` is that of SWEEP, unsigned."""
         count, place, number = argument & 0xFFFF, argument >> 16 & (SWEEP_PLACES - 1), argument >> 25
         if number == self._number:
             return Result.OK

@@ -14,8 +14,8 @@ from drivers.emulator.views import ExposureView
 from drivers.errors import CameraNotOpen, CameraTimeout
 from drivers.frame import Frame, read_only
 
-# Seconds between two looks at whether a shutter has opened.
-LOOK = 0.0005
+# Seconds between two questions whether a shutter has opened.
+POLL = 0.0005
 # Seconds after an exposure before which no other may begin.
 READ_OUT = 0.0002
 
@@ -50,18 +50,18 @@ class EmulatedTriggeredCamera(Camera):
         """Prepare the camera.
 
         Args:
-            board: that triggers it, and whose laser and mirror it sees.
-            shutter: the board's, see `EmulatedBoard.shutter` and `Wiring.shutter`.
+            board: the board that triggers it, and whose laser and mirror it sees.
+            shutter: the board's shutter, see `EmulatedBoard.shutter` and `Wiring.shutter`.
             render: makes the image of an exposure, from what the board did meanwhile and the camera's settings.
-            latency: from the end of the exposure to the arrival [s].
-            fps: frames per second that it bears at the most; 0 = as fast as exposure and read-out allow.
+            latency: time from the end of the exposure to the arrival [s].
+            fps: highest frame rate [1/s]; 0: as fast as exposure and read-out allow.
             clock_offset: offset of the camera's clock [s].
-            clock_drift: by how much it is fast, as a share.
-            name: for messages.
+            clock_drift: relative error of the clock's rate; positive: it runs fast.
+            name: name of the camera in messages.
         """
         self.name = name
         self._shortest = 1.0 / fps if fps > 0 else 0.0
-        self._bear(shutter.exposure, latency)
+        self._learn_limits(shutter.exposure, latency)
         self.dropped: frozenset[int] = frozenset()
         """Numbers of the frames, from 0, that are lost on their way."""
         self.automatic: set[str] = set()
@@ -85,7 +85,7 @@ class EmulatedTriggeredCamera(Camera):
         if settings.exposure is not None:
             self._shutter.exposure = settings.exposure
             self._settings = CameraSettings(exposure=settings.exposure, gain=1.0, white_balance=5000.0, gamma=1.0)
-            self._bear(settings.exposure, self._latency)
+            self._learn_limits(settings.exposure, self._latency)
         return self._settings
 
     def held(self, locked: CameraSettings) -> HeldSettings:
@@ -111,14 +111,14 @@ class EmulatedTriggeredCamera(Camera):
                 continue
             if now >= deadline:
                 raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
-            timing.sleep(min(LOOK, deadline - now))
+            timing.sleep(min(POLL, deadline - now))
 
     def flush(self) -> None:
         """Forget what has arrived."""
         self._started()
         self._next = len(self._board.openings())
 
-    def _bear(self, exposure: float, latency: float) -> None:
+    def _learn_limits(self, exposure: float, latency: float) -> None:
         self.lag = exposure + latency
         self.trigger_period = max(exposure + READ_OUT, self._shortest)
 

@@ -1,4 +1,4 @@
-"""What the emulated board looks like from outside: at one moment, and over the exposure of a camera."""
+"""What the emulated board looks like from outside: at one instant, and over the exposure of a camera."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class BoardView:
-    """What the emulated board was like at one moment.
+    """What the emulated board was like at one instant.
 
     Attributes:
-        time: that moment on the monotonic clock [s].
+        time: that instant on the monotonic clock [s].
         plugged: whether the board is on the bus now.
         laser_on: whether the laser really shone.
         laser_since: when the laser last changed [s].
@@ -38,7 +38,7 @@ class ExposureView:
         start: beginning of the exposure [s].
         end: its end [s].
         laser_fraction: share of the exposure during which the laser shone, 0 ... 1.
-        mirror_angle: true angle in the middle of the exposure [rad].
+        mirror_angle: true angle at half of the exposure [rad].
         mirror_travel: how far the mirror turned during the exposure [rad]; the laser plane turned twice as far.
     """
 

@@ -1,4 +1,4 @@
-"""How the emulator process and its clients talk: one JSON object a line over a local socket."""
+"""How the emulator process and its clients talk: one JSON object per line over a local socket."""
 
 from __future__ import annotations
 

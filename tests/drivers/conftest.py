@@ -72,7 +72,7 @@ def patient_config(**changes: object) -> EmulatorConfig:
 
 @pytest.fixture
 def emulated_time() -> Iterator[None]:
-    """Devices on a clock of their own: nothing waits, and a machine that is busy drops no frame of theirs."""
+    """Devices on an emulated clock: nothing really waits, and a busy machine drops none of their frames."""
     with timing.on_clock(EmulatedClock()):
         yield
 
@@ -105,11 +105,11 @@ def firing_order() -> list[tuple[int, float]]:
 
 
 def wait_until(condition: Callable[[], bool], patience: float = PATIENCE) -> None:
-    """Wait until something is so; fail when it is not within `patience` [s]."""
+    """Wait until a condition holds; fail when it does not within `patience` [s]."""
     deadline = time.monotonic() + patience
     while not condition():
         if time.monotonic() > deadline:
-            pytest.fail(f"not so within {patience} s")
+            pytest.fail(f"the condition does not hold within {patience} s")
         # On the clock of the devices, which stands still unless somebody waits on it, and for their threads.
         timing.sleep(0.005)
         time.sleep(0.001)

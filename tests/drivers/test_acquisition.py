@@ -1,4 +1,4 @@
-"""Whole scans: emulated board under the real driver, emulated camera, every mode, and what breaks in step."""
+"""Whole scans: emulated board under the real driver, emulated camera, every mode, and what puts them out of step."""
 
 import numpy as np
 import pytest
@@ -120,7 +120,7 @@ def test_a_lag_set_too_short_is_found_out(
 def test_prepare_counts_the_steps_lost_in_a_scan(
     board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list
 ) -> None:
-    """Homing between scans finds what the pictures cannot: a few steps lost in the middle."""
+    """Homing between scans finds what the pictures cannot: a few steps lost in the middle of a scan."""
     assert prepare(board, firing_order) == 0
     emulated.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=10, amount=12))
     with acquire(board, camera, firing_order[:20], options(OffFrames.ONE)) as stripes:
@@ -134,7 +134,7 @@ def test_prepare_counts_the_steps_lost_in_a_scan(
 def test_a_large_loss_of_steps_shows_in_the_band(
     board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, scene, firing_order: list
 ) -> None:
-    """Lost by two stripes, the sweep leaves the rows where it can be."""
+    """Steps of two stripes are lost: the stripes leave the rows where they can be."""
     emulated.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=10, amount=160))
     bands = {index: band_of(scene, angle) for index, angle in firing_order}
     with acquire(board, camera, firing_order[:20], options(OffFrames.ONE), band=bands.__getitem__) as stripes:

@@ -1,4 +1,4 @@
-"""Each way in which a scan can end: whole, by the pause, an exception or a hung camera; always with the laser off."""
+"""Every way in which a scan can end: whole, with the pause, by an error, by a hung camera; always the laser is off."""
 
 import time
 

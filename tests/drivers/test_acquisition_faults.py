@@ -71,7 +71,7 @@ def next_scan_is_whole(board: LaserBoard, camera: EmulatedCamera, emulated: Emul
 def test_single_transfer_faults(
     quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, kind: FaultKind, phase: str
 ) -> None:
-    """A transient fault is repeated over without a trace; a lost plug ends the scan with what came before."""
+    """A retry overcomes a transient fault without a trace; an unplugged board ends the scan with the stripes so far."""
     request, skip = PHASES[phase]
     quick_board.ensure_ready()
     emulated.inject(Fault(kind, request, skip=skip))
@@ -194,7 +194,7 @@ def test_frozen_camera_is_found_out(
 
 
 def test_silent_camera_ends_the_scan(quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard) -> None:
-    """No frame for two stripes in a row is given up; a lit stripe without frame is not handed out as seen."""
+    """After two stripes in a row without a frame the scan ends; a lit stripe without a frame is handed out as lost."""
     camera.faults.append(CameraFault("silence", 0, 10**6))
     taken, report, failure = scan(quick_board, camera, OffFrames.NONE)
     assert isinstance(failure, CameraTimeout) and "2 stripes in a row" in str(failure)
@@ -234,7 +234,7 @@ def test_lost_off_frame_is_reported(
 def test_changed_size_is_not_handed_out(
     quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, off: OffFrames
 ) -> None:
-    """A picture of another size has no place in the scan: its stripe comes without frame."""
+    """A picture of another size is not used: its stripe comes without a frame."""
     quick_board.ensure_ready()
     seen: list[int] = []
     real = camera.grab
@@ -272,7 +272,7 @@ def test_changed_exposure_is_reported(quick_board: LaserBoard, camera: EmulatedC
 def test_a_mirror_that_cannot_move_prevents_the_scan(
     camera: EmulatedCamera, another_board: EmulatedBoard, kind: FaultKind
 ) -> None:
-    """Faults of the mechanics end before the first stripe, with the laser off."""
+    """Faults of the mechanics end the scan before the first stripe, with the laser off."""
     another_board.inject(Fault(kind))
     config = BoardConfig(home_timeout=0.3, motion_timeout=0.3)
     with LaserBoard(config, backend=emulated_backend(another_board)) as board:

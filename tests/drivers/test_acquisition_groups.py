@@ -17,14 +17,14 @@ def options(**more: object) -> AcquireOptions:
 
 
 SIZES = {1: [1] * 11, 3: [3, 3, 3, 1, 1], 4: [4, 4, 2, 1], 100: [7, 2, 1, 1]}
-"""Of the groups of eleven stripes."""
+"""Sizes of the groups of eleven stripes, by `together`."""
 
 
 @pytest.mark.parametrize("together", SIZES)
 def test_stripes_together_arrive_in_order_and_the_last_alone(
     board: LaserBoard, camera: EmulatedCamera, firing_order: list, together: int
 ) -> None:
-    """A group begins when its last stripe was fired; the last stripe of all waits for nobody."""
+    """A group is handed over after its last stripe was fired; the last stripe of all waits for nobody."""
     with acquire(board, camera, firing_order[:11], options(together=together, queue_size=80)) as stream:
         fired_before = [(stripe.index, len(stream.report.fired)) for stripe in stream]
         assert stream.report.in_step
@@ -60,7 +60,7 @@ def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_is_stop
 def test_groups_hold_the_stripes_that_are_handed_over_together(
     board: LaserBoard, camera: EmulatedCamera, firing_order: list, together: int
 ) -> None:
-    """As many as were asked for, at most twice as many as still come, the last alone; one by one they are the scan."""
+    """As large as asked for, at most twice the number still to come, the last stripe alone; all stripes, in order."""
     with acquire(board, camera, firing_order[:11], options(together=together)) as stream:
         groups = [[stripe.index for stripe in group] for group in stream.groups()]
         assert stream.report.in_step
@@ -103,7 +103,7 @@ def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_fails(
 def test_a_board_lost_while_the_scan_waits_for_the_caller_costs_no_stripe_that_was_taken(
     board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list, eventually
 ) -> None:
-    """The laser cannot be put out for the wait, which ends the scan; the group that found no place is handed over."""
+    """The laser cannot be put out for the wait, which ends the scan; the group that found no room is handed over."""
     board.ensure_ready()
     emulated.inject(Fault(FaultKind.UNPLUG, Request.LASER, skip=2))
     with acquire(board, camera, firing_order, options(together=2, queue_size=2)) as stream:
@@ -118,7 +118,7 @@ def test_a_board_lost_while_the_scan_waits_for_the_caller_costs_no_stripe_that_w
 def test_a_slow_caller_of_groups_makes_the_scan_wait_in_the_dark(
     board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list, eventually
 ) -> None:
-    """The queue is bounded in groups: what does not fill one is rounded up to one."""
+    """The size of the queue is rounded up to whole groups."""
     with acquire(board, camera, firing_order[:20], options(together=3, queue_size=4)) as stream:
         groups = stream.groups()
         taken = [stripe.index for stripe in next(groups)]

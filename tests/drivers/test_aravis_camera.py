@@ -43,7 +43,7 @@ def picture_of(number: int) -> np.ndarray:
 
 
 def test_each_trigger_brings_the_picture_drawn_for_it(fake: FakeGigeCamera) -> None:
-    """Nothing before the first; then in order, numbered without a gap over the place where the ids begin again, each
+    """Nothing before the first; then in order, numbered without a gap past the wrap of the ids, each
     with the time of the camera's own clock, raw and unchangeable."""
     with AravisCamera(fake.name, trigger="Line1") as camera:
         assert camera.triggered and camera.counts_frames and camera.pixel_format == "Mono8"
@@ -139,7 +139,7 @@ def test_of_a_mosaic_the_red_pixels_are_taken(fake: FakeGigeCamera) -> None:
 
 
 def test_without_a_trigger_it_runs_freely(fake: FakeGigeCamera) -> None:
-    """And a trigger goes unheard."""
+    """A trigger is then ignored."""
     with AravisCamera(fake.name, fps=50.0) as camera:
         assert not camera.triggered
         first, second = camera.grab(PATIENCE), camera.grab(PATIENCE)
@@ -147,7 +147,7 @@ def test_without_a_trigger_it_runs_freely(fake: FakeGigeCamera) -> None:
         assert not fake.expose(picture_of(0), 1.0)
 
 
-def test_part_of_the_sensor_is_read_from_its_middle(fake: FakeGigeCamera) -> None:
+def test_part_of_the_sensor_is_read_from_its_centre(fake: FakeGigeCamera) -> None:
     with AravisCamera(fake.name, trigger="Line1", size=(160, 100)) as camera:
         assert fake.state.size == (160, 100)
         assert fake.expose(picture_of(5)[:100, :160], 1.0)
@@ -197,7 +197,7 @@ def test_a_camera_that_is_not_there(fake: FakeGigeCamera) -> None:
 
 
 def test_a_camera_that_another_program_holds(fake: FakeGigeCamera) -> None:
-    """It is not taken away from it."""
+    """The camera stays with that program."""
     with AravisCamera(fake.name, trigger="Line1") as first:
         with pytest.raises(CameraNotFound, match="no other program holds it"):
             AravisCamera(fake.name).open()
@@ -211,13 +211,13 @@ def test_an_unknown_pixel_format() -> None:
 
 
 @given(st.lists(st.integers(1, 500), min_size=1, max_size=300), st.integers(1, SHORT_IDS))
-def test_short_numbers_are_counted_on(steps: list[int], start: int) -> None:
+def test_short_numbers_are_counted_on(increments: list[int], start: int) -> None:
     """Whatever the gaps and wherever the ids begin again (1 after 65535, never 0)."""
     camera = AravisCamera()
     true = start
     camera._count(start)
-    for step in steps:
-        true += step
+    for increment in increments:
+        true += increment
         camera._count((true - 1) % SHORT_IDS + 1)
         assert camera._counter == true - start
 

@@ -33,7 +33,7 @@ def test_a_frame_whose_packets_were_lost_is_a_gap() -> None:
 
 @pytest.mark.slow
 def test_a_camera_that_vanishes() -> None:
-    """Said as such once its heartbeat is missed."""
+    """The loss is reported once the heartbeat is missed."""
     with fake_gige() as fake, AravisCamera(fake.name, trigger="Line1") as camera:
         fake.__exit__(None, None, None)
         until = time.monotonic() + 60.0

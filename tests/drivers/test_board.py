@@ -100,7 +100,7 @@ class Clock:
         self._seen = now
         return self._now
 
-    def step(self, seconds: float) -> None:
+    def advance(self, seconds: float) -> None:
         self._now += seconds
 
 
@@ -192,9 +192,9 @@ def test_halt_stops_the_mirror_on_its_way(stopped: tuple[LaserBoard, EmulatedBoa
     board, emulated, clock = stopped
     begin = emulated.view().mirror_angle
     goal = board.go_to_angle(0.4, wait=False)
-    clock.step(0.05)
+    clock.advance(0.05)
     board.halt()
-    clock.step(1.0)
+    clock.advance(1.0)
     assert emulated.view().mirror_angle == pytest.approx(begin + 0.05 * emulated.config.mirror_speed, abs=1e-6)
     clock.running = True
     assert board.go_to_angle(0.4) == pytest.approx(goal)

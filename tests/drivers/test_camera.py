@@ -24,7 +24,7 @@ def test_a_bad_setting_is_refused(changes: dict, expected_text: str) -> None:
 
 
 def test_gain_may_be_zero_or_less() -> None:
-    """Cameras count gain in decibels or in steps from zero."""
+    """Cameras count gain in decibels or in units of their own from zero."""
     assert CameraSettings(gain=0.0).gain == 0.0 and CameraSettings(gain=-3.0).gain == -3.0
 
 

@@ -12,17 +12,17 @@ from drivers.errors import CameraTimeout, LaserNotSeen, StripeClipped
 def test_measured_lag_is_never_too_short(
     board: LaserBoard, emulated: EmulatedBoard, scene, exposure: float, latency: float
 ) -> None:
-    """The safe end covers exposure and latency, also beyond a period; and a scan that relies on it is in step."""
+    """The upper end covers exposure and latency, also beyond a period; and a scan that relies on it is in step."""
     board.ensure_ready()
     board.go_to_angle(0.1)
     scene.ambient, scene.brightness = 10.0, 50.0
     with EmulatedCamera(emulated, scene, fps=60.0, exposure=exposure, latency=latency) as camera:
         measured = measure_lag(board, camera)
         assert not emulated.view().laser_on
-        # A frame counts as wholly lit from nine tenths of the light on: by this much of the exposure it may be short.
+        # A frame with nine tenths of the light is taken as wholly lit: the lag may be short by a tenth of the exposure.
         assert measured.lag >= 0.9 * exposure + latency - 1e-4
         assert measured.period == pytest.approx(1 / 60, rel=1e-6)
-        # What 24 evenly spread moments leave open, twice over: only a machine that stalls makes it worse.
+        # The true lag lies within the uncertainty.
         assert measured.lag - measured.uncertainty <= exposure + latency
         camera.lag = measured.lag
         firing_order = [(index, -0.1 + 0.03 * index) for index in range(8)]
@@ -75,6 +75,6 @@ def test_a_replay_has_no_rhythm(board: LaserBoard, scene) -> None:
 
 
 def test_too_few_toggles_are_refused(board: LaserBoard, camera: EmulatedCamera) -> None:
-    """Three moments say too little."""
+    """Three switchings say too little."""
     with pytest.raises(ValueError, match="toggles is 3, at least 4"):
         measure_lag(board, camera, toggles=3)

@@ -1,4 +1,4 @@
-"""The emulated firmware by itself, with a clock of the test's own: limits of the laser to the millisecond."""
+"""The emulated firmware by itself, on a clock that the test sets: limits of the laser to the millisecond."""
 
 import dataclasses
 
@@ -82,7 +82,7 @@ def test_silence_in_the_dark_is_no_fault(bench: Bench) -> None:
     assert bench.ask(Request.LASER, 1).laser_sensed
 
 
-def test_laser_time_is_limited_in_one_go(bench: Bench) -> None:
+def test_laser_time_without_a_rest_is_limited(bench: Bench) -> None:
     """Fed without end, the laser goes out after 10 s; a rest of 50 ms begins a new count, a shorter one does not."""
     bench.ask(Request.LASER, 1)
     for _ in range(30):
@@ -136,7 +136,7 @@ def test_hello_puts_the_laser_out(bench: Bench) -> None:
 
 
 def test_the_past_can_be_asked_for(bench: Bench) -> None:
-    """View and exposure answer for moments gone by: that is what a camera with read-out time needs."""
+    """View and exposure answer for past instants: that is what a camera with read-out time needs."""
     bench.ask(Request.HOME)
     bench.now += 5.0
     bench.ask(Request.GO_TO, 2197)
@@ -156,7 +156,7 @@ def test_the_past_can_be_asked_for(bench: Bench) -> None:
 
 
 def test_periodic_error_moves_the_mirror_but_not_the_belief() -> None:
-    """A stepper's error of period 8 full steps: a quarter of the period is its amplitude."""
+    """A stepper's error of period 8 full steps: a quarter of the period from zero it equals its amplitude."""
     bench = Bench(periodic_error=1e-3)
     bench.ask(Request.HELLO, HELLO)
     bench.ask(Request.HOME)

@@ -14,11 +14,11 @@ from drivers.emulator.laser import Laser
     st.floats(0.01, 5.0),
 )
 @settings(max_examples=150, derandomize=True)
-def test_fraction_is_the_mean_of_the_moments(pauses: list[float], start: float, length: float) -> None:
-    """The share of an interval equals the mean of `at` over many moments in it."""
+def test_fraction_is_the_mean_over_instants(gaps: list[float], start: float, length: float) -> None:
+    """The share of an interval equals the mean of `at` over many instants in it."""
     laser, now = Laser(0.0), 0.0
-    for turn, pause in enumerate(pauses):
-        now += pause
+    for turn, gap in enumerate(gaps):
+        now += gap
         laser.switch(turn % 2 == 0, now)
     instants = [start + (index + 0.5) * length / 500 for index in range(500)]
     mean = sum(laser.at(instant) for instant in instants) / 500
@@ -26,7 +26,7 @@ def test_fraction_is_the_mean_of_the_moments(pauses: list[float], start: float, 
 
 
 def test_an_instant_is_lit_or_not() -> None:
-    """An interval without length is as its moment."""
+    """An interval without length is as its instant."""
     laser = Laser(0.0)
     laser.switch(True, 1.0)
     assert laser.fraction(1.5, 1.5) == 1.0 and laser.fraction(0.5, 0.5) == 0.0

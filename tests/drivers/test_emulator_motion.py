@@ -20,8 +20,8 @@ def motor(position: float = 0.0) -> Motor:
 def test_no_motion_is_faster_than_the_motor(moves: list[tuple[int, float]]) -> None:
     """Whatever is commanded, and whenever, the position never jumps."""
     device, now = motor(), 0.0
-    for target, pause in moves:
-        now += pause
+    for target, gap in moves:
+        now += gap
         device.move(target, now)
     end = device.still_at + 0.1
     instants = [end * index / 3000 for index in range(3001)]
@@ -56,7 +56,7 @@ def test_lost_steps_are_not_believed() -> None:
     assert device.true_position(10.0) == pytest.approx(475)
 
 
-def test_halt_keeps_the_place() -> None:
+def test_halt_keeps_the_position() -> None:
     """A halted motor stays where it was."""
     device = motor()
     device.move(500, 0.0)

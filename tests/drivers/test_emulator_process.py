@@ -114,7 +114,7 @@ def test_other_addresses_are_refused(address: str, capsys: pytest.CaptureFixture
 
 
 def test_unknown_operation_is_answered_with_an_error() -> None:
-    """A client of another version gets words, not silence."""
+    """A client of another version gets an error, not silence."""
     server = EmulatorServer(EmulatedBoard())
     with pytest.raises(OSError, match="does not know the operation 'dance'"):
         server._answer({"op": "dance"})

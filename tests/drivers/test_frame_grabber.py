@@ -1,4 +1,4 @@
-"""Which frame belongs to which command, and what the counter tells."""
+"""Which frame belongs to which command, and what the counter shows."""
 
 import pytest
 
@@ -79,7 +79,7 @@ def test_frames_missed_while_nobody_asked_are_not_dropped(grabber_of) -> None:
 
 
 def test_restart_forgets_the_counting(grabber_of) -> None:
-    """After a pause, a gap means nothing."""
+    """After a restart, a gap means nothing."""
     camera = Script((1, NOW), (90, NOW + 1))
     grabber = grabber_of(camera)
     grabber.after(0.0)
@@ -89,12 +89,12 @@ def test_restart_forgets_the_counting(grabber_of) -> None:
 
 
 def test_no_frame_in_time_is_none(grabber_of) -> None:
-    """Time-outs are waited over until the time is up."""
+    """Single time-outs of the camera do not count until all of the time is up."""
     assert grabber_of(Script(None, None, (1, NOW))).after(NOW - 1).counter == 1
     assert grabber_of(Script()).after(NOW) is None
 
 
-def test_the_board_is_spoken_to_while_a_frame_is_awaited(grabber_of, board: LaserBoard) -> None:
+def test_the_board_is_asked_while_a_frame_is_awaited(grabber_of, board: LaserBoard) -> None:
     """Each wait that ends without a frame feeds the watchdog, so that a slow camera does not put the laser out."""
     before = board.status().sequence
     grabber_of(Script(None, None, None, (1, NOW))).after(0.0)

@@ -59,7 +59,7 @@ def test_a_clipped_and_a_dark_stripe_are_reported_once(bad: StripeCapture, expec
 
 
 def test_a_picture_that_is_clipped_without_the_laser_is_reported() -> None:
-    """A window over a fifth of the picture; a lamp in a hundredth is none. The off frame is looked at, or `on`."""
+    """A window over a fifth of the picture is, a lamp over a hundredth is not. The off frame is examined, or `on`."""
     good = stripe(180.0)
     for of_rows, is_reported in ((HEIGHT // 5, True), (HEIGHT // 100, False)):
         on, off = good.on.copy(), good.off.copy()
@@ -71,7 +71,7 @@ def test_a_picture_that_is_clipped_without_the_laser_is_reported() -> None:
 
 
 def test_a_stripe_that_shows_no_laser_is_passed_over() -> None:
-    """A hole, a lost frame, and a band outside of the picture say nothing; the next stripe is looked at."""
+    """A hole, a lost frame, and a band outside of the picture say nothing; the next stripe is examined."""
     hole = capture(stripe(180.0).off, stripe(180.0).off)
     assert problems(capture(None, None), hole, stripe(255.0)) != ()
     assert problems(hole, hole, hole) == ()

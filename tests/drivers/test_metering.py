@@ -76,7 +76,7 @@ def test_pictures_of_two_sizes_are_refused(ready: LaserBoard) -> None:
 
 @pytest.mark.slow
 def test_no_frame_is_a_timeout(ready: LaserBoard) -> None:
-    """A camera slower than the patience."""
+    """A camera slower than the time-out."""
     with ReplayCamera([np.zeros((4, 4), np.uint8)] * 2, fps=0.1) as tape, pytest.raises(CameraTimeout, match="metered"):
         meter_exposure(ready, tape, 0.1)
 

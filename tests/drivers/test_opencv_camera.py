@@ -142,7 +142,7 @@ class LiveCapture:
     size = (64, 48)
 
     def __init__(self) -> None:
-        self.gate = threading.Semaphore(0)
+        self.permits = threading.Semaphore(0)
         self.alive = True
         self.count = 0
         self.released = False
@@ -152,7 +152,7 @@ class LiveCapture:
 
     def grab(self) -> bool:
         while self.alive and not self.released:
-            if self.gate.acquire(timeout=0.02):
+            if self.permits.acquire(timeout=0.02):
                 self.count += 1
                 return True
         return False
@@ -183,14 +183,14 @@ def test_live_camera_keeps_its_timeout_and_the_newest_frame(live: LiveCapture, e
         assert camera.lag is None
         with pytest.raises(CameraTimeout, match=r"no frame within 0\.05 s"):
             camera.grab(0.05)
-        live.gate.release(5)
+        live.permits.release(5)
         eventually(lambda: camera._newest is not None and camera._newest.counter == 4)
         frame = camera.grab(5.0)
         assert frame.counter == 4 and frame.image[0, 0] == 5
         before = time.monotonic()
-        live.gate.release()
+        live.permits.release()
         assert camera.grab(5.0).stamp >= before
-        live.gate.release()
+        live.permits.release()
         eventually(lambda: camera._newest is not None)
         camera.flush()
         with pytest.raises(CameraTimeout):
@@ -215,7 +215,7 @@ def test_a_read_that_raises_ends_the_camera(live: LiveCapture, monkeypatch: pyte
 
     monkeypatch.setattr(live, "retrieve", fail)
     with OpenCvCamera(0) as camera:
-        live.gate.release()
+        live.permits.release()
         with pytest.raises(CameraEnded, match="stopped delivering"):
             camera.grab(5.0)
 

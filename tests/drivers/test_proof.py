@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers import ProofLimits, StripeVerdict
-from drivers.proof import StepProof, _SampleGrid
+from drivers.proof import StripeProof, _SampleGrid
 
 HEIGHT, WIDTH = 200, 320
 
@@ -31,14 +31,14 @@ def scene(
 OFF = scene(None, seed=99)
 
 
-def judge(proof: StepProof, angle: float, on: np.ndarray, off: np.ndarray = OFF, **more: object):
+def judge(proof: StripeProof, angle: float, on: np.ndarray, off: np.ndarray = OFF, **more: object):
     return proof.judge(angle, on, off, reference_is_off=True, **more)
 
 
 @pytest.mark.parametrize("channel", [0, 1, 2])
 def test_a_stripe_of_any_colour_is_seen_where_it_is(channel: int) -> None:
     """Lit in every column, at its row, with no leak."""
-    verdict, evidence = judge(StepProof(), 0.0, scene(77, channel=channel))
+    verdict, evidence = judge(StripeProof(), 0.0, scene(77, channel=channel))
     assert verdict is StripeVerdict.OK
     assert evidence.lit_fraction == 1.0 and evidence.leak_fraction == 0.0
     assert evidence.row == pytest.approx(77, abs=1.5)
@@ -54,52 +54,52 @@ def test_depth_and_colour_of_the_picture_do_not_matter(dtype: type, colour: bool
         on, off = on[:, :, 2], off[:, :, 2]
     factor = 257 if dtype is np.uint16 else 1
     on, off = on.astype(dtype) * dtype(factor), off.astype(dtype) * dtype(factor)
-    assert judge(StepProof(), 0.0, on, off)[0] is StripeVerdict.OK
-    assert judge(StepProof(), 0.0, off, off)[0] is StripeVerdict.DARK
+    assert judge(StripeProof(), 0.0, on, off)[0] is StripeVerdict.OK
+    assert judge(StripeProof(), 0.0, off, off)[0] is StripeVerdict.DARK
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_noise_is_never_taken_for_the_laser(seed: int) -> None:
     """Two frames without laser are dark, whatever the noise."""
-    verdict, evidence = judge(StepProof(), 0.0, scene(None, seed=seed))
+    verdict, evidence = judge(StripeProof(), 0.0, scene(None, seed=seed))
     assert verdict is StripeVerdict.DARK and evidence.lit_fraction == 0.0
 
 
 def test_strong_noise_raises_the_threshold() -> None:
-    """Three times the noise of the limit in counts still shows no laser."""
+    """Noise far above the least contrast still shows no laser."""
     rng = np.random.default_rng(5)
     on, off = (rng.normal(100, 12, (HEIGHT, WIDTH, 3)).clip(0, 255).astype(np.uint8) for _ in range(2))
-    assert judge(StepProof(), 0.0, on, off)[0] is StripeVerdict.DARK
+    assert judge(StripeProof(), 0.0, on, off)[0] is StripeVerdict.DARK
 
 
 def test_a_stripe_in_a_few_columns_counts_as_seen() -> None:
     """Most of the ground may swallow the laser."""
-    assert judge(StepProof(), 0.0, scene(60, columns=slice(0, 32)))[0] is StripeVerdict.OK
+    assert judge(StripeProof(), 0.0, scene(60, columns=slice(0, 32)))[0] is StripeVerdict.OK
 
 
 def test_stripe_in_the_off_frame_is_a_leak() -> None:
     """A laser that shines in the off frame shows there, at another row or the same columns."""
-    assert judge(StepProof(), 0.0, scene(60), scene(90, seed=3))[0] is StripeVerdict.LEAK
-    assert judge(StepProof(), 0.0, scene(None, seed=2), scene(90, seed=3))[0] is StripeVerdict.LEAK
+    assert judge(StripeProof(), 0.0, scene(60), scene(90, seed=3))[0] is StripeVerdict.LEAK
+    assert judge(StripeProof(), 0.0, scene(None, seed=2), scene(90, seed=3))[0] is StripeVerdict.LEAK
 
 
-def test_changed_light_is_said_but_usable() -> None:
+def test_changed_light_is_reported_but_usable() -> None:
     """A stripe is still found when the whole frame became brighter."""
-    verdict, evidence = judge(StepProof(), 0.0, scene(60, level=70))
+    verdict, evidence = judge(StripeProof(), 0.0, scene(60, level=70))
     assert verdict is StripeVerdict.AMBIENT_CHANGED and verdict.in_step
     assert evidence.offset == pytest.approx(90, abs=3)
 
 
 @pytest.mark.parametrize(("band", "verdict"), [((70, 90), "OK"), ((100, 150), "OUT_OF_BAND"), ((0, 77), "OUT_OF_BAND")])
 def test_band_is_where_the_stripe_must_be(band: tuple[int, int], verdict: str) -> None:
-    """Rows are counted from the first to before the end."""
-    assert judge(StepProof(), 0.0, scene(80), band=band)[0] is StripeVerdict[verdict]
+    """A band holds its first row, but not its end."""
+    assert judge(StripeProof(), 0.0, scene(80), band=band)[0] is StripeVerdict[verdict]
 
 
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_frame_one_stripe_late_is_found(direction: int) -> None:
     """After a regular sweep, a stripe seen where the one before was has not moved; then the sweep goes on."""
-    proof = StepProof()
+    proof = StripeProof()
     verdicts = []
     for turn, seen in enumerate([0, 1, 2, 3, 4, 4, 6, 7]):
         row = 100 + direction * 8 * (seen - 4)
@@ -109,21 +109,21 @@ def test_a_frame_one_stripe_late_is_found(direction: int) -> None:
 
 def test_a_mirror_that_stops_stays_found() -> None:
     """Every stripe after the mirror jammed is out of step, not only the first."""
-    proof = StepProof()
+    proof = StripeProof()
     names = [judge(proof, 0.01 * turn, scene(40 + 8 * min(turn, 3), seed=turn))[0].name for turn in range(8)]
     assert names == ["OK"] * 4 + ["NOT_MOVED"] * 4
 
 
 def test_the_sweep_back_to_the_stripes_between_is_in_step() -> None:
     """A jump back of the mirror moves the stripe back; that is no fault."""
-    proof = StepProof()
+    proof = StripeProof()
     for turn, index in enumerate([0, 2, 4, 6, 8, 1, 3, 5, 7]):
         assert judge(proof, 0.01 * index, scene(40 + 6 * index, seed=turn))[0] is StripeVerdict.OK
 
 
 def test_without_off_frames_the_stripe_before_is_the_reference() -> None:
     """The stripe that went away is no leak."""
-    proof = StepProof()
+    proof = StripeProof()
     frames = [scene(40 + 10 * turn, seed=turn) for turn in range(6)]
     for turn in range(1, 6):
         verdict, evidence = proof.judge(0.01 * turn, frames[turn], frames[turn - 1], reference_is_off=False)
@@ -135,8 +135,8 @@ def test_limits_can_be_set() -> None:
     """A weak laser needs a lower contrast."""
     weak = scene(None, seed=4)
     weak[80:83, :, 2] += 40
-    assert judge(StepProof(ProofLimits(noise_factor=30.0)), 0.0, weak)[0] is StripeVerdict.DARK
-    assert judge(StepProof(), 0.0, weak)[0] is StripeVerdict.OK
+    assert judge(StripeProof(ProofLimits(noise_factor=30.0)), 0.0, weak)[0] is StripeVerdict.DARK
+    assert judge(StripeProof(), 0.0, weak)[0] is StripeVerdict.OK
 
 
 @given(
@@ -149,7 +149,7 @@ def test_limits_can_be_set() -> None:
 def test_light_is_the_sum_of_the_channels_where_it_is_sampled(
     size: tuple[int, int], dtype: type, kind: str, first: int
 ) -> None:
-    """However a picture of whatever size, depth and layout is read."""
+    """For pictures of every size, depth and layout."""
     rng = np.random.default_rng(first)
     image = rng.integers(0, np.iinfo(dtype).max, (*size, 3), dtype=dtype, endpoint=True)
     if kind == "grey":
@@ -173,9 +173,9 @@ def band_of(row: int) -> tuple[int, int]:
 @pytest.mark.slow
 @given(st.lists(st.integers(30, 170), min_size=2, max_size=8), st.integers(0, 10))
 @settings(max_examples=25, derandomize=True)
-def test_a_look_at_the_band_tells_what_the_whole_frame_tells(rows: list[int], seed: int) -> None:
-    """One off frame for all: verdict, row, contrast, level and shift, wherever the stripes lie."""
-    in_band, whole = StepProof(), StepProof()
+def test_the_band_alone_shows_what_the_whole_frame_shows(rows: list[int], seed: int) -> None:
+    """One off frame for all: verdict, row, contrast, offset and shift, wherever the stripes lie."""
+    in_band, whole = StripeProof(), StripeProof()
     for turn, row in enumerate(rows):
         on = scene(row, seed=seed + turn)
         angle = 0.001 * row
@@ -187,9 +187,9 @@ def test_a_look_at_the_band_tells_what_the_whole_frame_tells(rows: list[int], se
 
 
 def test_light_in_the_off_frame_is_found_however_late_it_shows() -> None:
-    """Hidden behind the first stripe, seen with the second, it is held against all further ones of that off frame."""
+    """Hidden behind the first stripe, seen with the second, it counts against all further stripes of that frame."""
     off = scene(80, seed=99, columns=slice(0, 150))
-    proof, names = StepProof(), []
+    proof, names = StripeProof(), []
     for turn, row in enumerate([80, 90, 150, 160]):
         names.append(judge(proof, 0.01 * turn, scene(row, seed=turn), off, band=band_of(row))[0].name)
     assert names == ["OK", "LEAK", "LEAK", "LEAK"]
@@ -201,8 +201,8 @@ def test_light_in_the_off_frame_is_found_however_late_it_shows() -> None:
     [(None, "DARK"), (30, "OUT_OF_BAND"), (190, "OUT_OF_BAND"), (80, "OUT_OF_BAND"), (118, "NOT_MOVED")],
 )
 def test_a_stripe_that_is_not_in_its_band_is_looked_for_everywhere(row: int | None, name: str) -> None:
-    """After stripes in step, however far off it lies; then the next one in step is that again."""
-    proof = StepProof()
+    """After stripes in step it is found however far off it lies; the next stripe in its band is in step again."""
+    proof = StripeProof()
     for turn in range(5):
         seen = 86 + 8 * turn
         assert judge(proof, 0.01 * turn, scene(seen, seed=turn), band=band_of(seen))[0] is StripeVerdict.OK
@@ -211,8 +211,8 @@ def test_a_stripe_that_is_not_in_its_band_is_looked_for_everywhere(row: int | No
 
 
 def test_a_stripe_in_few_columns_of_its_band_is_outvoted_by_a_brighter_one_elsewhere() -> None:
-    """Too little is lit in the band to take it for the stripe without a look at the rest."""
-    proof = StepProof()
+    """Too little is lit in the band to take it for the stripe without comparing the rest."""
+    proof = StripeProof()
     for turn in range(4):
         seen = 86 + 8 * turn
         judge(proof, 0.01 * turn, scene(seen, seed=turn), band=band_of(seen))

@@ -36,7 +36,7 @@ def test_handshake_reads_what_the_board_is(board: LaserBoard, emulated: Emulated
 
 
 @pytest.mark.parametrize(("kind", "error", "expected_text"), TRANSIENT)
-def test_a_transient_fault_is_repeated_over(
+def test_a_transient_fault_is_overcome_by_repeating(
     board: LaserBoard, emulated: EmulatedBoard, kind: FaultKind, error: type[BoardError], expected_text: str
 ) -> None:
     """Two faults in a row pass unseen by the caller, since three attempts are made."""
@@ -67,7 +67,7 @@ def test_repeating_a_command_whose_answer_was_lost_does_it_once(board: LaserBoar
 
 
 @pytest.mark.parametrize("kind", [FaultKind.UNPLUG, FaultKind.UNPLUG_AFTER])
-def test_unplugging_is_not_repeated_but_said(board: LaserBoard, emulated: EmulatedBoard, kind: FaultKind) -> None:
+def test_unplugging_is_not_repeated_but_reported(board: LaserBoard, emulated: EmulatedBoard, kind: FaultKind) -> None:
     """A board that left the bus is not asked again; the error says to reconnect."""
     emulated.inject(Fault(kind, Request.STATUS))
     with pytest.raises(BoardUnplugged, match=r"left the bus during the command STATUS.*reconnect"):
@@ -108,7 +108,7 @@ def test_reconnecting_gives_up_in_time(board: LaserBoard, emulated: EmulatedBoar
     ],
 )
 def test_another_version_of_the_protocol_is_refused(version: int, expected_text: str) -> None:
-    """An older board needs a firmware, a newer one a newer driver; nothing is switched meanwhile."""
+    """An older board needs a newer firmware, a newer one a newer driver; nothing is switched meanwhile."""
     emulated = EmulatedBoard()
     emulated.inject(Fault(FaultKind.WRONG_VERSION, amount=version))
     board = LaserBoard(backend=emulated_backend(emulated))
@@ -121,7 +121,7 @@ def test_another_version_of_the_protocol_is_refused(version: int, expected_text:
 
 
 @pytest.mark.parametrize(("version", "expected_text"), [(0x0100, "without sweeps"), (0x0101, "with sweeps")])
-def test_an_older_minor_version_is_accepted_and_said(
+def test_an_older_minor_version_is_accepted_and_logged(
     version: int, expected_text: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     """A board of 1.0 works as before; the log says which was found."""
@@ -203,7 +203,7 @@ def test_a_failure_while_closing_is_raised_when_nothing_else_is() -> None:
     assert not board.is_open
 
 
-def test_laser_stuck_on_is_said_while_closing(eventually) -> None:
+def test_laser_stuck_on_is_reported_while_closing(eventually) -> None:
     """A laser that does not go out on goodbye is an error, since someone must cut its power."""
     emulated = EmulatedBoard()
     emulated.inject(Fault(FaultKind.LASER_STUCK_ON))
@@ -220,7 +220,7 @@ def test_closing_an_unplugged_board_is_quiet(board: LaserBoard, emulated: Emulat
     assert not board.is_open
 
 
-def test_answer_to_another_request_is_repeated_over(
+def test_after_an_answer_to_another_request_the_command_is_repeated(
     board: LaserBoard, monkeypatch: pytest.MonkeyPatch, emulated: EmulatedBoard
 ) -> None:
     """A whole status that echoes another command is not believed."""

@@ -110,7 +110,7 @@ def test_no_frame_is_used_that_saw_the_mirror_move(settle: float, fps: float, ex
 
 
 @pytest.mark.slow
-def test_one_frame_a_stripe_is_enough_where_the_mirror_is_quick() -> None:
+def test_one_frame_per_stripe_is_enough_where_the_mirror_is_quick() -> None:
     """The bound on the end of the motion is so near to it that no frame is wasted."""
     with rig_of(EmulatorConfig(), 30.0, 0.008, 0.008) as rig:
         rig.scan()
@@ -165,7 +165,7 @@ def test_motion_whose_answer_was_lost_counts_from_the_answer_that_came(rig: Rig,
     assert len(taken) == len(FIRING_ORDER) and rig.report.in_step
 
 
-def out(rig: Rig) -> None:
+def put_out(rig: Rig) -> None:
     rig.emulated._light.cut(BoardFault.WATCHDOG, rig.emulated.clock())
 
 
@@ -207,7 +207,7 @@ def test_mirror_that_jams_in_mid_scan_ends_it(rig: Rig) -> None:
 def test_laser_that_the_board_puts_out_in_mid_scan_is_lit_again() -> None:
     """The report of the motion tells: the frame that was taken meanwhile is not used, and the scan's report says so."""
     with rig_of(patient_config(settle=0.01), 200.0, 0.002, 0.001) as rig:
-        while_the_mirror_turns(rig, 7, out)
+        while_the_mirror_turns(rig, 7, put_out)
         taken = rig.scan()
         rig.scene.assert_still_and_lit(taken)
         assert all(stripe.verdict is StripeVerdict.OK for stripe in taken) and len(taken) == len(FIRING_ORDER)
@@ -226,7 +226,7 @@ def test_laser_that_the_board_will_not_light_again_ends_the_scan() -> None:
 
 @pytest.mark.slow
 def test_laser_rests_before_its_limit() -> None:
-    """Half of the board's limit at most in one go: it never has to put the laser out itself."""
+    """At most half of the board's limit without a rest: it never has to put the laser out itself."""
     config = patient_config()
     config = dataclasses.replace(
         config, identity=dataclasses.replace(config.identity, laser_limit=0.2, laser_rest=0.02)

@@ -17,7 +17,7 @@ from tests.thorough import further
 
 TOLERANCE = 0.001
 OFFSET, DELAY, EXPOSURE, ARRIVAL = 77.0, 50e-6, 0.004, 0.0055
-# "missed", "doubled", or by how many seconds it is late.
+# What is wrong with an exposure: "missed", "doubled", or by how many seconds it is late.
 Fault = str | float
 # Stripes, seconds between their triggers, and whether an off frame comes first: with the firmware's ramp and 4 ms of
 # light, with 0.5 ms of light and no off frame, and a coarse sweep.
@@ -47,7 +47,7 @@ def stamps_of(triggers: Float, faults: Mapping[int, Fault]) -> Float:
 
 
 def proved_at(triggers: Float, stamps: Float) -> int | None:
-    """After how many triggers the offset is proved, as the scan's thread hears of them; None for never. It is true."""
+    """After how many triggers, as the scan's thread reads them, an offset is proved; None: never. It must be true."""
     match = ClockMatch(TOLERANCE)
     arrivals = stamps - OFFSET + ARRIVAL
     # A trigger is reported at the next one.
@@ -65,8 +65,8 @@ def proved_at(triggers: Float, stamps: Float) -> int | None:
 def test_any_two_triggers_may_go_wrong(sweep: tuple[int, float, bool]) -> None:
     """Every trigger, and every pair of them, missed, doubled or late: the offset is proved, and the true one.
 
-    Late by little, by as much as a wait, by a gap with and without one, and by much. What comes after the proof cannot
-    change it, so that pairs are tried up to there.
+    Late by little, by as much as a wait, by a gap, by a gap and a wait, and by much. What comes after the proof cannot
+    change it, so pairs are tried only up to the proof.
     """
     triggers, gap = triggers_of(*sweep), sweep[1]
     kinds: list[Fault] = ["missed", "doubled", 0.0011, 0.002, gap, gap + 0.002, 0.02]
@@ -89,7 +89,7 @@ def test_any_two_triggers_may_go_wrong(sweep: tuple[int, float, bool]) -> None:
 )
 @settings(deadline=None)
 def test_every_shift_misses_frames(stripes: int, gap: float, tolerance: float) -> None:
-    """However frames lie within the tolerance, no shift by whole triggers brings all but nine of them to triggers."""
+    """However frames lie within the tolerance, each shift by whole triggers leaves at least ten of them unexplained."""
     triggers = triggers_of(stripes, gap, has_off=False, tolerance=tolerance)
     for shift in range(1, triggers.size):
         spans = np.sort(triggers[shift:] - triggers[:-shift])
@@ -100,7 +100,7 @@ def test_every_shift_misses_frames(stripes: int, gap: float, tolerance: float) -
 
 @pytest.mark.parametrize("tolerance", [0.0001, 0.0007, 0.001, 0.002])
 def test_waits_are_twice_the_tolerance(tolerance: float) -> None:
-    """In whole units of the board's, and nowhere side by side all along."""
+    """In whole units of the board, at uneven distances."""
     waits = uneven_waits(70, tolerance)
     lengths = {wait for wait in waits if wait}
     assert len(lengths) == 1 and 2 * tolerance <= lengths.pop() * WAIT_UNIT + 1e-9 < 2 * tolerance + WAIT_UNIT

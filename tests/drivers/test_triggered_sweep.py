@@ -95,15 +95,15 @@ def test_a_sweep_brings_every_stripe_proved(rig: Rig, board: LaserBoard, off: Of
 
 
 def test_it_takes_little_longer_than_the_motion(rig: Rig, board: LaserBoard) -> None:
-    """At most 1.15 of move, settle and flash, by the board's own account of its motion; 0.65 s in all."""
+    """At most 1.15 times move, settle and flash, by the board's own motion profile; 0.65 s in all."""
     prepare(board, FIRING_ORDER)
     before = len(rig.emulated.triggers())
     stripes, _ = rig.scan(board)
     triggers = rig.emulated.triggers()[before:]
-    profile = board.motion_profile()
+    motion_profile = board.motion_profile()
     steps = [board.step_at(angle) for _, angle in FIRING_ORDER]
-    moves = sum(profile.time(after - here) for here, after in zip(steps, steps[1:], strict=False))
-    bound = moves + len(steps) * (profile.settle + 0.004)
+    moves = sum(motion_profile.time(after - here) for here, after in zip(steps, steps[1:], strict=False))
+    bound = moves + len(steps) * (motion_profile.settle + 0.004)
     assert len(stripes) == STRIPES and triggers[-1] + 0.004 - triggers[0] <= min(1.15 * bound, 0.65)
 
 
@@ -151,7 +151,7 @@ def test_stripes_taken_again_do_not_wait(rig: Rig, board: LaserBoard) -> None:
 
 
 def test_what_is_missed_every_time_is_lost(rig: Rig, board: LaserBoard) -> None:
-    """A camera that sees every second trigger only: half is proved twice over, nothing is guessed."""
+    """A camera that sees every second trigger only: what it sees can be proved, nothing is guessed."""
     rig.emulated.shutter.missed = frozenset(range(1, 400, 2))
     stripes, report = rig.scan(board, AcquireOptions(sweep=SweepOptions(repeats=0)))
     lost = [stripe for stripe in stripes if stripe.verdict is StripeVerdict.LOST]

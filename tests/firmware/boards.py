@@ -35,16 +35,16 @@ class Board(Protocol):
     def position(self) -> float:
         """Where the mirror really is, in steps from the home switch."""
 
-    def break_part(self, part: str, amount: float = 0.0) -> None:
+    def inject(self, fault: str, amount: float = 0.0) -> None:
         """`stuck_on`, `dead`, `no_home`, `hot` (amount: degrees), `lost_steps` (amount: steps)."""
 
     def wire(self, *, exposure: float, miss_from: int | None = None) -> None:
         """Connect EXPOSURE_ACTIVE of a camera with this exposure [s] that misses triggers from a number on."""
 
     def mend(self) -> None:
-        """Undo every `break_part`, steps lost excepted."""
+        """Remove every fault but steps that were lost."""
 
-    def cycle_power(self) -> None:
+    def replug(self) -> None:
         """Pull the plug and put it in again."""
 
 
@@ -96,7 +96,7 @@ class Bench:
 
 
 class PythonBoard:
-    """`drivers.emulator.EmulatedBoard`, on a clock of the test's own."""
+    """`drivers.emulator.EmulatedBoard`, on the test's own clock."""
 
     def __init__(self) -> None:
         self.now = 100.0
@@ -120,7 +120,7 @@ class PythonBoard:
         identity = self.emulated.config.identity
         return identity.zero_step + self.emulated.view().mirror_angle / identity.step_angle
 
-    def break_part(self, part: str, amount: float = 0.0) -> None:
+    def inject(self, fault: str, amount: float = 0.0) -> None:
         kinds = {
             "stuck_on": FaultKind.LASER_STUCK_ON,
             "dead": FaultKind.LASER_STUCK_OFF,
@@ -128,10 +128,10 @@ class PythonBoard:
             "hot": FaultKind.HOT,
             "lost_steps": FaultKind.LOST_STEP,
         }
-        if part == "hot":
+        if fault == "hot":
             self.emulated.mend()
-        request = Request.GO_TO if part == "lost_steps" else None
-        self.emulated.inject(Fault(kinds[part], request, amount=round(amount)))
+        request = Request.GO_TO if fault == "lost_steps" else None
+        self.emulated.inject(Fault(kinds[fault], request, amount=round(amount)))
 
     def wire(self, *, exposure: float, miss_from: int | None = None) -> None:
         shutter = self.emulated.shutter
@@ -141,7 +141,7 @@ class PythonBoard:
     def mend(self) -> None:
         self.emulated.mend()
 
-    def cycle_power(self) -> None:
+    def replug(self) -> None:
         self.emulated.unplug()
         self.now += 0.1
         self.emulated.replug()
@@ -176,7 +176,7 @@ class HostBoard:
         library.host_power_up.argtypes = [ctypes.c_uint64, ctypes.c_int32]
         self.world = World.in_dll(library, "world")
         self.answer = ctypes.create_string_buffer(64)
-        # Late on a clock of 32 bits, so that nothing can rely on its beginning.
+        # Shortly before a clock of 32 bits wraps, so that nothing can rely on small numbers.
         library.host_power_up(2**32 - 5_000_000, 700)
 
     def raw(self, request: int, argument: int = 0) -> bytes | None:
@@ -198,13 +198,13 @@ class HostBoard:
     def position(self) -> float:
         return float(self.world.position)
 
-    def break_part(self, part: str, amount: float = 0.0) -> None:
-        if part == "hot":
+    def inject(self, fault: str, amount: float = 0.0) -> None:
+        if fault == "hot":
             self.world.temperature = round(amount * 10)
-        elif part == "lost_steps":
+        elif fault == "lost_steps":
             self.world.position -= round(amount)
         else:
-            setattr(self.world, part, True)
+            setattr(self.world, fault, True)
 
     def wire(self, *, exposure: float, miss_from: int | None = None) -> None:
         self.world.wired, self.world.exposure_us = True, round(exposure * 1e6)
@@ -214,12 +214,12 @@ class HostBoard:
         self.world.temperature = 300
         self.world.stuck_on = self.world.dead = self.world.no_home = False
 
-    def cycle_power(self) -> None:
+    def replug(self) -> None:
         self.library.host_power_up(0, self.world.position)
 
 
 class ChipBoard:
-    """The whole firmware on an emulated RP2040, spoken to over its USB."""
+    """The whole firmware on an emulated RP2040, reached over its USB."""
 
     def __init__(self, image: bytes) -> None:
         self.chip = Chip(image)
@@ -250,13 +250,13 @@ class ChipBoard:
     def position(self) -> float:
         return float(self.chip.world.position)
 
-    def break_part(self, part: str, amount: float = 0.0) -> None:
-        if part == "hot":
+    def inject(self, fault: str, amount: float = 0.0) -> None:
+        if fault == "hot":
             self.chip.wiring.temperature = amount
-        elif part == "lost_steps":
+        elif fault == "lost_steps":
             self.chip.world.position -= round(amount)
         else:
-            setattr(self.chip.wiring, part, True)
+            setattr(self.chip.wiring, fault, True)
         self.chip.rewire()
 
     def wire(self, *, exposure: float, miss_from: int | None = None) -> None:
@@ -271,7 +271,7 @@ class ChipBoard:
         wiring.stuck_on = wiring.dead = wiring.no_home = False
         self.chip.rewire()
 
-    def cycle_power(self) -> None:
+    def replug(self) -> None:
         self.chip.unplug()
         self.chip.run(0.1)
         self.chip.replug()

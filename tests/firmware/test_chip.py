@@ -156,7 +156,7 @@ def test_a_silent_host_goes_dark_before_the_monostable(board: LaserBoard, chip: 
 
 @pytest.mark.parametrize("instant", [0.0, 0.0173, 0.05, 0.0999])
 def test_a_hung_processor_is_reset(board: LaserBoard, chip: Chip, instant: float) -> None:
-    """By the chip's own watchdog within 0.1 s; the board comes back dark, homeless, without a session."""
+    """By the chip's own watchdog within 0.1 s; the board comes back dark, without home or session."""
     board.laser_on()
     chip.run(instant)
     chip.frozen = True

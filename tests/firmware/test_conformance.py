@@ -35,7 +35,7 @@ def test_another_major_version_gets_no_session(bench) -> None:
 
 
 def test_an_unknown_request_stalls(session) -> None:
-    """And the next one is answered as if nothing had been."""
+    """The next one is answered as if nothing had happened."""
     unknown = [number for number in range(256) if number not in REQUESTS]
     for number in (unknown[0], unknown[len(unknown) // 2], unknown[-1]):
         assert session.board.raw(number, 1) is None
@@ -109,7 +109,7 @@ def keep_lit(bench, seconds: float):
     return status
 
 
-def test_the_laser_shines_ten_seconds_in_one_go_at_most(session) -> None:
+def test_the_laser_shines_at_most_ten_seconds_without_a_rest(session) -> None:
     """A rest too short begins no new count; the fault cannot be cleared before the rest is over."""
     session.ask(Request.LASER, 1)
     assert keep_lit(session, 9.0).laser_time == pytest.approx(9.0, abs=0.1)
@@ -136,15 +136,15 @@ def test_the_time_limit_cannot_be_cleared_at_once(session) -> None:
 def test_heat_forbids_the_laser(session) -> None:
     """Off at 60 degrees Celsius, and refused until it is below 55."""
     session.ask(Request.LASER, 1)
-    session.board.break_part("hot", 61)
+    session.board.inject("hot", 61)
     session.board.wait(0.01)
     status = session.ask(Request.STATUS)
     assert status.faults == BoardFault.OVER_TEMPERATURE and not session.board.lit
     assert status.temperature == pytest.approx(61, abs=0.5)
-    session.board.break_part("hot", 57)
+    session.board.inject("hot", 57)
     session.board.wait(0.01)
     assert session.ask(Request.CLEAR_FAULTS, 0xFFFF).faults == BoardFault.OVER_TEMPERATURE
-    session.board.break_part("hot", 50)
+    session.board.inject("hot", 50)
     session.board.wait(0.01)
     assert not session.ask(Request.CLEAR_FAULTS, 0xFFFF).faults
     assert session.ask(Request.LASER, 1).laser_sensed
@@ -153,7 +153,7 @@ def test_heat_forbids_the_laser(session) -> None:
 def test_a_stuck_laser_loses_its_supply(session) -> None:
     """Dark although its transistor conducts; cleared only when it stays dark with the supply closed."""
     session.ask(Request.LASER, 1)
-    session.board.break_part("stuck_on")
+    session.board.inject("stuck_on")
     session.ask(Request.LASER, 1)
     session.ask(Request.LASER, 0)
     session.board.wait(0.01)
@@ -169,7 +169,7 @@ def test_a_stuck_laser_loses_its_supply(session) -> None:
 
 
 def test_a_dead_laser_is_reported(session) -> None:
-    session.board.break_part("dead")
+    session.board.inject("dead")
     status = session.ask(Request.LASER, 1)
     assert not status.laser_sensed and BoardFault.LASER_DEAD in status.faults and not status.laser_commanded
     session.board.mend()
@@ -186,7 +186,7 @@ def test_a_fault_is_reported(session) -> None:
 
 
 def test_the_newest_reports_are_kept(session) -> None:
-    """With nobody fetching, what is given up is old; the last motion's report is there."""
+    """When nobody fetches them, old reports are dropped; the last motion's report is there."""
     identity = session.identity()
     session.home()
     for round_ in range(8):
@@ -206,10 +206,10 @@ def test_the_clock_runs_as_time_does(session) -> None:
     assert second.sequence == first.sequence + 1
 
 
-def test_power_up_knows_nothing_of_before(session) -> None:
+def test_power_up_forgets_everything(session) -> None:
     session.home()
     session.ask(Request.LASER, 1)
-    session.board.cycle_power()
+    session.board.replug()
     status = session.ask(Request.STATUS)
     assert not session.board.lit and not status.homed and not status.faults
     assert BoardFlag.SESSION not in status.flags and status.sequence == 1 and status.motion == 0

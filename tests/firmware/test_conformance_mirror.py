@@ -18,7 +18,7 @@ def test_home_is_found_before_anything_else_moves(session) -> None:
 
 
 def test_a_missing_home_switch_is_reported(session) -> None:
-    session.board.break_part("no_home")
+    session.board.inject("no_home")
     status = session.home()
     assert BoardFault.HOME_NOT_FOUND in status.faults and not status.homed
     session.board.mend()
@@ -29,7 +29,7 @@ def test_a_missing_home_switch_is_reported(session) -> None:
 def test_lost_steps_are_counted_at_home(session) -> None:
     """The count goes into `home_error`, the fault stays until it is cleared; afterwards steps are true again."""
     session.home()
-    session.board.break_part("lost_steps", 40)
+    session.board.inject("lost_steps", 40)
     session.ask(Request.GO_TO, session.identity().zero_step)
     session.until_still()
     status = session.home()

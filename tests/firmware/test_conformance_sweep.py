@@ -75,11 +75,11 @@ def test_a_sweep_reports_every_stripe(session) -> None:
 def test_the_time_between_triggers_is_move_settle_and_flash(session) -> None:
     """As the board's own motion record has it, to a tenth."""
     steps = prepare(session)
-    profile = motion(session)
+    motion_profile = motion(session)
     sweep(session)
     records, _ = finish(session)
     for before, after in zip(records, records[1:], strict=False):
-        bound = profile.time(after.step - before.step) + profile.settle + FLASH_US * 1e-6
+        bound = motion_profile.time(after.step - before.step) + motion_profile.settle + FLASH_US * 1e-6
         assert bound * 0.95 <= after.clock - before.clock <= 1.1 * bound
     assert steps == sorted(steps)
 
@@ -153,7 +153,7 @@ def test_what_cannot_be_swept_is_refused(session) -> None:
     session.ask(Request.GO_TO, identity.max_step)
     assert sweep(session).result is Result.BUSY
     session.until_still()
-    session.board.break_part("hot", 70)
+    session.board.inject("hot", 70)
     session.board.wait(0.01)
     assert sweep(session).result is Result.LASER_REFUSED
 
@@ -179,7 +179,7 @@ def test_nothing_else_is_done_meanwhile(session) -> None:
 @pytest.mark.parametrize(
     "request_", [(Request.HALT, 0), (Request.LASER, 0), (Request.GOODBYE, 0), (Request.HELLO, HELLO)]
 )
-def test_it_ends_in_the_dark_at_a_word(session, request_: tuple[Request, int]) -> None:
+def test_one_command_ends_it_in_the_dark(session, request_: tuple[Request, int]) -> None:
     prepare(session, stripes=20)
     sweep(session, stripes=20)
     session.board.wait(0.06)
@@ -208,14 +208,14 @@ def test_a_silent_host_ends_it(session) -> None:
 
 def test_a_dead_laser_ends_it(session) -> None:
     prepare(session)
-    session.board.break_part("dead")
+    session.board.inject("dead")
     sweep(session)
     records, _ = finish(session)
     assert len(records) == 1 and BoardFault.LASER_DEAD in session.ask(Request.STATUS).faults
 
 
 def test_flashes_add_up_to_the_time_limit(session) -> None:
-    """10 s of light in sweeps that follow each other without a rest; the pauses between flashes count as none."""
+    """10 s of light in sweeps that follow each other without a rest; the time between flashes does not count."""
     prepare(session, stripes=2)
     session.ask(Request.SWEEP_FLASH, 20_000)
     session.ask(Request.SETTLE, 60_000)

@@ -26,7 +26,7 @@ def bus(new_chip: Callable[[], Chip]) -> ChipBus:
 
 @pytest.fixture
 def board(bus: ChipBus) -> Iterator[LaserBoard]:
-    """The driver on the chip; its clock is everybody's."""
+    """The driver on the chip; all use its clock."""
     with ChipClock(bus), LaserBoard(BoardConfig(handle_signals=False), backend=EmulatedBackend(bus)) as device:
         yield device
 
@@ -96,7 +96,9 @@ def test_steps_lost_in_a_scan_are_counted_after_it(board: LaserBoard, camera: Em
     assert prepare(board, FIRING_ORDER) == 25
 
 
-def test_a_host_that_dies_in_a_scan_leaves_the_dark(board: LaserBoard, camera: EmulatedCamera, bus: ChipBus) -> None:
+def test_a_host_that_dies_in_a_scan_leaves_the_laser_off(
+    board: LaserBoard, camera: EmulatedCamera, bus: ChipBus
+) -> None:
     """Nobody asks any more: 0.4 s later the laser is out, and the fault waits for the next host."""
     board.ensure_ready()
     board.laser_on()

@@ -55,7 +55,7 @@ def node(folder: Path, endpoint: str, *arguments: str) -> Iterator[subprocess.Po
 
 
 def end_of(process: subprocess.Popen[str]) -> tuple[str, str]:
-    """What it said until it ended; where its threads stand, if it does not end."""
+    """Its output until it ended; with a traceback of each thread, if it does not end."""
     try:
         return process.communicate(timeout=PATIENCE)
     except subprocess.TimeoutExpired:
@@ -69,7 +69,7 @@ def test_a_whole_scan_is_triggered_proved_and_published(
 ) -> None:
     """70 of 70 stripes of one channel; by the chip's time and the processor's work the grid is out within 0.7 s.
 
-    The grid is that of the ground: heights are where the world has them. Without EXPOSURE_ACTIVE frames are proved by
+    The grid is that of the ground: heights agree with the world's. Without EXPOSURE_ACTIVE frames are proved by
     their times alone.
     """
     new_chip()  # Skips where the emulator is missing.

@@ -12,7 +12,7 @@ from kinematics import RobotModel, Stance, load_robot
 from kinematics.load import ROBOTS_FOLDER
 
 SECOND_ROBOT = Path(__file__).parent.parent / "robots" / "tapir"
-# Every robot folder of the repository: one that is added is tested without a word here.
+# Every robot folder of the repository: one that is added is tested without a change here.
 ROBOT_FOLDERS = sorted(
     path.parent for path in (*ROBOTS_FOLDER.glob("*/robot.toml"), *SECOND_ROBOT.parent.glob("*/*.toml"))
 )
@@ -93,7 +93,7 @@ def crawl(guara: RobotModel, put_feet: Callable[..., dict[str, float]]) -> Calla
                 body = np.eye(4)
                 body[:3, :3] = rotation
                 body[:3, 3] = (*position, height)
-                # Set down half a cycle ahead of where the hip will be, on the heading of that moment.
+                # Set down half a cycle ahead of where the hip will be, on the heading of that instant.
                 hip = nominal.position_in_base(guara.tree.leg(leg).hip)
                 ahead = rotation @ (hip + (3.0 * swing / 8.0, 0.0, 0.0)) + (*position, 0.0)
                 soles[leg] = ahead * (1.0, 1.0, 0.0)

@@ -27,7 +27,7 @@ def test_flat_ground_holds_the_vertical(guara: RobotModel) -> None:
 
 
 def test_blocks_hardly_move_the_vertical(guara: RobotModel) -> None:
-    """A support plane tilted by 5 degrees against a sure vertical is taken for terrain, and the sigma grows."""
+    """A support plane tilted by 5 degrees against a well-known vertical is taken for terrain, and the sigma grows."""
     tilted = SOLES @ rotation_from_rpy(0.0, np.radians(5.0), 0.0).T
     before = GravityEstimate((0.0, 0.0, -1.0), 0.002)
     after = carry_gravity(before, tilted[:3], tilted[:3], tilted, NOISE, guara.noise)

@@ -64,7 +64,7 @@ def test_a_damaged_or_hostile_description_is_refused(text: str, message: str) ->
 
 
 def test_entities_are_not_expanded(broken_folder: Callable[..., Path], guara: RobotModel) -> None:
-    """A billion laughs are refused at the first."""
+    """Nested entities ("billion laughs") are refused at the first definition."""
     files = json.loads(zlib.decompress(base64.b64decode(describe_robot(guara))))
     files["srdf"] = '<!DOCTYPE r [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]><robot>&b;</robot>'
     with pytest.raises(RobotFileError, match="entity 'a' is defined; entities are not read"):

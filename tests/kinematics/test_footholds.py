@@ -43,8 +43,8 @@ def test_covariances_agree_with_sampling() -> None:
     root = rng.normal(size=(4, 4)) * 1e-3
     noise = np.tile(root @ root.T + np.diag([1e-7] * 4), (4, 1, 1))
     roots = np.linalg.cholesky(noise[0])
-    new_place = READINGS.copy()
-    new_place[1, 0] += 0.14
+    after_swing = READINGS.copy()
+    after_swing[1, 0] += 0.14
     poses, positions = [], []
     for _ in range(1000):
 
@@ -53,8 +53,8 @@ def test_covariances_agree_with_sampling() -> None:
 
         footholds = first_footholds(LEGS, READINGS + rng.normal(size=(4, 4)) @ roots.T, noise)
         stayed = ("lf", "lh", "rh")
-        _, footholds = footholds.after_pause(stayed, LEGS, read(new_place, 0.02, (0.03, 0.0, 0.0)), noise)
-        fit, footholds = footholds.after_pause(LEGS, LEGS, read(new_place, 0.05, (0.06, 0.01, 0.0)), noise)
+        _, footholds = footholds.after_pause(stayed, LEGS, read(after_swing, 0.02, (0.03, 0.0, 0.0)), noise)
+        fit, footholds = footholds.after_pause(LEGS, LEGS, read(after_swing, 0.05, (0.06, 0.01, 0.0)), noise)
         transform = fit.transform_footprint_to_odom
         poses.append([*transform[:3, 3], np.arctan2(transform[1, 0], transform[0, 0])])
         positions.append(footholds.positions.ravel())
@@ -63,8 +63,8 @@ def test_covariances_agree_with_sampling() -> None:
     assert np.linalg.eigvalsh(footholds.covariance)[0] > 0.0
 
 
-def test_standing_longer_is_knowing_better() -> None:
-    """A foothold seen again and again gets surer, and never less sure."""
+def test_footholds_become_more_certain_with_time() -> None:
+    """A foothold seen again and again becomes more certain, and never less."""
     footholds, last = FIRST, np.diag(FIRST.covariance)
     for _ in range(4):
         _, footholds = footholds.after_pause(LEGS, LEGS, READINGS, NOISE)
@@ -81,8 +81,8 @@ def test_a_foot_that_crept_pulls_less() -> None:
     assert fit.misfit > 3.0
 
 
-def test_the_pitch_of_a_standing_sole_tells_the_noise_of_its_place() -> None:
-    """Where noise moves place and pitch of a sole together, a pitch that changed takes its share of the place back."""
+def test_the_pitch_of_a_standing_sole_shows_the_noise_of_its_position() -> None:
+    """Where noise moves position and pitch of a sole together, a pitch that changed corrects the position."""
     noise = np.tile(np.diag([1e-7, 1e-6, 1e-6, 1e-7]), (4, 1, 1))
     by_joint = np.array([0.23, 0.0, 0.0, 1.0]) * 0.0035
     noise += np.outer(by_joint, by_joint)
@@ -137,6 +137,6 @@ def test_a_swing_that_keeps_a_distance_is_seen_by_its_turn() -> None:
 
 
 def test_nothing_in_common_means_none() -> None:
-    """With fewer than two feet nothing that stayed can be named."""
+    """With fewer than two feet none can be shown to have stayed."""
     assert stayed(SOLES[:1], SOLES[:1]) == []
     assert stayed(SOLES[:0], SOLES[:0]) == []

@@ -41,7 +41,7 @@ def test_closed_form_agrees_with_pinocchio(seed: int, leg: str) -> None:
 
 
 def test_soles_out_of_reach_have_no_solution() -> None:
-    """Too far and too near is NaN for all joints, and so is an unknown place."""
+    """Too far and too near is NaN for all joints, and so is an unknown position."""
     geometry = find_leg_geometry(GUARA.tree, "lf")
     assert geometry is not None
     soles = geometry.hip + [[0.0, 0.0, -0.41], [0.4, 0.0, -0.3], [np.nan, 0.0, -0.3]]

@@ -95,7 +95,7 @@ def test_a_broken_urdf_does_not_hide_robot_toml(broken_folder: Callable[..., Pat
         ("x = [0.50, 0.95]", "x = [0.50, 1.10]", r"of \[grid.footprint\] from 0.5 to 1.1"),
     ],
 )
-def test_a_pattern_off_the_area_is_warned_of(
+def test_a_scan_pattern_off_the_area_gives_a_warning(
     old: str, new: str, found: str, broken_folder: Callable[..., Path], guara: RobotModel
 ) -> None:
     """It loads, since a calibration brings angles of its own; the warning gives the two angles that mend it."""
@@ -116,8 +116,8 @@ def test_a_pattern_off_the_area_is_warned_of(
     assert near - 0.01 < first <= near + 0.001 and far - 0.001 <= last < far + 0.01
 
 
-def test_a_pattern_that_cannot_be_read_is_left_to_its_reader(broken_folder: Callable[..., Path]) -> None:
-    """Perception reads [scan] and [grid]; a robot whose folder has none loads."""
+def test_a_robot_loads_without_its_scan_pattern(broken_folder: Callable[..., Path]) -> None:
+    """Only perception reads [scan] and [grid]: a robot whose folder lacks [scan] loads."""
     robot = load_robot(broken_folder("robot.toml", "[scan]", "[scam]"))
     assert robot.doubts == ()
 

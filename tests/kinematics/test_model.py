@@ -173,7 +173,7 @@ def test_a_scan_needs_feet(robot: RobotModel) -> None:
 
 
 def test_second_robot_sees_the_floor_as_the_first(guara: RobotModel, tapir: RobotModel) -> None:
-    """Camera and mirror of both robots stand alike over the floor: one's scan can be processed with the other."""
+    """Camera and mirror of both robots stand alike over the floor: a scan of one can be processed with the other."""
     poses = [robot.stance_pose(Stance(robot.posture("scan"), robot.legs)) for robot in (guara, tapir)]
     camera, other_camera = (pose.transform_camera_to_footprint for pose in poses)
     np.testing.assert_allclose(camera, other_camera, atol=1e-9)

@@ -38,7 +38,7 @@ def heading(transform: np.ndarray) -> float:
 def test_a_walk_without_noise_is_followed_exactly(
     guara: RobotModel, crawl: Crawl, gravity: tuple | None, turn: float
 ) -> None:
-    """Straight or in a curve, with gravity or without, odometry of exact joints is exact, and knows who stayed."""
+    """Straight or in a curve, with gravity or without, exact joints give exact odometry, and the feet that stayed."""
     odometry, first = LegOdometry(guara), None
     for body, joints, leg in crawl(3, turn=turn):
         result = odometry.update(Stance(joints, guara.legs, gravity))
@@ -85,15 +85,15 @@ def sampled(guara: RobotModel, crawl: Crawl) -> tuple[list[tuple], list[list[Odo
 @pytest.mark.heavy
 @pytest.mark.slow
 def test_covariance_agrees_with_sampling(sampled: tuple[list[tuple], list[list[OdometryPose]]]) -> None:
-    """Sigmas of x, y, z and heading after 8 pauses agree with the sampled walks (within what 100 can tell)."""
+    """Sigmas of x, y, z and heading after 8 pauses agree with the sampled walks (within the accuracy of 100)."""
     walk, found = sampled
     expected = inverse(footprint(walk[0][0])) @ footprint(walk[-1][0])
     offs = [inverse(expected) @ results[-1].transform_footprint_to_odom for results in found]
-    scatter = np.std([[*off[:3, 3], heading(off)] for off in offs], axis=0)
+    sampled_sigmas = np.std([[*off[:3, 3], heading(off)] for off in offs], axis=0)
     predicted = np.sqrt(np.diag(found[-1][-1].covariance))[[0, 1, 2, 5]]
     # The standard error of a sigma from 100 samples is 7 %.
-    np.testing.assert_allclose(predicted[[0, 1, 3]], scatter[[0, 1, 3]], rtol=0.20)
-    assert predicted[2] == pytest.approx(scatter[2], rel=0.5)
+    np.testing.assert_allclose(predicted[[0, 1, 3]], sampled_sigmas[[0, 1, 3]], rtol=0.20)
+    assert predicted[2] == pytest.approx(sampled_sigmas[2], rel=0.5)
 
 
 @pytest.mark.heavy
@@ -117,7 +117,7 @@ def test_covariance_since_last_agrees_with_sampling(sampled: tuple[list[tuple], 
 @pytest.mark.heavy
 @pytest.mark.slow
 def test_noise_of_a_pause_comes_and_goes_as_sampled(sampled: tuple[list[tuple], list[list[OdometryPose]]]) -> None:
-    """What a pause alone is off by ends with it: the motions before and after it go against each other."""
+    """An error of one pause alone ends with it: it enters the motions before and after with opposite signs."""
     walk, found = sampled
     pauses = range(2, len(walk) - 1)
     against, own = [], []
@@ -126,17 +126,17 @@ def test_noise_of_a_pause_comes_and_goes_as_sampled(sampled: tuple[list[tuple], 
         for results in found:
             poses = [np.array(results[k].transform_footprint_to_odom) for k in (pause - 1, pause, pause + 1)]
             true = [footprint(walk[k][0]) for k in (pause - 1, pause, pause + 1)]
-            steps = [inverse(inverse(true[k]) @ true[k + 1]) @ inverse(poses[k]) @ poses[k + 1] for k in (0, 1)]
-            offs.append([[*step[:2, 3], heading(step)] for step in steps])
+            motion_errors = [inverse(inverse(true[k]) @ true[k + 1]) @ inverse(poses[k]) @ poses[k + 1] for k in (0, 1)]
+            offs.append([[*error[:2, 3], heading(error)] for error in motion_errors])
         before, after = np.swapaxes(np.array(offs), 0, 1)
         against.append([-np.cov(before[:, k], after[:, k])[0, 1] for k in range(3)])
         own.append(np.diag(found[0][pause].own_covariance)[[0, 1, 5]])
         for results in found[:3]:
             drift = results[pause].covariance_since_last - results[pause].own_covariance
             assert np.linalg.eigvalsh(drift[np.ix_([0, 1, 5], [0, 1, 5])])[0] > -1e-8
-    # Across and in heading by that; along the way less, for there the drift of one motion goes on in the next.
-    share = np.mean(own, axis=0) / np.mean(against, axis=0)
-    assert (share > 0.7).all() and (share[1:] < 1.4).all() and share[0] < 2.5
+    # Across and in heading they cancel; along the way less, for there the drift of one motion goes on in the next.
+    ratio = np.mean(own, axis=0) / np.mean(against, axis=0)
+    assert (ratio > 0.7).all() and (ratio[1:] < 1.4).all() and ratio[0] < 2.5
 
 
 def test_a_motion_is_known_better_than_the_walk(guara: RobotModel, crawl: Crawl) -> None:
@@ -164,7 +164,7 @@ def test_covariance_grows(guara: RobotModel, crawl: Crawl) -> None:
 
 
 def test_a_slipped_foot_is_found_and_left_out(guara: RobotModel, crawl: Crawl, put_feet: Callable) -> None:
-    """A foot that slides by 25 mm while it carries the body is named, and does not spoil the step."""
+    """A foot that slides by 25 mm while it carries the body is named, and does not spoil the motion."""
     walk = list(crawl(2))
     odometry = LegOdometry(guara)
     for _, joints, _ in walk[:5]:

@@ -82,8 +82,8 @@ def shifted(robot: RobotModel, rotation: np.ndarray, shift: tuple[float, float, 
     return Stance(joints, robot.legs)
 
 
-def test_the_camera_s_way_is_found(robot: RobotModel) -> None:
-    """A known motion of the body over its feet gives the camera's way and angle."""
+def test_the_motion_of_the_camera_is_found(robot: RobotModel) -> None:
+    """A known motion of the body over its feet gives the camera's distance and angle."""
     begin = Stance(robot.posture("scan"), robot.legs)
     rotation, shift = rotation_from_rpy(0.0, 0.002, 0.001), (0.0004, 0.0, -0.0003)
     motion = camera_motion(robot, begin, shifted(robot, rotation, shift))
@@ -110,7 +110,7 @@ def test_a_scan_during_which_the_camera_moved_is_refused(robot: RobotModel) -> N
 
 
 def test_the_calibrated_camera_counts(robot: RobotModel) -> None:
-    """A turn moves a camera further out by more."""
+    """A turn moves a camera that is farther out by more."""
     begin, turned = Stance(robot.posture("scan"), robot.legs), rotation_from_rpy(0.0, 0.001, 0.0)
     far = robot.transform_camera_to_base.copy()
     far[0, 3] += 1.0

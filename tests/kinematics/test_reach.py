@@ -6,11 +6,11 @@ from kinematics.urdf import rotation_from_rpy
 
 
 def test_reach_at_scan_height(guara: RobotModel) -> None:
-    """On the level a foot reaches 150 mm fore and aft of its hip and 174 mm sideways, no more."""
+    """On level ground a foot reaches 150 mm fore and aft of its hip and 174 mm sideways, no more."""
     hip = np.array([0.300, 0.180, 0.0])
-    for way, reach in (((1, 0), 0.150), ((-1, 0), 0.150), ((0, 1), 0.174)):
-        near = hip + (way[0] * (reach - 0.001), way[1] * (reach - 0.001), -0.360)
-        far = hip + (way[0] * (reach + 0.003), way[1] * (reach + 0.003), -0.360)
+    for direction, reach in (((1, 0), 0.150), ((-1, 0), 0.150), ((0, 1), 0.174)):
+        near = hip + (direction[0] * (reach - 0.001), direction[1] * (reach - 0.001), -0.360)
+        far = hip + (direction[0] * (reach + 0.003), direction[1] * (reach + 0.003), -0.360)
         assert guara.reachable("lf", near) and not guara.reachable("lf", far)
 
 
@@ -59,7 +59,7 @@ def test_soles_from_a_tilted_body_lie_level(guara: RobotModel, roll: float, pitc
 
 
 def test_recorded_soles_are_reachable_where_they_are(guara: RobotModel) -> None:
-    """From a level stance, the places of the soles give back the joints of the posture."""
+    """From a level stance, the positions of the soles give back the joints of the posture."""
     pose = guara.stance_pose(Stance(guara.posture("scan"), guara.legs))
     for leg, sole in zip(pose.support_feet_used, pose.soles_in_footprint, strict=True):
         reach = reach_from_pose(pose, leg, sole)

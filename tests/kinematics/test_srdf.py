@@ -55,7 +55,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_fault_is_refused_by_name(fault: str, broken_folder: Callable[..., Path]) -> None:
-    """An SRDF with one fault, which Pinocchio may pass over, is refused by a message that names the place."""
+    """An SRDF with one fault, which Pinocchio may pass over, is refused by a message that names its element."""
     old, new, message = FAULTS[fault]
     with pytest.raises(RobotFileError) as caught:
         load_robot(broken_folder("srdf/guara.srdf", old, new))

@@ -35,7 +35,7 @@ def test_what_is_no_polygon_holds_nothing() -> None:
 
 @settings(max_examples=60, derandomize=True, deadline=None)
 @given(seed=st.integers(0, 1000), angle=st.floats(-3.0, 3.0))
-def test_margin_does_not_depend_on_order_place_or_heading(seed: int, angle: float) -> None:
+def test_margin_does_not_depend_on_order_position_or_heading(seed: int, angle: float) -> None:
     """Corners in another order, turned and shifted with the point, give the same margin."""
     rng = np.random.default_rng(seed)
     corners, point = rng.normal(size=(5, 2)), rng.normal(size=2)

@@ -166,7 +166,7 @@ def test_noise_does_not_unload_a_foot(guara: RobotModel) -> None:
 
 
 def test_feet_on_uneven_ground_all_count_where_gravity_is_known(guara: RobotModel) -> None:
-    """With gravity, feet at heights of which no three are level are all taken: the mean of the soles stays the zero."""
+    """With gravity, feet of which no three are at one height are all taken: the mean of the soles stays the zero."""
     joints, state = guara.posture("scan"), guara.state(guara.posture("scan"))
     heights = dict(zip(guara.legs, (0.040, 0.0, 0.0, 0.020), strict=True))
     for leg, height in heights.items():

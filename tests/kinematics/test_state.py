@@ -14,16 +14,16 @@ def some_positions(robot: RobotModel, seed: int) -> np.ndarray:
 
 def test_jacobian_agrees_with_finite_differences(robot: RobotModel) -> None:
     """Columns of a frame's Jacobian are the derivatives of its origin and attitude by each joint."""
-    positions, step = some_positions(robot, 1), 1e-6
+    positions, increment = some_positions(robot, 1), 1e-6
     frame = robot.config.legs[1].sole
     jacobian = robot.state(positions).jacobian(frame)
     here = robot.state(positions).transform_to_base(frame)
     for column in range(len(positions)):
         moved = positions.copy()
-        moved[column] += step
+        moved[column] += increment
         there = robot.state(moved).transform_to_base(frame)
-        np.testing.assert_allclose((there - here)[:3, 3] / step, jacobian[:3, column], atol=1e-5)
-        turned = (there[:3, :3] - here[:3, :3]) @ here[:3, :3].T / step
+        np.testing.assert_allclose((there - here)[:3, 3] / increment, jacobian[:3, column], atol=1e-5)
+        turned = (there[:3, :3] - here[:3, :3]) @ here[:3, :3].T / increment
         np.testing.assert_allclose([turned[2, 1], turned[0, 2], turned[1, 0]], jacobian[3:, column], atol=1e-5)
 
 
@@ -36,15 +36,15 @@ def test_other_legs_do_not_move_a_sole(robot: RobotModel) -> None:
 
 
 def test_centre_of_mass_is_the_weighted_mean_of_links(robot: RobotModel) -> None:
-    """Pinocchio's centre of mass is that of the links' masses at their places, added up here."""
+    """Pinocchio's centre of mass is that of the links' masses at their positions, added up here."""
     state = robot.state(some_positions(robot, 3))
-    total, first_moment = 0.0, np.zeros(3)
+    total, weighted_sum = 0.0, np.zeros(3)
     for name, link in robot.tree.links.items():
         if link.mass is not None:
             transform = state.transform_to_base(name)
-            first_moment += link.mass * (transform[:3, :3] @ link.centre_of_mass + transform[:3, 3])
+            weighted_sum += link.mass * (transform[:3, :3] @ link.centre_of_mass + transform[:3, 3])
             total += link.mass
-    np.testing.assert_allclose(state.centre_of_mass_in_base, first_moment / total, atol=1e-12)
+    np.testing.assert_allclose(state.centre_of_mass_in_base, weighted_sum / total, atol=1e-12)
 
 
 def test_frames_are_the_products_of_the_joints(robot: RobotModel) -> None:

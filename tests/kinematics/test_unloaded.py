@@ -1,4 +1,4 @@
-"""Which foot hangs is decided by the level of the others, by balance, then by the body's commanded attitude."""
+"""Which foot hangs is decided by the heights of the others, by balance, then by the body's commanded attitude."""
 
 import numpy as np
 
@@ -36,13 +36,13 @@ def test_a_body_near_balance_is_taken_as_commanded_level() -> None:
     assert find_unloaded_foot(four_feet(0.02, centre=(0.003, 0.003)), 3.5) == 0
 
 
-def test_the_level_of_the_others_decides_where_the_vertical_is_known() -> None:
+def test_the_heights_of_the_others_decide_where_the_vertical_is_known() -> None:
     """With gravity, the foot above three level ones hangs, whatever the balance says."""
     assert find_unloaded_foot(four_feet(0.02, centre=(0.05, 0.05), up=UP), 3.5) == 0
 
 
 def test_uneven_ground_is_not_a_hanging_foot() -> None:
-    """With gravity and no three feet on one level, nothing says that a foot hangs."""
+    """With gravity and no three feet at one height, nothing says that a foot hangs."""
     feet = four_feet(0.02, up=UP)
     feet.soles[3, 2] += 0.03
     assert find_unloaded_foot(feet, 3.5) is None

@@ -135,7 +135,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_fault_is_refused_by_name(fault: str, broken_folder: Callable[..., Path]) -> None:
-    """A URDF with one fault is refused by a message that names the file or the table, and the place."""
+    """A URDF with one fault is refused by a message that names the file or the table, and the element."""
     old, new, message = FAULTS[fault]
     with pytest.raises(RobotFileError) as caught:
         load_robot(broken_folder("urdf/guara.urdf", old, new))

@@ -1,4 +1,4 @@
-"""The Guará's URDF in other people's readers: all of it arrives; what they say of it stands in docs/robot-model.md."""
+"""The Guará's URDF in third-party readers: all of it arrives; what each reports is in docs/robot-model.md."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from kinematics import RobotModel
 pytestmark = [pytest.mark.robots, pytest.mark.slow]
 
 LINKS, JOINTS, MOVING, VISUALS, COLLISIONS, MASS = 26, 25, 16, 62, 17, 20.4
-# Links without mass, at each of which PyBullet says one thing.
+# Links without mass; PyBullet prints one line about each.
 MASSLESS = 9
 
 
@@ -31,7 +31,7 @@ def urdf(robot: RobotModel) -> Path:
 
 @pytest.fixture(scope="module")
 def expected(robot: RobotModel) -> dict[str, np.ndarray]:
-    """Every link's place in base_link in the scan posture, (4, 4), by our own kinematics."""
+    """Every link's pose in base_link in the scan posture, (4, 4), by our own kinematics."""
     state = robot.state(robot.posture("scan"))
     return {link: state.transform_to_base(link) for link in robot.frame_names}
 
@@ -45,7 +45,7 @@ def test_check_urdf(urdf: Path) -> None:
 
 
 def test_pinocchio(urdf: Path, robot: RobotModel, expected: dict[str, np.ndarray], capfd: Any) -> None:
-    """Pinocchio's own reader of URDF and SRDF: shapes, colours, limits, mass, postures, places of all links."""
+    """Pinocchio's own reader of URDF and SRDF: shapes, colours, limits, mass, postures, poses of all links."""
     import pinocchio as pin
 
     model, collision, visual = pin.buildModelsFromUrdf(str(urdf), root_joint=pin.JointModelFreeFlyer())
@@ -99,7 +99,7 @@ def test_yourdfpy(urdf: Path, robot: RobotModel, expected: dict[str, np.ndarray]
 
 
 def test_urchin(urdf: Path, robot: RobotModel, expected: dict[str, np.ndarray]) -> None:
-    """The successor of urdfpy: transmissions and shapes, and the same places."""
+    """The successor of urdfpy: transmissions and shapes, and the same poses."""
     model = reader("urchin").URDF.load(str(urdf))
     assert (len(model.links), len(model.actuated_joints), len(model.transmissions)) == (LINKS, MOVING, MOVING)
     assert sum(len(link.visuals) for link in model.links) == VISUALS
@@ -110,7 +110,7 @@ def test_urchin(urdf: Path, robot: RobotModel, expected: dict[str, np.ndarray]) 
 
 @pytest.mark.parametrize("file", ["urdf/guara.urdf", "mjcf/guara.xml"])
 def test_mujoco(file: str, robot: RobotModel, expected: dict[str, np.ndarray]) -> None:
-    """MuJoCo with the URDF and with the MJCF: the same masses, limits and places; servos and looks in the MJCF."""
+    """MuJoCo with the URDF and with the MJCF: the same masses, limits and poses; servos and visuals in the MJCF."""
     mujoco = reader("mujoco", "sim")
     model = mujoco.MjModel.from_xml_path(str(robot.folder / file))
     data = mujoco.MjData(model)
@@ -128,13 +128,13 @@ def test_mujoco(file: str, robot: RobotModel, expected: dict[str, np.ndarray]) -
         if not is_mjcf and link == "base_link":
             continue
         found = data.body(link)
-        # Six digits are what MuJoCo writes.
+        # MuJoCo writes six digits.
         np.testing.assert_allclose(found.xpos, (base @ transform)[:3, 3], atol=3e-6)
         np.testing.assert_allclose(found.xmat.reshape(3, 3), (base @ transform)[:3, :3], atol=3e-6)
 
 
 def test_drake(robot: RobotModel, expected: dict[str, np.ndarray], caplog: Any) -> None:
-    """Drake, by `package://`: an actuator on every joint with its limit, the mass, the places; no warning."""
+    """Drake, by `package://`: an actuator on every joint with its limit, the mass, the poses; no warning."""
     reader("pydrake")
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import AddMultibodyPlantSceneGraph

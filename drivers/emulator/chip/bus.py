@@ -131,7 +131,7 @@ class ChipClock:
             self._bus.chip.run(seconds)
 
     def __enter__(self) -> ChipClock:
-        """Let the drivers live by this clock."""
+        """Make the drivers use this clock."""
         self._hold: Any = timing.on_clock(self)
         self._hold.__enter__()
         return self

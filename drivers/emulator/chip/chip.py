@@ -48,7 +48,7 @@ class Chip:
     """A Pico with its wiring and a USB host. Nothing runs by itself: `run` lets time pass."""
 
     def __init__(self, firmware: bytes, wiring: Wiring | None = None) -> None:
-        """Give power; the firmware boots when `run` lets time pass.
+        """Power up; the firmware boots when `run` lets time pass.
 
         Args:
             firmware: flash image, see `load_firmware`.

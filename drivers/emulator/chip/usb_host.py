@@ -34,7 +34,7 @@ class UsbHost:
 
         Args:
             mcu: the emulated RP2040.
-            noticed: called when something has come.
+            noticed: called when a report or an answer has come, or the device is enumerated.
         """
         self._controller = mcu.usb_ctrl
         self._noticed = noticed
@@ -46,7 +46,7 @@ class UsbHost:
         self._held: int | None = None
         self._report_data1 = self._packet_data1 = False
         self._answer: bytearray | None = None
-        self._steps = list(ENUMERATION)
+        self._requests_left = list(ENUMERATION)
         self._as_built = self._controller.dpram_updated
         self._controller.dpram_updated = self._buffer_given
         self._controller.on_usb_enabled = self._controller.reset_device
@@ -76,7 +76,7 @@ class UsbHost:
         self.wants_report = True
         if self._held is not None:
             value, self._held, self.wants_report = self._held, None, False
-            # Taken now, although it arrives a moment later: the firmware may give the next one meanwhile.
+            # Taken now, although it arrives slightly later: the firmware may give the next one meanwhile.
             self._report_data1 = not self._report_data1
             self._as_built(EP1_IN, value)
 
@@ -145,15 +145,17 @@ class UsbHost:
         self._noticed()
 
     def _bus_was_reset(self) -> None:
-        self._steps = list(ENUMERATION)
-        self._next_step(b"")
+        self._requests_left = list(ENUMERATION)
+        self._next_request(b"")
 
-    def _next_step(self, result: bytes | BusError) -> None:
+    def _next_request(self, result: bytes | BusError) -> None:
         if isinstance(result, BusError):
             return
-        if not self._steps:
+        if not self._requests_left:
             self.enumerated = True
             self._noticed()
             return
-        kind, request, *fields = self._steps.pop(0)
-        self.submit(bytes([kind, request]) + b"".join(word.to_bytes(2, "little") for word in fields), self._next_step)
+        kind, request, *fields = self._requests_left.pop(0)
+        self.submit(
+            bytes([kind, request]) + b"".join(number.to_bytes(2, "little") for number in fields), self._next_request
+        )

@@ -22,7 +22,7 @@ START = 700  # steps from the home switch at power-up
 
 @dataclass(slots=True)
 class Wiring:
-    """What the tests choose, at any time.
+    """What is connected to the chip, and its faults; may be changed at any time.
 
     Attributes:
         stuck_on: the laser's transistor conducts whatever its pin says.
@@ -31,7 +31,7 @@ class Wiring:
         no_home: the home switch never closes.
         temperature: temperature of the chip [degrees Celsius].
         monostable: time without an edge of HEARTBEAT after which the supply opens [s]; infinite: not fitted.
-        shutter: the camera's shutter, at TRIGGER; where there is one, the jumper is set too.
+        shutter: the camera's shutter, opened by TRIGGER; where its EXPOSURE_ACTIVE is wired, the jumper is set too.
         transfer: time from the end of an exposure until its picture has arrived [s].
         on_picture: called at that time, with the opening; the chip's time stands still meanwhile.
     """
@@ -48,7 +48,7 @@ class Wiring:
 
 
 class World:
-    """The wiring at work. Its times are emulated nanoseconds since the first power-up."""
+    """The state of the wiring and its past. Its times are emulated nanoseconds since the first power-up."""
 
     def __init__(self, wiring: Wiring, now: Callable[[], float], noticed: Callable[[], None]) -> None:
         """Prepare.
@@ -98,7 +98,7 @@ class World:
         self._mcu.adc.channel_values[SENSOR] = round(volt / 3.3 * 4096)
 
     def update(self) -> None:
-        """Switch the light as pins and faults have it now."""
+        """Switch the light on or off, as pins and faults now require."""
         now = self._now()
         held = now - self._last_beat < self.wiring.monostable * 1e9
         supply = self.powered and held and self._high(SUPPLY)

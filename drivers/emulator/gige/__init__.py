@@ -1,4 +1,4 @@
-"""A GigE Vision camera that is not there: Aravis' fake one in a process of its own, with pictures of the caller's.
+"""An emulated GigE Vision camera: Aravis' fake camera in a process of its own, with pictures that the caller supplies.
 
 Real packets on loopback; `FakeGigeCamera.expose` is its trigger line. Needs Aravis.
 """

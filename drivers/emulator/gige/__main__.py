@@ -13,8 +13,8 @@ from drivers.aravis_library import load_aravis
 from drivers.emulator.gige import genicam
 from drivers.emulator.gige.wire import EXPOSE, REQUEST, STATE, read_exactly
 
-# Seconds in which Aravis' fake must have noticed its trigger, and how often it looks [Hz].
-PATIENCE, LOOKS = 5.0, 1000.0
+# Seconds in which Aravis' fake must have noticed its trigger, and how often it polls it [Hz].
+PATIENCE, POLL_RATE = 5.0, 1000.0
 FILL = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32)
 
 
@@ -74,7 +74,7 @@ class Fake:
             return False
         self._picture, self._taken_at = picture, taken_at
         self._filled.clear()
-        self._library.arv_fake_camera_set_trigger_frequency(_address(self._camera), LOOKS)
+        self._library.arv_fake_camera_set_trigger_frequency(_address(self._camera), POLL_RATE)
         self._camera.write_register(genicam.TRIGGER_NOW, 1)
         return self._filled.wait(PATIENCE)
 
@@ -134,8 +134,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m drivers.emulator.gige", description=__doc__)
     parser.add_argument("--interface", default="127.0.0.1", help="address of the network's interface")
     parser.add_argument("--serial", default="GUARA1", help="serial number of the camera")
-    parser.add_argument("--width", type=int, default=640, help="of the sensor [px]")
-    parser.add_argument("--height", type=int, default=512, help="of the sensor [px]")
+    parser.add_argument("--width", type=int, default=640, help="width of the sensor [px]")
+    parser.add_argument("--height", type=int, default=512, help="height of the sensor [px]")
     parser.add_argument("--lost-packets", type=float, default=0.0, help="share of the packets that never arrive")
     arguments = parser.parse_args()
     size = (arguments.width, arguments.height)

@@ -29,9 +29,9 @@ class FakeState:
 
     Attributes:
         size: width and height of its frames [px].
-        pixel_format: name of it.
-        exposure: [s].
-        gain: [dB].
+        pixel_format: name of their pixel format.
+        exposure: exposure time [s].
+        gain: gain [dB].
         shows_exposure: whether its output line shows when it exposes.
     """
 
@@ -68,7 +68,7 @@ class FakeGigeCamera:
         self._command += ["--width", str(size[0]), "--height", str(size[1])]
         self._command += ["--lost-packets", str(lost_packets)]
         self.name = interface
-        """To open it by."""
+        """Name by which `AravisCamera` opens it."""
         self._process: subprocess.Popen[bytes] | None = None
         self._lock = threading.Lock()
 
@@ -77,7 +77,7 @@ class FakeGigeCamera:
 
         Raises:
             CameraBackendMissing: Aravis is not installed.
-            CameraNotFound: it cannot be there.
+            CameraNotFound: its process cannot start.
         """
         from drivers.aravis_library import load_aravis
 
@@ -117,8 +117,8 @@ class FakeGigeCamera:
         """Pull the trigger line; return whether the camera waited for it and sends the picture.
 
         Args:
-            picture: (height, width, 3) BGR as a renderer draws it, or (height, width), uint8. Of a colour picture a
-                grey camera sees the red plane, as behind a band-pass filter; a Bayer camera its mosaic.
+            picture: (height, width, 3) BGR as a renderer draws it, or (height, width), uint8. A grey
+                camera sees the red plane of a colour picture, as behind a band-pass filter; a Bayer camera its mosaic.
             taken_at: when the exposure began on the camera's own clock [s].
         """
         state = self.state

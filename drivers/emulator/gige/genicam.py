@@ -12,7 +12,7 @@ WIDTH, HEIGHT, GAIN, GAIN_AUTO = 0x100, 0x104, 0x110, 0x114
 SENSOR_HEIGHT, SENSOR_WIDTH, EXPOSURE, ACQUISITION, PIXEL_FORMAT = 0x118, 0x11C, 0x120, 0x124, 0x128
 ACQUISITION_MODE, OFFSET_X, OFFSET_Y, FRAME_PERIOD = 0x12C, 0x130, 0x134, 0x138
 TRIGGER_MODE, TRIGGER_SOURCE, TRIGGER_ACTIVATION, TRIGGER_NOW = 0x300, 0x304, 0x308, 0x30C
-# Free memory of it, for what it does not imitate.
+# Registers that it leaves free, for settings that it does not imitate.
 EXPOSURE_AUTO, LINE_SELECTOR, LINE_MODE, LINE_SOURCE = 0x400, 0x404, 0x408, 0x40C
 FORMATS = {
     "Mono8": 0x01080001,
@@ -103,7 +103,7 @@ def _command(name: str, address: int, value: int) -> str:
 
 
 def _converted(name: str, address: int, formula: str, lowest: float, highest: float) -> str:
-    """A real number behind a register, the same formula there and back."""
+    """A real number behind a register; `formula` is its own inverse."""
     there, back = formula.replace("X", "FROM"), formula.replace("X", "TO")
     return (
         f'<Float Name="{name}"><pValue>{name}Converter</pValue><Min>{lowest}</Min><Max>{highest}</Max></Float>'
