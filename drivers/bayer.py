@@ -20,7 +20,7 @@ def mosaic(picture: Image, pattern: str) -> Image:
     """What a sensor behind a Bayer filter sees of a picture.
 
     Args:
-        picture: (height, width, 3) BGR.
+        picture: image of shape (height, width, 3), BGR.
         pattern: one of PATTERNS.
 
     Returns:
@@ -37,7 +37,7 @@ def red_pixels(seen: Image, pattern: str) -> Image:
     """The red pixels of a mosaic: a picture of half the width and height, in which nothing is made up.
 
     Args:
-        seen: (height, width) as the camera gives it, both even.
+        seen: mosaic as the camera gives it, (height, width), both even.
         pattern: one of PATTERNS.
 
     Returns:

@@ -6,7 +6,7 @@ from drivers.camera import Camera
 
 
 def evidence_of(camera: Camera) -> str:
-    """Say how a scan with this camera is taken, and what tells that a frame is the right one."""
+    """Say how a scan with this camera is taken, and what proves that a frame is the right one."""
     if camera.triggered:
         return "waits for the board's trigger: a stripe is proved by the camera's clock, a lost frame is found"
     if camera.counts_frames:

@@ -105,7 +105,7 @@ class ScanReport:
         frames_skipped: frames thrown away because they were exposed before a command had taken effect.
         frames_dropped: frames that the camera counted but did not deliver, while one was awaited.
         frames_repeated: frames delivered twice.
-        duration: from the first command to the arrival of the last frame [s].
+        duration: time from the first command to the arrival of the last frame [s].
         problems: what is wrong; empty for a good scan.
         notes: remarks on how it was taken.
     """

@@ -15,7 +15,7 @@ class Frame:
         image: (height, width) or (height, width, 3) BGR, uint8 or uint16; read-only.
         counter: number of the frame in the camera's own counting, growing by 1; a gap is a dropped frame.
         stamp: when the host had the frame, on the monotonic clock [s].
-        device_time: when its exposure began, on the camera's own clock [s]; None when the camera does not tell.
+        device_time: when its exposure began, on the camera's own clock [s]; None when the camera does not report it.
     """
 
     image: Image

@@ -21,7 +21,7 @@ ROWS = 512
 COARSE_STRIDES = (32, 4)
 # Stripes from which the usual shift per radian is taken.
 MEMORY = 9
-# Share of columns lit within the band from which on the rest of the frame cannot outvote them.
+# Share of columns lit within the band above which lit columns elsewhere cannot outvote them.
 PLAINLY_LIT = 0.5
 PROVED = (StripeVerdict.OK, StripeVerdict.AMBIENT_CHANGED)
 

@@ -101,7 +101,7 @@ class Pause:
 
     Attributes:
         step: its number.
-        stance: as measured, with noise.
+        stance: measured stance, with noise.
         transform_base_to_world: the truth, (4, 4).
         soles_in_world: leg -> (3,), true.
         next_footholds: leg -> (3,) true position where the next swing of each leg ends.

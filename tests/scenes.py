@@ -46,8 +46,8 @@ class Recording:
     """One scan with all its frames in memory.
 
     Attributes:
-        name: for the tables.
-        robot, calibration, stance, mode: as `gp.ScanProcessor` wants them.
+        name: name of the scan in tables.
+        robot, calibration, stance, mode: arguments of `gp.ScanProcessor`.
         frames: index, laser-on and laser-off picture of each stripe.
         truth: per cell of 5 mm, or None.
     """
@@ -166,9 +166,9 @@ def scan_stance(robot: RobotModel) -> Stance:
     )
 
 
-def _resize(frame: Image, size: tuple[int, int]) -> Image:
-    is_smaller = size[0] < frame.shape[1]
-    return np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA if is_smaller else cv2.INTER_LINEAR))
+def _resize(image: Image, size: tuple[int, int]) -> Image:
+    is_smaller = size[0] < image.shape[1]
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA if is_smaller else cv2.INTER_LINEAR))
 
 
 def _simulated_truth(robot: RobotModel, seen_points: npt.NDArray[np.floating]) -> Truth:

@@ -55,7 +55,7 @@ class SlowLink:
             except OSError:
                 if self._is_closed:
                     return
-                # Nobody listens at the far end: the near one learns of it.
+                # Nobody listens at the far end: the near end is closed too.
                 near.close()
                 continue
             with self._lock:
@@ -101,7 +101,7 @@ class SlowLink:
 
 
 def _shut(end: socket.socket) -> None:
-    """Wake who reads from a socket, which closing it alone does not."""
+    """Wake whoever reads from a socket, which closing it alone does not."""
     try:
         end.shutdown(socket.SHUT_RDWR)
     except OSError:

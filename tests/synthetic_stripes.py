@@ -55,7 +55,7 @@ def stripes(case: Case, seed: int = 0, count: int = STRIPES) -> Iterator[tuple[I
         albedo = _texture(case.texture, random)
         on = albedo * (AMBIENT + light[:, :, None] * CHANNEL_SHARES) + random.normal(0, case.noise, (ROWS, COLUMNS, 3))
         off = albedo * AMBIENT + random.normal(0, case.noise, (ROWS, COLUMNS, 3))
-        yield _as_frame(on), _as_frame(off), centre
+        yield _as_image(on), _as_image(off), centre
 
 
 def _texture(variation: float, random: np.random.Generator) -> Float | float:
@@ -67,7 +67,7 @@ def _texture(variation: float, random: np.random.Generator) -> Float | float:
     return np.asarray(np.clip(smooth, 0.1, 2.0), np.float64)[:, :, None]
 
 
-def _as_frame(values: Float) -> Image:
+def _as_image(values: Float) -> Image:
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)
 
 

@@ -51,7 +51,7 @@ def source(path: str) -> str:
 
 
 def test_targets_of_make_are_there():
-    """What is said of `make` can be typed."""
+    """Every target of `make` that the text names is in the Makefile."""
     makefile = (ROOT / "Makefile").read_text()
     names = {
         word

@@ -1,4 +1,4 @@
-"""The emulated board's firmware: answers the commands of `PROTOCOL.md` and tells what a camera would see."""
+"""The emulated board's firmware: answers the commands of `PROTOCOL.md` and shows what a camera would see."""
 
 from __future__ import annotations
 

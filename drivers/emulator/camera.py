@@ -95,7 +95,7 @@ class EmulatedCamera(Camera):
         self.lag = self._delay
         self.faults: list[CameraFault] = []
         self.automatic: set[str] = set()
-        """Settings that another program has switched to automatic again; only `held` tells."""
+        """Settings that another program has switched to automatic again; only `held` reports them."""
         self._start: float | None = None
         self._next = 0
         self._last: Frame | None = None

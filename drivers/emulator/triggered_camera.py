@@ -1,4 +1,4 @@
-"""A camera that exposes when the emulated board triggers it, and tells the time of its own clock."""
+"""A camera that exposes when the emulated board triggers it, and gives each frame a time of its own clock."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class EmulatedTriggeredCamera(Camera):
         self.dropped: frozenset[int] = frozenset()
         """Numbers of the frames, from 0, that are lost on their way."""
         self.automatic: set[str] = set()
-        """Settings that another program has switched to automatic again; only `held` tells."""
+        """Settings that another program has switched to automatic again; only `held` reports them."""
         self._board, self._shutter, self._render = board, shutter, render
         self._latency, self._clock_offset, self._clock_drift = latency, clock_offset, clock_drift
         self._settings = CameraSettings(exposure=shutter.exposure, gain=1.0, white_balance=5000.0, gamma=1.0)

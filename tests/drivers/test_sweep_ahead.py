@@ -205,7 +205,7 @@ def test_mirror_that_jams_in_mid_scan_ends_it(rig: Rig) -> None:
 
 @pytest.mark.slow
 def test_laser_that_the_board_puts_out_in_mid_scan_is_lit_again() -> None:
-    """The report of the motion tells: the frame that was taken meanwhile is not used, and the scan's report says so."""
+    """The report of the motion shows it: the frame taken meanwhile is not used, and the scan's report says so."""
     with rig_of(patient_config(settle=0.01), 200.0, 0.002, 0.001) as rig:
         while_the_mirror_turns(rig, 7, put_out)
         taken = rig.scan()

@@ -36,7 +36,7 @@ SWEEP = AcquireOptions(sweep=SweepOptions(flash=0.004))
 
 
 class Rig:
-    """An emulated board with a triggered camera whose picture tells where the mirror stood."""
+    """An emulated board with a triggered camera whose picture shows where the mirror stood."""
 
     def __init__(self, config: EmulatorConfig | None = None) -> None:
         self.emulated = EmulatedBoard(config)

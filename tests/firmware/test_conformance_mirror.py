@@ -86,7 +86,7 @@ def test_the_last_approach_goes_upwards(session) -> None:
 
 
 def test_a_new_go_to_replaces_one_under_way(session) -> None:
-    """Also when it lies behind; and the count of motions tells the two apart."""
+    """Also when it lies behind; and the count of motions distinguishes the two."""
     identity = session.identity()
     session.home()
     first = session.ask(Request.GO_TO, identity.max_step)

@@ -95,7 +95,7 @@ class Fake:
 
     def _fill(self, buffer: int, user: int, exposure: int, gain: int, pixel_format: int) -> None:
         if self._picture:
-            # The buffer tells its size only when it is full.
+            # The buffer reports its size only when it is full.
             size = min(self._register(genicam.WIDTH) * self._register(genicam.HEIGHT), len(self._picture))
             ctypes.memmove(self._library.arv_buffer_get_data(buffer, None), self._picture, size)
             self._library.arv_buffer_set_timestamp(buffer, self._taken_at)
