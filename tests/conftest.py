@@ -17,6 +17,7 @@ from hypothesis import HealthCheck, settings
 import guara_perception as gp
 from kinematics import RobotModel, load_robot
 from tests import forked, ports
+from tests.thorough import examples
 from tests.truth import truth_calibration
 
 DATA = Path(__file__).parent / "data"
@@ -40,7 +41,9 @@ def pytest_collection_finish() -> None:
 
 
 # A machine that is busy makes no test fail: neither a deadline nor slowly made examples do.
-settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "busy", max_examples=examples(100), deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("busy")
 
 

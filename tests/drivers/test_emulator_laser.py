@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulator.laser import Laser
+from tests.thorough import examples
 
 
 @pytest.mark.slow
@@ -13,7 +14,7 @@ from drivers.emulator.laser import Laser
     st.floats(-0.5, 5.0),
     st.floats(0.01, 5.0),
 )
-@settings(max_examples=150, derandomize=True)
+@settings(max_examples=examples(150), derandomize=True)
 def test_fraction_is_the_mean_over_instants(gaps: list[float], start: float, length: float) -> None:
     """The share of an interval equals the mean of `at` over many instants in it."""
     laser, now = Laser(0.0), 0.0

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from drivers import ProofLimits, StripeVerdict
 from drivers.proof import StripeProof, _SampleGrid
+from tests.thorough import examples
 
 HEIGHT, WIDTH = 200, 320
 
@@ -145,7 +146,7 @@ def test_limits_can_be_set() -> None:
     st.sampled_from(["colour", "grey", "part of a frame", "read-only"]),
     st.integers(0, 400),
 )
-@settings(max_examples=40, derandomize=True, deadline=None)
+@settings(max_examples=examples(40), derandomize=True, deadline=None)
 def test_light_is_the_sum_of_the_channels_where_it_is_sampled(
     size: tuple[int, int], dtype: type, kind: str, first: int
 ) -> None:
@@ -172,7 +173,7 @@ def band_of(row: int) -> tuple[int, int]:
 
 @pytest.mark.slow
 @given(st.lists(st.integers(30, 170), min_size=2, max_size=8), st.integers(0, 10))
-@settings(max_examples=25, derandomize=True)
+@settings(max_examples=examples(25), derandomize=True)
 def test_the_band_alone_shows_what_the_whole_frame_shows(rows: list[int], seed: int) -> None:
     """One off frame for all: verdict, row, contrast, offset and shift, wherever the stripes lie."""
     in_band, whole = StripeProof(), StripeProof()

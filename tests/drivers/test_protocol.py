@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 import drivers
 from drivers import protocol
 from drivers.protocol import BoardFault, BoardFlag, Request, Result
+from tests.thorough import examples
 
 DOCUMENT = (Path(drivers.__file__).parent / "PROTOCOL.md").read_text()
 
@@ -44,7 +45,7 @@ def test_every_fault_has_words() -> None:
 
 
 @given(st.integers(-(2**31), 2**31 - 1))
-@settings(max_examples=200, derandomize=True)
+@settings(max_examples=examples(200), derandomize=True)
 def test_argument_survives_being_split(argument: int) -> None:
     """A signed 32-bit argument comes back from the two halves of the setup packet."""
     value, index = protocol.split_argument(argument)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from drivers.errors import BadReply
 from drivers.protocol import BoardFault, BoardFlag, Request, Result, checksum
 from drivers.records import BoardIdentity, BoardStatus
+from tests.thorough import examples
 
 IDENTITY = BoardIdentity((1, 0), (2, 7), 0.000122718, 64, 5753, 2197, 0.5, 10.0, 0.05)
 
@@ -56,7 +57,7 @@ def test_identity_survives_the_wire() -> None:
 
 
 @given(st.integers(-(2**31), 2**31 - 1), st.integers(0, 65535), st.integers(-32768, 32767), st.sampled_from(Result))
-@settings(max_examples=100, derandomize=True)
+@settings(max_examples=examples(100), derandomize=True)
 def test_status_survives_the_wire(step: int, motion: int, home_error: int, result: Result) -> None:
     """What is packed is what is read, over the whole range of the fields."""
     sent = status(step=step, motion=motion, home_error=home_error, result=result)
@@ -64,7 +65,7 @@ def test_status_survives_the_wire(step: int, motion: int, home_error: int, resul
 
 
 @given(st.integers(0, 25), st.integers(1, 255))
-@settings(max_examples=200, derandomize=True)
+@settings(max_examples=examples(200), derandomize=True)
 def test_no_damaged_byte_passes(index: int, change: int) -> None:
     """A status in which any one byte differs is refused."""
     data = bytearray(status().pack())
@@ -101,7 +102,7 @@ def test_identity_without_step_angle_is_refused() -> None:
 
 
 @given(st.integers(64, 5753))
-@settings(max_examples=100, derandomize=True)
+@settings(max_examples=examples(100), derandomize=True)
 def test_step_and_angle_are_inverse(step: int) -> None:
     """The step nearest to a step's angle is that step."""
     assert IDENTITY.step_of(IDENTITY.angle_of(step)) == step

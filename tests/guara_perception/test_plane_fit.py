@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.plane_fit import fit_plane
+from tests.thorough import examples
 
 
 @given(
@@ -18,7 +19,7 @@ from guara_perception.plane_fit import fit_plane
     y=st.floats(-3, 3),
     seed=st.integers(0, 99),
 )
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=examples(60), deadline=None, derandomize=True)
 def test_plane_is_that_of_least_squares(a: float, b: float, c: float, x: float, y: float, seed: int) -> None:
     """The fit is that of `numpy.linalg.lstsq`, also far from the origin."""
     random = np.random.default_rng(seed)

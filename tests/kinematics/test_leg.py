@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from kinematics import RobotModel, load_robot
 from kinematics.leg import find_leg_geometry
 from kinematics.numeric_ik import NumericLeg
+from tests.thorough import examples
 
 GUARA = load_robot("guara")
 
@@ -22,7 +23,7 @@ def pose_of(robot: RobotModel, leg: str, positions: np.ndarray) -> tuple[np.ndar
     return state.soles_in_base([leg])[0], float(positions[1:].sum())
 
 
-@settings(max_examples=80, derandomize=True, deadline=None)
+@settings(max_examples=examples(80), derandomize=True, deadline=None)
 @given(seed=st.integers(0, 100_000), leg=st.sampled_from(GUARA.legs))
 def test_closed_form_agrees_with_pinocchio(seed: int, leg: str) -> None:
     """Forward kinematics agrees to 1e-12 m, and inverse kinematics leads back to the same sole and pitch."""

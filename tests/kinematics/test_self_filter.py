@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from kinematics import ArgumentError, RobotModel, SelfFilter, UnknownName
 from kinematics.shapes import place_shape
 from kinematics.urdf import Shape, rotation_from_rpy
+from tests.thorough import examples
 
 KINDS = {"box": (0.2, 0.1, 0.3), "cylinder": (0.08, 0.3), "sphere": (0.12,)}
 
@@ -20,7 +21,7 @@ def random_shape(kind: str, seed: int):  # noqa: ANN201
     return place_shape(Shape(kind, KINDS[kind], np.eye(4)), "link", transform, 0.01)
 
 
-@settings(max_examples=60, derandomize=True, deadline=None)
+@settings(max_examples=examples(60), derandomize=True, deadline=None)
 @given(kind=st.sampled_from(list(KINDS)), seed=st.integers(0, 1000))
 def test_a_segment_is_blocked_where_it_holds_a_point_inside(kind: str, seed: int) -> None:
     """A segment is blocked exactly if one of 400 points on it lies in the shape, but for segments that graze it."""

@@ -13,6 +13,7 @@ from kinematics import (
     polygon_margin,
     stability_margin,
 )
+from tests.thorough import examples
 
 SQUARE = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
 
@@ -33,7 +34,7 @@ def test_what_is_no_polygon_holds_nothing() -> None:
     assert polygon_margin([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], (1.0, 0.0)) == pytest.approx(0.0)
 
 
-@settings(max_examples=60, derandomize=True, deadline=None)
+@settings(max_examples=examples(60), derandomize=True, deadline=None)
 @given(seed=st.integers(0, 1000), angle=st.floats(-3.0, 3.0))
 def test_margin_does_not_depend_on_order_position_or_heading(seed: int, angle: float) -> None:
     """Corners in another order, turned and shifted with the point, give the same margin."""
@@ -46,7 +47,7 @@ def test_margin_does_not_depend_on_order_position_or_heading(seed: int, angle: f
     )
 
 
-@settings(max_examples=40, derandomize=True, deadline=None)
+@settings(max_examples=examples(40), derandomize=True, deadline=None)
 @given(seed=st.integers(0, 1000))
 def test_another_foot_never_makes_it_worse(seed: int) -> None:
     """Adding a corner never lowers the margin."""

@@ -75,7 +75,7 @@ def test_signs_of_roll_and_pitch(guara: RobotModel) -> None:
     assert ahead[2] < nose_down.height
 
 
-@settings(max_examples=60, derandomize=True, deadline=None)
+@settings(max_examples=examples(60), derandomize=True, deadline=None)
 @given(
     roll=st.floats(-0.3, 0.3),
     pitch=st.floats(-0.3, 0.3),
@@ -220,7 +220,7 @@ def test_camera_covariance_agrees_with_sampling(attitude: str, feet: tuple[str, 
     mount = np.diag([0.001, 0.0015, 0.001, 0.002, 0.001, 0.003]) ** 2
     stance = tilted(GUARA, attitude == "imu", feet)
     pose = GUARA.stance_pose(stance, camera_covariance=mount, find_unloaded=False)
-    sampled = sampled_covariance(stance, attitude, mount, examples(2500))
+    sampled = sampled_covariance(stance, attitude, mount, examples(4200))
     sigmas = np.sqrt(np.diag(sampled))
     np.testing.assert_allclose(np.sqrt(np.diag(pose.camera_covariance)), sigmas, rtol=0.10)
     correlations = (pose.camera_covariance - sampled) / np.outer(sigmas, sigmas)

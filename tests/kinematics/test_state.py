@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kinematics import RobotModel, load_robot
+from tests.thorough import examples
 
 ROBOTS = {"guara": load_robot("guara")}
 
@@ -92,7 +93,7 @@ def test_states_do_not_share_memory(robot: RobotModel) -> None:
     np.testing.assert_array_equal(first.soles_in_base(), before)
 
 
-@settings(max_examples=40, derandomize=True, deadline=None)
+@settings(max_examples=examples(40), derandomize=True, deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_mirrored_joints_give_mirrored_soles(seed: int) -> None:
     """With left and right joints exchanged (rolls reversed) the soles are the mirror image."""

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.calibration.camera import BLOCK
+from tests.thorough import examples
 
 MATRIX = np.array([[590.0, 0, 323], [0, 588, 252], [0, 0, 1]])
 
@@ -21,7 +22,7 @@ def camera(distortion=(-0.24, 0.06, 0.001, -0.0005, 0.0)) -> gp.CameraModel:
 pixels = st.tuples(st.floats(0, 639), st.floats(0, 511))
 
 
-@settings(max_examples=60, derandomize=True)
+@settings(max_examples=examples(60), derandomize=True)
 @given(st.lists(pixels, min_size=1, max_size=20), st.floats(0.05, 20.0))
 def test_rays_and_pixels_are_inverse(points: list[tuple[float, float]], depth: float):
     """A pixel's ray, at any depth, falls on the pixel again, to a thousandth of a pixel."""

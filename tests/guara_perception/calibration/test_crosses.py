@@ -12,12 +12,13 @@ from guara_perception.app.record.simulated import SimulatedWorkshop
 from guara_perception.app.targets.drawings import cross_points
 from guara_perception.calibration.board import to_grey
 from guara_perception.calibration.crosses import MOST_FITS, _cross_derivatives, _cross_model, find_crosses
+from tests.thorough import examples
 
 POSITIONS = np.random.default_rng(0).uniform(-1.4, 1.4, (300, 2))
 SMALL = st.floats(-0.3, 0.3)
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(
     centre=st.tuples(SMALL, SMALL),
     angles=st.tuples(SMALL, SMALL),

@@ -5,13 +5,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.calibration.mirror_model import PARAMETERS, MirrorModel, nominal_mirror, perturbed_mirror
+from tests.thorough import examples
 
 POINT = np.array([0.6, 0.0, 0.47])
 parameters = st.lists(st.floats(-2, 2), min_size=9, max_size=9).map(
     lambda sigmas: np.array(sigmas) * np.array(list(PARAMETERS.values()))
 )
 angles = st.floats(-0.3, 0.5)
-bounded = settings(max_examples=40, derandomize=True, deadline=None)
+bounded = settings(max_examples=examples(40), derandomize=True, deadline=None)
 
 
 def rotation(vector: np.ndarray) -> np.ndarray:

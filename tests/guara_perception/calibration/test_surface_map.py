@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 
 from guara_perception.calibration.surface_map import apply_homography, stripe_constants, surface_map
 from guara_perception.exceptions import InvalidInput
+from tests.thorough import examples
 
 PIXELS = np.array([[100.0, 80.0], [1200.0, 90.0], [1000.0, 900.0], [250.0, 880.0], [640.0, 500.0]])
 POINTS = np.array([[0.52, 0.25], [0.52, -0.25], [0.93, -0.25], [0.93, 0.25]])
-bounded = settings(max_examples=40, derandomize=True, deadline=None)
+bounded = settings(max_examples=examples(40), derandomize=True, deadline=None)
 
 
 @bounded

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from guara_perception.calibration.camera import CameraModel
 from guara_perception.ranging.column_rays import TOLERANCE_PX, ColumnRays
+from tests.thorough import examples
 
 SIZE = (320, 256)
 MATRIX = np.array([[295.0, 0, 161.0], [0, 294.0, 125.0], [0, 0, 1]])
@@ -27,7 +28,7 @@ def worst_error_px(camera: CameraModel, seed: int = 0) -> float:
     p=st.tuples(st.floats(-2e-3, 2e-3), st.floats(-2e-3, 2e-3)),
     seed=st.integers(0, 1000),
 )
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=examples(40), deadline=None, derandomize=True)
 def test_rays_are_those_of_the_camera(k1: float, k2: float, p: tuple[float, float], seed: int) -> None:
     """Any usual lens: within a few millionths of a pixel, fitted or not."""
     assert worst_error_px(CameraModel(SIZE, MATRIX, np.array([k1, k2, *p, 0.0])), seed) < 3 * TOLERANCE_PX

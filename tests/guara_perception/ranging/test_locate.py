@@ -12,6 +12,7 @@ from guara_perception.ranging.locate import Triangulator, locator
 from guara_perception.ranging.paper.equations import rotation_of_pitch
 from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder, radial_coefficient
 from guara_perception.ranging.scan_geometry import laser_origin
+from tests.thorough import examples
 
 SIZE = (640, 512)
 MATRIX = np.array([[590.0, 0, 322.0], [0, 588.0, 250.0], [0, 0, 1]])
@@ -61,7 +62,7 @@ def locate_at(way: object, plane: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 
 @given(lean=st.floats(-0.15, 0.5), turn=st.floats(-0.03, 0.03), pitch=st.floats(25, 38))
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=examples(25), deadline=None, derandomize=True)
 def test_triangulation_gives_the_point_back(lean: float, turn: float, pitch: float) -> None:
     """A point of the laser plane, projected with distortion, is found again to a hundredth of a millimetre."""
     transform, lens = pose(pitch), camera()
@@ -73,7 +74,7 @@ def test_triangulation_gives_the_point_back(lean: float, turn: float, pitch: flo
 
 
 @given(lean=st.floats(-0.15, 0.5), turn=st.floats(-0.03, 0.03), pitch=st.floats(25, 38))
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=examples(25), deadline=None, derandomize=True)
 def test_the_papers_chain_is_exact_where_its_lens_is(lean: float, turn: float, pitch: float) -> None:
     """With one radial coefficient, eqs. 7 to 21 about the nadir equal triangulation, also for a turned stripe."""
     transform, lens = pose(pitch), camera()

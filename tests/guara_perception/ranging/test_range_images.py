@@ -37,7 +37,7 @@ def to_floor(x: Float, y: Float, height: Float, optical_centre: Float) -> tuple[
 
 
 @given(x=st.floats(0.4, 1.0), y=st.floats(-0.3, 0.3), z=st.floats(-0.1, 0.2))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=examples(60), deadline=None, derandomize=True)
 def test_ortho_undoes_the_central_projection(x: float, y: float, z: float) -> None:
     """A point projected onto the floor from the optical centre comes back by eqs. 20 and 21, exactly."""
     u, v = to_floor(*np.array([[x], [y], [z]]), OPTICAL_CENTRE)

@@ -14,6 +14,7 @@ from guara_perception.ranging.run_ends import (
     run_breaks,
     run_ends,
 )
+from tests.thorough import examples
 
 
 def ends_of(height: np.ndarray, strength: np.ndarray) -> np.ndarray:
@@ -69,7 +70,7 @@ def plainly_faded(run: list[float]) -> int:
 
 
 @given(data=st.data())
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=examples(40), deadline=None, derandomize=True)
 def test_fades_of_any_length_are_found(data: st.DataObject) -> None:
     """Runs of any length, smooth or speckled: at each end those columns are left out that a plain loop finds."""
     random = np.random.default_rng(data.draw(st.integers(0, 10_000)))
@@ -90,7 +91,7 @@ def test_fades_of_any_length_are_found(data: st.DataObject) -> None:
 
 
 @given(seed=st.integers(0, 10_000))
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=examples(40), deadline=None, derandomize=True)
 def test_runs_of_one_stripe_do_not_touch_the_next(seed: int) -> None:
     """Stripes with gaps, jumps and fades up to the picture's borders: together each gives what it gives alone."""
     random = np.random.default_rng(seed)

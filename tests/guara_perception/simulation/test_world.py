@@ -12,6 +12,7 @@ from guara_perception.simulation.features import Box, Patch, Pit, Ramp, Rock, St
 from guara_perception.simulation.materials import MATERIALS, material_index
 from guara_perception.simulation.random_world import random_world
 from guara_perception.simulation.world import World
+from tests.thorough import examples
 
 
 def test_each_feature_has_its_exact_height() -> None:
@@ -40,7 +41,7 @@ def test_a_turned_box_covers_its_turned_corners() -> None:
     assert world.height(0.56, -0.06) == 0.0
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=examples(20), deadline=None, derandomize=True)
 @given(seed=st.integers(0, 1000))
 def test_the_raster_agrees_with_the_exact_height(seed: int) -> None:
     """The raster, which is computed otherwise, holds the heights and materials of its cells' centres."""

@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.stripes.band import OffRows, SharedFrame, at_rows, rows_from
+from tests.thorough import examples
 
 
 @given(first=st.integers(-30, 70), count=st.integers(1, 25), channels=st.sampled_from([0, 1, 3]))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=examples(60), deadline=None, derandomize=True)
 def test_windows_are_cut_at_the_edges_of_the_picture(first: int, count: int, channels: int) -> None:
     """The quick way of reading windows gives what clipped indices give, inside the picture and beyond its edges."""
     random = np.random.default_rng(count)

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.stripes.centre import centres, noise_gain, responses, stripe_sigma
+from tests.thorough import examples
 
 
 def gaussian(centre: float, sigma: float, rows: int = 60, columns: int = 5) -> np.ndarray:
@@ -22,7 +23,7 @@ def centred(light: np.ndarray, top: np.ndarray, sigma: float) -> tuple[np.ndarra
 
 
 @given(centre=st.floats(28.6, 31.4), sigma=st.floats(1.0, 4.0), background=st.floats(-50, 50))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=examples(60), deadline=None, derandomize=True)
 def test_centre_of_a_gaussian_on_a_constant_background(centre: float, sigma: float, background: float) -> None:
     """The filter finds the centre, and a constant background does not move it."""
     light = gaussian(centre, sigma) + np.float32(background)

@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.stripes.measure import smooth_line
+from tests.thorough import examples
 
 
 @given(slope=st.floats(-0.4, 0.4), offset=st.floats(0, 100), seed=st.integers(0, 99))
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=examples(30), deadline=None, derandomize=True)
 def test_smoothing_leaves_a_straight_line_where_it_is(slope: float, offset: float, seed: int) -> None:
     """Pairs of neighbours with equal weight: no bias, whatever the weights."""
     rows = (offset + slope * np.arange(50)).astype(np.float32)

@@ -18,6 +18,7 @@ from guara_perception.stripes.paper import (
     skeleton,
 )
 from tests.synthetic_stripes import CASES, figures
+from tests.thorough import examples
 
 
 def slow_skeleton(mask: np.ndarray) -> np.ndarray:
@@ -45,7 +46,7 @@ def slow_skeleton(mask: np.ndarray) -> np.ndarray:
 
 
 @given(seed=st.integers(0, 10_000), density=st.floats(0.2, 0.8))
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=examples(40), deadline=None, derandomize=True)
 def test_skeleton_is_that_of_zhang_and_suen(seed: int, density: float) -> None:
     """The quick one on lists of pixels equals the algorithm as published, also at the picture's border."""
     random = np.random.default_rng(seed)

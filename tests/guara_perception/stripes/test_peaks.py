@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.stripes.peaks import SCALE, candidates, highest_peaks, smooth_light, smooth_wide, sums_of_columns
+from tests.thorough import examples
 
 
 def gaussian(centre: float, sigma: float, rows: int = 60, columns: int = 5) -> np.ndarray:
@@ -16,7 +17,7 @@ def gaussian(centre: float, sigma: float, rows: int = 60, columns: int = 5) -> n
 
 
 @given(rows=st.integers(8, 70), seed=st.integers(0, 1000))
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=examples(40), deadline=None, derandomize=True)
 def test_highest_peak_is_the_argmax_whatever_the_number_of_rows(rows: int, seed: int) -> None:
     """Taking maxima of blocks first changes nothing."""
     picture = np.random.default_rng(seed).integers(-500, 500, (rows, 17)).astype(np.int16)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from tests.synthetic_stripes import CASES, figures
+from tests.thorough import examples
 
 ROWS, COLUMNS = 96, 200
 STATUS = gp.StripeStatus
@@ -53,7 +54,7 @@ def test_synthetic_stripes_are_found_to_a_fraction_of_a_pixel(case: str, most_er
 
 
 @given(shift=st.floats(0, 1), slope=st.floats(-0.15, 0.15), sigma=st.floats(1.2, 3.5))
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=examples(25), deadline=None, derandomize=True)
 def test_any_sub_pixel_place_slope_and_width(shift: float, slope: float, sigma: float) -> None:
     """The centre follows the truth without a bias towards whole pixels."""
     rows = 45 + shift + slope * (np.arange(COLUMNS) - COLUMNS / 2)

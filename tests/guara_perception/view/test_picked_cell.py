@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.view.picked_cell import met_by_ray
 from guara_perception.view.terrain_mesh import drawn_heights
+from tests.thorough import examples
 
 LEVEL = gp.assess_terrain(np.zeros((108, 140)), 0.005, origin=(0.0, -0.27))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(x=st.floats(0.02, 0.6), y=st.floats(-0.25, 0.25), view_x=st.floats(-1, 1), view_y=st.floats(-1, 1))
 def test_on_level_ground_a_ray_meets_what_it_aims_at(x: float, y: float, view_x: float, view_y: float) -> None:
     """From any side, to less than a cell."""

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import transport
+from tests.thorough import examples
 from tests.transport.messages.samples import sample_pause, sample_status
 from transport import MessageError
 from transport.messages import codec, terrain_codec
@@ -122,7 +123,7 @@ def test_small_messages_round_trip(payloads, peer) -> None:
     text=st.text(st.characters(exclude_characters="\x00", exclude_categories=["Cs"]), max_size=40),
     numbers=st.lists(st.floats(allow_nan=False, allow_infinity=False), max_size=8),
 )
-@settings(max_examples=60, derandomize=True, deadline=None)
+@settings(max_examples=examples(60), derandomize=True, deadline=None)
 def test_any_stance_round_trips(text: str, numbers: list[float]) -> None:
     """Joint names of any text and positions of any finite number survive the codec."""
     stance = transport.StanceMessage(
@@ -228,7 +229,7 @@ def test_a_stamp_that_ros_cannot_hold_is_refused(stamp: int) -> None:
 
 
 @given(st.integers(0, 2**31 * 10**9 - 1))
-@settings(max_examples=50, derandomize=True, deadline=None)
+@settings(max_examples=examples(50), derandomize=True, deadline=None)
 def test_time_round_trips(stamp: int) -> None:
     """A stamp survives to the nanosecond."""
     assert codec.read_time(codec.make_time(stamp)) == stamp

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.thorough import examples
 from transport import MessageError, VersionError
 from transport.messages.codec import decode, encode
 from transport.messages.regions_message import RegionMessage, RegionsMessage, decode_regions, encode_regions
@@ -49,7 +50,7 @@ def _make(**changes: object) -> RegionsMessage:
     return RegionsMessage(**(fields | changes))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(
     shapes=st.lists(st.tuples(st.integers(0, 1000), st.integers(3, 12)), max_size=6),
     clock=st.none() | st.floats(0, 1e9),

@@ -8,6 +8,7 @@ import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.thorough import examples
 from transport import MessageError, TransportError, VersionError
 from transport.messages.codec import decode, encode
 from transport.messages.summary_message import LAYERS, UNKNOWN_HEIGHT, SummaryMessage, decode_summary, encode_summary
@@ -40,7 +41,7 @@ def _make(seed: int = 0, shape: tuple[int, int] = (140, 320), **changes: object)
     return SummaryMessage(**(fields | layers | changes))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     shape=st.tuples(st.integers(1, 40), st.integers(1, 40)),
@@ -137,7 +138,7 @@ def test_a_layer_of_another_type_is_refused() -> None:
         _make(hazard=np.zeros((140, 320), np.int16))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(data=st.data())
 def test_damage_is_refused_or_does_no_harm(data) -> None:
     """Cut anywhere, and with bytes changed: a whole summary or one of our errors, never another one."""

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.ranging.paper import equations
+from tests.thorough import examples
 
 ALPHA = np.radians(30.0)
 
@@ -69,7 +70,7 @@ def test_eq_8_one_step_by_hand() -> None:
 
 
 @given(u=st.floats(-0.45, 0.45), v=st.floats(-0.45, 0.45), k=st.floats(-0.3, 0.2))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=examples(60), deadline=None, derandomize=True)
 def test_eq_8_iterated_undoes_eq_7(u: float, v: float, k: float) -> None:
     """Iterated it is exact; one step is not, by up to 10 px at the corner for k = -0.2 and f = 1100."""
     distorted = equations.distort(np.array(u), np.array(v), k)

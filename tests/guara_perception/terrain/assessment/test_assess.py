@@ -14,9 +14,10 @@ from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.disc import disc_kernel, fit_disc
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.hazard import Hazard
+from tests.thorough import examples
 
 RESOLUTION = 0.005
-PROPERTY = settings(max_examples=40, deadline=None, derandomize=True)
+PROPERTY = settings(max_examples=examples(40), deadline=None, derandomize=True)
 
 
 def plane(a: float, b: float, shape: tuple[int, int] = (40, 50)) -> np.ndarray:

@@ -88,7 +88,7 @@ def test_no_filling_of_the_unknown_makes_a_free_cell_unsafe(limits: Traversabili
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=examples(40), deadline=None, derandomize=True)
 @given(st.integers(0, 10_000))
 def test_losing_cells_never_frees_another_whatever_the_drift(seed: int) -> None:
     """As on a single scan, exactly, with any drift of each cell: the margin depends on the tested cell alone."""

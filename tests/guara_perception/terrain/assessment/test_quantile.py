@@ -6,10 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.terrain.assessment.quantile import quantile
+from tests.thorough import examples
 
 
 @given(st.integers(1, 40), st.floats(0.0, 1.0), st.integers(0, 1000))
-@settings(max_examples=60, derandomize=True)
+@settings(max_examples=examples(60), derandomize=True)
 def test_as_numpy_to_the_last_bit(size: int, share: float, seed: int) -> None:
     """Of rows and of single arrays, at any share."""
     values = np.random.default_rng(seed).normal(size=(3, size))

@@ -19,6 +19,7 @@ from guara_perception.terrain.assessment.raster import (
     without_cells,
 )
 from guara_perception.terrain.layers.geometry import GridGeometry
+from tests.thorough import examples
 
 GRID = GridGeometry((0.5, -0.27), 0.005, (6, 8))
 
@@ -31,7 +32,7 @@ def cloud(seed: int, n: int = 200) -> np.ndarray:
 
 
 @given(seed=st.integers(0, 10_000), parts=st.integers(1, 5))
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=examples(40), deadline=None, derandomize=True)
 def test_mean_of_the_top_layer(seed: int, parts: int) -> None:
     """Cell by cell: lowest and highest of all samples, mean of those of the top layer of each part."""
     points = cloud(seed)
@@ -57,7 +58,7 @@ def test_mean_of_the_top_layer(seed: int, parts: int) -> None:
 
 
 @given(seed=st.integers(0, 10_000))
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=examples(20), deadline=None, derandomize=True)
 def test_parts_together_are_the_parts_alone(seed: int) -> None:
     """Several sets of samples at once, in runs that are mixed; one empty, one beside the grid: each as if alone."""
     random = np.random.default_rng(seed)

@@ -14,6 +14,7 @@ import guara_perception as gp
 from guara_perception.fields import Fields
 from guara_perception.terrain.map.sideways import MOST_PAUSES, SidewaysDrift, kept_growth
 from kinematics import RobotModel
+from tests.thorough import examples
 
 
 def covariance(rng: np.random.Generator) -> np.ndarray:
@@ -22,7 +23,7 @@ def covariance(rng: np.random.Generator) -> np.ndarray:
     return root.T @ root
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 @given(st.integers(0, 10_000))
 def test_variance_is_that_of_all_motions_since_the_cell_was_seen(seed: int) -> None:
     """Each motion moves a cell by its shift, and turns it about where the robot then stood."""
@@ -60,7 +61,7 @@ def test_memory_is_bounded_and_what_is_older_has_drifted_as_much_as_the_oldest()
     assert nothing.variances(np.array([3]), np.zeros(1), np.zeros(1), np.eye(4)).tolist() == [[0.0], [0.0]]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 @given(st.integers(0, 10_000))
 def test_what_an_overlap_takes_off_is_taken_off_where_it_tells(seed: int) -> None:
     """Nothing without an overlap, all in what it shows exactly; never more than before, never a negative variance."""

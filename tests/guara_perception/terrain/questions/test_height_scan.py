@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from kinematics import RobotModel, Stance
+from tests.thorough import examples
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=examples(40), deadline=None, derandomize=True)
 @given(st.integers(0, 1000), st.integers(0, 60))
 def test_what_is_known_is_the_grids_height_and_nothing_else(seed: int, count: int) -> None:
     """Known exactly where the cell under the point is, with its height and sigma; NaN off the grid and over holes."""
