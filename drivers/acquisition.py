@@ -72,7 +72,7 @@ def prepare(board: LaserBoard, firing_order: Iterable[tuple[int, float]]) -> int
     """Between scans: count the steps lost since the last time, and turn the mirror to the first stripe.
 
     Returns:
-        Steps that the mirror had lost when it came home; other than 0, the scans since then are doubtful.
+        Steps that the mirror had lost when it came home; if not 0, the scans since then are doubtful.
 
     Raises:
         BoardError: the board cannot be reached, or found no home.

@@ -84,7 +84,7 @@ class AravisCamera(Camera):
         self._exposure = 0.0
         self._counter, self._last_id = -1, 0
         self.pixel_format = ""
-        """Of the frames; empty before `open`."""
+        """Pixel format of the frames; empty before `open`."""
 
     def open(self) -> None:
         """Find the camera, set it up and begin to take pictures; does nothing when open.
@@ -278,7 +278,7 @@ class AravisCamera(Camera):
             return None
         stamp = timing.monotonic()
         if not self.triggered:
-            # It may have waited here for a caller.
+            # The frame may have waited here for a caller.
             stamp -= max(0.0, time.time() - buffer.get_system_timestamp() * 1e-9)
         shape = (buffer.get_image_height(), buffer.get_image_width())
         # `get_data` copies, so this is the frame's own and may be relied on never to change.

@@ -24,7 +24,7 @@ def mosaic(picture: Image, pattern: str) -> Image:
         pattern: one of PATTERNS.
 
     Returns:
-        (height, width), of the same kind.
+        (height, width), of the same type.
     """
     seen = np.empty(picture.shape[:2], picture.dtype)
     for row in (0, 1):
@@ -41,7 +41,7 @@ def red_pixels(seen: Image, pattern: str) -> Image:
         pattern: one of PATTERNS.
 
     Returns:
-        (height / 2, width / 2), of the same kind, its own memory.
+        (height / 2, width / 2), of the same type, its own memory.
     """
     row, column = next((r, c) for r in (0, 1) for c in (0, 1) if PATTERNS[pattern][r][c] == RED)
     red: Image = seen[row::2, column::2].copy()

@@ -17,7 +17,7 @@ from drivers.frame import Frame
 # Share of the laser's light at which a frame counts as wholly lit, or wholly dark.
 FULL, NONE = 0.9, 0.1
 GOLDEN = 0.618034
-# Share of the stripe's pixels.
+# Largest share of the stripe's pixels that may be clipped.
 MAX_CLIPPED = 0.1
 # Frames after which any pipeline shows the new state.
 SETTLE_FRAMES = 6

@@ -78,8 +78,8 @@ class ScanWorker(StripeWorker):
         off = self._off_frame(timing.monotonic()) if self._options.off is OffFrames.ONE else None
         for number, stripe in enumerate(self._firing_order):
             # A camera that runs freely, with the laser on anyway, takes its next frame meanwhile: one wait instead of
-            # two, and the board says afterwards whether the mirror was still. A camera whose lag is unknown is
-            # asked only after the mirror is still.
+            # two, and the board says afterwards whether the mirror was still. A replay (lag 0) or a camera
+            # of unknown lag is asked only after the mirror is still.
             self._check()
             ahead = bool(self._camera.lag) and self.switch.may_stay_on
             if not ahead:

@@ -85,7 +85,7 @@ class BoardSession:
 
     @property
     def identity(self) -> BoardIdentity:
-        """What the board said of itself.
+        """What the board reports of itself.
 
         Raises:
             BoardNotOpen: before `open`.

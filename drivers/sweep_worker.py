@@ -59,7 +59,7 @@ class Sweep:
 
     @property
     def complete(self) -> bool:
-        """Whether every frame has its record."""
+        """Whether every stripe was handed over."""
         return len(self.done) == len(self.stripes)
 
 

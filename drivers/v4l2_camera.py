@@ -84,7 +84,7 @@ class V4l2Camera(Camera):
         Raises:
             CameraBackendMissing: linuxpy is not installed.
             CameraNotFound: there is no such device, or it is held by another program.
-            CameraSettingRefused: it has neither pixel format, or not the size.
+            CameraSettingRefused: it has none of the pixel formats, or not the size.
         """
         if self._capture is not None:
             return

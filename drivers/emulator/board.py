@@ -44,7 +44,7 @@ class EmulatedBoard:
         self._mirror = MirrorUnit(self.config, self.plan, now)
         self._light = LightUnit(self.config.identity, self.plan, self.config.temperature, now)
         self.shutter = Shutter()
-        """Of the camera that waits for this board's trigger."""
+        """Shutter of the camera that waits for this board's trigger."""
         self._sweep = SweepUnit(self._mirror, self._light, self.shutter)
         self._power_on(now)
 

@@ -130,7 +130,7 @@ class LightUnit:
         return self._temperature if hot is None else float(hot.amount)
 
     def time_on(self, now: float) -> float:
-        """How long the laser has been on without interruption [s]."""
+        """How long the laser has been on without a rest [s]."""
         return now - self._run_start if self.laser.on else 0.0
 
     @property

@@ -42,7 +42,7 @@ class Phase(enum.Enum):
 
 
 class SweepUnit:
-    """The board's own sweep. `due` is when `act` must be called; the caller must not let one pass."""
+    """The board's own sweep. `due` is when `act` must be called; the caller must not miss it."""
 
     def __init__(self, mirror: MirrorUnit, light: LightUnit, shutter: Shutter) -> None:
         """Prepare, with nothing set."""

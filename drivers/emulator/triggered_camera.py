@@ -89,7 +89,7 @@ class EmulatedTriggeredCamera(Camera):
         return self._settings
 
     def held(self, locked: CameraSettings) -> HeldSettings:
-        """Tell all settings, and what `automatic` names."""
+        """Report all settings, and those in `automatic` as automatic."""
         return HeldSettings(values=asdict(self._settings), automatic=tuple(self.automatic))
 
     def grab(self, timeout: float) -> Frame:

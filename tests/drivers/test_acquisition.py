@@ -74,7 +74,7 @@ def test_even_stripes_first_stay_in_step(board: LaserBoard, camera: EmulatedCame
 
 
 def test_replayed_frames_go_to_their_stripes(board: LaserBoard, scene, firing_order: list) -> None:
-    """A recording replays in the order of the scan; when it is too short, the scan says so and keeps what it has."""
+    """Frames are replayed in the order of the scan; when they are too few, the scan says so and keeps what it has."""
     frames = []
     for _, angle in firing_order[:4]:
         for lit in (1.0, 0.0):
@@ -156,7 +156,7 @@ def test_a_scan_finds_home_and_clears_faults_by_itself(
 
 @pytest.mark.slow
 def test_a_watchdog_that_bit_in_mid_scan_is_reported(emulated: EmulatedBoard, scene, firing_order: list) -> None:
-    """A host that fell asleep for 0.5 s: the scan goes on, and says that the laser was out meanwhile."""
+    """A host that slept for 0.8 s: the scan goes on, and says that the laser was out meanwhile."""
     short = EmulatedBoard()
     with (
         LaserBoard(backend=emulated_backend(short)) as board,

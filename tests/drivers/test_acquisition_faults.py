@@ -207,7 +207,7 @@ def test_silent_camera_ends_the_scan(quick_board: LaserBoard, camera: EmulatedCa
 def test_lost_off_frame_is_reported(
     quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, off: OffFrames
 ) -> None:
-    """A stripe without its off frame is compared with the one before, comes without, and the report says so."""
+    """A stripe without its off frame is compared with the one before, comes without one, and the report says so."""
     quick_board.ensure_ready()
     real, lost = camera.grab, []
 

@@ -64,7 +64,7 @@ def test_a_laser_that_stops_answering_is_reported(board: LaserBoard, camera: Emu
 
 
 def test_a_replay_has_no_rhythm(board: LaserBoard, scene) -> None:
-    """A recording has no lag to measure."""
+    """Replayed frames have no lag to measure."""
     import numpy as np
 
     from drivers import Frame

@@ -59,7 +59,7 @@ def test_a_clipped_and_a_dark_stripe_are_reported_once(bad: StripeCapture, expec
 
 
 def test_a_picture_that_is_clipped_without_the_laser_is_reported() -> None:
-    """A window over a fifth of the picture is, a lamp over a hundredth is not. The off frame is examined, or `on`."""
+    """A window over a fifth of the picture is reported, a lamp over a hundredth not; in the off frame or in `on`."""
     good = stripe(180.0)
     for of_rows, is_reported in ((HEIGHT // 5, True), (HEIGHT // 100, False)):
         on, off = good.on.copy(), good.off.copy()

@@ -62,7 +62,7 @@ def test_no_stripe_at_all_is_an_error(
 
 
 def test_a_replay_cannot_be_set(ready: LaserBoard) -> None:
-    """Asking a recording for an exposure is refused by the camera."""
+    """Asking a replay for an exposure is refused by the camera."""
     with ReplayCamera([]) as tape, pytest.raises(CameraSettingRefused):
         meter_exposure(ready, tape, 0.1, exposure=0.002)
 

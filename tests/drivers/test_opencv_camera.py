@@ -106,7 +106,7 @@ def test_missing_source_is_named(source: str | int) -> None:
 
 
 def test_firewire_is_explained() -> None:
-    """Who asks for FireWire reads that this OpenCV has none, and where the ways around are written down."""
+    """Whoever asks for FireWire reads that this OpenCV has none, and where the ways around are written down."""
     if cv2.videoio_registry.hasBackend(cv2.CAP_FIREWIRE):
         pytest.fail("this OpenCV has FireWire: docs/drivers.md and the message must change")
     with pytest.raises(CameraBackendMissing, match=r"no FireWire backend.*docs/drivers\.md"):

@@ -27,7 +27,7 @@ def test_importing_loads_neither_device_library_nor_a_package_above() -> None:
 
 
 def test_every_error_is_a_driver_error_and_a_builtin() -> None:
-    """Who knows nothing of this package still catches what fits."""
+    """A caller who knows nothing of this package still catches what fits."""
     kinds = [kind for _, kind in inspect.getmembers(errors, inspect.isclass)]
     roots = {errors.DriverError, errors.BoardError, errors.CameraError, errors.AcquisitionError}
     for kind in set(kinds) - roots:
@@ -37,7 +37,7 @@ def test_every_error_is_a_driver_error_and_a_builtin() -> None:
 
 
 def test_every_error_and_verdict_stands_in_the_page() -> None:
-    """docs/drivers.md says what each means; so does the udev rule it gives."""
+    """docs/drivers.md says what each means, and gives the udev rule."""
     page = (ROOT / "docs" / "drivers.md").read_text()
     roots = {"DriverError", "BoardError", "CameraError", "AcquisitionError"}
     for name, _ in inspect.getmembers(errors, inspect.isclass):

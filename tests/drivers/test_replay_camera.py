@@ -23,7 +23,7 @@ def test_frames_come_in_order_numbered_and_end() -> None:
 
 
 def test_images_are_read_only() -> None:
-    """A recording cannot be spoilt by whoever looks at it, and the caller's own array stays writable."""
+    """Replayed frames cannot be changed by their reader, and the caller's own array stays writable."""
     with ReplayCamera(IMAGES) as camera, pytest.raises(ValueError, match="read-only"):
         camera.grab(0.1).image[0, 0] = 9
     assert IMAGES[0].flags.writeable
@@ -38,7 +38,7 @@ def test_a_list_starts_over_when_reopened() -> None:
 
 
 def test_frames_keep_their_numbers() -> None:
-    """A recording with its own counting shows its gaps."""
+    """Frames with numbers of their own show their gaps."""
     with ReplayCamera([Frame(IMAGES[0], 7, 0.0), Frame(IMAGES[1], 9, 0.1)]) as camera:
         assert [camera.grab(0.1).counter, camera.grab(0.1).counter] == [7, 9]
 
@@ -55,7 +55,7 @@ def test_frame_rate_is_kept() -> None:
 
 
 def test_settings_cannot_be_changed_afterwards() -> None:
-    """A recording has the exposure it has; asking for nothing is fine."""
+    """Replayed frames have the exposure they have; asking for nothing is fine."""
     with ReplayCamera(IMAGES, name="tape") as camera:
         assert camera.lock(CameraSettings()) == CameraSettings()
         with pytest.raises(CameraSettingRefused, match="tape replays frames already taken"):

@@ -109,7 +109,7 @@ def test_waits_are_twice_the_tolerance(tolerance: float) -> None:
 
 
 def test_a_camera_may_sleep_through_the_first_frames() -> None:
-    """A third of a standard sweep, the half of a coarse one."""
+    """Almost a third of a standard sweep, two fifths of a coarse one."""
     for sweep, asleep in zip(SWEEPS, (20, 20, 14), strict=True):
         triggers = triggers_of(*sweep)
         assert proved_at(triggers, stamps_of(triggers, dict.fromkeys(range(asleep), "missed"))) is not None

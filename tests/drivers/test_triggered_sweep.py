@@ -140,7 +140,7 @@ def test_a_frame_lost_on_its_way_is_taken_again(rig: Rig, board: LaserBoard) -> 
 
 
 def test_stripes_taken_again_do_not_wait(rig: Rig, board: LaserBoard) -> None:
-    """The clocks are matched by then: what uneven waits prove is proved."""
+    """The clocks are matched by then: uneven waits are not needed any more."""
     prepare(board, FIRING_ORDER)
     rig.camera.dropped = frozenset(range(41, 46))
     stripes, report = rig.scan(board)

@@ -93,7 +93,7 @@ def crawl(guara: RobotModel, put_feet: Callable[..., dict[str, float]]) -> Calla
                 body = np.eye(4)
                 body[:3, :3] = rotation
                 body[:3, 3] = (*position, height)
-                # Set down half a cycle ahead of where the hip will be, on the heading of that instant.
+                # Set down three eighths of a cycle ahead of the hip, on the present heading.
                 hip = nominal.position_in_base(guara.tree.leg(leg).hip)
                 ahead = rotation @ (hip + (3.0 * swing / 8.0, 0.0, 0.0)) + (*position, 0.0)
                 soles[leg] = ahead * (1.0, 1.0, 0.0)

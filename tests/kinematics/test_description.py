@@ -1,4 +1,4 @@
-"""A robot travels in one line of text."""
+"""A robot described in one line of text."""
 
 import base64
 import json

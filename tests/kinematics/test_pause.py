@@ -110,7 +110,7 @@ def test_a_scan_during_which_the_camera_moved_is_refused(robot: RobotModel) -> N
 
 
 def test_the_calibrated_camera_counts(robot: RobotModel) -> None:
-    """A turn moves a camera that is farther out by more."""
+    """The farther out a camera is, the more a turn moves it."""
     begin, turned = Stance(robot.posture("scan"), robot.legs), rotation_from_rpy(0.0, 0.001, 0.0)
     far = robot.transform_camera_to_base.copy()
     far[0, 3] += 1.0

@@ -73,7 +73,7 @@ class FakeGigeCamera:
         self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
-        """Let it appear.
+        """Start its process.
 
         Raises:
             CameraBackendMissing: Aravis is not installed.
@@ -95,7 +95,7 @@ class FakeGigeCamera:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Let it vanish."""
+        """End its process."""
         process, self._process = self._process, None
         if process is None:
             return
