@@ -71,7 +71,7 @@ def wrong_height(content: dict[str, Any]) -> None:
     content["plates"][1]["height"] = 0.042
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_refused_session(
     session_copy: Callable[..., Path],
     tmp_path: Path,
