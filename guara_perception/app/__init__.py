@@ -1,5 +1,6 @@
 """Commands, node, client, opening and saving: everything of perception that touches the outside world.
 
-Rooms: `commands`, `node`, `files`, `figures`, `demo`, `record`, `calibration_report`, `targets`, `robot_folder`; here
-what several of them use. It imports every other folder; none of them imports it.
+Its folders: `commands`, `node`, `files`, `figures`, `scene`, `demo`, `record`, `calibration_report`, `targets`,
+`robot_folder`; modules beside them are used by several of them. `app` imports from every other folder of
+`guara_perception`; none of those imports from `app`.
 """

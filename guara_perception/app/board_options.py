@@ -17,9 +17,9 @@ def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
             type=click.Choice(["checkerboard", "charuco"]),
             default="checkerboard",
             show_default=True,
-            help="of the board; a charuco board need not be wholly in the picture",
+            help="pattern of the board; a charuco board need not be wholly in the picture",
         ),
-        click.option("--square", type=float, default=0.030, show_default=True, help="edge of its squares as drawn [m]"),
+        click.option("--square", type=float, default=0.030, show_default=True, help="edge of the board's squares [m]"),
         click.option("--plates", default="0,0.04,0.08", show_default=True, help="heights of the plates [m]"),
     )
     for option in reversed(options):

@@ -22,11 +22,11 @@ CLOSE_TIMEOUT_S = 30.0
 def closed_within(devices: AbstractContextManager[Any], seconds: float | None = None) -> Iterator[None]:
     """Open `devices`, and close them at the end of the block; when that takes longer, end the process with code 1.
 
-    What nobody waits for may still be written: enter this before whatever must be closed in an orderly way.
+    Enter this before whatever must be closed in an orderly way, such as a recording: that is then closed first.
 
     Args:
         devices: board and camera.
-        seconds: for closing them [s]; None for CLOSE_TIMEOUT_S.
+        seconds: longest time for closing them [s]; None = CLOSE_TIMEOUT_S.
     """
     seconds = CLOSE_TIMEOUT_S if seconds is None else seconds
     with ExitStack() as stack:
@@ -41,7 +41,7 @@ def closed_within(devices: AbstractContextManager[Any], seconds: float | None = 
 
 def _arm(alarm: threading.Timer, seconds: float) -> None:
     alarm.start()
-    # A driver may hang while it holds Python's lock: then no thread of Python's runs any more, only this.
+    # A driver may hang while it holds Python's lock: then no Python thread runs any more, but faulthandler's own does.
     faulthandler.dump_traceback_later(2.0 * seconds, exit=True, file=sys.__stderr__ or 2)
 
 

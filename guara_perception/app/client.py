@@ -127,7 +127,7 @@ class TerrainClient:
     def regions(self, timeout: float = 30.0, max_age: float | None = None) -> MapRegions:
         """The convex steppable regions of the newest fused map, without the map itself.
 
-        Arguments and errors are those of `summary`; who comes late gets the last.
+        Arguments and errors are those of `summary`; a client that connects later gets the last message at once.
         """
         return message_to_regions(self._client.regions(timeout=timeout, max_age=max_age))
 
@@ -185,7 +185,7 @@ class TerrainClient:
 
         Args:
             step: number of the pause.
-            timeout: seconds.
+            timeout: seconds to wait.
             extent: "footprint" or "map".
             epoch: identity of the walk as the gait announces it; None takes the walk that the node is on. A gait that
                 starts counting again should give it: before its first BEGIN is heard, the node is on the walk before.

@@ -13,10 +13,10 @@ import click
 
 @dataclass(frozen=True, slots=True)
 class DeviceOptions:
-    """What the options of a live command say of its devices.
+    """The devices that the options of a live command choose.
 
     Attributes:
-        calibration: file; needed unless simulated, or to calibrate with.
+        calibration: calibration file; may be left out for simulated devices, and for scans to calibrate with.
         robot: name or folder; None = the calibration's, or the Guara.
         devices: devices.toml as `guara record` writes it.
         camera: as `Devices.source`; None = that of `devices`, or 0.

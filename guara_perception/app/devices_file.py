@@ -22,7 +22,7 @@ SETTINGS = ("exposure", "gain", "white_balance", "gamma")
 LINES = ("trigger", "exposure_output", "pixel_format")
 # What stands before the colon of a camera's source, for classes that know more of it than OpenCV does.
 ARAVIS, V4L2 = "aravis", "v4l2"
-# Seconds for which a triggered camera exposes when nothing else was said, and the laser shines.
+# [s] Exposure of a triggered camera unless devices.toml has another; the laser shines for the same time.
 TRIGGERED_EXPOSURE_S = 0.004
 KNOWN = {
     "": {"format", "camera", "board"},
@@ -41,12 +41,12 @@ class Devices:
             `drivers.Camera`.
         size: picture width and height [px], or None for the camera's own.
         fps: frames per second to ask for, or None.
-        lag: measured [s], or None.
+        lag: measured `drivers.Camera.lag` [s], or None.
         settings: exposure [s], gain, white_balance [K], gamma: locked when the camera is opened and read back.
         board: vendor_id, product_id, serial of the laser board; missing ones are the protocol's.
         trigger: line of the camera on which the board's TRIGGER arrives: the board sweeps by itself; None: runs freely.
         exposure_output: line of the camera that shows when it exposes, or None.
-        pixel_format: to ask for, or None for the camera's best.
+        pixel_format: pixel format to ask for, or None for the camera's best.
     """
 
     source: str = "0"
@@ -139,7 +139,7 @@ class Devices:
 def devices_of(
     path: Path | None, *, camera: str | None = None, trigger: str | None = None, fps: float | None = None
 ) -> Devices:
-    """The devices of a file, or the usual ones without one, with what the options of a command say otherwise.
+    """The devices of a file, or the default devices without a file; options of a command replace what they name.
 
     Args:
         path: devices.toml, or None.

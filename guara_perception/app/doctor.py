@@ -28,7 +28,7 @@ from kinematics import KinematicsError, load_robot
 
 OK, SKIP, WARN, FAIL = "ok", "skip", "warn", "FAIL"
 CHECKS = ("usb", "board", "camera", "cameras", "zenoh", "calibration", "drift", "disk", "speed", "certificates")
-# After this long a camera mount has had its knocks; the paper's rig was calibrated before each session.
+# By then a camera mount may have been knocked out of position; the paper's rig was calibrated before each session.
 CALIBRATION_AGE_DAYS = 30
 # A standard scan with its recording takes about 60 MB; ten of them should fit.
 DISK_BYTES = 1_000_000_000
@@ -64,7 +64,7 @@ def examine(
     """Run the checks one by one.
 
     Args:
-        devices: camera with what is locked in it, and board.
+        devices: camera with the settings to lock, and board.
         calibration: file to check, or None.
         listen: endpoint on which the node would listen.
         folder: where recordings would be written.
@@ -208,7 +208,7 @@ def check_scan_drift(calibration: Path | None, scan: Path | None) -> Finding:
     if drift.verdict == HOLDS:
         floor, stripes = 1e3 * drift.floor_height, 1e3 * drift.stripe_rms
         return Finding("drift", OK, f"the calibration holds: floor {floor:+.1f} mm, stripes {stripes:.2f} mm rms")
-    return Finding("drift", WARN, f"{'; '.join(drift.reasons)}: scan a place with more floor in view")
+    return Finding("drift", WARN, f"{'; '.join(drift.reasons)}: scan again with more floor in view")
 
 
 def check_disk(folder: Path) -> Finding:
@@ -222,7 +222,7 @@ def check_disk(folder: Path) -> Finding:
 
 
 def check_certificates(folder: Path | None) -> Finding:
-    """Whether the certificates of a security folder are valid for another month, its keys private, its rules new."""
+    """Whether a security folder's certificates are valid for a month, its keys private and its rules up to date."""
     if folder is None:
         return Finding("certificates", SKIP, "not checked: give --security DIR")
     from transport import Health, TransportError

@@ -1,4 +1,4 @@
-"""What the `guara` command says to the shell when it ends; 0 is done."""
+"""Exit codes of the `guara` command; 0 is done."""
 
 from __future__ import annotations
 

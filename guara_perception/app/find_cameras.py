@@ -23,7 +23,7 @@ class FoundCamera:
         source: what --camera and devices.toml take.
         description: maker and model, and how it is reached.
         evidence: what it can prove.
-        lines: on which it can be triggered, for --trigger; empty when it runs freely only.
+        lines: its lines that can be triggered, for --trigger; empty when it can only run freely.
     """
 
     source: str
@@ -39,7 +39,7 @@ def find_cameras(video_class: Path = VIDEO_CLASS) -> tuple[list[FoundCamera], st
         video_class: where the kernel lists its video devices.
 
     Returns:
-        The cameras, and where nobody could look and why; empty when everything was looked through.
+        The cameras, and which kind of camera could not be searched for and why; an empty text when every kind was.
     """
     found = [_video(folder) for folder in sorted(video_class.glob("video*"))]
     try:

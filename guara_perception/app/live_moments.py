@@ -1,4 +1,4 @@
-"""Moments for the view from a running node: what it publishes of a pause, put together as it comes."""
+"""Moments for the view from a running node: what it publishes of a pause, put together as it arrives."""
 
 from __future__ import annotations
 
@@ -36,14 +36,15 @@ if TYPE_CHECKING:
     from transport.received import Received
 
 logger = logging.getLogger(__name__)
-# [s] For the router to say who lives.
-LOOK = 2.0
+# [s] In which the router must have answered which robots live.
+ROUTER_TIMEOUT_S = 2.0
 
 
 class LiveMoments:
     """Receives grids, points and pictures of one robot and shows every pause as far as it is known.
 
-    What belongs together tells the stamp, the end of the scan. A scan whose map follows is shown with it, in odom.
+    Messages with one stamp, the end of their scan, belong together. Once maps come, a scan is shown with its map, in
+    odom.
     """
 
     def __init__(
@@ -58,7 +59,7 @@ class LiveMoments:
         """Connect.
 
         Args:
-            show: called with every moment, a later one of the same pause among them, on threads of the client.
+            show: called with every moment, again when more of the same pause has come, on threads of the client.
             model: kinematic model of the robot.
             endpoint, robot, security: as in `TerrainClient`.
 
@@ -93,14 +94,14 @@ class LiveMoments:
         self._client.close()
 
     def missing(self) -> str:
-        """What is waited for while nothing was shown yet, and which robots live on this router; empty once it was.
+        """What is waited for, and which robots live on this router; empty once a moment was shown.
 
-        Asks the router, which may take `LOOK` seconds.
+        Asks the router, which may take `ROUTER_TIMEOUT_S`.
         """
         if self._has_shown:
             return ""
         try:
-            robots = living_robots(self._session, timeout=LOOK)
+            robots = living_robots(self._session, timeout=ROUTER_TIMEOUT_S)
         except SessionClosed:
             return ""
         if self._robot in robots or self._client.is_alive:
@@ -121,13 +122,13 @@ class LiveMoments:
             self._grids[terrain.extent] = terrain
             # The map of this scan is on its way and says where in odom it was; a scan that is taken back has none.
             if terrain.extent == "map" or is_first_map or terrain.metadata.get("withdrawn"):
-                self._tell(terrain)
+                self._show_scan(terrain)
 
     def _take_points(self, received: Received[Any]) -> None:
         cloud = received.message
         with self._lock:
             self._points = read_time(cloud.header.stamp), cloud_points(cloud)
-            self._tell_again(self._points[0])
+            self._show_again(self._points[0])
 
     def _take_picture(self, received: Received[Any]) -> None:
         message = received.message
@@ -137,15 +138,15 @@ class LiveMoments:
             return
         with self._lock:
             self._picture = read_time(message.header.stamp), image
-            self._tell_again(self._picture[0])
+            self._show_again(self._picture[0])
 
-    def _tell_again(self, stamp: int) -> None:
-        """Show a moment once more if it is on show: something of its scan came."""
+    def _show_again(self, stamp: int) -> None:
+        """Show the current moment once more if it is of this scan, of which something new came."""
         terrain = self._grids.get("map") or self._grids.get("footprint")
         if terrain is not None and terrain.stamp == stamp:
-            self._tell(terrain)
+            self._show_scan(terrain)
 
-    def _tell(self, terrain: TerrainGrid) -> None:
+    def _show_scan(self, terrain: TerrainGrid) -> None:
         """Show all that is known of the scan that a grid was made from."""
         grids = {extent: grid for extent in EXTENTS if (grid := self._grids.get(extent)) is not None}
         grids = {extent: grid for extent, grid in grids.items() if grid.stamp == terrain.stamp}
@@ -161,4 +162,4 @@ class LiveMoments:
             self._show(Moment(grids, footholds=planned, **parts))
             self._has_shown = True
         except (KinematicsError, PerceptionError) as error:
-            self._refusals.say("not shown, is it of another robot than %r (--robot)? %s", self._model.name, error)
+            self._refusals.say("not shown; is it from another robot than %r (--robot)? %s", self._model.name, error)

@@ -45,7 +45,7 @@ COMMANDS = {
 # Set before numpy and OpenCV are loaded. Matrices here are small: the threads of the linear algebra only spin, which
 # costs a quarter of the processor time of a scan. OpenCV's own warnings repeat what our errors say in plain words.
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OPENCV_LOG_LEVEL": "ERROR"}
-# A warning that differs by nothing but these is the same.
+# Warnings that differ only in these are one warning.
 NUMBER = re.compile(r"(?<=\s)-?\d+(\.\d+)?")
 # The disk is full or broken: no input would help.
 DISK_FAILED = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
@@ -80,7 +80,7 @@ def _show_logs(context: click.Context, parameter: click.Parameter, verbose: bool
 
 
 def _accept_verbose(command: click.Command) -> None:
-    """Let -v stand behind the command too, where people write it."""
+    """Accept -v after the name of the command too, where people write it."""
     if any(parameter.name == "verbose" for parameter in command.params):
         return
     command.params.append(
@@ -142,7 +142,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         if not is_expected(error):
             raise
         return _say(words_of(error), EXIT_BAD_INPUT if is_bad_input(error) else EXIT_FAILED)
-    # What ctx.exit(code) gave; without it click hands on whatever the command returned, which is nothing.
+    # An integer comes from ctx.exit(code); otherwise click returns what the command returned, which is None.
     return code if isinstance(code, int) else 0
 
 
@@ -188,14 +188,14 @@ def is_bad_input(error: BaseException) -> bool:
 
 
 def words_of(error: Exception) -> str:
-    """What an error says; one of the file system without its number, the file first as our own have it."""
+    """Text of an error; one of the file system without its number and with the file first, as in our own errors."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"
     return str(error)
 
 
 def _with_help(error: click.ClickException) -> str:
-    """A mistake in the words of a command, and where the right ones stand."""
+    """What is wrong with the arguments of a command, and whose help shows the right ones."""
     text = error.format_message()
     if isinstance(error, click.UsageError) and error.ctx is not None:
         return f"{text.rstrip('.')} (see {error.ctx.command_path} --help)"

@@ -20,7 +20,7 @@ class MapRegions:
         regions: `steppable_regions` of the map, without a leg's reach; in base_footprint of the pause.
         stamp: time of the scan [ns since the epoch].
         step: number of the stance pause.
-        sequence: number of the map that they are of.
+        sequence: number of the map that the regions were made from.
         epoch: identity of the walk.
         is_provisional: whether the pause has yet to confirm that the robot stood still.
     """
@@ -39,7 +39,7 @@ def regions_message(terrain: TerrainGrid, message: TerrainMessage) -> RegionsMes
 
     Args:
         terrain: the map.
-        message: that the map is sent as.
+        message: message of the same map.
     """
     regions = () if message.withdrawn else terrain.steppable_regions()
     return RegionsMessage(

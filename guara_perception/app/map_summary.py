@@ -21,32 +21,32 @@ from transport import TerrainMessage
 from transport.messages.map_origin import origin_of
 from transport.messages.summary_message import UNKNOWN_HEIGHT, SummaryMessage, encode_summary
 
-# [mm] Highest and lowest that the summary can say.
+# [mm] Largest height above or below zero that the summary can hold.
 TALLEST = 32767
-# [byte] Of a summary on the wire, whatever the ground: 0.04 Mbit/s with a pause every 3 s. On a simulated walk one has
-# 8 to 13 kB with all cells.
+# [byte] Largest summary on the wire, whatever the ground: 0.04 Mbit/s with a pause every 3 s. On a simulated walk a
+# summary has 8 to 13 kB with all cells.
 MAXIMUM_BYTES = 16_000
-# Traversability is sent as one of this many levels above 0.
-LEVELS = 255
+# Traversability 1 on the wire; it is sent as an integer.
+FULL_SCORE = 255
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TerrainSummary(Gridded):
     """Heights to the millimetre, flags and traversability of the fused map, as `TerrainClient.summary` gives them.
 
-    For looking, and for ways over the ground; a foot is set by the map itself, which knows how sure its heights are.
+    To look at, and to plan paths; a foothold is chosen on the map itself, which has the sigma of every height.
     Made only from layers that satisfy the safety invariant; arrays are (ny, nx), a[iy, ix], read-only.
 
     Attributes:
         robot: instance name.
-        elevation: [m] in steps of 1 mm, NaN where unknown.
-        hazard: flags of `Hazard`, all of the map's.
-        traversability: 0 never ... 1 ideal, in steps of 1/255, rounded down.
+        elevation: height rounded to 1 mm [m], NaN where unknown.
+        hazard: flags of `Hazard`, all that the map has.
+        traversability: 0 never ... 1 ideal, rounded down to a multiple of 1/255.
         geometry: origin, resolution and shape.
         frame: "base_footprint".
         stamp: time of the scan [ns since the epoch].
         step: number of the stance pause.
-        sequence: number of the map that it is made of.
+        sequence: number of the map that it was made from.
         epoch: identity of the walk.
         is_provisional: whether the pause has yet to confirm that the robot stood still.
     """
@@ -79,7 +79,7 @@ def summary_payload(terrain: TerrainMessage, maximum: int = MAXIMUM_BYTES) -> by
 
     Args:
         terrain: message of a map.
-        maximum: [byte] of the payload.
+        maximum: largest payload [byte].
     """
     summary = _with_all_cells(terrain)
     cells, whole = 1, summary
@@ -92,18 +92,18 @@ def summary_payload(terrain: TerrainMessage, maximum: int = MAXIMUM_BYTES) -> by
 def merged(summary: SummaryMessage, cells: int) -> SummaryMessage:
     """The same with larger cells, each no safer than the worst of those in it.
 
-    Flags are those of all, traversability is the lowest, the height the highest; nothing is known of a cell that holds
-    one of which nothing is known, or that reaches beyond the map, and what is beside such a cell is `EDGE`.
+    A larger cell has the flags of all its cells, their lowest traversability and their highest height. It is unknown
+    when it holds an unknown cell or reaches beyond the map, and what is beside an unknown cell is `EDGE`.
 
     Args:
-        summary: to be made smaller.
-        cells: number of its cells along the edge of a new one.
+        summary: summary to be made smaller.
+        cells: number of old cells along the edge of a larger one.
     """
     ny, nx = summary.shape
     rows, columns = -(-ny // cells), -(-nx // cells)
 
     def blocks(layer: npt.NDArray[Any], outside: int) -> npt.NDArray[Any]:
-        """(rows, columns, cells^2) values of each new cell."""
+        """(rows, columns, cells^2) values of the old cells in each larger one."""
         whole = np.full((rows * cells, columns * cells), outside, layer.dtype)
         whole[:ny, :nx] = layer
         return whole.reshape(rows, cells, columns, cells).swapaxes(1, 2).reshape(rows, columns, -1)
@@ -123,7 +123,7 @@ def merged(summary: SummaryMessage, cells: int) -> SummaryMessage:
 
 
 def _with_all_cells(terrain: TerrainMessage) -> SummaryMessage:
-    """The summary with a cell for each of the map's."""
+    """The summary in which every cell of the map is kept."""
     elevation, score = terrain.layers["elevation"], terrain.layers["traversability"]
     hazard = np.array(terrain.layers["hazard"])
     millimetres = np.rint(elevation.astype(np.float64) * 1e3)
@@ -131,22 +131,22 @@ def _with_all_cells(terrain: TerrainMessage) -> SummaryMessage:
     if beyond.any():
         hazard[_beside(beyond)] |= np.uint16(Hazard.EDGE)
         hazard[beyond] = np.uint16(Hazard.OUT_OF_RANGE)
-    levels = np.floor(score.astype(np.float64) * LEVELS).astype(np.uint8)
-    hazard[(levels == 0) & (hazard == 0)] = np.uint16(Hazard.UNCERTAIN)
+    whole_score = np.floor(score.astype(np.float64) * FULL_SCORE).astype(np.uint8)
+    hazard[(whole_score == 0) & (hazard == 0)] = np.uint16(Hazard.UNCERTAIN)
     unknown = (hazard & UNKNOWN_MASK) != 0
-    levels[hazard != 0] = 0
+    whole_score[hazard != 0] = 0
     return SummaryMessage(
         **origin_of(terrain),
         resolution=terrain.resolution,
         origin=terrain.origin,
         heights=np.where(unknown, UNKNOWN_HEIGHT, millimetres).astype("<i2"),
         hazard=hazard.astype("<u2"),
-        traversability=levels,
+        traversability=whole_score,
     )
 
 
 def _beside(cells: Mask) -> Mask:
-    """Those cells, and the eight around each."""
+    """The given cells, and the eight around each."""
     return cv2.dilate(cells.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
 
 
@@ -163,7 +163,7 @@ def message_to_summary(message: SummaryMessage) -> TerrainSummary:
             robot=message.robot,
             elevation=heights,
             hazard=message.hazard.astype(np.uint16),
-            traversability=message.traversability.astype(np.float32) / np.float32(LEVELS),
+            traversability=message.traversability.astype(np.float32) / np.float32(FULL_SCORE),
             geometry=GridGeometry(message.origin, message.resolution, message.shape),
             frame=message.frame_id,
             stamp=message.stamp,

@@ -41,7 +41,7 @@ def terrain_to_message(
         sequence: number of this message.
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
         valid_for: at most this long after `scan_end`, besides the grid's own validity [s].
-        stated: what its metadata say besides the grid's own, or instead.
+        stated: entries to add to the grid's own metadata; they replace entries of the same name.
 
     Raises:
         UnsafeGrid: the grid breaks the safety invariant.

@@ -14,10 +14,10 @@ def progress(what: str) -> Iterator[Progress]:
     """Show a bar on standard error while the block runs; nothing when it is no terminal.
 
     Args:
-        what: a few words.
+        what: what is being done, in a few words.
 
     Yields:
-        A function that is called with what is done and with all there is to do.
+        A function that is called with the number of items that are done and the number of all.
     """
     if not sys.stderr.isatty() or not sys.stdout.isatty():
 

@@ -32,9 +32,9 @@ def publish_terrain(
         terrain: grid of either extent; of a footprint the occupancy and the grid map go out too, of a map its
             summary and its steppable regions.
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
-        scan_end_clock: last frame by `transport.clock` [s]; None = by what the wall clock says of it now.
+        scan_end_clock: last frame by `transport.clock` [s]; None = computed from `scan_end` and the wall clock.
         valid_for: at most this long after `scan_end`, besides the grid's own validity [s].
-        stated: what the message's metadata say besides the grid's own, or instead.
+        stated: entries to add to the grid's own metadata; they replace entries of the same name.
 
     Returns:
         The message that is sent.

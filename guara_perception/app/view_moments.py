@@ -30,13 +30,13 @@ logger = logging.getLogger(__name__)
 
 
 def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration | None = None) -> list[Moment]:
-    """What a file or folder has to show.
+    """The moments that a file or folder holds.
 
     Args:
         path: a grid (.npz), a recording (.mcap) or a scan folder.
-        robot: that recorded it.
-        calibration: with it, scans are processed again and their stripes are shown; None = the one that a recording
-            carries, if it does.
+        robot: model of the robot that recorded it.
+        calibration: with it, scans are processed again and their stripes are shown; None = that of the recording, if
+            it holds one.
 
     Raises:
         MissingFile: nothing there.
@@ -126,7 +126,7 @@ def _given(points: Float32) -> Callable[[], list[Float]]:
 
 
 def _picture(scan: Scan) -> Callable[[], Image | None]:
-    """The picture of the stripe in the middle, read when it is first asked for."""
+    """The picture of the median stripe, read when it is first asked for."""
 
     @lru_cache(maxsize=1)
     def picture() -> Image | None:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 # Where the viewer stands and looks before the first moment, from base_footprint [m].
 VIEWPOINT, LOOKED_AT = np.array([1.20, -0.95, 0.80]), np.array([0.36, 0.02, 0.06])
-# [s] How long a moment stands while the walk is played.
+# [s] How long a moment is shown while the walk is played.
 PLAY_PERIOD_S = 0.7
 
 
@@ -43,9 +43,9 @@ class BrowserView:
         """Start to serve.
 
         Args:
-            robot: whose shapes are drawn.
+            robot: robot whose shapes are drawn.
             host: address to listen at; only this machine by default.
-            port: to listen at; when it is taken, the next free one.
+            port: port to listen at; when it is taken, the next free one.
 
         Raises:
             MissingExtra: viser is not installed.
@@ -54,7 +54,7 @@ class BrowserView:
         self._server: Any = viser.ViserServer(host=host, port=port, label="Guará terrain", verbose=False)
         self._lock = threading.RLock()
         self._timeline = Timeline()
-        self._eye_from = np.zeros(3)
+        self._viewed_from = np.zeros(3)
         self._drawn: dict[str, tuple[Any, ...]] = {}
         # What was clicked, (3,) in odom.
         self._clicked: Float | None = None
@@ -139,12 +139,12 @@ class BrowserView:
         self._server.flush()
 
     def _is_other(self, part: str, *of: Any) -> bool:
-        """Whether a part is made of something else than when it was drawn last: what is sent again flickers."""
+        """Whether a part has changed since it was drawn last; drawn again without need it would flicker."""
         before, self._drawn[part] = self._drawn.get(part), of
         return before != of
 
     def _grid_of(self, moment: Moment) -> TerrainGrid:
-        """The grid that is chosen, or the other one where there is no such."""
+        """The grid of the chosen extent, or of the other one where there is none."""
         return moment.grids.get(self._controls.extent.value, moment.any_grid)
 
     def _tell_timeline(self) -> None:
@@ -180,7 +180,7 @@ class BrowserView:
             self._tell_timeline()
 
     def _click(self, origin: Float, direction: Float) -> None:
-        """Somebody clicked on the terrain: what its ray meets, all in odom."""
+        """Take note of a click on the terrain, by its ray in odom: the point that it meets is explained."""
         with self._lock, self._server.atomic():
             moment = self._timeline.shown
             if moment is None:
@@ -193,7 +193,7 @@ class BrowserView:
             self._explain(grid)
 
     def _explain(self, grid: TerrainGrid) -> None:
-        """Say of the place that was clicked what this grid knows of it."""
+        """Show what this grid knows of the cell that was clicked."""
         if self._clicked is None:
             self._drawing.cell(grid, None)
             self._controls.cell(None)
@@ -205,8 +205,8 @@ class BrowserView:
 
     def _look_from(self, position: Float) -> None:
         """Move every viewpoint as far as the robot moved; a browser that is opened later gets the usual one."""
-        moved = position - self._eye_from
-        self._eye_from = position
+        moved = position - self._viewed_from
+        self._viewed_from = position
         if self._controls.follow.value:
             for client in self._server.get_clients().values():
                 if np.any(moved):

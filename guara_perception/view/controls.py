@@ -10,7 +10,7 @@ import numpy as np
 from guara_perception.arrays import Image
 from guara_perception.view.terrain_mesh import COLOURINGS
 
-NO_CELL = "Click on the ground: what is known of that place, and why a foot may or may not go there."
+NO_CELL = "Click on the ground: what is known of that cell, and why a foot may or may not go there."
 PICTURE_WIDTH_PX = 480
 SHOWN = ("stripes", "footholds", "obstacles", "trail", "regions")
 # Many lines on the ground, for those who ask for them.
@@ -21,7 +21,7 @@ class Controls:
     """The controls of one page, the same for everybody who looks.
 
     Attributes:
-        colouring, extent: what of the terrain is shown, as viser's controls.
+        colouring, extent: viser's controls that choose the colours and the grid of the terrain.
         follow: whether the viewpoint moves with the robot, as viser's control.
     """
 
@@ -29,7 +29,7 @@ class Controls:
         """Make them.
 
         Args:
-            gui: viser's.
+            gui: viser's `gui`, to which controls are added.
             go_to: called with the number of a moment when the slider is moved.
             play: called when the play button is pressed.
             redraw: called when something else is to be shown.
@@ -48,13 +48,13 @@ class Controls:
         with gui.add_folder("on it"):
             self._shown = {name: gui.add_checkbox(name, initial_value=name not in HIDDEN_AT_FIRST) for name in SHOWN}
         beside = gui.add_panel()
-        with beside.add_tab("camera and place"):
+        with beside.add_tab("camera and cell"):
             self._picture = gui.add_image(np.full((2, 2, 3), 230, np.uint8), label="camera", visible=False)
-            self._caption = gui.add_markdown("the camera's picture is not at hand")
+            self._caption = gui.add_markdown("the camera's picture is not available")
             gui.add_divider()
             self._cell = gui.add_markdown(NO_CELL)
         beside.float(x=16, y=16, width=300)
-        # Of the camera of the moment before, so that the same is not sent again.
+        # The camera's picture that was sent last: the same one is not sent again.
         self._sent: Image | None = None
 
         self._slider.on_update(lambda _: go_to(int(self._slider.value)))
@@ -66,12 +66,12 @@ class Controls:
         """Whether one of `SHOWN` is to be seen."""
         return bool(self._shown[name].value)
 
-    def has_stripes(self, at_hand: bool) -> None:
+    def has_stripes(self, available: bool) -> None:
         """Whether there are stripes to show: a box that shows nothing cannot be ticked."""
-        self._shown["stripes"].disabled = not at_hand
+        self._shown["stripes"].disabled = not available
 
     def timeline(self, count: int, number: int, *, playing: bool) -> None:
-        """How many moments there are, which is shown, whether they are being played."""
+        """Show how many moments there are, which of them is shown, and whether they are being played."""
         self._slider.max = max(count - 1, 1)
         self._slider.disabled = self._play.disabled = count < 2
         if int(self._slider.value) != number:
@@ -79,18 +79,18 @@ class Controls:
         self._play.label = "stop" if playing else "play"
 
     def tell(self, status: str, legend: str) -> None:
-        """What is to be said of the grid, and what its colours mean."""
+        """Show the status of the grid, and what its colours mean."""
         self._status.content, self._legend.content = status, legend
 
     def picture(self, image: Image | None) -> None:
-        """What the camera saw, (h, w) or (h, w, 3) BGR; None = not at hand."""
+        """Show what the camera saw, (h, w) or (h, w, 3) BGR; None = not available."""
         self._picture.visible, self._caption.visible = image is not None, image is None
         if image is not None and image is not self._sent:
             self._picture.image = for_page(image)
         self._sent = image
 
     def cell(self, text: str | None) -> None:
-        """What is said of the place that was clicked; None = nowhere."""
+        """Show a text about the cell that was clicked; None = no cell."""
         self._cell.content = NO_CELL if text is None else text
 
 

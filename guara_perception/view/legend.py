@@ -1,4 +1,4 @@
-"""What colours mean and what is to be said of a grid, as HTML and Markdown for the page."""
+"""What colours mean, the status of a grid, and the facts of a cell, as HTML and Markdown for the page."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _scale_rows(scale: Scale) -> list[str]:
     import matplotlib
 
     colours = matplotlib.colormaps[scale.colours](np.linspace(0, 1, COLOURS_OF_A_BAR))
-    stops = ",".join(f"rgb({','.join(str(round(255 * part)) for part in colour[:3])})" for colour in colours)
+    stops = ",".join(f"rgb({','.join(str(round(255 * value)) for value in colour[:3])})" for colour in colours)
     ends = f"<span>{scale.low_text}</span><span>{scale.high_text}</span>"
     return [
         f"<div><b>{scale.name}</b></div>",
@@ -62,11 +62,11 @@ def _row(name: str, meaning: str, style: str) -> str:
 
 
 def _css(colour: str) -> str:
-    return f"rgb({','.join(str(round(255 * part)) for part in rgb(colour))})"
+    return f"rgb({','.join(str(round(255 * value)) for value in rgb(colour))})"
 
 
 def status_text(terrain: TerrainGrid) -> str:
-    """What is to be said of a grid, in a few lines of Markdown."""
+    """The status of a grid, in a few lines of Markdown."""
     data = terrain.metadata
     lines = [f"**step {terrain.step}**, {data.get('mode', 'unknown')} scan, {terrain.extent}"]
     known, free = float(np.isfinite(terrain.elevation).mean()), float((terrain.traversability > 0).mean())
@@ -83,7 +83,7 @@ def status_text(terrain: TerrainGrid) -> str:
 
 
 def cell_text(sentence: str) -> str:
-    """What `TerrainGrid.explain` says, with the verdict first to be seen: a line for each part, in Markdown."""
+    """What `TerrainGrid.explain` says in Markdown: a line for each of its parts, position and verdict in bold."""
     facts, _, verdict = sentence.partition(": ")
     where, _, rest = facts.partition(" is ")
     return f"**{where}**  \n{rest.replace(', ', '  ' + chr(10))}  \n**{verdict}**"

@@ -13,12 +13,12 @@ from guara_perception.terrain.grid import TerrainGrid
 
 
 def no_stripes() -> list[Float]:
-    """Nothing measured is at hand."""
+    """No measured points are available."""
     return []
 
 
 def no_picture() -> Image | None:
-    """The camera's picture is not at hand."""
+    """The camera's picture is not available."""
     return None
 
 
@@ -32,9 +32,9 @@ class Moment:
     """One stance pause.
 
     Attributes:
-        grids: by extent, "footprint" and "map"; at least one, all of one pause.
+        grids: grids by extent, "footprint" and "map"; at least one, all of one pause.
         stripes: gives the measured points (n, 3) of each stripe in base_footprint [m]; called when first shown.
-        footholds: planned ones by leg, (3,) in base_footprint [m].
+        footholds: planned footholds by leg, (3,) in base_footprint [m].
         picture: gives what the camera saw of one stripe, (h, w) or (h, w, 3) BGR; called when first shown.
     """
 
@@ -55,12 +55,12 @@ class Moment:
 
     @property
     def walk(self) -> str:
-        """Identity of the walk: within one, places in odom fit together."""
+        """Identity of the walk: only within one walk can positions in odom be compared."""
         return str(self.metadata.get("epoch", ""))
 
     @property
     def metadata(self) -> Mapping[str, Any]:
-        """Of the grid."""
+        """Metadata of the grid."""
         return self.any_grid.metadata
 
     @property

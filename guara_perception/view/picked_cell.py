@@ -1,4 +1,4 @@
-"""Where a ray meets a terrain: what somebody means who clicks on it."""
+"""Where a ray meets a terrain: the point that a click on it chooses."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from guara_perception.arrays import Float
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.view.terrain_mesh import drawn_heights
 
-# A ray is followed in parts of a cell, no further than this [m].
-PART_OF_CELL = 0.5
+# A ray is sampled at this share of a cell, up to this distance [m].
+SHARE_OF_CELL = 0.5
 FAR_M = 20.0
-# How far above the highest and below the lowest cell it is looked for [m].
+# How far above the highest and below the lowest cell the ray is sampled [m].
 MARGIN_M = 0.005
 
 
@@ -34,7 +34,7 @@ def met_by_ray(terrain: TerrainGrid, origin: npt.ArrayLike, direction: npt.Array
         near, far = max(near, float(one)), min(far, float(other))
     if far <= near:
         return None
-    lengths = np.arange(near, far, PART_OF_CELL * terrain.resolution)[:, None]
+    lengths = np.arange(near, far, SHARE_OF_CELL * terrain.resolution)[:, None]
     points = start + lengths * along
     iy, ix = terrain.geometry.indices(points[:, 0], points[:, 1])
     inside = terrain.geometry.contains(iy, ix)

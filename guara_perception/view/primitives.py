@@ -29,14 +29,14 @@ def primitive(kind: str, size: tuple[float, ...]) -> tuple[Float, Faces]:
     return _revolved([(float(size[0] * np.cos(a)), float(size[0] * np.sin(a))) for a in angles])
 
 
-def _revolved(profile: list[tuple[float, float]]) -> tuple[Float, Faces]:
-    """Vertices and triangles of the solid that a profile of points (radius, z) makes when it is rotated about z."""
+def _revolved(outline: list[tuple[float, float]]) -> tuple[Float, Faces]:
+    """Vertices and triangles of the solid that an outline of points (radius, z) makes when it is rotated about z."""
     angles = np.arange(ROUND_SIDES) * (2 * np.pi / ROUND_SIDES)
-    rings = [np.column_stack((r * np.cos(angles), r * np.sin(angles), np.full(ROUND_SIDES, z))) for r, z in profile]
+    rings = [np.column_stack((r * np.cos(angles), r * np.sin(angles), np.full(ROUND_SIDES, z))) for r, z in outline]
     index = np.arange(ROUND_SIDES)
     following = (index + 1) % ROUND_SIDES
     faces = []
-    for ring in range(len(profile) - 1):
+    for ring in range(len(outline) - 1):
         low, high = ring * ROUND_SIDES, (ring + 1) * ROUND_SIDES
         faces.append(np.column_stack((low + index, low + following, high + following)))
         faces.append(np.column_stack((low + index, high + following, high + index)))

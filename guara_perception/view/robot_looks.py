@@ -1,4 +1,4 @@
-"""How a robot looks: the visuals of its URDF as triangles in their colours, link by link."""
+"""The visuals of a robot's URDF as triangles in their colours, link by link."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ LEG_COLOUR: Colour = (0.37, 0.41, 0.48)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
-    """One shape of a link.
+class VisualShape:
+    """One shape of a link, as it is drawn.
 
     Attributes:
         vertices: (n, 3) in the link's frame [m].
@@ -35,15 +35,15 @@ class Look:
     colour: Colour
 
 
-def robot_looks(robot: RobotModel) -> dict[str, tuple[Look, ...]]:
+def visual_shapes(robot: RobotModel) -> dict[str, tuple[VisualShape, ...]]:
     """The shapes of every link that has any, by link.
 
     A link is drawn by its visuals where all of them are boxes, cylinders and spheres; else, as with meshes, by its
-    collision shapes, which hold those of meshes.
+    collision shapes.
     """
     root = ElementTree.fromstring(robot.tree.urdf.text)
     named = {str(found.get("name")): colour for found in root.findall("material") if (colour := _colour(found))}
-    looks = {}
+    by_link = {}
     for element in root.findall("link"):
         name = str(element.get("name"))
         colour = BODY_COLOUR if name == robot.config.base_frame else LEG_COLOUR
@@ -53,12 +53,12 @@ def robot_looks(robot: RobotModel) -> dict[str, tuple[Look, ...]]:
             shown = []
         shapes = shown or [(shape, colour) for shape in robot.tree.links[name].shapes]
         if shapes:
-            looks[name] = tuple(_look(*item) for item in shapes)
-    return looks
+            by_link[name] = tuple(_visual_shape(*item) for item in shapes)
+    return by_link
 
 
 def _visual(element: ElementTree.Element, named: dict[str, Colour], default: Colour) -> tuple[Shape, Colour]:
-    """Shape and colour of a <visual>; ValueError, TypeError or KeyError where it is no plain one."""
+    """Shape and colour of a <visual>; ValueError, TypeError or KeyError where it is not a plain shape."""
     (geometry,) = element.findall("geometry")
     (found,) = geometry
     keys = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}[found.tag]
@@ -85,7 +85,7 @@ def _colour(material: ElementTree.Element) -> Colour | None:
     return red, green, blue
 
 
-def _look(shape: Shape, colour: Colour) -> Look:
+def _visual_shape(shape: Shape, colour: Colour) -> VisualShape:
     vertices, faces = primitive(shape.kind, shape.size)
     transform = shape.transform_shape_to_link
-    return Look(vertices @ transform[:3, :3].T + transform[:3, 3], faces, colour)
+    return VisualShape(vertices @ transform[:3, :3].T + transform[:3, 3], faces, colour)

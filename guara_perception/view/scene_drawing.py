@@ -12,7 +12,7 @@ from guara_perception.terrain.drawing.style import HAZARD_COLOURS, rgb
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.view.moment import Moment, pose_of
-from guara_perception.view.robot_looks import robot_looks
+from guara_perception.view.robot_looks import visual_shapes
 from guara_perception.view.terrain_mesh import TerrainMesh
 
 if TYPE_CHECKING:
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 STRIPE_COLOUR, FOOTHOLD_COLOUR, TRAIL_COLOUR, CELL_COLOUR = (230, 20, 60), (0, 114, 178), (120, 40, 120), (0, 0, 0)
 REGION_COLOUR = (0, 89, 61)
-HOLE_COLOUR, OBSTACLE_COLOUR = (122, 31, 31), tuple(round(255 * part) for part in rgb(HAZARD_COLOURS[Hazard.STEP]))
+HOLE_COLOUR, OBSTACLE_COLOUR = (122, 31, 31), tuple(round(255 * value) for value in rgb(HAZARD_COLOURS[Hazard.STEP]))
 SOLE_THICKNESS_M = 0.004
 # Lines on the ground lie this much above it [m].
 LIFT_M = 0.002
 LINE_PX = 2.0
-# Outlines follow the edges of cells to this, one cell and a bit [m].
+# Outlines follow the edges of cells to within this, a little more than a cell [m].
 OUTLINE_M = 0.006
 # Size of a point, and at most this number of them: the ground is to be seen between the stripes.
 STRIPE_SIZE_M, STRIPE_POINTS, STRIPE_LIFT_M = 0.0007, 12_000, 0.001
@@ -46,8 +46,8 @@ class SceneDrawing:
         """Set up light, ground and the robot.
 
         Args:
-            scene: viser's.
-            robot: whose shapes are drawn.
+            scene: viser's `scene`, to which nodes are added.
+            robot: robot whose shapes are drawn.
             picked: called with origin and direction (3,) in odom of a click on the terrain.
         """
         self._scene, self._robot, self._picked = scene, robot, picked
@@ -72,21 +72,21 @@ class SceneDrawing:
         self._footprint = scene.add_frame("/odom/footprint", show_axes=False)
         self._body = scene.add_frame("/odom/footprint/robot", show_axes=False, visible=False)
         self._links: dict[str, Any] = {}
-        for link, looks in robot_looks(robot).items():
+        for link, visuals in visual_shapes(robot).items():
             self._links[link] = scene.add_frame(f"/odom/footprint/robot/{link}", show_axes=False)
-            for number, look in enumerate(looks):
+            for number, visual in enumerate(visuals):
                 scene.add_mesh_simple(
                     f"/odom/footprint/robot/{link}/{number}",
-                    look.vertices,
-                    look.faces,
-                    color=tuple(round(255 * part) for part in look.colour),
+                    visual.vertices,
+                    visual.faces,
+                    color=tuple(round(255 * value) for value in visual.colour),
                     flat_shading=True,
                     cast_shadow=False,
                     receive_shadow=False,
                 )
 
     def robot(self, moment: Moment) -> None:
-        """The robot as it stands, at its place in odom."""
+        """Draw the robot as it stands, at its pose in odom."""
         _set_pose(self._footprint, moment.transform_footprint_to_odom)
         joints = moment.joint_positions
         self._body.visible = joints is not None
@@ -98,7 +98,7 @@ class SceneDrawing:
             _set_pose(frame, state.transform_to_base(link))
 
     def terrain(self, terrain: TerrainGrid, mesh: TerrainMesh) -> None:
-        """A grid at its place in odom, which reports clicks on it."""
+        """Draw a grid at its pose in odom; it reports clicks on it."""
         self._scene.remove_by_name("/odom/terrain")
         if not len(mesh.faces):
             return
@@ -172,7 +172,7 @@ class SceneDrawing:
             )
 
     def cell(self, terrain: TerrainGrid, point: Float | None) -> None:
-        """The cell at a point (3,) of a grid, framed, with a pin over it; None takes it away."""
+        """Outline the cell at a point (3,) of a grid, with a pin over it; None removes the outline."""
         name = "/odom/cell"
         self._scene.remove_by_name(name)
         if point is None:
@@ -186,7 +186,7 @@ class SceneDrawing:
 
 
 def plain(outline: Float) -> Float:
-    """An outline (n, 2) along the edges of cells without its steps: corners (m, 2) nowhere further off than a cell."""
+    """An outline (n, 2) along the edges of cells made smooth: corners (m, 2), nowhere off by more than OUTLINE_M."""
     import cv2
 
     corners = cv2.approxPolyDP(outline.astype(np.float32)[:, None], OUTLINE_M, closed=True)[:, 0]
@@ -196,12 +196,12 @@ def plain(outline: Float) -> Float:
 def prism(outline: Float, bottom: float, top: float) -> Float:
     """Edges (3 n, 2, 3) of an upright prism over an outline (n, 2) that is not closed."""
     following = np.roll(outline, -1, axis=0)
-    levels = [
+    rings = [
         np.stack([np.column_stack((ends, np.full(len(ends), z))) for ends in (outline, following)], axis=1)
         for z in (bottom, top)
     ]
-    upright = np.stack([level[:, 0] for level in levels], axis=1)
-    return np.concatenate((*levels, upright)).astype(np.float32)
+    upright = np.stack([ring[:, 0] for ring in rings], axis=1)
+    return np.concatenate((*rings, upright)).astype(np.float32)
 
 
 def outline(corners: Float) -> Float:
@@ -219,7 +219,7 @@ def way(poses: Sequence[Float]) -> Float:
 
 
 def textured(mesh: TerrainMesh) -> Any:
-    """A mesh for viser, its colours as a texture: those come out as they are, vertex colours would be darker."""
+    """A mesh for viser with a texture, whose colours are shown unchanged; colours of vertices would be darker."""
     import trimesh
     from PIL import Image
 

@@ -35,9 +35,9 @@ class Scale:
     high_text: str
 
 
-# Ends of the colours of heights: whole steps about what is there, at least this much apart [m].
-HEIGHT_STEP_M, LEAST_HEIGHT_RANGE_M = 0.01, 0.06
-# Of the known cells as many may lie beyond either end.
+# The ends of the height colours are multiples of the first, and at least the second apart [m].
+ROUNDED_TO_M, LEAST_HEIGHT_RANGE_M = 0.01, 0.06
+# Share of the known cells that may lie beyond either end.
 BEYOND = 0.005
 # Neighbouring cells further apart in height than this are not joined: a wall that nobody measured is not drawn.
 JOIN_HEIGHT_M = 0.030
@@ -114,7 +114,7 @@ def _coloured(values: npt.NDArray[np.floating], name: str) -> Float32:
 def _height_scale(elevation: Float32) -> Scale:
     known = elevation[np.isfinite(elevation)]
     low, high = np.quantile(known, (BEYOND, 1 - BEYOND)) if len(known) else (0.0, 0.0)
-    low, high = HEIGHT_STEP_M * np.floor(low / HEIGHT_STEP_M), HEIGHT_STEP_M * np.ceil(high / HEIGHT_STEP_M)
+    low, high = ROUNDED_TO_M * np.floor(low / ROUNDED_TO_M), ROUNDED_TO_M * np.ceil(high / ROUNDED_TO_M)
     high = max(high, low + LEAST_HEIGHT_RANGE_M)
     texts = (f"{1e3 * low:+.0f} mm", f"{1e3 * high:+.0f} mm")
     return Scale("height", float(low), float(high), HEIGHT_COLOURS, *texts)

@@ -12,7 +12,7 @@ KEPT = 60
 
 
 class Timeline:
-    """Moments in order and the number of the one that is shown; who looks at the newest goes on with it."""
+    """Moments in order and the number of the moment that is shown; while that is the newest, a newer one is shown."""
 
     def __init__(self) -> None:
         """Start empty."""
@@ -38,7 +38,7 @@ class Timeline:
         self._moments, self.number = list(moments), 0
 
     def add(self, moment: Moment) -> None:
-        """Add the newest; it takes the place of the one before if it is of the same pause."""
+        """Add the newest moment; it replaces the one before if it is of the same pause."""
         follow = self.is_newest
         last = self._moments[-1] if self._moments else None
         if last is not None and (last.step, last.walk) == (moment.step, moment.walk):
@@ -52,7 +52,7 @@ class Timeline:
             self.number = len(self._moments) - 1
 
     def go_to(self, number: int) -> bool:
-        """Show another one, the nearest that there is; whether that is another than before."""
+        """Show the moment of this number, or the nearest to it; return whether another moment is now shown."""
         before, self.number = self.number, max(0, min(number, len(self._moments) - 1))
         return self.number != before
 

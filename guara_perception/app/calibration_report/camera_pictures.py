@@ -96,7 +96,7 @@ def coverage_and_sigma(result: CalibrationResult) -> bytes:
 
 
 def halves(result: CalibrationResult) -> bytes | None:
-    """Difference between the lenses of every other picture; None where there were too few pictures."""
+    """Difference between two lens models, each from every other picture; None where there were too few pictures."""
     if result.cross_validation is None:
         return None
     pixels, difference = result.cross_validation

@@ -13,7 +13,7 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.whole_file import whole_file
 
 REPORT_FILE = "report.html"
-SAYINGS = {
+VERDICT_TEXTS = {
     "good": "This calibration is good. Use it.",
     "usable": "This calibration can be used, but something could be better. The reasons are below.",
     "refused": "Do not use this calibration: heights measured with it cannot be trusted. The reasons are below.",
@@ -45,7 +45,7 @@ def write_report(result: CalibrationResult, folder: str | Path) -> Path:
 
 
 def check_report_folder(folder: Path) -> None:
-    """Refuse a folder that cannot be one, before work is spent on what goes there.
+    """Refuse a path that cannot be a folder, before work is spent on the report.
 
     Raises:
         InvalidInput: it is a file.
@@ -59,10 +59,10 @@ def report_page(result: CalibrationResult) -> str:
     parts = [
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Calibration report</title><style>{STYLE}</style>',
         f"<h1>Calibration of {escape(result.session.robot)}</h1>",
-        f'<p class="verdict {result.verdict}"><b>{result.verdict}</b>: {SAYINGS[result.verdict]}</p>',
+        f'<p class="verdict {result.verdict}"><b>{result.verdict}</b>: {VERDICT_TEXTS[result.verdict]}</p>',
         _reasons(result),
-        "<h2>The figures behind the verdict</h2>",
-        _figures(result),
+        "<h2>The numbers behind the verdict</h2>",
+        _checks(result),
         _found(result),
         "<h2>The board, before and after</h2>",
         "<p>A lens bends straight lines and a tilted view makes far squares small. If lens and mount are right, the "
@@ -119,14 +119,14 @@ def _reasons(result: CalibrationResult) -> str:
     return "<ul>" + "".join(f"<li>{escape(reason)}</li>" for reason in result.reasons) + "</ul>"
 
 
-def _figures(result: CalibrationResult) -> str:
+def _checks(result: CalibrationResult) -> str:
     rows = [
         f'<tr><td>{escape(check.name)}</td><td class="number">{escape(value_text(check))}</td>'
         f'<td class="number">{escape(limits_text(check))}</td>'
         f'<td><span class="{check.verdict}">{check.verdict}</span></td><td>{escape(check.meaning)}</td></tr>'
         for check in result.checks
     ]
-    head = "<tr><th>figure</th><th>found</th><th>limits: good, refused</th><th></th><th>what it means</th></tr>"
+    head = "<tr><th>number</th><th>found</th><th>limits: good, refused</th><th></th><th>what it means</th></tr>"
     return f"<table>{head}{''.join(rows)}</table>"
 
 

@@ -126,12 +126,12 @@ def height_sigma(result: CalibrationResult) -> bytes:
     noise = float(np.median([line.sigma_px for line in result.lines]))
     by_row, systematic = np.full(len(point), np.nan), np.full(len(point), np.nan)
     for k in np.unique(nearest):
-        mine = nearest == k
+        is_near = nearest == k
         plane = stripes.planes[k]
-        moved = heights_through(below[mine], result.fit.camera, transform, plane)
-        by_row[mine] = moved - heights_through(pixels[mine], result.fit.camera, transform, plane)
-        systematic[mine] = result.laser.uncertainty.variance(
-            stripes.indices[k], result.laser.planes_in_camera[k], in_camera[mine], to_base, transform[2, :3]
+        moved = heights_through(below[is_near], result.fit.camera, transform, plane)
+        by_row[is_near] = moved - heights_through(pixels[is_near], result.fit.camera, transform, plane)
+        systematic[is_near] = result.laser.uncertainty.variance(
+            stripes.indices[k], result.laser.planes_in_camera[k], in_camera[is_near], to_base, transform[2, :3]
         )
     both = 1e3 * np.sqrt((by_row * noise) ** 2 + systematic).reshape(x.size, y.size)
     alone = 1e3 * np.sqrt(systematic).reshape(x.size, y.size)

@@ -11,7 +11,7 @@ MARKS = {"good": "ok  ", "usable": "weak", "refused": "BAD "}
 
 
 def summary(result: CalibrationResult) -> str:
-    """Verdict, lens, mount, every figure with its limits, and the reasons."""
+    """Verdict, lens, mount, every check with its limits, and the reasons."""
     matrix, camera = result.fit.camera.matrix, result.fit.camera
     x, y, z = result.calibration.transform_camera_to_base[:3, 3]
     lines = [
@@ -21,7 +21,7 @@ def summary(result: CalibrationResult) -> str:
         f"mount: {MOUNTS[result.floor.mount]}, optical centre at {x:.4f} {y:.4f} {z:.4f} m in "
         f"base_link, {1e3 * result.fit.transform_camera_to_footprint[2, 3]:.1f} mm above the floor",
         f"laser: {len(result.calibration.stripes)} stripes, axis at {_axis(result)} in base_footprint",
-        "figures (limit of good, limit of refused):",
+        "checks (limit of good, limit of refused):",
     ]
     width = max(len(check.name) for check in result.checks)
     lines += [
@@ -38,7 +38,7 @@ MOUNTS = {"eq5": "as eq. 5 of the paper (rows grow forward)", "upright": "uprigh
 
 
 def value_text(check: Check) -> str:
-    """A figure with its unit."""
+    """The value of a check with its unit."""
     return "not found" if np.isnan(check.value) else f"{check.value:.3g} {check.unit}"
 
 

@@ -1,4 +1,4 @@
-"""`guara demo`: the main job with no hardware; ends by itself and checks itself."""
+"""`guara demo`: a walk from scans to footholds without hardware; ends by itself and checks itself."""
 
 from __future__ import annotations
 

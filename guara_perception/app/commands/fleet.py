@@ -1,4 +1,4 @@
-"""`guara fleet`: which robots are alive on a router, and how they are."""
+"""`guara fleet`: which robots are alive on a router, and their state."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from guara_perception.exceptions import InvalidInput
 @click.option("--figures", type=click.Path(path_type=Path), help="folder for pictures of every stage")
 @click.option("--robot", help="name or folder of the robot; default: the scan's")
 @click.option("--step", type=int, help="which scan of a recording that holds several")
-@click.option("--keep-going", is_flag=True, help="leave a frame that cannot be used unknown instead of refusing")
+@click.option("--keep-going", is_flag=True, help="leave unknown what a bad frame should show, instead of refusing")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object per grid instead")
 def command(
     scan: Path,

@@ -17,7 +17,7 @@ RULER_MM = 150.0
 
 @click.command(name="record")
 @click.argument("session", type=click.Path(path_type=Path))
-@click.option("--simulated", is_flag=True, help="simulated robot, devices and helping hands")
+@click.option("--simulated", is_flag=True, help="simulated robot, devices and operator")
 @click.option("--devices", type=click.Path(path_type=Path), help="devices.toml: camera and board to use")
 @click.option("--robot", default="guara", show_default=True, help="name or folder of the robot")
 @click.option("--camera", help="as `guara cameras` lists it, or a GStreamer pipeline; default: that of --devices, or 0")
@@ -26,11 +26,11 @@ RULER_MM = 150.0
 @click.option(
     "--crosses",
     type=click.Path(path_type=Path),
-    help="JSON with points_in_footprint, [x, y] by hand [m]",
+    help="JSON with points_in_footprint: [x, y] of each cross, measured by hand [m]",
 )
 @click.option("--printed-150", type=float, default=RULER_MM, show_default=True, help="reading of the ruler [mm]")
 @click.option("--stance", type=click.Path(path_type=Path), help="JSON with the stance; default: the scan posture")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="of the live page; default: any free one")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="port of the live page; default: any free one")
 def command(
     session: Path,
     simulated: bool,
@@ -47,10 +47,10 @@ def command(
     stance: Path | None,
     port: int,
 ) -> None:
-    """Record a calibration SESSION step by step: exposure, board, floor, crosses, plates; then calibrate it.
+    """Record a calibration SESSION: exposure, board, floor, crosses, plates, in this order; then calibrate it.
 
-    A page in the browser shows what the camera sees and what to do. Interrupted, the same command goes on where it
-    stopped. SESSION/calibration.json and SESSION/devices.toml are what the other commands take.
+    A page in the browser shows what the camera sees and what to do. After an interruption, the same command goes on
+    where it stopped. SESSION/calibration.json and SESSION/devices.toml are what the other commands take.
 
     \b
     Example:
@@ -70,7 +70,7 @@ def command(
     from guara_perception.app.record.record import record_session
     from guara_perception.app.record.session_writer import SessionPlan, SessionWriter
     from guara_perception.app.record.simulated import SimulatedWorkshop
-    from guara_perception.app.targets.board_words import board_of_words, heights_of_words
+    from guara_perception.app.targets.board_words import parse_board, parse_heights
     from guara_perception.app.targets.drawings import cross_points
     from guara_perception.calibration.calibrate import calibrate_session
     from guara_perception.calibration.file import save_calibration
@@ -82,7 +82,7 @@ def command(
     if not 0.9 * RULER_MM <= printed_150 <= 1.1 * RULER_MM:
         raise InvalidInput(f"--printed-150 is {printed_150:g} mm, allowed: 135 ... 165; print at 100 %")
     scale = printed_150 / RULER_MM
-    spec = board_of_words(board, square * scale, pattern)
+    spec = parse_board(board, square * scale, pattern)
     model = load_robot(robot)
     if stance is not None:
         standing = Stance.from_dict(read_json(stance).data)
@@ -92,7 +92,7 @@ def command(
         cross_points(model) * scale if crosses is None else read_json(crosses).array("points_in_footprint", (None, 2))
     )
     known = devices_of(devices, camera=camera, trigger=trigger)
-    plan = SessionPlan(model.name, spec, np.asarray(points), heights_of_words(plates), standing)
+    plan = SessionPlan(model.name, spec, np.asarray(points), parse_heights(plates), standing)
     with ExitStack() as stack:
         page = stack.enter_context(LivePage(port))
         operator: Operator
@@ -106,9 +106,9 @@ def command(
         writer = SessionWriter(session, plan)
         click.echo(f"live page: {page.address}")
 
-        def tell(step: str) -> None:
-            page.tell(step)
-            click.echo(step)
+        def tell(text: str) -> None:
+            page.tell(text)
+            click.echo(text)
 
         stack.enter_context(rangefinder)
         record_session(writer, model, rangefinder, known, operator, tell=tell, watch=page.watch)

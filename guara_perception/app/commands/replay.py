@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @click.option("-o", "--out", type=click.Path(path_type=Path), help="folder for a grid file of each pause and extent")
 @click.option("--publish", is_flag=True, help="publish over Zenoh as the node does, stamped as if scanned now")
 @click.option(
-    "--interval", type=click.FloatRange(0, 3600), default=1.0, show_default=True, help="s between pauses sent"
+    "--interval", type=click.FloatRange(0, 3600), default=1.0, show_default=True, help="seconds between two pauses"
 )
 @click.option("--listen", help="where clients connect; default: tcp/127.0.0.1:7447, or the security folder's")
 @click.option("--connect", help="use an external Zenoh router instead of being one")
@@ -48,8 +48,8 @@ def command(
 ) -> None:
     """Replay recorded SCANs (folders or .mcap) in the order given, with fusion over pauses.
 
-    A scan whose step does not come after the one before begins another walk: the map starts again. A scan whose grid
-    the node withdrew is left out.
+    A scan whose step is not higher than that of the scan before begins another walk: the map starts again. A scan whose
+    grid the node withdrew is left out.
 
     \b
     Example:
@@ -74,14 +74,14 @@ def command(
     if not publish and (listen or connect or security):
         raise InvalidInput("--listen, --connect and --security say where to publish: give --publish too")
     calibrated = calibration_for(scans[0], calibration)
-    # Of a pause that holds two scans, the coarse one and the same with the stripes between, the later has more.
+    # A pause may hold two scans, a coarse one and then the same with the stripes in between: the later one has more.
     found = [scan for path in scans for scan in {scan.step: scan for scan in open_scans(path)}.values()]
     for scan in found:
         if scan.withdrawn:
             click.echo(f"step {scan.step}: withdrawn on the robot, left out ({scan.withdrawn})")
     walk = [scan for scan in found if not scan.withdrawn]
     if not walk:
-        raise InvalidInput(f"{', '.join(map(str, scans))}: no scan whose grid stands, nothing to replay")
+        raise InvalidInput(f"{', '.join(map(str, scans))}: every scan was withdrawn, nothing to replay")
     model = load_robot(robot or walk[0].robot)
     walk_map = WalkMap(model, calibrated)
     last: int | None = None
@@ -106,14 +106,14 @@ def command(
                 if send is not None:
                     send(grids[name])
         if send is not None:
-            # The last grids must be out before the session closes, also to those who only just connected.
+            # The last grids must be out before the session closes, also to clients that have only just connected.
             time.sleep(max(interval, 0.5))
 
 
 def _publisher(
     stack: ExitStack, name: str, listen: str | None, connect: str | None, security: Path | None
 ) -> Callable[[TerrainGrid], None]:
-    """Open the node's side of the transport; returns what sends one grid, stamped now."""
+    """Open the node's side of the transport; return a function that sends one grid, stamped now."""
     from guara_perception.app.messages import restamped
     from guara_perception.app.publisher import publish_terrain
     from transport import open_node

@@ -23,13 +23,13 @@ def command() -> None:
 @command.command(name="new")
 @click.argument("urdf", type=click.Path(path_type=Path))
 @click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="folder to make")
-@click.option("--name", help="of the robot; default: the folder's")
-@click.option("--height", type=click.FloatRange(0.02, 5.0), help="of the hips over the soles when it scans [m]")
+@click.option("--name", help="name of the robot; default: the folder's")
+@click.option("--height", type=click.FloatRange(0.02, 5.0), help="height of the hips over the soles in a scan [m]")
 def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
     """Write robot.toml, URDF, SRDF and README for a robot, from its URDF alone.
 
     Legs, feet, soles, postures, camera and laser mounts, scan pattern and limits are proposed, each with its reason.
-    What nobody has measured stands in the table [assumed] of robot.toml.
+    Values that nobody has measured are listed in the table [assumed] of robot.toml.
 
     \b
     Example:
@@ -58,7 +58,9 @@ def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
 @click.option("--picture", type=click.Path(path_type=Path), help="draw robot, scanned area, camera and laser (.png)")
 @click.option("--walk", is_flag=True, help="also walk it for ten pauses in simulation, scanning")
 @click.option("--view", is_flag=True, help="show it in a browser until Ctrl-C (extra `view`)")
-@click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="of the page of --view")
+@click.option(
+    "--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="port of the page of --view"
+)
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object with all findings instead")
 @click.pass_context
 def check(
@@ -126,7 +128,7 @@ def mjcf(robot: str, out: Path) -> None:
     """Write a robot folder (or a robot by name) as an MJCF file for MuJoCo (extra `sim`).
 
     It holds shapes, masses and limits of the URDF, a free base, a position servo on every joint, and the postures of
-    the SRDF as keyframes. The ground is left to the scene that includes it.
+    the SRDF as keyframes. It holds no ground: add that in the scene that includes it.
 
     \b
     Example:

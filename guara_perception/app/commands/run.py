@@ -52,7 +52,7 @@ JPEG_QUALITY = 90
     type=click.Choice(["adaptive", "standard", "coarse"]),
     default="adaptive",
     show_default=True,
-    help="every stripe, every second, or every second and the others where there is an obstacle",
+    help="standard: every stripe; coarse: every second; adaptive: every second, and the others near obstacles",
 )
 def command(
     simulated: bool,
@@ -114,7 +114,7 @@ def command(
             )
         )
         status = NodeStatus(rig.calibration)
-        status.on_scan = _tell
+        status.on_scan = _print_summary
         if security is not None:
             status.follow(lambda: certificates_item(security))
         server = PerceptionServer(
@@ -161,8 +161,8 @@ def command(
     click.echo("stopped, laser off")
 
 
-def _tell(terrain: TerrainGrid) -> None:
-    """One line per scan; that nobody reads them any more (`guara run | head`) never costs a scan."""
+def _print_summary(terrain: TerrainGrid) -> None:
+    """Print one line per scan; an output that nobody reads any more (`guara run | head`) never costs a scan."""
     from guara_perception.app.summary import summary
 
     with suppress(OSError):
@@ -170,7 +170,7 @@ def _tell(terrain: TerrainGrid) -> None:
 
 
 def recording_size(quality: int | None) -> str:
-    """How frames are recorded and what an hour of it takes."""
+    """How frames are recorded, and the disk space that an hour of them takes."""
     rate = "at 640 x 512 px and a pause every 4 s"
     if quality is None:
         return f"frames lossless, about 35 GB an hour {rate}; as JPEG (--jpeg {JPEG_QUALITY}) about 5 GB"

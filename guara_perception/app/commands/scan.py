@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     help="every stripe, or every second",
 )
 @click.option("--stance", type=click.Path(path_type=Path), help="JSON with the stance; default: the scan posture")
-@click.option("--no-calibration", is_flag=True, help="only record, in robot.toml's pattern: a plate to calibrate with")
+@click.option(
+    "--no-calibration", is_flag=True, help="only record, with robot.toml's pattern: a plate to calibrate with"
+)
 def command(
     folder: Path | None,
     out: Path | None,

@@ -28,7 +28,7 @@ def command() -> None:
 def init(folder: Path, robots: tuple[str, ...], hosts: tuple[str, ...]) -> None:
     """Make a CA and one folder per role (node, gait, planner, viewer) in the new FOLDER.
 
-    Of several robots, the folders of the roles stand in one folder per robot.
+    With several robots, FOLDER holds one folder per robot, which holds the folders of its roles.
 
     \b
     Example:
@@ -170,9 +170,9 @@ def renew(folder: Path, names: tuple[str, ...]) -> None:
     help="whose rights it gets",
 )
 def add(folder: Path, name: str, role: str) -> None:
-    """Make the member NAME with the rights of a role, such as a second planner; of several robots: ROBOT.NAME.
+    """Make the member NAME with the rights of a role, such as a second planner; with several robots: ROBOT.NAME.
 
-    The role `fleet` is of no robot: at routers it sees which robots are alive, and how they do.
+    The role `fleet` belongs to no robot: at routers it sees which robots are alive, and their state.
 
     \b
     Example:
@@ -187,7 +187,7 @@ def add(folder: Path, name: str, role: str) -> None:
         click.echo(f"{made}: for the new fleet; copy the folders of the routers again and restart them")
     else:
         click.echo(f"{made}: for the new {role}; copy {made.parent / 'node'} to the robot again and restart the node")
-        _tell_of_routers(folder)
+        _print_routers(folder)
 
 
 @command.command(name="revoke")
@@ -205,12 +205,12 @@ def revoke(folder: Path, name: str) -> None:
 
     changed = ", ".join(map(str, revoke_member(folder, name)))
     if changed:
-        click.echo(f"{name} is shut out as soon as {changed} is copied to where it runs and that is restarted")
+        click.echo(f"{name} is shut out as soon as {changed} is copied to its machines and they are restarted")
     else:
         click.echo(f"{name} is shut out already, where the rules in {folder} are in force")
 
 
-def _tell_of_routers(folder: Path) -> None:
+def _print_routers(folder: Path) -> None:
     from transport.security.members import open_members
 
     routers = open_members(folder).routers

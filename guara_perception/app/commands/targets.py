@@ -26,13 +26,13 @@ def command(out: Path, robot: str, paper: str, board: str, pattern: str, square:
       guara targets -o targets.pdf --paper a3
       guara targets -o targets.pdf --paper a3 --pattern charuco
     """
-    from guara_perception.app.targets.board_words import board_of_words, heights_of_words
+    from guara_perception.app.targets.board_words import parse_board, parse_heights
     from guara_perception.app.targets.drawings import cross_points
     from guara_perception.app.targets.write import write_targets
     from kinematics import load_robot
 
     model = load_robot(robot)
-    spec, heights = board_of_words(board, square, pattern), heights_of_words(plates)
+    spec, heights = parse_board(board, square, pattern), parse_heights(plates)
     pages = write_targets(out, model, board=spec, paper=paper, plates=heights)
     for title in dict.fromkeys(page.sheet.title for page in pages):
         count = sum(page.sheet.title == title for page in pages)

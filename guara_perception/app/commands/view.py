@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from guara_perception.view.moment import Moment
     from kinematics import RobotModel
 
-# [s] Without anything to show, after which a live view says what it waits for.
+# [s] A live view that has nothing to show after this time says what it waits for.
 SILENCE = 5.0
 
 
@@ -25,13 +25,13 @@ SILENCE = 5.0
     "-c",
     "--calibration",
     type=click.Path(path_type=Path),
-    help="to process the scans of FILE with; default: the one that a recording carries",
+    help="calibration to process the scans of FILE with; default: the recording's own",
 )
 @click.option("--robot", default="guara", show_default=True, help="name of a robot, or its folder")
 @click.option("--connect", "endpoint", help="live: where the node listens; default: tcp/127.0.0.1:7447")
 @click.option("--instance", default="guara", show_default=True, help="live: instance name of the robot")
 @click.option("--security", type=click.Path(path_type=Path), help="live: folder of a role of `guara security init`")
-@click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="of the page")
+@click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="port of the page")
 @click.option("--rerun", is_flag=True, help="show a recording in the Rerun viewer instead (extra `rerun`)")
 @click.option("--save", type=click.Path(path_type=Path), help="with --rerun: write this .rrd file, and open nothing")
 def command(
@@ -48,7 +48,7 @@ def command(
     """Show a walk in a browser: robot, terrain, stripes, obstacles, planned footholds, camera; Ctrl-C ends it.
 
     FILE is a grid (.npz), a recording (.mcap) or a scan folder; without it, what a running node publishes is shown.
-    A click on the ground says what is known of that place. The page is served to this machine only. With --rerun a
+    A click on the ground says what is known of that cell. The page is served to this machine only. With --rerun a
     recording opens as one scene in Rerun's own viewer.
 
     \b
@@ -82,7 +82,7 @@ def command(
 
 
 def show_in_rerun(file: Path | None, rerun: bool, save: Path | None) -> None:
-    """Open a recording in Rerun, or write what Rerun opens."""
+    """Open a recording in Rerun, or write a file for Rerun."""
     from guara_perception.app.scene.rerun_scene import open_in_rerun, save_rerun_scene
 
     if not rerun:
@@ -104,7 +104,7 @@ def show_live(
     stop: threading.Event,
     address: str,
 ) -> None:
-    """Show every new pause until stopped; after some seconds without any say what is waited for."""
+    """Show every new pause until stopped; when none comes within some seconds, print what is waited for."""
     from guara_perception.app.live_moments import LiveMoments
 
     with LiveMoments(show, model, endpoint, robot=instance, security=security) as moments:

@@ -24,9 +24,9 @@ class CheckedFoothold:
 
     Attributes:
         step: pause at which it was chosen.
-        leg: that goes there.
+        leg: name of the leg that goes there.
         is_hind: whether it is a hind leg.
-        is_scanned: whether a scan had seen the cell (otherwise the gait or a foot vouched for it).
+        is_scanned: whether a scan had seen the cell (otherwise the gait declared it, or a foot stood on it).
         is_hazard: whether the grid, as published, calls the cell hazardous.
         is_swing_refused: whether the grid, as published, refuses the swing that leads there.
         height_error: elevation of the grid less the true height under it [m], NaN when unknown.
@@ -46,7 +46,7 @@ class DemoCheck:
     """Collects what happened over a walk.
 
     Attributes:
-        footholds: every one that was chosen.
+        footholds: every foothold that was chosen.
         errors: |elevation - truth| of every known cell of every scan [m].
         unknown_called_safe: cells that are unknown and traversable; must stay 0.
         grids_published, grids_received: numbers of single-scan grids that the node published and the planner received.
@@ -91,7 +91,7 @@ class DemoCheck:
         return checked
 
     def failures(self, pauses_wanted: int) -> list[str]:
-        """What is not as promised; empty when the demo did what it should."""
+        """What went wrong; empty when the demo did what it should."""
         problems = []
         hind = [foot for foot in self.footholds if foot.is_hind and foot.is_scanned]
         on_hazard = [foot for foot in self.footholds if foot.is_hazard]
@@ -111,7 +111,7 @@ class DemoCheck:
         return problems
 
     def lines(self) -> list[str]:
-        """The figures, for people."""
+        """The numbers, for people."""
         errors = 1e3 * np.concatenate(self.errors) if self.errors else np.empty(0)
         under_feet = 1e3 * np.array([foot.height_error for foot in self.footholds if foot.is_scanned])
         declared = sum(not foot.is_scanned for foot in self.footholds)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from guara_perception.app.demo.walk import DemoPause
 
 
-FRAME_MS = 250
+PAUSE_MS = 250
 ANIMATION_DOTS_PER_INCH = 80
 LEG_COLOURS = dict(zip(("lf", "rf", "lh", "rh"), LINE_COLOURS, strict=False))
 
@@ -33,7 +33,7 @@ def draw_demo(folder: Path, pauses: Sequence[DemoPause]) -> list[Path]:
     """Draw everything into `folder`; return the files.
 
     Args:
-        folder: that exists.
+        folder: folder that exists.
         pauses: pauses of the walk, in order.
     """
     if not pauses:
@@ -95,10 +95,9 @@ def animate(path: Path, pauses: Sequence[DemoPause]) -> None:
     """The fused map from pause to pause, hazards and heights, as a GIF."""
     from PIL import Image
 
-    frames = [_frame(item) for item in pauses]
-    colours = [Image.fromarray(frame).quantize(64) for frame in frames]
+    images = [Image.fromarray(_map_image(item)).quantize(64) for item in pauses]
     with whole_file(path) as temporary:
-        colours[0].save(temporary, save_all=True, append_images=colours[1:], duration=FRAME_MS, loop=0, optimize=True)
+        images[0].save(temporary, save_all=True, append_images=images[1:], duration=PAUSE_MS, loop=0, optimize=True)
 
 
 def footholds_in_last_footprint(pauses: Sequence[DemoPause], leg: str) -> Float:
@@ -113,7 +112,7 @@ def footholds_in_last_footprint(pauses: Sequence[DemoPause], leg: str) -> Float:
     return np.asarray(soles @ to_last[:3, :3].T + to_last[:3, 3])
 
 
-def _frame(item: DemoPause) -> Image:
+def _map_image(item: DemoPause) -> Image:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     fused = item.fused

@@ -37,12 +37,12 @@ def main() -> int:
 
 
 def answer(client: TerrainClient, request: dict[str, Any], steps: set[int]) -> dict[str, Any]:
-    """Wait for the grids of the step, confirmed, and choose foothold and swing on the one that is asked for.
+    """Wait for the confirmed grids of the step; choose foothold and swing on the grid of the extent asked for.
 
     Args:
-        client: connected.
-        request: as the module says.
-        steps: whose scans were received so far; grows.
+        client: connected client.
+        request: request as the module's docstring has it.
+        steps: steps whose scans were received so far; this one is added.
     """
     step = request["step"]
     steps.add(client.wait_for_step(step, timeout=GRID_TIMEOUT_S, confirmed=True).step)

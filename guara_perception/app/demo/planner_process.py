@@ -12,7 +12,7 @@ from typing import Any, Self
 from guara_perception.exceptions import PlannerFailed
 
 START_TIMEOUT_S = 60.0
-# Longer than the planner itself waits for the two grids of a step, so that its own words are heard.
+# Longer than the planner itself waits for the two grids of a step, so that its own error is reported.
 ANSWER_TIMEOUT_S = 130.0
 STOP_TIMEOUT_S = 10.0
 

@@ -36,12 +36,12 @@ PAUSES_PER_CYCLE = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DemoPause:
-    """What one pause of the demo gave.
+    """The results of one pause of the demo.
 
     Attributes:
-        pause: the walk's truth.
-        terrain: the scan, as the planner received it.
-        fused: the map, likewise.
+        pause: the true state of the robot in the simulation.
+        terrain: grid of the scan, as a client received it.
+        fused: grid of the map, as a client received it.
         foothold: foothold of the next leg, None when the walk ends here.
         answer: what the planner said.
         error: median height error of the scan [m].
@@ -72,7 +72,7 @@ def demo_walk(
         cycles: number of cycles of the gait, 140 mm each.
         seed: seed of specimen and noise.
         robot_name: name or folder of the robot.
-        world: name of a world of the package, or the file of one.
+        world: name of a world of the package, or a world file.
 
     Yields:
         One DemoPause per stance pause.

@@ -1,4 +1,4 @@
-"""Camera frames for pictures: the middle one of a scan, all stripes in one, and either seen from above."""
+"""Camera frames for pictures: the frame of the median stripe, all stripes in one image, and either from above."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from guara_perception.ranging.range_images import COLUMNS, ROWS
 from guara_perception.scan import Scan
 
 
-def middle_frame(scan: Scan) -> Grey:
-    """Grey laser-on frame of the stripe in the middle of the scan."""
+def median_stripe_frame(scan: Scan) -> Grey:
+    """Grey laser-on frame of the median stripe of the scan."""
     stripe = sorted(scan.stripes, key=lambda each: each.index)[len(scan.stripes) // 2]
     return as_grey(scan.read_frame(stripe.on))
 
 
 def stripes_together(scan: Scan) -> Grey:
-    """The brightest of all laser-on frames at every pixel: all stripes in one picture; unreadable frames left out."""
+    """The brightest of all laser-on frames at every pixel: all stripes in one image; unreadable frames left out."""
     brightest: Grey | None = None
     for stripe in scan.stripes:
         try:
@@ -36,18 +36,18 @@ def stripes_together(scan: Scan) -> Grey:
 
 
 def as_grey(frame: Image) -> Grey:
-    """Grey picture of 8 bits; of a colour picture the brightest channel, which shows a laser of any colour."""
+    """Grey image of 8 bits; of a colour frame the brightest channel, which shows a laser of any colour."""
     grey = frame.max(axis=2) if frame.ndim == 3 else frame
     return np.asarray(grey >> 8 if grey.dtype == np.uint16 else grey, dtype=np.uint8)
 
 
-def corrected_frame(
-    frame: Grey, camera: CameraModel, transform_camera_to_footprint: Float, area: tuple[Interval, Interval]
+def corrected_image(
+    image: Grey, camera: CameraModel, transform_camera_to_footprint: Float, area: tuple[Interval, Interval]
 ) -> Grey:
-    """The frame as if seen from straight above the floor: distortion and perspective removed.
+    """The image as if seen from straight above the floor: distortion and perspective removed.
 
     Args:
-        frame: (h, w) of the calibrated camera.
+        image: (h, w) grey levels, pixels of the calibrated camera.
         camera: intrinsic model.
         transform_camera_to_footprint: (4, 4).
         area: x and y range of the floor [m].
@@ -62,4 +62,4 @@ def corrected_frame(
     rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
     pixels = camera.project((floor - translation) @ rotation)
     source = np.nan_to_num(pixels, nan=-1.0).astype(np.float32).reshape(ROWS, COLUMNS, 2)
-    return np.asarray(cv2.remap(frame, source, None, cv2.INTER_LINEAR), dtype=np.uint8)  # type: ignore[call-overload]
+    return np.asarray(cv2.remap(image, source, None, cv2.INTER_LINEAR), dtype=np.uint8)  # type: ignore[call-overload]

@@ -40,15 +40,15 @@ REASONS = {
 UNKNOWN_COLOUR = "#ffffff"
 
 
-def draw_frame(path: Path, frame: Grey, area: tuple[Interval, Interval] | None, title: str) -> Path:
-    """A grey picture: of the camera (axes in pixels) or of the floor seen from above (axes in millimetres)."""
+def draw_image(path: Path, image: Grey, area: tuple[Interval, Interval] | None, title: str) -> Path:
+    """A grey image: of the camera (axes in pixels) or of the floor seen from above (axes in millimetres)."""
     figure, axes = _figure()
     if area is None:
-        axes.imshow(frame, cmap="gray", vmin=0, vmax=255)
+        axes.imshow(image, cmap="gray", vmin=0, vmax=255)
         axes.set_xlabel("u [px]")
         axes.set_ylabel("v [px]")
     else:
-        axes.imshow(frame[::-1, ::-1], cmap="gray", vmin=0, vmax=255, extent=_extent(area))
+        axes.imshow(image[::-1, ::-1], cmap="gray", vmin=0, vmax=255, extent=_extent(area))
         _label(axes)
     axes.set_title(title)
     return _save(figure, path)
@@ -183,17 +183,15 @@ def _hatch(axes: Axes, mask: Mask, extent: tuple[float, float, float, float], co
     if not mask.any():
         return
     shown = mask[::-1, ::-1]
-    stripes = (
-        np.add.outer(np.arange(shown.shape[0]), np.arange(shown.shape[1])) // _stripe_width(shown.shape)
-    ) % 2 == 0
+    is_line = (np.add.outer(np.arange(shown.shape[0]), np.arange(shown.shape[1])) // _line_width(shown.shape)) % 2 == 0
     rgba = np.zeros((*shown.shape, 4))
-    rgba[..., :3] = np.where(stripes[..., None], to_rgb(colour), 0.45 * np.array(to_rgb(colour)) + 0.55)
+    rgba[..., :3] = np.where(is_line[..., None], to_rgb(colour), 0.45 * np.array(to_rgb(colour)) + 0.55)
     rgba[..., 3] = shown
     axes.imshow(rgba, extent=extent, interpolation="nearest")
 
 
-def _stripe_width(shape: tuple[int, ...]) -> int:
-    """Hatch width in picture elements: a cell on the grid, several pixels on a range image."""
+def _line_width(shape: tuple[int, ...]) -> int:
+    """Width of a hatching line in entries of the array: a cell of a grid, several pixels of a range image."""
     return max(shape[1] // 110, 1)
 
 

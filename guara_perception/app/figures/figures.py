@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from guara_perception.app.figures.figure_frames import corrected_frame, middle_frame, stripes_together
-from guara_perception.app.figures.figure_maps import draw_frame, draw_hazards, draw_range_image, draw_surface
+from guara_perception.app.figures.figure_frames import corrected_image, median_stripe_frame, stripes_together
+from guara_perception.app.figures.figure_maps import draw_hazards, draw_image, draw_range_image, draw_surface
 from guara_perception.app.files.range_files import write_range_images
 from guara_perception.arrays import Grey
 from guara_perception.calibration.calibration import Calibration
@@ -23,9 +23,9 @@ def draw_figures(
     Args:
         folder: where to write.
         scan: the recording; its frames are read again.
-        calibration: that it was processed with.
-        processor: that processed it.
-        terrain: its result, with pictures (`with_pictures`).
+        calibration: calibration that the scan was processed with.
+        processor: processor of the scan, after all its stripes.
+        terrain: grid of the scan, with pictures (`with_pictures`).
 
     Returns:
         Paths of the files, in the order of the paper's figures.
@@ -41,21 +41,21 @@ def draw_figures(
     folder.mkdir(parents=True, exist_ok=True)
     area = (processor.settings.footprint_x, processor.settings.footprint_y)
     transform = processor.transform_camera_to_footprint
-    raw = middle_frame(scan)
+    raw = median_stripe_frame(scan)
 
     def corrected(frame: Grey) -> Grey:
-        return corrected_frame(frame, calibration.camera, transform, area)
+        return corrected_image(frame, calibration.camera, transform, area)
 
     perspective, ortho = terrain.pictures["range_image_mm"], terrain.pictures["ortho_image_mm"]
     return [
-        draw_frame(folder / "fig13_original_frame.png", raw, None, "Original frame (Fig. 13)"),
-        draw_frame(
+        draw_image(folder / "fig13_original_frame.png", raw, None, "Original frame (Fig. 13)"),
+        draw_image(
             folder / "fig14_corrected_frame.png",
             corrected(raw),
             area,
             "Distortion and perspective corrected: the floor plane (Fig. 14)",
         ),
-        draw_frame(
+        draw_image(
             folder / "fig15_laser_stripes.png",
             corrected(stripes_together(scan)),
             area,

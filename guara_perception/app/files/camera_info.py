@@ -19,7 +19,7 @@ MODEL = "plumb_bob"
 def write_camera_info(camera: CameraModel, path: str | Path, name: str = "camera") -> Path:
     """Write the YAML that ROS's camera_calibration and camera_info_manager use; return its path.
 
-    The model is `plumb_bob`: k1, k2, p1, p2, k3, as here. The rectified picture has the same matrix.
+    The model is `plumb_bob`: k1, k2, p1, p2, k3, as in `CameraModel`. The rectified picture has the same matrix.
 
     Raises:
         MissingFile: the folder does not exist.
@@ -57,7 +57,7 @@ def read_camera_info(path: str | Path) -> CameraModel:
     if not path.is_file():
         raise MissingFile(f"{path}: no such file")
     try:
-        # camera_info of ROS has under 1 kB; aliases of YAML can make much of little.
+        # camera_info of ROS has under 1 kB; YAML's aliases can make a large object of a small file.
         content = YAML(typ="safe").load(read_bounded(path, 64 * 1024).decode())
     except (YAMLError, ValueError, RecursionError) as error:
         raise FileFormatError(f"{path}: not a YAML file ({' '.join(str(error).split())[:120]})") from None

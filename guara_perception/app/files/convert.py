@@ -24,7 +24,7 @@ def convert(
     Args:
         source: folder or recording.
         target: what to write; a name that ends in .mcap becomes a recording, any other a folder.
-        step: which scan of a recording that holds several.
+        step: pause whose scan is converted, for a recording that holds several.
         progress: called with (stripes done, stripes in all).
 
     Raises:
@@ -76,7 +76,7 @@ def _write_recording(
 
 def _write_folder(scan: Scan, calibration: Calibration | None, target: Path, progress: Progress | None) -> None:
     if scan.withdrawn:
-        # A folder has no place to say so.
+        # scan.json has no field for it.
         raise InvalidInput(f"{scan.source}: its grid was withdrawn on the robot ({scan.withdrawn}); not converted")
     with ScanFolderWriter(target) as writer:
         for done, (stripe, on, off) in enumerate(scan.frames(), start=1):

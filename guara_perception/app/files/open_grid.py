@@ -15,8 +15,8 @@ def open_grid(path: str | Path, step: int | None = None, extent: str | None = No
 
     Args:
         path: path of the file.
-        step: which pause of a recording; None = its last.
-        extent: which grid of a recording, "footprint" or "map"; None = footprint.
+        step: pause of a recording; None = its last.
+        extent: extent of the grid in a recording, "footprint" or "map"; None = footprint.
 
     Raises:
         MissingFile, FileFormatError: the file is not there or cannot be read.

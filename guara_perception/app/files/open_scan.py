@@ -15,7 +15,7 @@ def open_scan(path: str | Path, step: int | None = None) -> Scan:
 
     Args:
         path: scan folder or recording.
-        step: which pause of a recording that holds several.
+        step: pause to open, for a recording that holds several.
 
     Raises:
         MissingFile: nothing there.
@@ -24,7 +24,7 @@ def open_scan(path: str | Path, step: int | None = None) -> Scan:
             say which.
     """
     scans = open_scans(path)
-    # A pause may hold two scans, the coarse one and the same with the stripes between: the later has more.
+    # A pause may hold two scans, a coarse one and then the same with the stripes in between: the later one has more.
     scans = list({scan.step: scan for scan in scans}.values())
     chosen = scans if step is None else [scan for scan in scans if scan.step == step]
     if len(chosen) == 1:

@@ -1,4 +1,4 @@
-"""Range images as picture files: 16 bits with scale and offset for programs, 8 bits for the eye, causes as flags."""
+"""Range images as picture files: 16 bits with scale and offset for programs, 8 bits to look at, causes as flags."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ IMAGES = ("range_image_mm", "ortho_image_mm")
 def write_range_images(folder: Path, terrain: TerrainGrid) -> list[Path]:
     """Write both range images in 16 and 8 bits, the causes of the orthorectified one, and what the numbers mean.
 
-    Pixel (r, c) is row r along x, column c along y, as in the grid file; nothing is flipped for the eye here.
+    Pixel (r, c) is row r along x, column c along y, as in the grid file; nothing is flipped for display here.
     """
     paths = []
     shown: dict[str, tuple[float, float]] = {}
@@ -49,8 +49,8 @@ def write_range_images(folder: Path, terrain: TerrainGrid) -> list[Path]:
 
 def to_16_bit(image: Float32) -> Image:
     """Heights [mm] as whole numbers of SCALE_MM above OFFSET_MM, 0 where unknown."""
-    levels = np.clip(np.rint((np.nan_to_num(image, nan=OFFSET_MM) - OFFSET_MM) / SCALE_MM), 1, 65535)
-    return np.where(np.isfinite(image), levels, 0).astype(np.uint16)
+    values = np.clip(np.rint((np.nan_to_num(image, nan=OFFSET_MM) - OFFSET_MM) / SCALE_MM), 1, 65535)
+    return np.where(np.isfinite(image), values, 0).astype(np.uint16)
 
 
 def to_8_bit(image: Float32) -> tuple[Grey, float, float]:
@@ -64,7 +64,7 @@ def to_8_bit(image: Float32) -> tuple[Grey, float, float]:
 
 
 def cause_image(terrain: TerrainGrid) -> Image:
-    """Flags of unknown (512, 640) of the cell under each pixel of the orthorectified image; 0 where it is known."""
+    """(512, 640) flags: why the cell under each pixel of the orthorectified image is unknown; 0 where it is known."""
     geometry = terrain.geometry
     x, y = geometry.centres()
     half = geometry.resolution / 2

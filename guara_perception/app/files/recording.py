@@ -27,7 +27,7 @@ class Recording:
     Attributes:
         path: path of the file.
         scans: the recorded scans, in order; `process_scan` makes terrain of each, with other settings if wished.
-        calibration: the one attached, or None.
+        calibration: the attached calibration, or None.
 
     Example:
         with gp.open_recording("walk.mcap") as recording:

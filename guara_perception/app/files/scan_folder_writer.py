@@ -22,7 +22,7 @@ from guara_perception.exceptions import InvalidInput
 if TYPE_CHECKING:
     from kinematics import Stance
 
-# Fast and lossless: level 1 costs a third of the default and 5 % more bytes on camera frames.
+# Fast and lossless: compression 1 takes a third of the default's time and 5 % more bytes on camera frames.
 PNG_OPTIONS = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
@@ -30,7 +30,7 @@ class ScanFolderWriter:
     """A scan folder in the making; use it in a `with` block and call `finish` when the scan is complete."""
 
     def __init__(self, folder: str | Path) -> None:
-        """Begin beside the target.
+        """Begin in a temporary folder beside the target.
 
         Raises:
             InvalidInput: the target exists, or its parent folder does not.
@@ -67,11 +67,11 @@ class ScanFolderWriter:
         """Write one stripe.
 
         Args:
-            index: in the standard pattern.
-            mirror_angle: as commanded [rad].
+            index: index of the stripe.
+            mirror_angle: commanded mirror angle [rad].
             on: laser-on frame.
             off: laser-off frame, or None.
-            off_key: stripes with the same key share one file; None = this one alone.
+            off_key: stripes with the same key share one laser-off file; None = a file for this stripe alone.
             stamp: stamp of the laser-on frame [ns since the epoch].
 
         Raises:

@@ -39,16 +39,17 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
 
 
 def _reasons(scans: Sequence[ScanRecord], taken_back: list[TerrainMessage]) -> dict[int, str]:
-    """Why the grids of scans were withdrawn, by the index of the scan: all scans of a pause go together.
+    """Why the grids of scans were withdrawn, by the index of the scan.
 
-    So do those of a pause that had confirmed its map before the robot moved: what is recorded does not tell them apart.
-    A gait that starts counting again has the same step again: meant is the last scan of that step that began before.
+    A withdrawn grid withdraws all scans of its pause. This holds too when the map was confirmed before the robot moved:
+    the recording does not show the difference. A gait that starts counting again repeats a step: the last scan of that
+    step that began before the grid was withdrawn.
     """
     found: dict[int, str] = {}
     for grid in taken_back:
         of_step = [index for index, scan in enumerate(scans) if scan.step == grid.step]
         before = [index for index in of_step if scans[index].stamp <= grid.stamp]
-        # After a clock was set back none began before: then each may be meant.
+        # After a clock was set back no scan may have begun before: then all scans of the step are taken.
         last = before[-1:] or of_step
         while last and last[0] > 0 and scans[last[0] - 1].step == grid.step:
             last.insert(0, last[0] - 1)

@@ -1,4 +1,4 @@
-"""Writes a picture; OpenCV's own writer prints to the terminal and says nothing of a full disk but False."""
+"""Writes a picture; OpenCV's own writer prints to the terminal and returns only False when the disk is full."""
 
 from __future__ import annotations
 

@@ -40,11 +40,18 @@ def declared_ground(announcement: StancePause, settings: Settings) -> tuple[Know
     for patch in patches:
         low, high = settings.minimum_height, settings.maximum_height
         for what, value, is_allowed, allowed in (
-            ("corners", len(patch.outline), len(patch.outline) <= MAXIMUM_CORNERS, f"up to {MAXIMUM_CORNERS}"),
-            ("a height of [m]", patch.height, low <= patch.height <= high, f"{low:g} to {high:g}"),
-            ("a sigma of [m]", patch.sigma, patch.sigma <= LARGEST_SIGMA, f"up to {LARGEST_SIGMA:g}"),
-            ("a reach of [m]", reach := float(np.abs(patch.outline).max()), reach <= FURTHEST, f"up to {FURTHEST:g}"),
+            (
+                "number of corners",
+                len(patch.outline),
+                len(patch.outline) <= MAXIMUM_CORNERS,
+                f"up to {MAXIMUM_CORNERS}",
+            ),
+            ("height [m]", patch.height, low <= patch.height <= high, f"{low:g} to {high:g}"),
+            ("sigma [m]", patch.sigma, patch.sigma <= LARGEST_SIGMA, f"up to {LARGEST_SIGMA:g}"),
+            ("reach [m]", reach := float(np.abs(patch.outline).max()), reach <= FURTHEST, f"up to {FURTHEST:g}"),
         ):
             if not is_allowed:
-                raise InvalidInput(f"a patch of known ground has {what} {value:g}; allowed: {allowed}. None is used")
+                raise InvalidInput(
+                    f"a patch of known ground: its {what} is {value:g}; allowed: {allowed}. No patch is used"
+                )
     return tuple(KnownGround(patch.outline, patch.height, patch.sigma) for patch in patches)

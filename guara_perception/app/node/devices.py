@@ -23,10 +23,10 @@ class Rig:
     """What a live command works with.
 
     Attributes:
-        robot: model.
+        robot: model of the robot.
         known_calibration: calibration of the rangefinder; None for a scan to calibrate with.
-        rangefinder: not yet open.
-        simulation: behind it, None for real devices.
+        rangefinder: board and camera, not yet open.
+        simulation: simulated robot behind the rangefinder, None for real devices.
     """
 
     robot: RobotModel
@@ -52,10 +52,11 @@ def choose_rig(
     """Make the rig that the options of a command ask for.
 
     Args:
-        chosen: what the options say.
-        simulated: simulated robot, world and devices.
+        chosen: devices as the options name them.
+        simulated: True for a simulated robot, world and devices.
         needs_calibration: False for a scan to calibrate with.
-        on_the_move: feet will be set by the grids: values of robot.toml that concern safety must have been measured.
+        on_the_move: True when feet will be set by the grids: then values of robot.toml that concern safety must have
+            been measured.
 
     Raises:
         InvalidInput: neither a calibration nor a simulation; a simulation with devices; a real robot on assumed values.
@@ -92,8 +93,8 @@ def _refuse_assumed(robot: RobotModel) -> None:
     open_keys = [key for key in robot.config.assumed if key.startswith(SAFETY_KEYS)]
     if open_keys:
         raise InvalidInput(
-            f"{robot.config.path}: nobody has measured {', '.join(open_keys)} of {robot.name!r}, by which it steps: "
-            "measure them as the table [assumed] says and delete their lines there; --simulated runs without"
+            f"{robot.config.path}: nobody has measured {', '.join(open_keys)} of {robot.name!r}, by which feet are "
+            "set: measure them as the table [assumed] says and delete their lines there; --simulated needs none of them"
         )
 
 
@@ -101,7 +102,7 @@ def rangefinder_of(devices: Devices, off_frames: str = "one", *, free: bool = Fa
     """Board and camera of a file of devices, not yet open; the camera's settings are locked when it is opened.
 
     Args:
-        devices: what the devices file says.
+        devices: devices as their file names them.
         off_frames: "one", "per stripe" or "none".
         free: let the camera run freely although it has a trigger, as for pictures of a checkerboard.
 

@@ -11,8 +11,8 @@ from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
 from guara_perception.frame_pair import FramePair
 from guara_perception.scan_processor import ScanProcessor
 
-# Stripes that are still to come when the grid is judged ahead: in the time that these take even a board three times
-# slower than a desktop is done with it.
+# Number of stripes still to come when the work on the grid begins ahead: they take longer than that work, even on a
+# computer three times slower than a desktop.
 STRIPES_AFTER = 3
 
 
@@ -21,9 +21,9 @@ class LiveScan:
     """The result of a live scan.
 
     Attributes:
-        start: before the first frame [ns since the epoch].
-        end: when the last frame had arrived [ns since the epoch].
-        last_frame: the same on the monotonic clock [s], for latencies.
+        start: instant before the first frame [ns since the epoch].
+        end: instant at which the last frame had arrived [ns since the epoch].
+        last_frame: the instant `end` on the monotonic clock [s], for latencies.
         problems: what went wrong; empty for a good scan.
         stopped_early: whether the pause ended before the scan.
         failed: whether a device failed; what had been scanned by then is in the processor.
@@ -47,11 +47,11 @@ def live_scan(
 ) -> LiveScan:
     """Take a scan; a device that fails ends it early, with everything up to then kept.
 
-    A stripe whose laser was fired but whose frame was lost or is out of step with the mirror is marked as bad: it was
-    looked at and nothing was seen. A stripe that was never fired is not looked at.
+    A stripe that was fired but whose frame was lost, or does not show this stripe, is marked as bad: it was looked at
+    and nothing was seen. A stripe that was never fired was not looked at.
 
-    Before the first stripe the camera's locked settings are read back, and the light is checked in the first frames: a
-    setting that changed and light that is clipped or too dark stand in the problems.
+    Before the first stripe the camera's locked settings are read back, and the light is checked in the first frames:
+    the problems name a setting that changed, and light that is clipped or too dark.
 
     Args:
         rangefinder: open devices.
@@ -72,10 +72,10 @@ def live_scan(
             for group in stripes.groups():
                 done.update(capture.index for capture in group)
                 _take(group, processor, light, on_stripe)
-                # Or its frames would be held beside those of the next group until that is whole.
+                # Otherwise its frames would stay in memory until the next group is whole.
                 del group
                 if 0 < len(firing_order) - len(done) <= STRIPES_AFTER and not worked_ahead:
-                    # The mirror has yet to turn to these, and the gait waits for what follows them.
+                    # The mirror has yet to turn to the last stripes; after them the gait would have to wait for this.
                     worked_ahead = True
                     processor.work_ahead()
     except DriverError as error:

@@ -63,18 +63,18 @@ class PerceptionNode:
         status: NodeStatus | None = None,
         mirror: SceneMirror | None = None,
     ) -> None:
-        """Wire it up; the `with` block begins.
+        """Connect its parts; the `with` block starts it.
 
         Args:
-            robot: model.
+            robot: model of the robot.
             calibration: calibration of this rangefinder.
             rangefinder: open devices.
             server: the node's side of the transport.
             mode: mode of the scans at pauses: "coarse", "standard", or "adaptive" (coarse, and the stripes between
                 where there is an obstacle).
-            method: stripe extraction.
+            method: method of stripe extraction.
             recorder: writes every scan, or None.
-            status: keeps what the status says, or None for one of its own.
+            status: collects what the status messages report; None = a new one.
             mirror: carries what ROS 2 tools draw of each pause, or None.
 
         Raises:
@@ -142,7 +142,7 @@ class PerceptionNode:
             self._server.end_step()
 
     def _follow(self, announcement: StancePause, stance: Stance | None, now: float) -> Pause | None:
-        """Bring an announcement into the pause that it speaks of; the pause that it begins, if any."""
+        """Apply an announcement to the pause that it speaks of; return the pause that it begins, if any."""
         current = self._standing()
         phase, step = announcement.phase, announcement.step
         is_same = current is not None and (current.step, current.given_epoch) == (step, announcement.epoch)
@@ -190,7 +190,7 @@ class PerceptionNode:
     def on_refused(self, error: TransportError) -> None:
         """Take note that the gait announced something that cannot be read, a joint that is NaN for instance.
 
-        It may have been the end of the pause, so that it counts as one. A phase of a later version changes nothing.
+        It may have been the END of the pause, so the pause is ended. A phase of a later version changes nothing.
         """
         self.status.problem("stance", f"announcement refused: {error}")
         if isinstance(error, UnknownPhase):
@@ -205,7 +205,7 @@ class PerceptionNode:
 
     @property
     def latest_map(self) -> TerrainGrid | None:
-        """The map as it was fused last, None before the first pause."""
+        """The newest fused map, None before the first pause."""
         return self._scanner.latest_map
 
     def wait_for_step(self, step: int, timeout: float) -> bool:
@@ -272,7 +272,7 @@ class PerceptionNode:
         return bool(self._to_scan or self._job or self._has_news or self._closing.is_set())
 
     def _until_expiry(self) -> float | None:
-        """Until the pause ends by itself [s]; None when there is none that could."""
+        """Time until the pause ends by itself [s]; None when no pause is under way."""
         pause = self._pause
         if pause is None or pause.ended.is_set():
             return None
@@ -298,7 +298,7 @@ class PerceptionNode:
     def _scan(
         self, pause: Pause, mode: str, is_cancelled: Callable[[], bool], progress: Progress | None
     ) -> TerrainMessage | Exception:
-        """Scan; whatever goes wrong is logged and stands in the status, and the next pause scans again."""
+        """Scan; whatever goes wrong is logged and shown in the status, and the next pause scans again."""
 
         def should_stop() -> bool:
             pause.expire(time.monotonic())

@@ -1,4 +1,4 @@
-"""What the node says of itself: last scan, calibration, and the newest problem of each part."""
+"""What the node reports about itself: last scan, calibration, and the newest problem of each subsystem."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class NodeStatus:
         """Start with nothing scanned.
 
         Args:
-            calibration: in use; its verdict is part of every status.
+            calibration: calibration in use; its verdict is part of every status.
         """
         self._lock = threading.Lock()
         self._items: dict[str, StatusItem] = {}
@@ -55,9 +55,9 @@ class NodeStatus:
         """Take note of a finished scan.
 
         Args:
-            terrain: what came out.
-            scan: how it went.
-            latency: from the last frame to the grid being handed over for sending [s].
+            terrain: grid of the scan.
+            scan: what the devices did in it.
+            latency: time from the last frame until the grid was handed over for sending [s].
         """
         health = terrain.metadata["health"]
         with self._lock:
@@ -115,18 +115,18 @@ class NodeStatus:
             )
         )
 
-    def problem(self, part: str, message: str) -> None:
-        """Take note of what went wrong in a part; it stands until the part works again or fails again."""
+    def problem(self, subsystem: str, message: str) -> None:
+        """Take note of what went wrong in a subsystem; it is reported until that works again or fails again."""
         with self._lock:
-            if part == "scan":
+            if subsystem == "scan":
                 self._failures += 1
-            self._problems[part] = (time.time(), message)
+            self._problems[subsystem] = (time.time(), message)
         self.on_change()
 
-    def solved(self, part: str) -> None:
-        """A part works again."""
+    def solved(self, subsystem: str) -> None:
+        """Take note that a subsystem works again."""
         with self._lock:
-            self._problems.pop(part, None)
+            self._problems.pop(subsystem, None)
 
     def set(self, item: StatusItem) -> None:
         """Add or replace an item."""
@@ -139,16 +139,16 @@ class NodeStatus:
             self._followed.append(item)
 
     def items(self) -> list[StatusItem]:
-        """All items, problems as errors of their part."""
+        """All items, problems as errors of their subsystem."""
         with self._lock:
             problems = [
                 StatusItem(
-                    name=part,
+                    name=subsystem,
                     level=Health.ERROR,
                     message=message,
                     values={"seconds_ago": f"{time.time() - when:.1f}"},
                 )
-                for part, (when, message) in self._problems.items()
+                for subsystem, (when, message) in self._problems.items()
             ]
             items = [*self._items.values(), *problems]
             followed = list(self._followed)
@@ -156,7 +156,7 @@ class NodeStatus:
 
 
 def certificates_item(folder: Path) -> StatusItem:
-    """How the security folder stands: certificates that end within 30 days, keys that others can read, old rules."""
+    """State of the security folder: certificates that end within 30 days, keys that others can read, old rules."""
     try:
         level, message = judge_security(folder)
     except TransportError as error:

@@ -17,10 +17,10 @@ from transport import StancePause
 
 # A joint further beyond its limits is no measurement: encoders are offset by a few degrees, not by thirty.
 BEYOND_LIMITS_RAD = 0.5
-# Of a joint without limits: sixteen turns.
+# Largest position of a joint without limits: sixteen turns.
 LARGEST_POSITION_RAD = 100.0
 
-# Raises KinematicsError when the camera stood elsewhere at the second stance, or that is not known.
+# Raises KinematicsError when the camera was elsewhere at the second stance, or when this is not known.
 StillCheck = Callable[[Stance, Stance], None]
 
 UNKNOWN_END = (
@@ -38,19 +38,19 @@ class Pause:
     Attributes:
         step: number of the pause.
         epoch: identity of its walk.
-        given_epoch: the same as the gait gave it, empty when it did not.
-        stance: at its beginning.
-        check: whether a stance is the same as at the beginning.
-        begun: when BEGIN came.
-        limit: without a word from the gait the pause ends this long after BEGIN [s].
+        given_epoch: identity of the walk as the gait gave it, empty when it gave none.
+        stance: stance at its beginning.
+        check: compares a stance with that at the beginning.
+        begun: instant at which BEGIN came.
+        limit: time after BEGIN at which a pause ends of which the gait says nothing more [s].
         known_ground: what the gait declares, in base_footprint of this pause.
-        time_available: from its beginning to its planned end [s]; 0 when not known.
+        time_available: time from its beginning to its planned end [s]; 0 when not known.
         stamp: stamp of BEGIN, by the gait's clock [ns].
-        ended: set when the gait moves on, or the robot, or that is not known.
-        end_stance: read again at the end, None until then and when it could not be used.
-        still_until: the robot is known to have stood as BEGIN said until then; infinite when END said so.
-        broken: why it is not known to have stood any longer; empty while it is.
-        moved: whether it is known to have moved.
+        ended: set when the gait moves on, the robot moved, or it is not known whether it stands.
+        end_stance: stance read again at the end, None until then and when it could not be used.
+        still_until: instant until which the robot is known to have stood as BEGIN said; infinite when END said so.
+        broken: why the robot is not known to have stood still to the end; empty otherwise.
+        moved: whether the robot is known to have moved.
         is_fused: whether its scan is in the map for good.
     """
 
@@ -87,10 +87,10 @@ class Pause:
         """The gait says that the robot still stands.
 
         Args:
-            stance: joints now, None when they cannot be used.
-            now: when this came.
+            stance: stance now, None when it cannot be used.
+            now: instant at which this came.
             stamp: stamp of the joints, by the gait's clock [ns].
-            time_available: from now to the planned end [s]; 0 when not known.
+            time_available: time from now to the planned end [s]; 0 when not known.
         """
         if stance is None:
             self.end(None)
@@ -121,7 +121,7 @@ class Pause:
         self.ended.set()
 
     def begin_again(self, stance: Stance) -> bool:
-        """A second BEGIN of this pause: True when it only says the same again; else this pause is over."""
+        """A second BEGIN of this pause: True when it repeats the first; else this pause is over."""
         difference = self.differs(stance)
         if difference:
             self._break(f"a second BEGIN of step {self.step} came with other joints: {difference}", moved=True)
@@ -133,7 +133,7 @@ class Pause:
             self._break(f"the pause had no END within its time of {self.deadline - self.begun:.3g} s")
 
     def time_left(self, now: float) -> float:
-        """Until it ends by itself [s], 0 or more."""
+        """Time until it ends by itself [s], 0 or more."""
         return max(self.deadline - now, 0.0)
 
     def _break(self, reason: str, *, moved: bool = False) -> None:

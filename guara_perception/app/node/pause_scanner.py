@@ -37,15 +37,15 @@ logger = logging.getLogger(__name__)
 
 @dataclasses.dataclass(slots=True)
 class Published:
-    """A scan whose grid was published last.
+    """The scan whose grid was published last.
 
     Attributes:
-        pause: in which it was taken.
-        terrain: its own grid.
-        scan: how it went.
-        fused: the map that it was joined to, None until then.
+        pause: pause in which it was taken.
+        terrain: grid of the scan alone.
+        scan: what the devices did in it.
+        fused: the map into which it was fused, None until then.
         is_provisional: whether the pause has yet to confirm it.
-        was_sent_provisional: whether it was published so.
+        was_sent_provisional: whether it was published as provisional.
     """
 
     pause: Pause
@@ -71,7 +71,7 @@ class PauseScanner:
         recorder: ScanRecorder | None = None,
         mirror: SceneMirror | None = None,
     ) -> None:
-        """Wire it up; arguments as in `PerceptionNode`."""
+        """Connect its parts; arguments as in `PerceptionNode`."""
         self._mirror = mirror
         self._robot, self._calibration, self._rangefinder = robot, calibration, rangefinder
         self._server, self._status, self._method, self._recorder = server, status, method, recorder
@@ -85,7 +85,7 @@ class PauseScanner:
 
     @property
     def latest_map(self) -> TerrainGrid | None:
-        """The map as it was fused last, None before the first pause."""
+        """The newest fused map, None before the first pause."""
         return self._map.latest
 
     def make_ready(self) -> None:
@@ -98,7 +98,7 @@ class PauseScanner:
         """Scan one pause and publish the result, as provisional while the pause has not confirmed it.
 
         Args:
-            pause: the gait is in.
+            pause: pause that the gait is in.
             mode: one of SWEEPS.
             should_stop: True ends the scan early; what was not fired stays unscanned.
             progress: called with (stripes done, stripes in all).
@@ -107,7 +107,7 @@ class PauseScanner:
             The message of the scan's own grid, handed over for sending.
 
         Raises:
-            CameraMoved: the robot moved during the scan, or that is not known; nothing was published.
+            CameraMoved: the robot moved during the scan, or may have moved; nothing was published.
             MirrorSlipped: the mirror lost steps; the grid was published and withdrawn, and is not in the map.
             KinematicsError: the stance does not fit the robot.
         """
@@ -123,7 +123,7 @@ class PauseScanner:
             time_available=pause.time_left(time.monotonic()) if pause.time_available else 0.0,
             progress=progress,
             recording=recording,
-            look=self._view.look,
+            on_stripe=self._view.add,
         )
         self._view.begin()
         try:
@@ -178,7 +178,7 @@ class PauseScanner:
         return message
 
     def settle(self) -> None:
-        """Do what the pause has said of the newest grid since: confirm it, or withdraw it."""
+        """Confirm or withdraw the newest grid, by what the pause has said since it was published."""
         published = self._published
         if published is None:
             return
@@ -200,7 +200,7 @@ class PauseScanner:
             self._withdraw(published)
 
     def _withdraw(self, published: Published) -> None:
-        """Nothing of the grid is known any more; what it gave to the map goes, if no word of the gait had confirmed it.
+        """Publish that nothing of the grid is known any more; unless the gait had confirmed it, undo it in the map too.
 
         A grid that was confirmed before the robot moved is right, but its frame is no longer where the robot stands.
         """
@@ -217,7 +217,7 @@ class PauseScanner:
             self._recorder.add_terrains(pause.step, messages)
 
     def _send(self, published: Published, terrain: TerrainGrid) -> TerrainMessage:
-        """Publish a grid as what it is now; one that is provisional is valid no longer than its pause may last."""
+        """Publish a grid as provisional or confirmed; a provisional one is valid no longer than its pause may last."""
         pause, scan = published.pause, published.scan
         is_provisional = published.is_provisional and pause.still_until < scan.last_frame
         published.was_sent_provisional |= is_provisional
@@ -251,10 +251,10 @@ class PauseScanner:
         return dataclasses.replace(empty, metadata=metadata)
 
     def _check_steps(self) -> None:
-        """Count the steps that the mirror lost: only now is it known that every stripe lay where it was commanded.
+        """Count the motor steps that the mirror lost: only then is it known that every stripe lay where commanded.
 
-        Homing takes a tenth of a second, so the grid is published before and withdrawn when it was wrong. Nothing
-        goes into the map before.
+        Homing takes a tenth of a second, so the grid is published before it, and withdrawn when steps were lost. The
+        scan is fused into the map only after it.
         """
         lost = self._lost_steps()
         if lost:
@@ -268,7 +268,7 @@ class PauseScanner:
         try:
             lost = self._rangefinder.lost_steps(self._sweeper.firing_order(self._settings.pattern("standard")))
         except DriverError as error:
-            # A board that is gone said nothing false about the scan before; the next scan finds it again or fails.
+            # A board that is gone does not make the last scan wrong; the next scan finds it again or fails.
             self._status.problem("board", str(error))
             return 0
         self._status.solved("board")
@@ -283,7 +283,7 @@ class PauseScanner:
 
 
 def with_problems(terrain: TerrainGrid, scan: LiveScan) -> TerrainGrid:
-    """The grid, its health telling what the devices had to say."""
+    """The grid, with the problems of the devices in its health."""
     if not scan.problems and not scan.stopped_early:
         return terrain
     health = terrain.metadata["health"]
@@ -300,5 +300,5 @@ def end_of(scan: LiveScan) -> float:
 
 
 def walk_of(pause: Pause, *, is_provisional: bool = False) -> dict[str, object]:
-    """What a grid's metadata say of its walk, and whether its pause has yet to confirm it."""
+    """Entries of a grid's metadata: its walk, and whether its pause has yet to confirm it."""
     return {"epoch": pause.epoch, "provisional": is_provisional}

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 FiringOrder = Sequence[tuple[int, float]]
 
 # Number of stripes that are processed together. At 30 frames per second that takes a third less processor time than one
-# by one, for the memory of as many frames; the last, for which the gait waits, is never among others.
+# by one, but memory for all their frames; the last stripe, for which the gait waits, is processed alone.
 STRIPES_TOGETHER = 16
 
 

@@ -38,8 +38,8 @@ CLOSE_TIMEOUT_S = 30.0
 class ScanRecorder:
     """An MCAP file that grows with every scan; what was acknowledged survives the end of the process.
 
-    Nothing here waits for the disk: frames and grids are copied and written on a thread of its own. What the disk is
-    too slow for, or too full, is lost to the recording, never to the scan; `status_item` says what.
+    Nothing here waits for the disk: frames and grids are copied and written on a thread of its own. What a slow or full
+    disk does not take is missing in the recording, never in the scan; `status_item` reports it.
     """
 
     def __init__(
@@ -56,9 +56,9 @@ class ScanRecorder:
         Args:
             path: new .mcap file.
             robot: instance name.
-            calibration: in use; attached to the file.
+            calibration: calibration in use; attached to the file.
             jpeg_quality: 1 ... 100 compresses frames with loss, to a tenth of the size; None keeps every bit.
-            scene: makes what 3-D viewers draw: robot, transforms, clouds, markers, grids of ROS; None leaves it out.
+            scene: makes what 3-D viewers draw: robot, transforms, clouds, markers, ROS grids; None leaves these out.
 
         Raises:
             transport.RecordingError: it exists, or cannot be written.
@@ -146,7 +146,7 @@ class ScanRecorder:
         return self._thread.flush(timeout)
 
     def status_item(self) -> StatusItem:
-        """How many scans were recorded and how many lost, and why the last."""
+        """How many scans were recorded and how many were lost, and why the last one was."""
         with self._counted:
             return StatusItem(
                 name="recording",
@@ -192,10 +192,10 @@ class ScanRecording:
     ) -> None:
         """Begin; made by `ScanRecorder.begin`."""
         self._recorder, self._writer, self._record, self._quality = recorder, writer, record, jpeg_quality
-        # Of the thread that scans.
+        # Used by the scanning thread alone.
         self._last_off: tuple[Image, tuple[object, Image]] | None = None
         self._is_full = self._is_done = False
-        # Of the thread that writes.
+        # Used by the writing thread alone.
         self._problem = ""
         self._is_open = False
         self._offs: tuple[object, FrameReference] | None = None
@@ -222,8 +222,8 @@ class ScanRecording:
         """The scan goes on with the stripes between.
 
         Args:
-            mode: mode of the whole scan, which is then recorded as a second one of this pause over the frames that are
-                already there; None when it will not be whole: what follows is then not recorded as frames.
+            mode: mode of the whole scan, which is then recorded as a second scan of this pause that refers to the
+                frames already written; None when the scan will not be whole: then no more frames are recorded.
         """
         if mode is None:
             self._is_full = True
@@ -239,14 +239,14 @@ class ScanRecording:
             self._recorder.post(0, lambda: self._finish(terrains, end, now))
 
     def abandon(self) -> None:
-        """End a scan that came to nothing."""
+        """End a scan that gave no grid."""
         self.finish((), None)
 
     def _post(self, size: int, action: Callable[[], None]) -> None:
         self._recorder.post(size, lambda: self._guarded(action))
 
     def _shared(self, image: Image | None) -> tuple[tuple[object, Image] | None, int]:
-        """A copy of an off frame, with a key that it shares with the stripes that share it; bytes that it takes."""
+        """A copy of an off frame with its key, the same for all stripes that share the frame; bytes newly taken."""
         if image is None:
             return None, 0
         if self._last_off is not None and self._last_off[0] is image:
@@ -256,7 +256,7 @@ class ScanRecording:
 
     def _begin(self) -> None:
         if self._writer.is_scan_open:
-            # Nobody ended the scan before: what is there of it stays, and this one is not lost for it.
+            # The scan before was never ended: its stripes stay in the file, and this scan is still recorded.
             self._writer.end_scan(stamp=time.time_ns())
         self._writer.begin_scan(self._record)
         self._is_open = True
@@ -264,7 +264,7 @@ class ScanRecording:
     def _begin_again(self, mode: str) -> None:
         self._writer.end_scan(stamp=time.time_ns())
         self._writer.begin_scan(dataclasses.replace(self._record, mode=mode))
-        # Readers want no topic's time to go back: all get the stamp of the last; each one's own is its frame's.
+        # Readers reject a topic whose time goes back: all stripes get the stamp of the last; frames keep their own.
         last = self._stripes[-1][-1] if self._stripes else None
         for index, angle, on, off, _ in self._stripes:
             self._writer.add_stripe(index, angle, on, off, stamp=last)
@@ -299,7 +299,7 @@ class ScanRecording:
     def _frame(self, pixels: Image, stamp: int) -> FrameRecord:
         if self._quality is None:
             return FrameRecord(pixels=pixels, stamp=stamp)
-        # 4:4:4, since the red stripe lives in the colour planes that 4:2:0 would halve.
+        # 4:4:4, since the red stripe is mostly in the colour channels, whose resolution 4:2:0 would halve.
         options = (cv2.IMWRITE_JPEG_QUALITY, self._quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, JPEG_444)
         return FrameRecord(data=cv2.imencode(".jpg", pixels, options)[1].tobytes(), format="jpeg", stamp=stamp)
 

@@ -32,7 +32,7 @@ LATENCY_S = 0.001
 class SimulatedRobot:
     """Robot, world and rangefinder, all simulated; laser and mirror are those of the emulated board.
 
-    The devices keep a time of their own: a scan takes what its computing takes, and a busy machine loses no frame.
+    The devices have a clock of their own: a scan takes as long as its computation, and a busy machine loses no frame.
 
     Attributes:
         robot: the model.
@@ -54,7 +54,7 @@ class SimulatedRobot:
         """Build it, standing at the world's origin.
 
         Args:
-            robot: name or folder.
+            robot: name or folder of the robot.
             calibration: calibration of the rangefinder; None = a specimen with the errors of careful assembly.
             world: terrain, or the file that describes it.
             size: picture size when no calibration is given [px].

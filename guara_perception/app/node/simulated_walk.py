@@ -22,7 +22,7 @@ SCAN_TIMEOUT_S = 60.0
 STOP_POLL_S = 0.2
 # Time to look at a pause before the robot goes on: planners that are slow to subscribe still follow.
 REST_S = 1.0
-# A pause of unknown length is over when nothing is said of it for long: at its end the robot stands, and says so.
+# A pause of unknown length ends when the gait is silent for long: a robot that stands after its walk repeats HOLD.
 HOLD_PERIOD_S = 1.0
 CYCLES = 11
 
@@ -38,8 +38,8 @@ def walk_until_stopped(
     """Walk to the end of the world, scanning at each pause; then stand, so that scans can still be asked for.
 
     Args:
-        robot: simulated, with open devices.
-        node: running, with the same rangefinder.
+        robot: simulated robot with open devices.
+        node: running node with the same rangefinder.
         session: session of the node; the gait speaks through it.
         instance: name of the robot in the keys.
         stop: ends the walk.

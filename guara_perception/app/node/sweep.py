@@ -38,7 +38,7 @@ class SweepJob:
         time_available: time that is left of the pause [s]; 0 when it is not known.
         progress: called with (stripes done, stripes in all), or None.
         recording: takes every stripe, or None.
-        look: called with every stripe, or None.
+        on_stripe: called with every stripe, or None.
     """
 
     processor: Callable[[str], ScanProcessor]
@@ -46,7 +46,7 @@ class SweepJob:
     time_available: float = 0.0
     progress: Progress | None = None
     recording: ScanRecording | None = None
-    look: Callable[[StripeCapture], None] | None = None
+    on_stripe: Callable[[StripeCapture], None] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +54,10 @@ class Swept:
     """The result of a sweep.
 
     Attributes:
-        terrain: its grid.
-        scan: how the devices did.
-        processor: what the grid was made with.
-        coarse: what the coarse stripes were processed with, where some of those between were fired as well.
+        terrain: grid of the sweep.
+        scan: what the devices did in it.
+        processor: processor that made the grid.
+        coarse: processor of the coarse stripes alone, where some of those between were fired as well; else None.
     """
 
     terrain: TerrainGrid
@@ -69,7 +69,7 @@ class Swept:
         """The same scan with what it saw beside the footprint, for the map.
 
         Args:
-            terrain: as it was published; the wide grid says the same of the scan.
+            terrain: grid of the footprint as it was published; the wide grid gets its metadata.
         """
         wide = self.processor.finish("wide", report=terrain.metadata)
         if self.coarse is not None:
@@ -130,7 +130,7 @@ class Sweeper:
                 job.progress(len(processor.profiles), done + len(firing_order))
             if job.recording is not None:
                 job.recording.add(capture)
-            if job.look is not None:
-                job.look(capture)
+            if job.on_stripe is not None:
+                job.on_stripe(capture)
 
         return live_scan(self._rangefinder, processor, firing_order, should_stop=job.should_stop, on_stripe=on_stripe)

@@ -86,10 +86,10 @@ class WalkMap:
         Args:
             step: number of the pause, growing along a walk.
             stance: stance of the robot at that pause.
-            terrain: the scan alone.
+            terrain: grid of the scan alone.
             known_ground: what the gait declares, in base_footprint of this pause.
             epoch: identity of the walk.
-            time: time of the scan by a clock that never steps [s]; None takes the grid's stamp.
+            time: time of the scan by a clock that never jumps [s]; None takes the grid's stamp.
 
         Raises:
             kinematics.KinematicsError: the stance does not fit the robot.
@@ -137,13 +137,12 @@ class WalkMap:
         began_again = self._state.map is not self._kept.map
         self._state = self._kept
         if self._state.last is None:
-            # Before the first pause that stands: nothing else was ever in this map.
+            # No pause was kept yet: nothing else was ever in this map.
             self._state.map = TerrainMap(self._robot)
         else:
             self._state.map.take_back()
         self._kept = self._state.copy()
-        # A map that began again with this pause stands in another `odom` than the one before: it must show nothing of
-        # that one.
+        # A map that began again with this pause has another `odom` than the map before, of which nothing may be shown.
         known = TerrainMap(self._robot) if began_again else self._state.map
         self._latest = known.view(
             terrain,

@@ -5,12 +5,12 @@ from __future__ import annotations
 from guara_perception.app.node.pause import Pause
 from transport import StancePause
 
-# Walks that are over and whose gait may not speak again.
+# Number of ended walks whose late announcements are still refused.
 REMEMBERED = 64
 
 
 class Walks:
-    """Knows the walks that were; names those of a gait that tells none."""
+    """Knows the walks that ended; names the walks of a gait that gives no epoch."""
 
     def __init__(self, robot: str, run: str) -> None:
         """Start before the first walk.
@@ -35,7 +35,7 @@ class Walks:
         return ""
 
     def epoch_of(self, announcement: StancePause, last: Pause | None) -> str:
-        """The walk that a pause belongs to; where the gait gives none, a step that goes back begins another."""
+        """The walk that a pause belongs to; where the gait gives none, a lower step begins another walk."""
         if last is not None and last.given_epoch and last.given_epoch != announcement.epoch:
             self._past = [*self._past[1 - REMEMBERED :], last.given_epoch]
         if announcement.epoch:

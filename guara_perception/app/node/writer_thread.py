@@ -1,4 +1,4 @@
-"""A thread that writes for others: what it is given waits in memory up to a limit, and whoever gives never waits."""
+"""A thread that writes for others: tasks wait in memory up to a limit, and whoever hands one over never waits."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class WriterThread:
 
         Args:
             name: name of the thread.
-            limit: what may wait, in bytes; tasks that hold none are always taken.
+            limit: bytes that waiting tasks may hold together; tasks that hold none are always taken.
         """
         self._limit = limit
         self._changed = threading.Condition()

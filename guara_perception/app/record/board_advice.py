@@ -14,9 +14,10 @@ from guara_perception.calibration.find_board import find_board
 
 ZONES: Final = 3
 WANTED_PICTURES: Final = 12
-# Tilts below this tell focal length from distance badly.
+# [rad] Below this tilt a change of focal length looks like a change of distance.
 TILT: Final = float(np.deg2rad(15))
-# A board that stands still moves by less than this from frame to frame; one shown before lies nearer than the second.
+# A still board moves by less than STILL_PX from frame to frame. A board nearer to an earlier view than SAME_OF_WIDTH, a
+# share of the picture's width, was shown before.
 STILL_PX: Final = 0.5
 SAME_OF_WIDTH: Final = 0.04
 CLIPPED_SHARE: Final = 0.02
@@ -31,7 +32,7 @@ class BoardAdvice:
 
     Attributes:
         board: the board.
-        views: those accepted.
+        views: views that were accepted.
     """
 
     board: BoardSpec

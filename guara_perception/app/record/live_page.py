@@ -25,7 +25,7 @@ body {font: 18px/1.4 sans-serif; margin: 1.5rem; background: #1d2124; color: #f2
 <div id="task">connecting</div><p id="advice"></p><img id="picture" alt="what the camera sees">
 <script>
 let shown = -1;
-async function look() {
+async function refresh() {
   try {
     const state = await (await fetch("state.json", {cache: "no-store"})).json();
     document.getElementById("task").textContent = state.task;
@@ -37,9 +37,9 @@ async function look() {
   } catch (error) {
     document.getElementById("task").textContent = "the recording has ended";
   }
-  setTimeout(look, 200);
+  setTimeout(refresh, 200);
 }
-look();
+refresh();
 </script></body></html>
 """
 

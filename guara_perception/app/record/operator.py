@@ -1,4 +1,4 @@
-"""Who puts board, crosses and plates before the camera: a person at a terminal, asked step by step."""
+"""Who puts board, crosses and plates before the camera: a person at a terminal, asked task by task."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Operator(Protocol):
         """A flat plate whose top is `height` [m] above the floor fills the view; returns when it does."""
 
     def clear(self) -> None:
-        """Nothing lies in view but a plain floor; returns when so."""
+        """Only a plain floor is in view; returns when it is."""
 
 
 class TextOperator:
-    """Asks a person on the terminal; what stands on the live page is the same."""
+    """Asks a person on the terminal; the live page shows the same text."""
 
     def __init__(self, tell: Callable[[str], None]) -> None:
         """Show every line with `tell` too."""

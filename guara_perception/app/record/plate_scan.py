@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from kinematics import RobotModel, Stance
 
 
-# [s] A camera that brings no frame in this time brings none.
+# [s] In which a camera must deliver a frame.
 FRAME_SECONDS = 2.0
 
 
@@ -43,16 +43,16 @@ def scan_uncalibrated(
     mode: str = "standard",
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[str, ...]:
-    """Take one scan into a scan folder; every row of its frames is looked at, since no stripe's rows are known.
+    """Take one scan into a scan folder; every row of its frames is checked, since no stripe's band is known.
 
-    Before the first stripe the camera's locked settings are read back: a plate that is scanned with others than its
-    session is none. The light is checked in the first frames.
+    Before the first stripe the camera's locked settings are read back: all plates must be scanned with the settings of
+    their session. The light is checked in the first frames.
 
     Args:
         rangefinder: open devices.
-        robot: whose pattern is swept.
-        stance: in which it stands.
-        folder: to make.
+        robot: robot whose pattern is swept.
+        stance: stance in which it stands.
+        folder: scan folder to make.
         mode: "standard" or "coarse".
         progress: called with (stripes done, stripes in all).
 
@@ -60,7 +60,7 @@ def scan_uncalibrated(
         What is wrong with the light, each in one sentence; the scan is whole nevertheless.
 
     Raises:
-        PlateScanFailed: a setting changed since it was locked; a frame was lost or out of step.
+        PlateScanFailed: a setting changed since it was locked; a frame was lost or does not show its stripe.
         MirrorSlipped: the mirror lost steps.
         drivers.DriverError: a device failed.
     """

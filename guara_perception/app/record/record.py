@@ -30,7 +30,7 @@ DEVICES_FILE: Final = "devices.toml"
 FIRST_EXPOSURE_S: Final = 0.008
 GRAB_SECONDS: Final = 2.0
 # Pictures of the board after which the recording gives up (ten minutes at 30 per second).
-MOST_LOOKS: Final = 18_000
+MOST_PICTURES: Final = 18_000
 MOST_TRIES: Final = 20
 # Called with a picture and what is wanted next.
 Watch = Callable[[Image, str], None]
@@ -147,7 +147,7 @@ def _record_boards(
         if view.is_usable:
             advice.take(view, picture.shape)
     request = "hold up the board"
-    for _ in range(MOST_LOOKS):
+    for _ in range(MOST_PICTURES):
         if advice.is_complete():
             tell(f"{len(advice.views)} pictures of the board")
             return

@@ -56,9 +56,9 @@ FLOOR_MATERIAL = "soil"
 
 
 class SimulatedWorkshop:
-    """Devices and operator in one: what it is asked to show is what its camera then sees.
+    """Devices and operator in one: its camera sees what the operator is asked to show.
 
-    The devices keep a time of their own, so that a busy machine loses no frame.
+    The devices have a clock of their own, so that a busy machine loses no frame.
 
     Attributes:
         robot: the model.

@@ -21,8 +21,8 @@ SOLE_OFF_M = 0.002
 LIMIT_MARGIN = 0.05
 # The body's weight this far inside the polygon of the soles stands safely [m].
 BALANCE_M = 0.020
-# The body tilted by more than this in its scan posture [rad].
-LEVEL = 0.0175
+# Largest tilt of the body in its scan posture [rad].
+LARGEST_TILT = 0.0175
 
 
 def body_findings(robot: RobotModel) -> Iterator[Finding]:
@@ -94,7 +94,7 @@ def _reach(robot: RobotModel, state: RobotState) -> Iterator[Finding]:
 def _balance(robot: RobotModel) -> Iterator[Finding]:
     pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs), find_unloaded=False)
     tilt = float(np.arccos(np.clip(pose.up_in_base[2], -1.0, 1.0)))
-    if tilt > LEVEL:
+    if tilt > LARGEST_TILT:
         yield wrong(
             f"posture {robot.config.scan_posture!r}",
             f"the body is tilted by {np.degrees(tilt):.1f} degrees against its soles: heights would be measured askew",
@@ -120,7 +120,7 @@ def _shapes(robot: RobotModel) -> Iterator[Finding]:
             yield wrong(
                 f"legs.{name}", "no link of it has a collision shape: the self-filter cannot tell it from terrain"
             )
-    # Links fixed to one another are one body: one shape tells of it.
+    # Links fixed to one another are one body: a shape of one of them is enough.
     bodies: dict[tuple[str, ...], list[Link]] = {}
     for link in tree.urdf.links:
         carriers = tuple(joint.name for joint in tree.urdf.path_to(link.name) if joint.kind != "fixed")

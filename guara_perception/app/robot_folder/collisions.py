@@ -14,8 +14,8 @@ from kinematics.urdf import Shape, Urdf
 
 # Links with one moving joint between them overlap where they are joined, in every posture of every robot.
 JOINED_JOINTS = 1
-# With two between them most robots' do as well (body, hip and thigh): a motion planner should not look at such pairs
-# (`neighbours`), but in one posture it can be seen whether they touch, so `touching` does report them.
+# Links with two between them overlap in most robots as well (body, hip and thigh): a motion planner should skip such
+# pairs (`neighbours`), but for a single posture a contact is a true finding, so `touching` does report them.
 NEIGHBOUR_JOINTS = 2
 
 

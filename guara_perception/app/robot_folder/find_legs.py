@@ -90,11 +90,11 @@ def _leg(urdf: Urdf, chain: tuple[Joint, ...], below: dict[str, list[Joint]]) ->
 
 
 def _has_twin(leg: FoundLeg, legs: list[FoundLeg]) -> bool:
-    image = np.array(leg.start) * (1.0, -1.0, 1.0)
+    mirrored = np.array(leg.start) * (1.0, -1.0, 1.0)
     return any(
         other is not leg
         and len(other.joints) == len(leg.joints)
-        and float(np.linalg.norm(np.array(other.start) - image)) < 0.01
+        and float(np.linalg.norm(np.array(other.start) - mirrored)) < 0.01
         for other in legs
     )
 

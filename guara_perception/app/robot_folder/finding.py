@@ -1,4 +1,4 @@
-"""One thing that `guara robot check` has to say."""
+"""One finding of `guara robot check`."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class Finding:
     """What was found in one file, table, leg or link of a robot folder.
 
     Attributes:
-        weight: unusable: it does not load; wrong: it loads, but should be mended; note: to know.
-        subject: that file, table, leg or link.
+        weight: unusable: the robot does not load; wrong: it loads, but this should be mended; note: good to know.
+        subject: the file, table, leg or link.
         text: what is wrong, and what to do about it.
     """
 

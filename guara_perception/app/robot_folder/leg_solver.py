@@ -1,4 +1,4 @@
-"""Inverse kinematics of a leg of which nothing is known but its joints: finds how it stands over a point."""
+"""Inverse kinematics of a leg of which only the joints are known: finds how it stands over a point."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from kinematics.tree import KinematicTree
 from kinematics.urdf import Joint, Link, Urdf
 from kinematics.urdf_checks import root_link
 
-# Angles from which the search starts, besides the middle between the limits [rad].
+# Angles from which the search starts, besides the centre of the limits [rad].
 STARTS = (-1.6, -0.8, 0.0, 0.8, 1.6)
 TIP = "tip of the leg"
 
@@ -27,7 +27,7 @@ class LegSolver:
     """One leg with its foot's tip as sole.
 
     Attributes:
-        leg: as found.
+        leg: leg as found in the URDF.
         foot: the foot of this leg.
         pitch_joint: (3,) origin in the base of the first joint that swings the foot fore and aft, all at zero [m].
         hip: the link which that joint carries.
@@ -36,7 +36,7 @@ class LegSolver:
     """
 
     def __init__(self, urdf: Urdf, leg: FoundLeg, foot: Foot) -> None:
-        """Look at the leg with all joints at zero."""
+        """Measure the leg with all joints at zero."""
         self.leg, self.foot = leg, foot
         self._last: Float | None = None
         self._tree = _with_tip(urdf, leg, foot)
@@ -86,7 +86,7 @@ class LegSolver:
         return found
 
     def _cost(self, positions: Float, tip: Float) -> float:
-        """Least for a hip that does not roll and a knee on the side of the body's middle."""
+        """Least for a hip that does not roll and a knee on the side of the body's centre."""
         state = self.transforms(positions)
         knee = state[-1][:3, 3] if len(state) < 4 else state[2][:3, 3]
         outward = float(np.sign(self.leg.start[0]) * (knee[0] - (tip[0] + self.pitch_joint[0]) / 2.0))

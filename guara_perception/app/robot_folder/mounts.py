@@ -13,18 +13,18 @@ from kinematics import SelfFilter
 from kinematics.state import RobotState
 from kinematics.tree import KinematicTree
 
-# The Guará's: the area begins this far ahead of the front feet, since the ground up to there is known from before.
+# As on the Guará: the area begins this far ahead of the front feet, since the ground up to there is known from before.
 AREA_AHEAD_M = 0.20
 AREA_DEPTH_M, AREA_WIDTH_M = 0.45, 0.54
-# Beside the tracks of the soles: what the planner may step aside.
+# Width beside the tracks of the soles, since the planner may set a foot further out.
 BESIDE_M = 0.06
 # Its camera stands at 0.5 m, 0.1 m before the area, the mirror 0.2 m ahead of it and 0.03 m lower.
 CAMERA_HEIGHT_M, CAMERA_BEFORE_M, BASELINE_M, MIRROR_LOWER_M = 0.5, 0.10, 0.20, 0.03
 # A lens of 3.2 mm before a sensor 3.5 mm wide, 5:4: tangents of half the view across and along, less 5 %.
 VIEW_ACROSS, VIEW_ALONG = 0.95 * 0.5 / 0.921, 0.95 * 0.4 / 0.921
-# Nearer than this to a shape of the robot nothing is mounted.
+# Least distance of a mount from the shapes of the robot.
 MOUNT_MARGIN_M = 0.03
-# A share of the area hidden by the robot itself that is as good as none.
+# Share of the area that the robot itself may hide.
 HIDDEN_ENOUGH = 0.01
 HIGHEST_M = 1.4
 SAMPLES = (10, 12)
@@ -35,11 +35,11 @@ class FoundMounts:
     """Camera, mirror and the area that they scan, with the robot in its scan posture.
 
     Attributes:
-        area_x, area_y: in base_footprint [m].
-        camera: (3,) in the base [m].
-        camera_pitch: from straight down, forward [rad].
-        mirror: (3,) in the base [m].
-        camera_height: over the floor [m].
+        area_x, area_y: limits of the area in base_footprint [m].
+        camera: (3,) position of the camera in the base [m].
+        camera_pitch: angle of the camera forward from straight down [rad].
+        mirror: (3,) position of the mirror in the base [m].
+        camera_height: height of the camera over the floor [m].
         hidden: share of the area that the robot itself hides from camera or laser.
     """
 
@@ -68,9 +68,9 @@ def find_mounts(
 
     Args:
         tree: the robot; its shapes are what may be in the way.
-        posture: in which it scans.
-        sole: length and width [m].
-        others: joint positions of further stances from which the area should be seen: feet elsewhere in their stride.
+        posture: posture in which it scans.
+        sole: length and width of a sole [m].
+        others: joint positions of further stances from which the area should be seen, with feet before or behind.
     """
     soles = np.array(list(posture.soles.values()))
     front, track = float(soles[:, 0].max()), float(np.abs(soles[:, 1]).max())
@@ -96,7 +96,7 @@ def find_mounts(
         if best.hidden <= HIDDEN_ENOUGH:
             break
     if best is None:
-        # The Guará's mounts, for the check to find fault with.
+        # The Guará's mounts; `guara robot check` then reports what is wrong with them.
         camera = np.array([near - CAMERA_BEFORE_M, 0.0, CAMERA_HEIGHT_M - posture.base_height])
         mirror = camera + (BASELINE_M, 0.0, -MIRROR_LOWER_M)
         pitch = _pitch(area_x, float(camera[0]), CAMERA_HEIGHT_M)

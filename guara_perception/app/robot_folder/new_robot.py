@@ -22,7 +22,7 @@ def new_robot(source: Path, folder: Path, *, name: str | None = None, hip_height
 
     Args:
         source: URDF file.
-        folder: to make; must not exist, or be empty.
+        folder: folder to make; must not exist, or be empty.
         name: name of the robot; None = the folder's.
         hip_height: height of the hips in the scan posture [m]; None = chosen.
 

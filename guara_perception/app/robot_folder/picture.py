@@ -11,7 +11,7 @@ from guara_perception.app.robot_folder.scan_checks import coverage
 from guara_perception.arrays import Float
 from guara_perception.settings import Settings
 from guara_perception.terrain.drawing.style import new_figure, save_figure, styled
-from guara_perception.view.robot_looks import robot_looks
+from guara_perception.view.robot_looks import visual_shapes
 from kinematics import RobotModel, Stance
 from kinematics.stance_pose import StancePose
 
@@ -72,9 +72,9 @@ def _draw_links(axes: Axes, robot: RobotModel, pose: StancePose, across: int) ->
 
     state = robot.state(robot.posture(robot.config.scan_posture))
     shapes = []
-    for link, looks in robot_looks(robot).items():
+    for link, visuals in visual_shapes(robot).items():
         transform = pose.transform_base_to_footprint @ state.transform_to_base(link)
-        shapes += [(look.vertices @ transform[:3, :3].T + transform[:3, 3], look.colour) for look in looks]
+        shapes += [(item.vertices @ transform[:3, :3].T + transform[:3, 3], item.colour) for item in visuals]
     # Shapes further from the viewer first: those on the left when seen from the right, the low ones when seen from
     # above.
     shapes.sort(key=lambda item: -item[0][:, 1].mean() if across == 2 else item[0][:, 2].mean())

@@ -12,8 +12,8 @@ from guara_perception.exceptions import InvalidInput
 from kinematics.numeric_ik import NumericLeg
 from kinematics.tree import KinematicTree
 
-# What the wave gait asks of a foot around the place where it stands [m]: on the level half a stride fore and aft and
-# the search of the planner beyond; half a stride a step lower; more on its way over an obstacle. All 40 mm aside.
+# Where the wave gait sets a foot, from the place where it stands [m]: on level ground half a swing fore and aft and the
+# planner's search radius more; half a swing on ground that is lower; more above an obstacle. All 40 mm aside.
 FOOT_OFFSETS = np.array(
     [
         (x, y, z)
@@ -22,7 +22,7 @@ FOOT_OFFSETS = np.array(
         for y in (-0.04, 0.04)
     ]
 )
-# Heights that are tried, of the stretched leg.
+# Hip heights that are tried, as shares of the length of the stretched leg.
 SHARES = np.arange(0.86, 0.48, -0.02)
 ROUNDS = 4
 
@@ -34,8 +34,8 @@ class FoundPosture:
     Attributes:
         hip_height: height of the pitch joints over the plane of the soles [m].
         base_height: height of the base's origin over that plane [m].
-        joint_positions: by joint [rad].
-        soles: by leg, (3,) where the foot touches the ground, in the base [m].
+        joint_positions: positions by joint [rad].
+        soles: (3,) by leg, point where the foot touches the ground, in the base [m].
     """
 
     hip_height: float
@@ -73,9 +73,9 @@ def stand(legs: tuple[LegSolver, ...], hip_height: float) -> FoundPosture | None
 
 
 def choose_height(legs: tuple[LegSolver, ...]) -> tuple[float, float]:
-    """The hip height from which the feet reach what the gait asks, and the share of it that they reach (1 = all).
+    """Hip height for the places that the gait asks for, and the share of these that the feet reach (1 = all).
 
-    The highest one that reaches all; else the one that reaches most.
+    The highest from which all are reached; if there is none, that from which most are.
 
     Raises:
         InvalidInput: the robot cannot stand at any height.
@@ -88,10 +88,10 @@ def choose_height(legs: tuple[LegSolver, ...]) -> tuple[float, float]:
         posture = stand(pair, height)
         if posture is None:
             continue
-        part = float(np.mean([reach_share(leg, posture) for leg in pair]))
-        if part > best[1] + 1e-9:
-            best = (height, part)
-        if part == 1.0:
+        reached = float(np.mean([reach_share(leg, posture) for leg in pair]))
+        if reached > best[1] + 1e-9:
+            best = (height, reached)
+        if reached == 1.0:
             break
     if best[0] == 0.0:
         raise InvalidInput(
@@ -115,8 +115,8 @@ def raised(tree: KinematicTree, legs: tuple[LegSolver, ...], posture: FoundPostu
     Args:
         tree: the robot with its sole frames.
         legs: the robot's legs.
-        posture: from which to rise.
-        lift: [m].
+        posture: posture from which to rise.
+        lift: rise of the body [m].
     """
     joints, soles = dict(posture.joint_positions), {}
     for leg in legs:

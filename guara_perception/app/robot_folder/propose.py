@@ -27,24 +27,24 @@ PATTERN_MARGIN_M = 0.006
 # A sole without any shape to measure [m].
 UNKNOWN_SOLE_M = 0.030
 LEAST_SOLE_M = 0.020
-STRIDE_M = 0.07
+HALF_SWING_M = 0.07
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposal:
-    """A robot as it will stand in its folder.
+    """A robot as its folder will describe it.
 
     Attributes:
         urdf: the source with frames for soles, camera and laser.
         name: name of the robot.
         base: its root link.
-        legs: as found, with the foot and the solver of each.
+        legs: legs as found, with the foot and the solver of each.
         soles: name of the sole's frame, by leg.
-        sole: length and width [m].
-        scan, standing: postures; others joints at the nearest to zero that their limits allow.
-        reach: share of what the gait asks that the feet reach, 1 = all.
+        sole: length and width of a sole [m].
+        scan, standing: postures; joints of no leg are as near to zero as their limits allow.
+        reach: share of the places that the gait asks for that the feet reach, 1 = all.
         mounts: camera, laser, area.
-        mirror_angles: first and last of the scan pattern [rad].
+        mirror_angles: first and last mirror angle of the scan pattern [rad].
         stripes: number of stripes of the pattern.
         camera_frame, laser_frame: names in the URDF.
     """
@@ -74,7 +74,7 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
     """Propose a robot folder.
 
     Args:
-        urdf: read and checked.
+        urdf: URDF, read and checked.
         name: name of the robot.
         hip_height: height of the hips in the scan posture [m]; None = chosen for the reach of the feet.
 
@@ -98,8 +98,8 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
     tree = _tree(extended, legs, soles, sole)
     higher = (raised(tree, legs, scan, round(height * share - height, 3)) for share in STANDING_HIGHER)
     standing = next((posture for posture in higher if posture is not None), scan)
-    mounts = find_mounts(tree, scan, sole, _strides(legs, scan))
-    camera_frame, laser_frame = (_free(extended, word) for word in ("rangefinder_camera", "rangefinder_laser"))
+    mounts = find_mounts(tree, scan, sole, _half_swings(legs, scan))
+    camera_frame, laser_frame = (_free(extended, wanted) for wanted in ("rangefinder_camera", "rangefinder_laser"))
     placed = np.eye(4)
     placed[:3, 3] = mounts.mirror
     extended = _with_frame(extended, root_link(urdf), camera_frame, mounts.transform_camera_to_base)
@@ -127,10 +127,10 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
     )
 
 
-def _free(urdf: Urdf, word: str) -> str:
-    """A name that no link and no joint has."""
+def _free(urdf: Urdf, wanted: str) -> str:
+    """The wanted name, or one like it, that no link and no joint has."""
     taken = {link.name for link in urdf.links} | {joint.name for joint in urdf.joints}
-    names = [word, *(f"{word}_{number}" for number in range(2, 100))]
+    names = [wanted, *(f"{wanted}_{number}" for number in range(2, 100))]
     return next(name for name in names if name not in taken and f"{name}_joint" not in taken)
 
 
@@ -172,18 +172,18 @@ def _sole(feet: list[Foot]) -> tuple[float, float]:
     return max(round(float(length) - 0.0005, 3), LEAST_SOLE_M), max(round(float(width) - 0.0005, 3), LEAST_SOLE_M)
 
 
-def _strides(legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[dict[str, float], ...]:
-    """Joint positions with the front feet half a stride ahead, and half a stride back."""
+def _half_swings(legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[dict[str, float], ...]:
+    """Joint positions with the front feet half a swing ahead, and half a swing back."""
     front = max(float(sole[0]) for sole in scan.soles.values())
     found = []
-    for way in (STRIDE_M, -STRIDE_M):
+    for offset in (HALF_SWING_M, -HALF_SWING_M):
         joints = dict(scan.joint_positions)
         for leg in legs:
             sole = scan.soles[leg.leg.name]
             if sole[0] < front - 0.05:
                 continue
             start = np.array([scan.joint_positions[joint] for joint in leg.leg.joints])
-            tip = sole + (way, 0.0, leg.foot.lowest(leg.foot_rotation(start)))
+            tip = sole + (offset, 0.0, leg.foot.lowest(leg.foot_rotation(start)))
             moved = leg.solver(start).solve(tip[None], np.zeros(1))[0]
             if not np.any(np.isnan(moved)):
                 joints.update(zip(leg.leg.joints, moved.tolist(), strict=True))

@@ -16,7 +16,7 @@ from kinematics.scan_pattern import PATTERN_M, plane_on_floor
 
 PICTURE_PX = (640, 512)
 CELLS = (46, 55)
-# Shares of the area that may be hidden or out of view before it is worth a word.
+# Shares of the area that may be hidden, and out of view, without a finding.
 HIDDEN_SHARE, UNSEEN_SHARE = 0.02, 0.005
 # The mirror's axis may be off the y axis by this much [rad].
 AXIS = 0.01
@@ -43,7 +43,7 @@ class Coverage:
 
 
 def coverage(robot: RobotModel) -> Coverage:
-    """Look at the scanned area with the nominal camera, lens and laser."""
+    """What the nominal camera, lens and laser see of the scanned area."""
     settings = Settings.of(robot)
     pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs), find_unloaded=False)
     x, y = np.linspace(*settings.footprint_x, CELLS[0]), np.linspace(*settings.footprint_y, CELLS[1])

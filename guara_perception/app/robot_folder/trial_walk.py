@@ -31,11 +31,11 @@ class TrialWalk:
     """The result of a walk.
 
     Attributes:
-        pauses: that were scanned.
+        pauses: number of pauses that were scanned.
         unknown_called_safe: cells of all grids that are unknown and traversable; must be 0.
-        feet: footholds that were chosen.
-        feet_on_hazard: footholds among them that the map or the true ground calls a hazard; must be 0.
-        known: share of the area known in the scans, mean.
+        feet: number of footholds that were chosen.
+        feet_on_hazard: number of these on a hazard, by the map or by the true ground; must be 0.
+        known: share of the area that a scan knows, mean of all scans.
         ended: why the walk ended early, None when it did not.
     """
 
@@ -78,10 +78,10 @@ def trial_walk(
     """Walk a robot over the trial ground with its own planner, map and odometry.
 
     Args:
-        robot: that walks.
-        pauses: how many stance pauses are scanned.
+        robot: robot that walks.
+        pauses: number of stance pauses to scan.
         mode: scan mode.
-        progress: called after each pause with those that are done and all.
+        progress: called after each pause with (pauses done, pauses in all).
     """
     world = trial_world(robot)
     counts = _Counts(robot, world)
@@ -95,7 +95,7 @@ def trial_walk(
 
 
 class _Counts:
-    """Walks, and counts on the way."""
+    """Walks, and counts what the result of the walk reports."""
 
     def __init__(self, robot: RobotModel, world: World) -> None:
         self.robot, self.world = robot, world
@@ -149,7 +149,7 @@ class _Counts:
         return found.x, found.y
 
     def _is_bad_ground(self, x: float, y: float) -> bool:
-        """Whether the true ground under a sole swallows the laser or is no plane of less than the limits."""
+        """Whether the true ground under a sole absorbs the laser, or is more uneven than the limits allow."""
         length, width = self.robot.sole
         u, v = np.meshgrid(np.linspace(-0.5, 0.5, SOLE_SAMPLES) * length, np.linspace(-0.5, 0.5, SOLE_SAMPLES) * width)
         heights = self.world.height(x + u, y + v)

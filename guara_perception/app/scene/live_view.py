@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 THINNED = 3
 PICTURE_WIDTH_PX = 480
 JPEG_QUALITY = 80
-# Stripes farther than this from the middle one are not worth a copy of their picture.
+# Stripes farther than this from the median one are not worth a copy of their picture.
 NEAR = 2
 
 
@@ -32,12 +32,12 @@ class LiveView:
     """Gathers what is to be seen of a scan and hands it to the sender; nothing here makes the scan wait."""
 
     def __init__(self, views: ViewSender, centre: int) -> None:
-        """For a node.
+        """Begin without a scan.
 
         Args:
             views: sends the messages.
-            centre: index of the stripe in the middle of the pattern; the stripe nearest to it is shown, the first one
-                where none is within NEAR.
+            centre: median index of the pattern; the stripe nearest to it is shown, the first one where none is within
+                NEAR.
         """
         self._views, self._centre = views, centre
         self._seen: tuple[int, Image] | None = None
@@ -46,8 +46,8 @@ class LiveView:
         """Forget the picture of the scan before."""
         self._seen = None
 
-    def look(self, capture: StripeCapture) -> None:
-        """Keep the picture of a stripe if it is near the middle and the nearest so far; else the first."""
+    def add(self, capture: StripeCapture) -> None:
+        """Keep the picture of a stripe if it is the first, or near the median one and the nearest so far."""
         off = abs(capture.index - self._centre)
         is_nearer = self._seen is None or (off <= NEAR and off < self._seen[0])
         if capture.on is not None and is_nearer:

@@ -25,7 +25,7 @@ class SceneMirror:
         """Mirror every grid that the server publishes from now on.
 
         Args:
-            server: with a mirror, else nothing is made.
+            server: server with a mirror; without one nothing is made.
             scene: makes the messages.
             unknown: what unknown cells of occupancy grids hold for ROS: 100, or -1.
             with_tf: also the robot itself: `/<robot>/tf`, `/<robot>/tf_static`, `/<robot>/robot_description`.
@@ -48,7 +48,7 @@ class SceneMirror:
         return self._named(self._scene.of_grid(message, unknown=self._unknown))
 
     def _named(self, messages: Iterable[Named]) -> Iterator[Named]:
-        """Without what is not wanted, and all below the robot's own name."""
+        """Only the messages that are wanted, with names relative to the robot's."""
         for name, message in messages:
             if self._with_tf or name not in OF_THE_ROBOT:
                 yield name.removeprefix("/"), message

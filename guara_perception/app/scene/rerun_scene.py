@@ -45,7 +45,7 @@ def open_in_rerun(path: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="guara-rerun-") as folder:
         scene = save_rerun_scene(path, Path(folder) / f"{path.stem}.rrd")
         code = subprocess.run(
-            # For this machine only, whatever else runs on it.
+            # It listens to this machine only.
             [sys.executable, "-m", "rerun", str(scene), "--bind", "127.0.0.1", "--port", "auto"],
             check=False,
         ).returncode
@@ -97,7 +97,7 @@ def blueprint(robot: str, model: str, position: Float) -> Any:
     Args:
         robot: instance name.
         model: name of the robot in its URDF.
-        position: (3,) in odom, where the robot stands at the end [m]: what the viewer looks at.
+        position: (3,) position of the robot in odom at the end [m], at which the viewer looks.
     """
     rrb: Any = optional_library("rerun.blueprint", "rerun", PURPOSE)
     kinds = rrb.archetypes
@@ -147,7 +147,7 @@ def _model_of(description: str) -> str:
 
 
 def solid_shapes(description: str) -> Iterator[tuple[str, Any]]:
-    """Entity of each plain visual of a URDF and the word that it is drawn solid: the importer draws glass."""
+    """Entity of each plain visual of a URDF with the setting that draws it solid: the importer draws it transparent."""
     rerun: Any = optional_library("rerun", "rerun", PURPOSE)
     shapes = {"box": rerun.Boxes3D, "cylinder": rerun.Cylinders3D, "sphere": rerun.Ellipsoids3D}
     try:

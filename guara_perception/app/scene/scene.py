@@ -50,7 +50,7 @@ class Scene:
         self._frames = RobotFrames(robot, calibration.transform_camera_to_base)
 
     def unchanging(self, stamp: int) -> Iterator[Named]:
-        """What stands for the whole walk: the robot's URDF and what no joint moves."""
+        """What holds for the whole walk: the robot's URDF and what no joint moves."""
         yield "/robot_description", text_message(self._robot.tree.urdf.text)
         yield "/tf_static", frames_message(self._frames.fixed(), stamp)
 
@@ -75,8 +75,8 @@ class Scene:
         """What is made of a grid: occupancy and grid map; of a map also cells as points, markers, odom.
 
         Args:
-            message: as it was sent.
-            unknown: what unknown cells of the occupancy hold, 100 or -1.
+            message: message of the grid as it was sent.
+            unknown: value of unknown cells of the occupancy, 100 or -1.
 
         Raises:
             UnsafeGrid: the grid breaks the safety invariant.
@@ -98,7 +98,7 @@ class Scene:
     def _placed(self, message: TerrainMessage) -> list[TransformMessage]:
         """The robot as it stood at the scan of a map, in `odom`."""
         base = self._robot.config.base_frame
-        # Of the message's transforms those of the body; the camera stands among what no joint moves.
+        # Only the transforms of the body; that of the camera is among the fixed ones.
         body = [
             dataclasses.replace(item, source_frame=base if item.source_frame == "base_link" else item.source_frame)
             for item in message.transforms

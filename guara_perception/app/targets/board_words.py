@@ -6,7 +6,7 @@ from guara_perception.calibration.board import CHECKERBOARD, BoardSpec
 from guara_perception.exceptions import InvalidInput
 
 
-def board_of_words(size: str, square: float, pattern: str = CHECKERBOARD) -> BoardSpec:
+def parse_board(size: str, square: float, pattern: str = CHECKERBOARD) -> BoardSpec:
     """A board from "COLUMNSxROWS" of inner corners, the edge of a square [m] and its pattern.
 
     Raises:
@@ -24,7 +24,7 @@ def board_of_words(size: str, square: float, pattern: str = CHECKERBOARD) -> Boa
     return board
 
 
-def heights_of_words(text: str) -> tuple[float, ...]:
+def parse_heights(text: str) -> tuple[float, ...]:
     """Heights of plates [m] with commas between.
 
     Raises:

@@ -79,7 +79,7 @@ def _runs(ink: Mask) -> Iterator[tuple[int, int, int, int]]:
 
 
 def crosses() -> Sheet:
-    """Four crosses to cut out, each with a thin frame and centre lines to lay it on a measured point."""
+    """Four crosses to cut out, each with a thin outline and centre lines to lay it on a measured point."""
     cell = 60.0
 
     def draw(axes: Axes) -> None:
@@ -90,7 +90,7 @@ def crosses() -> Sheet:
                 for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
                     inner, outer = 1e3 * ARM_M + 6, cell / 2
                     _line(axes, x + dx * inner, y + dy * inner, x + dx * outer, y + dy * outer)
-                _frame(axes, column * cell, row * cell, cell, cell)
+                _outline(axes, column * cell, row * cell, cell, cell)
 
     arm, bar = 2e3 * ARM_M, 2e3 * BAR_M
     return Sheet(f"Crosses, {arm:g} mm from tip to tip, bars {bar:g} mm wide", 2 * cell, 2 * cell, draw)
@@ -117,7 +117,7 @@ def mat(robot: RobotModel) -> Sheet:
     def draw(axes: Axes) -> None:
         for leg, sole in zip(robot.legs, soles, strict=True):
             x, y = on_paper(sole + np.array([-length, width]) / 2)
-            _frame(axes, x, y, 1e3 * width, 1e3 * length)
+            _outline(axes, x, y, 1e3 * width, 1e3 * length)
             _centre_lines(axes, *on_paper(sole), 1e3 * width, 1e3 * length)
             axes.text(*on_paper(sole + np.array([length / 2 + 0.004, 0])), f"{leg}, toes up", ha="center", fontsize=7)
         for point in points:
@@ -139,7 +139,7 @@ def labels(heights: tuple[float, ...]) -> Sheet:
     def draw(axes: Axes) -> None:
         for row, nominal in enumerate(heights):
             y = (len(heights) - 1 - row) * height
-            _frame(axes, 0, y, width, height)
+            _outline(axes, 0, y, width, height)
             axes.text(4, y + 20, f"plate, nominal {1e3 * nominal:g} mm", fontsize=11)
             axes.text(4, y + 8, "measured above the floor: ............ mm", fontsize=9)
 
@@ -189,7 +189,7 @@ def _rectangle(axes: Axes, x: float, y: float, width: float, height: float) -> N
     axes.add_patch(Rectangle((x, y), width, height, facecolor=INK, edgecolor="none", linewidth=0, antialiased=False))
 
 
-def _frame(axes: Axes, x: float, y: float, width: float, height: float) -> None:
+def _outline(axes: Axes, x: float, y: float, width: float, height: float) -> None:
     from matplotlib.patches import Rectangle
 
     axes.add_patch(Rectangle((x, y), width, height, fill=False, edgecolor=GUIDE, linewidth=0.4))

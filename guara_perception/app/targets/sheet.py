@@ -44,12 +44,12 @@ class Page:
     """One printed page of a sheet.
 
     Attributes:
-        sheet: that it shows a part of.
+        sheet: sheet of which it shows a part.
         paper_mm: width and height of the paper, turned as the page is.
-        corner_mm: position on the sheet of the bottom left of what the page shows.
-        size_mm: width and height of what it shows.
-        row, column: its position, from the bottom left.
-        rows, columns: how many pages the sheet has each way.
+        corner_mm: position on the sheet of the bottom left corner of that part.
+        size_mm: width and height of that part.
+        row, column: indices of the page, from the bottom left.
+        rows, columns: numbers of pages of the sheet, up and across.
     """
 
     sheet: Sheet
@@ -112,7 +112,7 @@ def _cut(sheet: Sheet, paper_mm: tuple[float, float]) -> Iterator[Page]:
 
 
 def _joining_marks(axes: Axes, page: Page) -> None:
-    """Small crosses in the middle of each overlap: those of two pages lie on one another when they are joined."""
+    """Small crosses on the centre line of each overlap: those of two pages coincide when the pages are joined."""
     (x, y), (width, height) = page.corner_mm, page.size_mm
     half = OVERLAP_MM / 2
     along_x = [x + half] * (page.column > 0) + [x + width - half] * (page.column < page.columns - 1)

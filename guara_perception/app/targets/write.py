@@ -30,8 +30,8 @@ def write_targets(
     """Write board, crosses, mat, labels and ruler to one PDF, whole or not at all.
 
     Args:
-        path: ends in .pdf.
-        robot: whose soles and area the mat shows.
+        path: file to write, which must end in .pdf.
+        robot: robot whose soles and area the mat shows.
         board: the board.
         paper: "a4", "letter" or "a3".
         plates: nominal heights for the labels [m].

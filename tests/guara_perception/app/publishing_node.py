@@ -1,7 +1,7 @@
 """A node in its own process that publishes one stored grid when asked to; arguments: endpoint, robot, grid file.
 
 Commands on standard input, each answered by "done": `publish STEP [AGE_S]`, `map STEP`, `break STEP` (a grid with one
-flipped bit), `look` (points and picture of the scan that was published last), `pause STEP`, `serve`, `quit`.
+flipped bit), `views` (points and picture of the scan that was published last), `pause STEP`, `serve`, `quit`.
 """
 
 import dataclasses
@@ -32,7 +32,7 @@ class Node:
 
     def publish(self, step: str, age: str = "0") -> None:
         if self.broken is not None:
-            # It is a publisher of its own, and would go on to hand the broken grid to whoever joins later.
+            # This separate publisher would go on to hand the broken grid to clients that join later.
             self.broken.close()
             self.broken = None
         stamp = time.time_ns() - round(float(age) * 1e9)
@@ -40,7 +40,7 @@ class Node:
         publish_terrain(self.server, restamped(self.terrain, stamp, int(step)))
         self.server.flush(30)
 
-    def look(self) -> None:
+    def views(self) -> None:
         xyz = {name: np.linspace(0.5, 0.9, 9, dtype=np.float32) for name in "xyz"}
         jpeg = cv2.imencode(".jpg", np.full((40, 60, 3), 90, np.uint8))[1].tobytes()
         picture = make_frame(FrameRecord(data=jpeg, format="jpeg", stamp=self.stamp), self.stamp)

@@ -1,4 +1,4 @@
-"""Devices that hang when they are closed do not hold the end of a command up."""
+"""Devices that hang when they are closed do not delay the end of a command."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ def test_a_device_that_hangs_is_left_behind_in_words() -> None:
 
 @pytest.mark.slow
 def test_a_driver_that_keeps_pythons_lock_is_left_behind_too() -> None:
-    """No thread of Python's runs any more; where it hung is reported."""
+    """No Python thread runs any more; where the driver hung is reported."""
     result = run("ctypes.PyDLL(None).pause()")
     assert (result.returncode, result.stdout) == (1, "used\n")
     assert "__exit__" in result.stderr
 
 
 class Slow:
-    """Is used for longer than it may take to close."""
+    """A device that is used for longer than it may take to close."""
 
     closed = False
 
@@ -93,7 +93,7 @@ sys.exit(main.run(["run", "--simulated", "--listen", sys.argv[1]]))
 
 @pytest.mark.slow
 def test_a_running_node_ends_although_its_devices_hang(free_endpoint: str) -> None:
-    """It did not end; that the laser is off it does not say then."""
+    """It ends with an error, and does not say that the laser is off."""
     node = ForkedProcess("-c", NODE, free_endpoint)
     try:
         assert "listening on" in node.stdout.readline()

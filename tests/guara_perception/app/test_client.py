@@ -82,7 +82,7 @@ def test_old_grid_is_stale(node, client: gp.TerrainClient):
 
 
 def test_grid_of_many_pauses_ago_is_stale(node, client: gp.TerrainClient, eventually: Callable):
-    """The robot walked on without a scan: the grid's own validity in pauses ends it, a given age does not ask."""
+    """The robot walked on without a scan: the grid's own validity in pauses ends; a given age replaces it."""
     node.tell("publish 20")
     node.tell("map 20")
     client.wait_for_step(20, timeout=180)
@@ -189,7 +189,7 @@ def test_requested_scan_comes_back_or_says_why_not(node, client: gp.TerrainClien
 
 
 def test_counts_say_what_was_received(node, client: gp.TerrainClient):
-    """Four figures by name, starting with what arrived."""
+    """Four counts by name, starting with what arrived."""
     node.tell("publish 2000")
     client.wait_for_step(2000, timeout=180)
     counts = client.counts()

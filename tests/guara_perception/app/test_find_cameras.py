@@ -1,4 +1,4 @@
-"""`guara cameras`, the camera's part of `guara doctor`, and sources of `devices.toml` that Aravis opens."""
+"""`guara cameras`, the checks of cameras in `guara doctor`, and sources of `devices.toml` that Aravis opens."""
 
 import json
 from pathlib import Path
@@ -44,7 +44,7 @@ def test_each_camera_is_listed_with_what_it_can_prove(
 
 
 def test_no_camera_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """Said so, with exit 1; and where nobody could look."""
+    """It is said so, with exit 1, and which kind of camera could not be searched for."""
     from drivers import aravis_library
 
     monkeypatch.setattr(find_cameras.find_cameras, "__defaults__", (tmp_path,))
@@ -62,7 +62,7 @@ def test_doctor_says_what_the_chosen_camera_proves() -> None:
     """Free and triggered; a line that it lacks is named with those it has."""
     with fake_gige() as fake:
         source = f"aravis:{fake.name}"
-        # Once on a busy machine a check failed, for a reason that was not kept.
+        # On a busy machine a check may fail once, for an unknown reason.
         for _ in range(5):
             free, triggered = (
                 doctor.check_camera(Devices(source)),

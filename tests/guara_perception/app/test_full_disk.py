@@ -15,8 +15,8 @@ CODE = """
 import json, resource, sys
 from guara_perception.app.main import run
 resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
-for words in json.loads(sys.argv[1]):
-    print("=> exit", run(words), file=sys.stderr, flush=True)
+for arguments in json.loads(sys.argv[1]):
+    print("=> exit", run(arguments), file=sys.stderr, flush=True)
 """
 
 

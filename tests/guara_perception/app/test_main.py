@@ -49,7 +49,7 @@ def test_help_shows_an_example(guara, name: str):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_option_says_what_it_does(name: str):
-    """None shows its choices alone."""
+    """No option shows only its choices."""
     command = module.guara.get_command(click.Context(module.guara), name)
     commands = [command, *getattr(command, "commands", {}).values()]
     silent = [
@@ -153,12 +153,12 @@ def test_errors_become_exit_codes(guara, monkeypatch: pytest.MonkeyPatch, error:
     ],
 )
 def test_errors_of_the_file_system_begin_with_the_file(error: Exception, expected_text: str):
-    """As our own messages do, and without the system's number."""
+    """As the package's own messages do, and without the system's number."""
     assert words_of(error) == expected_text
 
 
 def test_a_full_disk_is_no_bad_input_whoever_reports_it():
-    """An error of ours that was caused by one ends in 1."""
+    """An error of the package that a full disk caused ends in 1."""
     for cause, is_bad in ((OSError(errno.ENOSPC, "full"), False), (OSError(errno.EACCES, "not allowed"), True)):
         error = gp.InvalidInput("cannot write x")
         error.__cause__ = cause

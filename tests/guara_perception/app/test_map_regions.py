@@ -1,4 +1,4 @@
-"""Regions of the map from a node to a planner without a map: the same half-planes, what is inside may be trodden."""
+"""Regions of the map from a node to a planner without a map: the same half-planes, and feet may be set inside them."""
 
 from pathlib import Path
 
@@ -33,7 +33,7 @@ def test_regions_arrive_as_the_map_has_them(paper_terrain: gp.TerrainGrid) -> No
 def test_they_come_with_each_map_and_late_joiners_get_the_last(
     start, free_endpoint: str, terrain_file: Path, eventually
 ) -> None:
-    """No map is asked for; the newest regions are given, of old ones and of none it is said why."""
+    """No map is asked for; the newest regions are given, and regions that are too old or missing are reported."""
     node = start(Path(__file__).with_name("publishing_node.py"), free_endpoint, "rex", terrain_file)
     assert node.line() == "ready"
     node.tell("map 1")

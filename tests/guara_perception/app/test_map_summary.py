@@ -1,4 +1,4 @@
-"""The small form of a map: never safer than the map, close to it, and had over Zenoh without history."""
+"""The small form of a map: never safer than the map, close to it, and received over Zenoh without history."""
 
 import dataclasses
 from pathlib import Path
@@ -29,7 +29,7 @@ def _map_message(terrain: gp.TerrainGrid) -> TerrainMessage:
 
 
 def test_a_scanned_grid_is_small_and_close(paper_terrain: gp.TerrainGrid) -> None:
-    """Flags as they were, heights to half a millimetre, traversability a step lower at most and never higher."""
+    """Flags unchanged, heights to half a millimetre, traversability lower by at most 1/255 and never higher."""
     small = _summary(paper_terrain)
     assert np.array_equal(small.hazard, paper_terrain.hazard)
     assert np.array_equal(np.isnan(small.elevation), np.isnan(paper_terrain.elevation))
@@ -58,7 +58,7 @@ def test_no_cell_becomes_safer(seed: int, share: float, tall: int) -> None:
     elevation[rng.random(elevation.shape) < share * share] = np.nan
     terrain = gp.assess_terrain(elevation, 0.005)
     layers = dict(terrain.layers)
-    # Scores of any size above nothing, and heights that no summary can say.
+    # Scores of any size above zero, and heights that no summary can hold.
     score = np.where(layers["hazard"] == 0, rng.random(elevation.shape) ** 8 + 1e-7, 0)
     layers["traversability"] = np.minimum(score, 1).astype(np.float32)
     heights = np.array(layers["elevation"])
@@ -147,7 +147,7 @@ def test_a_summary_that_breaks_the_invariant_is_refused(paper_terrain: gp.Terrai
 
 @pytest.mark.slow
 def test_it_comes_with_each_map_and_has_no_history(start, free_endpoint: str, terrain_file: Path, eventually) -> None:
-    """The first is waited for; the newest is given; of an old one, and of none, it is said why."""
+    """The first is waited for; the newest is given; a summary that is too old or missing is reported."""
     node = start(Path(__file__).with_name("publishing_node.py"), free_endpoint, "rex", terrain_file)
     assert node.line() == "ready"
     node.tell("map 1")

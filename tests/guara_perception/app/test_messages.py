@@ -31,7 +31,7 @@ def test_grid_comes_back_bit_for_bit(paper_terrain: gp.TerrainGrid, message: Ter
 
 
 def test_message_says_what_the_report_says(paper_terrain: gp.TerrainGrid, message: TerrainMessage):
-    """Fields that other tools read stand outside the metadata too."""
+    """Fields that other tools read are there outside the metadata too."""
     report = paper_terrain.metadata
     assert (message.mode, message.method) == ("coarse", "precise")
     assert message.attitude_source == "imu" and message.health is Health.OK
@@ -55,7 +55,7 @@ def test_transforms_carry_their_frames_and_covariance(paper_terrain: gp.TerrainG
 
 
 def test_obstacles_come_along(paper_terrain: gp.TerrainGrid, message: TerrainMessage):
-    """The five boxes of the scan are obstacles of the message, after the wire too, with the grid's own figures."""
+    """The five boxes of the scan are obstacles of the message, after the wire too, with the grid's own values."""
     held = decode_terrain(encode_terrain(message)).obstacles
     expected = paper_terrain.obstacles()
     assert len(held) == len(expected) >= 4
@@ -66,7 +66,7 @@ def test_obstacles_come_along(paper_terrain: gp.TerrainGrid, message: TerrainMes
 
 
 def test_times_default_to_the_grids_stamp(paper_terrain: gp.TerrainGrid):
-    """Without times of the first and last frame the grid's own stamp stands for both."""
+    """Without times of the first and last frame both are the grid's own stamp."""
     message = terrain_to_message(paper_terrain, robot="guara", sequence=1)
     assert message.scan_start == message.scan_end == message.stamp == paper_terrain.stamp
 

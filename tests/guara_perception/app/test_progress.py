@@ -46,12 +46,12 @@ def test_a_terminal_gets_a_bar():
     shown = b""
     while True:
         try:
-            part = os.read(reading_end, 4096)
-        except OSError:  # Linux says so when the last writer has gone
+            received = os.read(reading_end, 4096)
+        except OSError:  # so Linux reports that the last writer has gone
             break
-        if not part:
+        if not received:
             break
-        shown += part
+        shown += received
     os.close(reading_end)
     assert process.wait(60) == 0
     assert b"Counting sheep" in shown and b"done" in shown

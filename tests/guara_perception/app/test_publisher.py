@@ -42,6 +42,6 @@ def test_derived_grids_are_those_of_the_footprint(session: Session, paper_terrai
     for name in ("elevation", "traversability"):
         data = grid_map.data[grid_map.layers.index(name)].data
         np.testing.assert_array_equal(data, paper_terrain.layer(name)[::-1, ::-1].ravel())
-    # The middle of the GridMap is the middle of the area.
+    # The centre of the GridMap is the centre of the area.
     centre = grid_map.info.pose.position
     assert (centre.x, centre.y) == pytest.approx((0.725, 0.0))

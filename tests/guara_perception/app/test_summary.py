@@ -8,7 +8,7 @@ import guara_perception as gp
 from guara_perception.app.summary import summary
 
 
-def test_figures_are_those_of_the_grid(paper_terrain: gp.TerrainGrid):
+def test_values_are_those_of_the_grid(paper_terrain: gp.TerrainGrid):
     """Shares of known and traversable cells, the attitude's source and the commonest flags, commonest first."""
     line = summary(paper_terrain)
     known = np.isfinite(paper_terrain.elevation).mean()
@@ -29,6 +29,6 @@ def test_what_is_wrong_stands_at_the_end(paper_terrain: gp.TerrainGrid):
 
 
 def test_grid_without_a_report_has_a_line_too():
-    """Terrain assessed from heights alone says `?` for what nobody said."""
+    """Terrain assessed from heights alone has `?` for what is not known."""
     line = summary(gp.assess_terrain(np.zeros((4, 6), np.float32), 0.02))
     assert line.startswith("step 0, ?, 6x4 cells of 20 mm, known 100%, traversable 0%, attitude from ?")

@@ -39,6 +39,6 @@ def run(program: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 @pytest.mark.parametrize("program", [GIVEN_TO_ANOTHER_THREAD, WITHIN_ITS_OWN_LOCK])
 def test_a_signal_is_heard_wherever_it_arrives(program: str, name: str) -> None:
-    """In another thread, and in the main one while it holds the event's lock (it did not end)."""
+    """In another thread, and in the main one while it holds the event's lock: the program ends in both cases."""
     result = run(program.format(name=name))
     assert (result.returncode, result.stdout) == (0, "stopped\n"), result.stderr

@@ -110,7 +110,7 @@ def test_two_walks_of_one_recording_stay_apart(
 def test_recorded_points_are_shown_as_they_were_measured(
     tmp_path: Path, robot: RobotModel, paper_terrain: gp.TerrainGrid
 ) -> None:
-    """Points that stand in the recording belong to the scan of their stamp; nothing is processed for them."""
+    """Recorded points belong to the scan of their stamp; nothing is processed for them."""
     path = tmp_path / "walk.mcap"
     xyz = {name: np.linspace(0.5, 0.9, 7, dtype=np.float32) for name in "xyz"}
     with RecordingWriter(path, robot="guara") as writer:
@@ -186,7 +186,7 @@ def test_live_grids_are_shown_as_they_come(
         node.tell("publish 1")
         assert eventually(lambda: any(moment.step == 1 for moment in shown))
         assert shown[-1].stripes is no_stripes and shown[-1].picture() is None
-        node.tell("look")
+        node.tell("views")
         assert eventually(lambda: shown[-1].picture() is not None and shown[-1].stripes is not no_stripes)
         (points,) = shown[-1].stripes()
         np.testing.assert_allclose(points, np.repeat(np.linspace(0.5, 0.9, 9)[:, None], 3, axis=1), atol=1e-6)
@@ -194,7 +194,7 @@ def test_live_grids_are_shown_as_they_come(
         node.tell("map 1")
         assert eventually(lambda: set(shown[-1].grids) == {"footprint", "map"})
         assert shown[-1].stripes is not no_stripes and shown[-1].picture() is not None
-        # Nothing of an earlier scan stands beside a later one.
+        # Nothing of an earlier scan is shown beside a later one.
         node.tell("map 2")
         assert eventually(lambda: shown[-1].step == 2)
         assert set(shown[-1].grids) == {"map"} and shown[-1].stripes is no_stripes and shown[-1].picture() is None
@@ -222,7 +222,7 @@ def test_a_live_view_of_another_robot_says_so(
     tapir = load_robot(root / "tests" / "robots" / "tapir")
     with LiveMoments(lambda moment: tapir.state(moment.joint_positions or {}), tapir, free_endpoint, robot="guara"):
         node.tell("publish 1")
-        assert eventually(lambda: "not shown, is it of another robot than 'tapir' (--robot)?" in caplog.text)
+        assert eventually(lambda: "not shown; is it from another robot than 'tapir' (--robot)?" in caplog.text)
     assert "Traceback" not in caplog.text
 
 

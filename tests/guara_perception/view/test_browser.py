@@ -89,7 +89,7 @@ def test_the_page_shows_robot_and_terrain(page: Chromium, robot: RobotModel, gri
         ground = share(whole[SCENE], TERRAIN, 70)
         until(page, lambda picture: share(picture[SCENE], TERRAIN, 70) < ground / 4, "no ground")
         until(page, lambda picture: is_rust(picture[SCENE]).mean() < 1e-4, "no robot where joints are unknown")
-        assert page.evaluate("document.body.innerText.includes('picture is not at hand')")
+        assert page.evaluate("document.body.innerText.includes('picture is not available')")
         assert page.errors == []
         outside = [url for url in page.requests if not url.startswith((view.address, "data:", "blob:"))]
         assert outside == []

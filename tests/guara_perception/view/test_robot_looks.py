@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from guara_perception.settings import Settings
-from guara_perception.view.robot_looks import BODY_COLOUR, LEG_COLOUR, robot_looks
+from guara_perception.view.robot_looks import BODY_COLOUR, LEG_COLOUR, visual_shapes
 from kinematics import RobotModel, load_robot
 
 ROBOTS = ("guara", str(Path(__file__).parents[2] / "robots" / "tapir"))
@@ -28,10 +28,10 @@ def test_every_shape_is_drawn_where_it_is(name: str) -> None:
     """The drawn robot stands on its soles; each shape is closed and faces outwards."""
     robot = load_robot(name)
     state = robot.state(robot.posture(robot.config.scan_posture))
-    looks = robot_looks(robot)
-    assert {link for link, description in robot.tree.links.items() if description.shapes} <= set(looks)
+    visuals = visual_shapes(robot)
+    assert {link for link, description in robot.tree.links.items() if description.shapes} <= set(visuals)
     lowest = []
-    for link, shapes in looks.items():
+    for link, shapes in visuals.items():
         transform = state.transform_to_base(link)
         for look in shapes:
             placed = look.vertices @ transform[:3, :3].T + transform[:3, 3]
@@ -46,16 +46,16 @@ def test_every_shape_is_drawn_where_it_is(name: str) -> None:
 
 def test_the_guara_has_the_colours_of_its_materials(robot: RobotModel) -> None:
     """Materials are found by name; every link with a body has a look, the sensors too."""
-    looks = robot_looks(robot)
-    assert looks["base_link"][0].colour == (0.62, 0.27, 0.13)
-    assert {"camera_link", "laser_link", "lf_thigh_link", "rh_foot_link"} <= set(looks)
-    assert sum(map(len, looks.values())) == robot.tree.urdf.text.count("<visual>") == 62
+    visuals = visual_shapes(robot)
+    assert visuals["base_link"][0].colour == (0.62, 0.27, 0.13)
+    assert {"camera_link", "laser_link", "lf_thigh_link", "rh_foot_link"} <= set(visuals)
+    assert sum(map(len, visuals.values())) == robot.tree.urdf.text.count("<visual>") == 62
 
 
 def test_collision_shapes_stand_in_for_what_is_no_plain_visual(robot: RobotModel) -> None:
     """No visual, a mesh, a shape that is broken: the link is drawn by what collides, in the colour of its part."""
     text = robot.tree.urdf.text
-    bare = robot_looks(with_text(robot, re.sub(r"<visual>.*?</visual>", "", text, flags=re.DOTALL)))
+    bare = visual_shapes(with_text(robot, re.sub(r"<visual>.*?</visual>", "", text, flags=re.DOTALL)))
     assert {link: len(shapes) for link, shapes in bare.items()} == {
         link: len(found.shapes) for link, found in robot.tree.links.items() if found.shapes
     }
@@ -67,16 +67,16 @@ def test_collision_shapes_stand_in_for_what_is_no_plain_visual(robot: RobotModel
         "<box/>",
         '<sphere radius="x"/>',
     ):
-        looks = robot_looks(with_text(robot, text.replace(motor, broken, 1)))
-        assert len(looks["base_link"]) == 1 and looks["base_link"][0].colour == BODY_COLOUR
-        assert len(looks["lf_thigh_link"]) == 3
-    unknown = robot_looks(with_text(robot, text.replace('rgba="0.62 0.27 0.13 1"', 'rgba="red"')))
+        visuals = visual_shapes(with_text(robot, text.replace(motor, broken, 1)))
+        assert len(visuals["base_link"]) == 1 and visuals["base_link"][0].colour == BODY_COLOUR
+        assert len(visuals["lf_thigh_link"]) == 3
+    unknown = visual_shapes(with_text(robot, text.replace('rgba="0.62 0.27 0.13 1"', 'rgba="red"')))
     assert unknown["base_link"][0].colour == BODY_COLOUR
 
 
 def test_what_carries_the_sensors_stands_in_nobodys_way(robot: RobotModel) -> None:
     """Body, mast, boom and sensor bodies hide no cell of the area from camera or laser."""
-    looks = robot_looks(robot)
+    visuals = visual_shapes(robot)
     state = robot.state(robot.posture("scan"))
     settings = Settings.of(robot)
     floor = state.soles_in_base()[:, 2].mean()
@@ -84,7 +84,7 @@ def test_what_carries_the_sensors_stands_in_nobodys_way(robot: RobotModel) -> No
     cells = np.column_stack((x.ravel(), y.ravel(), np.full(x.size, floor)))
     camera = robot.transform_camera_to_base[:3, 3]
     mirror = robot.transform_laser_to_base[:3, 3]
-    drawn = [(link, look) for link in ("base_link", "camera_link", "laser_link") for look in looks[link]]
+    drawn = [(link, look) for link in ("base_link", "camera_link", "laser_link") for look in visuals[link]]
     hit: list[str] = []
     for origin, own in ((camera, "camera_link"), (mirror, "laser_link")):
         for link, look in drawn:

@@ -43,7 +43,7 @@ def session_copy(data: Path, tmp_path: Path) -> Callable[..., Path]:
 
 @pytest.mark.slow
 def test_good_session(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One command writes calibration, report and camera_info, says every figure, and exits 0."""
+    """One command writes calibration, report and camera_info, prints every check, and exits 0."""
     out, report, lens = tmp_path / "c.json", tmp_path / "report", tmp_path / "camera.yaml"
     arguments = ["calibrate", data / "calibration", "-o", out, "--report", report, "--camera-info", lens]
     assert run([*map(str, arguments), "--pattern", "standard"]) == 0
@@ -67,7 +67,7 @@ def test_good_session(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def wrong_height(content: dict[str, Any]) -> None:
-    """The middle plate is said to be 2 mm higher than it is."""
+    """The median plate is said to be 2 mm higher than it is."""
     content["plates"][1]["height"] = 0.042
 
 
@@ -89,7 +89,7 @@ def test_refused_session(
         return made[-1]
 
     monkeypatch.setattr(calibrate, "calibrate_session", once)
-    # The report's pictures are looked at in the test above; here its words count.
+    # The report's pictures are checked in the test above; here only its text is.
     for pictures in (camera_pictures, laser_pictures):
         monkeypatch.setattr(pictures, "to_png", lambda figure: b"")
     assert run([*arguments, "--report", str(report)]) == 1

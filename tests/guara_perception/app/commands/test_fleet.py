@@ -10,7 +10,7 @@ PUBLISHING_NODE = Path(__file__).parent.parent / "publishing_node.py"
 
 @pytest.mark.slow
 def test_the_robots_of_a_router_are_listed(guara, start, free_endpoint: str, terrain_file: Path) -> None:
-    """One line per robot under a head; the same as JSON; a name picks one out."""
+    """One line per robot under a heading; the same as JSON; a name selects one robot."""
     node = start(PUBLISHING_NODE, free_endpoint, "rex", terrain_file)
     assert node.line() == "ready"
     node.tell("publish 12")

@@ -104,7 +104,7 @@ def test_orthorectified_picture_lies_where_its_mapping_says(processed: Path, dat
 
 
 def test_perspective_picture_leans_away_from_the_camera(processed: Path, data: Path, paper_scan: gp.Scan):
-    """On the floor both pictures agree; a box top stands in the perspective one where its ray meets the floor."""
+    """On the floor both pictures agree; the perspective one shows a box top where its ray meets the floor."""
     height, flat = truth_under_pictures(data)
     with np.load(processed) as content:
         ortho, perspective = content["ortho_image_mm"], content["range_image_mm"]

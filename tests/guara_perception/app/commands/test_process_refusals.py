@@ -107,7 +107,7 @@ def test_bad_calibration_is_refused(guara, data: Path, calibration_file: Path, t
 
 
 def bad_options(data: Path, calibration: Path, folder: Path) -> dict[str, tuple[list[object], str]]:
-    """Command lines that cannot be meant."""
+    """Command lines with an option that is not valid."""
     scan, out = data / "scans" / "paper", folder / "out.npz"
     return {
         "scan not there": ([folder / "no", "-c", calibration, "-o", out], "no: no such scan"),
@@ -150,7 +150,7 @@ def test_bad_option_is_refused(guara, data: Path, calibration_file: Path, tmp_pa
 
 
 def test_scan_without_a_readable_frame_is_refused(guara, paper_copy: Path, calibration_file: Path, tmp_path: Path):
-    """Going on with nothing makes no sense: the first frame is named."""
+    """With no frame at all it does not go on: the first frame is named."""
     for path in paper_copy.glob("on_*.jpg"):
         path.write_bytes(b"")
     arguments = ["process", paper_copy, "-c", calibration_file, "-o", tmp_path / "out.npz", "--keep-going"]

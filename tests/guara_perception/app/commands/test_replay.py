@@ -28,7 +28,7 @@ def test_saves_both_grids_of_every_pause(guara, data: Path, calibration_file: Pa
     first, second = (gp.load_terrain(tmp_path / "grids" / f"{name}-map.npz") for name in ("0000-step0", "0001-step2"))
     assert (first.extent, first.shape, second.step) == ("map", (140, 320), 2)
     assert second.metadata["scans"] == 2
-    # Two scans of different boxes from one place cannot agree.
+    # Two scans of different boxes from one position cannot agree.
     assert np.count_nonzero(second.hazard & Hazard.CONFLICT) > 500
 
 
@@ -77,10 +77,20 @@ def test_publishes_for_planners(
 
 FOREIGN = {
     "pictures of a camera": ("/camera/image", "sensor_msgs/msg/Image", "cdr", b"\x00\x01\x00\x00" + bytes(60)),
-    "words in JSON": ("/chatter", "chatter", "json", b'{"data": "hello"}'),
-    "our topic, other bytes": ("/guara/scan/start", "guara_msgs/msg/ScanStart", "cdr", b"\x00\x01\x00\x00nonsense"),
-    "our topic, JSON": ("/guara/scan/start", "start", "json", b"{}"),
-    "a grid of nobody": ("/guara/terrain", "guara_msgs/msg/Terrain", "cdr", b"\x00\x01\x00\x00" + bytes(40)),
+    "text in JSON": ("/chatter", "chatter", "json", b'{"data": "hello"}'),
+    "topic of a scan, other bytes": (
+        "/guara/scan/start",
+        "guara_msgs/msg/ScanStart",
+        "cdr",
+        b"\x00\x01\x00\x00nonsense",
+    ),
+    "topic of a scan, JSON": ("/guara/scan/start", "start", "json", b"{}"),
+    "topic of a grid, other bytes": (
+        "/guara/terrain",
+        "guara_msgs/msg/Terrain",
+        "cdr",
+        b"\x00\x01\x00\x00" + bytes(40),
+    ),
 }
 
 
@@ -97,7 +107,7 @@ def _write_foreign(path: Path, topic: str, schema: str, encoding: str, payload: 
 
 @pytest.mark.parametrize("kind", FOREIGN)
 def test_a_foreign_recording_is_reported(guara, calibration_file: Path, tmp_path: Path, kind: str):
-    """A well-formed .mcap of somebody else: one line and exit 2 from whoever wants a scan, never a traceback."""
+    """A well-formed .mcap of another program: one line and exit 2 from commands that need a scan, no traceback."""
     path = tmp_path / "foreign.mcap"
     _write_foreign(path, *FOREIGN[kind])
     for arguments in (

@@ -51,7 +51,7 @@ def test_scan_writes_a_scan_that_can_be_processed(
 def test_scan_says_which_setting_is_not_as_it_was_locked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, more: list[str]
 ) -> None:
-    """A scan is taken and says so; one to calibrate with is not."""
+    """A scan is taken and reports it; a scan to calibrate with is not taken."""
     monkeypatch.setattr(EmulatedCamera, "held", lambda self, locked: HeldSettings(automatic=("exposure",)))
     out = tmp_path / "scan"
     code = run(["scan", "--simulated", "--mode", "coarse", "-o", str(out), *more])
@@ -86,7 +86,7 @@ def test_a_real_robot_does_not_walk_on_assumed_values(
     toml.write_text(text + assumed)
     assert run(["run", "-c", str(calibration_file), "--robot", str(folder)]) == 2
     error = capsys.readouterr().err
-    assert "nobody has measured sole of 'guara'" in error and "--simulated runs without" in error
+    assert "nobody has measured sole of 'guara'" in error and "--simulated needs none of them" in error
     toml.write_text(text + assumed.replace('"sole" = "measure a foot"\n', ""))
     assert run(["run", "-c", str(calibration_file), "--robot", str(folder)]) == 1
     assert "no laser board" in capsys.readouterr().err

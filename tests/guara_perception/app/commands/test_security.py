@@ -119,7 +119,7 @@ def test_doctor_and_status_warn_in_time(guara, keys: Path, flaw: str) -> None:
 
 
 def test_doctor_says_when_it_was_given_no_folder(guara, tmp_path: Path) -> None:
-    """Not checked is not the same as well; an empty folder is no security folder."""
+    """A check that was skipped is not "ok"; an empty folder is no security folder."""
     assert guara("doctor", "--only", "certificates").out.startswith("skip")
     said = guara("doctor", "--only", "certificates", "--security", tmp_path)
     assert said.code == 1 and "holds no certificate" in said.out
@@ -150,7 +150,7 @@ def test_a_running_node_warns_planners(start, keys: Path, free_endpoint: str, ev
 
 
 def test_a_router_for_several_robots_says_what_to_do(guara, tmp_path: Path) -> None:
-    """Out of nothing: CA, robots and router; then a room's router below it, a robot more, a watcher, and their ends."""
+    """First CA, robots and router; then a room's router below it, one more robot, a watcher, and all revoked."""
     site = tmp_path / "site"
     said = guara("security", "router", site, "--robot", "rex", "--robot", "ada", "--name", "top", "--host", "top.local")
     assert said.code == 0 and f"{site / 'top'}: for rex, ada; start it there: zenohd -c" in said.out
@@ -170,7 +170,7 @@ def test_a_router_for_several_robots_says_what_to_do(guara, tmp_path: Path) -> N
     said = guara("security", "revoke", site, "rex.planner")
     changed = ", ".join(str(site / name) for name in ("rex/node", "top", "room"))
     assert (
-        said.out == f"rex.planner is shut out as soon as {changed} is copied to where it runs and that is restarted\n"
+        said.out == f"rex.planner is shut out as soon as {changed} is copied to its machines and they are restarted\n"
     )
     assert "shut out already" in guara("security", "revoke", site, "rex.planner").out
     assert str(site / "top") in guara("security", "revoke", site, "room").out
@@ -182,7 +182,7 @@ def test_a_router_for_several_robots_says_what_to_do(guara, tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_the_check_of_a_site_tries_nodes_and_routers(guara, tmp_path: Path) -> None:
-    """Each is named; a robot's planner gets at its robot, not at the other; exit 0 as all is as meant."""
+    """Each is named; a robot's planner reaches its own robot only; exit 0, since all rights are as expected."""
     site = tmp_path / "site"
     assert guara("security", "router", site, "--robot", "rex", "--robot", "ada").code == 0
     said = guara("security", "check", site, "--robot", "rex")

@@ -79,7 +79,7 @@ def test_a_robot_outside_of_the_package_walks_too(tmp_path: Path) -> None:
 
 @pytest.mark.heavy
 def test_a_walk_in_the_sun_keeps_its_promises_however_slow_the_machine(tmp_path: Path) -> None:
-    """`--world sunlit`; the pauses outlast by far what the robot allows those whose end is not announced."""
+    """`--world sunlit`; the pauses last far longer than the robot's limit for pauses whose END does not come."""
     robot = tmp_path / "guara"
     shutil.copytree(Path(__file__).parents[4] / "robots" / "guara", robot)
     text = (robot / "robot.toml").read_text()

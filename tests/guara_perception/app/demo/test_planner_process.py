@@ -38,7 +38,7 @@ def forked_planner(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_foothold_is_that_of_the_grid(node, module_endpoint: str, paper_terrain: gp.TerrainGrid):
     """The planner answers what the grid itself answers, over Zenoh and from another process.
 
-    A foot swings from where it stands, which a single scan has not seen: there is a foothold and no way to it.
+    A foot swings from where it stands, which a single scan has not seen: there is a foothold, but no swing to it.
     """
     x, y = 0.72, 0.0
     expected = plan_swing(paper_terrain, "lf", (x, y))

@@ -13,7 +13,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app.figures import figures
-from guara_perception.app.figures.figure_frames import as_grey, corrected_frame, middle_frame, stripes_together
+from guara_perception.app.figures.figure_frames import as_grey, corrected_image, median_stripe_frame, stripes_together
 from guara_perception.app.figures.figures import draw_figures
 from guara_perception.app.files.range_files import OFFSET_MM, SCALE_MM, cause_image, to_8_bit, to_16_bit
 from guara_perception.app.main import run
@@ -68,18 +68,18 @@ def test_every_picture_is_there_and_shows_something(drawn: Path) -> None:
 
 @pytest.mark.heavy
 def test_16_bit_range_image_gives_the_heights_back(drawn: Path, paper_terrain: gp.TerrainGrid) -> None:
-    """Scale and offset of the JSON bring the millimetres back to half a step, unknown stays unknown."""
+    """Scale and offset of the JSON give the millimetres back to half a unit, unknown stays unknown."""
     meaning = json.loads((drawn / "range_images.json").read_text())["16bit"]
-    steps = cv2.imread(str(drawn / "ortho_image_16bit.png"), cv2.IMREAD_UNCHANGED)
-    heights = np.where(steps == meaning["unknown"], np.nan, steps * meaning["scale_mm"] + meaning["offset_mm"])
+    values = cv2.imread(str(drawn / "ortho_image_16bit.png"), cv2.IMREAD_UNCHANGED)
+    heights = np.where(values == meaning["unknown"], np.nan, values * meaning["scale_mm"] + meaning["offset_mm"])
     np.testing.assert_allclose(heights, paper_terrain.pictures["ortho_image_mm"], atol=0.0051)
 
 
 def test_heights_to_whole_numbers_and_back() -> None:
-    """16 bits: half a step at most, clipped at the ends, NaN kept. 8 bits: lowest 1, highest 255, unknown 0."""
+    """16 bits: off by half a unit at most, clipped at the ends, NaN kept. 8 bits: lowest 1, highest 255, unknown 0."""
     image = np.array([[-50.0, 0.0, np.nan, 123.456, 9999.0]], np.float32)
-    levels = to_16_bit(image)
-    back = np.where(levels > 0, levels * SCALE_MM + OFFSET_MM, np.nan)
+    values = to_16_bit(image)
+    back = np.where(values > 0, values * SCALE_MM + OFFSET_MM, np.nan)
     np.testing.assert_allclose(back[0, :4], [-50, 0, np.nan, 123.456], atol=0.0051)
     assert back[0, 4] == pytest.approx(65535 * 0.01 - 300, abs=0.01)
     shades, low, high = to_8_bit(image[:, :4])
@@ -89,7 +89,7 @@ def test_heights_to_whole_numbers_and_back() -> None:
 
 
 def test_cause_image_is_that_of_the_cells(paper_terrain: gp.TerrainGrid) -> None:
-    """Under every unknown pixel of an unknown cell stand that cell's flags, under known pixels nothing."""
+    """An unknown pixel of an unknown cell has that cell's flags, a known pixel has none."""
     causes = cause_image(paper_terrain)
     image = paper_terrain.pictures["ortho_image_mm"]
     assert causes.shape == image.shape
@@ -99,13 +99,13 @@ def test_cause_image_is_that_of_the_cells(paper_terrain: gp.TerrainGrid) -> None
     assert causes[row, column] == int(paper_terrain.hazard_at(x, y)) & int(UNKNOWN_MASK)
 
 
-def test_corrected_frame_shows_the_stripe_where_it_was_measured(processor, paper_scan, calibration) -> None:
+def test_corrected_image_shows_the_stripe_where_it_was_measured(processor, paper_scan, calibration) -> None:
     """In the picture seen from above, the brightest row of a stripe is the x of its points on the floor."""
     settings = processor.settings
     stripe = sorted(paper_scan.stripes, key=lambda each: each.index)[10]
     on, off = paper_scan.read_frame(stripe.on), paper_scan.read_frame(stripe.off)
     light = as_grey(cv2.subtract(on, off))
-    seen = corrected_frame(
+    seen = corrected_image(
         light, calibration.camera, processor.transform_camera_to_footprint, (settings.footprint_x, settings.footprint_y)
     )
     assert seen.shape == (512, 640)
@@ -120,7 +120,7 @@ def test_corrected_frame_shows_the_stripe_where_it_was_measured(processor, paper
 def test_stripes_together_leave_unreadable_frames_out(paper_scan: gp.Scan, paper_copy: Path) -> None:
     """One broken frame does not spoil the picture of all; without any frame it is refused."""
     whole = stripes_together(paper_scan)
-    assert (whole >= middle_frame(paper_scan)).all()
+    assert (whole >= median_stripe_frame(paper_scan)).all()
     stripes = gp.open_scan(paper_copy).stripes
     (paper_copy / stripes[3].on).write_bytes(b"broken")
     assert stripes_together(gp.open_scan(paper_copy)).shape == whole.shape
@@ -131,7 +131,7 @@ def test_stripes_together_leave_unreadable_frames_out(paper_scan: gp.Scan, paper
 
 
 def test_what_cannot_be_drawn_is_refused(processor, paper_scan, calibration, paper_terrain, tmp_path: Path) -> None:
-    """A grid without range images, and a file in the place of the folder."""
+    """A grid without range images, and a file instead of the folder."""
     with pytest.raises(gp.InvalidInput, match="carries no range images"):
         draw_figures(tmp_path, paper_scan, calibration, processor, processor.finish())
     taken = tmp_path / "taken"
@@ -143,7 +143,7 @@ def test_what_cannot_be_drawn_is_refused(processor, paper_scan, calibration, pap
 @pytest.mark.heavy
 def test_scan_of_nothing_can_be_drawn(paper_scan, calibration, robot, tmp_path: Path, monkeypatch) -> None:
     """All unknown: every picture is drawn all the same (those of frames, which show no grid, by the tests above)."""
-    monkeypatch.setattr(figures, "draw_frame", lambda path, *_: path.write_bytes(b"frame") and path)
+    monkeypatch.setattr(figures, "draw_image", lambda path, *_: path.write_bytes(b"frame") and path)
     empty = gp.ScanProcessor(calibration, robot, paper_scan.stance, paper_scan.mode)
     paths = draw_figures(tmp_path, paper_scan, calibration, empty, with_pictures(empty.finish(), empty))
     assert all(path.stat().st_size > 0 for path in paths)

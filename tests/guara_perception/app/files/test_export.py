@@ -18,7 +18,7 @@ from transport.recording import RecordingWriter
 
 
 def point_cloud() -> Any:
-    """Of pypcd4; like trimesh imported when asked for, for every worker collects this file."""
+    """`PointCloud` of pypcd4; imported only when it is needed, as trimesh is, since every worker collects this file."""
     return importlib.import_module("pypcd4").PointCloud
 
 

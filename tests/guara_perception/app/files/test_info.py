@@ -26,7 +26,7 @@ def reported(guara, path: Path) -> dict[str, object]:
 
 @pytest.mark.slow
 def test_each_kind_is_known(guara, data: Path, root: Path, terrain_file: Path, calibration_file: Path, recording: Path):
-    """Grid, recording, calibration, scan, session and robot, each with its own figures."""
+    """Grid, recording, calibration, scan, session and robot, each with its own values."""
     grid = reported(guara, terrain_file)
     assert grid["kind"] == "grid" and grid["cells"] == [90, 108] and 0.8 < grid["known"] < 1
     assert reported(guara, recording)["scans"] == [{"step": 0, "mode": "coarse", "stripes": 35}]
@@ -40,7 +40,7 @@ def test_each_kind_is_known(guara, data: Path, root: Path, terrain_file: Path, c
 
 
 def test_words_for_people(guara, terrain_file: Path, data: Path):
-    """One line per figure, names and values as readable text."""
+    """One line per value, names and values as readable text."""
     said = guara("info", terrain_file)
     assert said.code == 0 and "kind:                grid\n" in said.out and "hazards:             DROPOUT " in said.out
     said = guara("info", data / "scans" / "paper")
@@ -48,7 +48,7 @@ def test_words_for_people(guara, terrain_file: Path, data: Path):
 
 
 def test_long_lists_are_cut_for_people(guara, monkeypatch: pytest.MonkeyPatch):
-    """Of a walk with many scans the first and the last are shown, and how many there are."""
+    """A walk with many scans is shown by its first and last scans and their number."""
     scans = [{"step": step, "mode": "coarse"} for step in range(41)]
     monkeypatch.setattr("guara_perception.app.files.info.describe_file", lambda _: {"scans": scans})
     line = "step 0, mode coarse; step 1, mode coarse; step 2, mode coarse; ...; step 40, mode coarse (41 in all)"
@@ -57,7 +57,7 @@ def test_long_lists_are_cut_for_people(guara, monkeypatch: pytest.MonkeyPatch):
 
 
 def test_what_is_not_ours_is_refused(guara, tmp_path: Path):
-    """Exit 2 with the kinds there are; nothing there says so."""
+    """Exit 2 with the kinds that are known; a path that does not exist is reported as such."""
     (tmp_path / "notes.txt").write_text("hello")
     said = guara("info", tmp_path / "notes.txt")
     assert said.code == 2 and "notes.txt: not known; it must be a grid (.npz), a recording (.mcap)" in said.err
@@ -68,7 +68,7 @@ def test_what_is_not_ours_is_refused(guara, tmp_path: Path):
 
 
 def test_a_broken_robot_folder_is_refused(guara, tmp_path: Path):
-    """In one line, with the reader's own words."""
+    """In one line."""
     (tmp_path / "robot.toml").write_text("name = 3")
     said = guara("info", tmp_path)
     assert said.code == 2 and said.err.count("\n") == 1 and str(tmp_path) in said.err

@@ -1,4 +1,4 @@
-"""Of a recording with several scans one is chosen by its step."""
+"""One of several scans of a recording is chosen by its step."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_which_scan_must_be_said(monkeypatch: pytest.MonkeyPatch, case: str) -> 
 
 
 def test_of_a_pause_with_two_scans_the_later_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The coarse one and the same with the stripes between."""
+    """The coarse scan, and the same scan with the stripes in between."""
     scans = [SimpleNamespace(step=4, mode="coarse"), SimpleNamespace(step=4, mode="standard")]
     monkeypatch.setattr(module, "open_scans", lambda _: scans)
     assert gp.open_scan("walk.mcap").mode == "standard"

@@ -27,7 +27,7 @@ def test_good_folder_says_what_was_recorded(data: Path):
 
 
 def test_optional_fields_are_read(edited_scan):
-    """A second stance, a hash and stamps of stripes are kept where they stand."""
+    """A second stance, a hash and stamps of single stripes are kept."""
 
     def change(content):
         content["stance_end"] = {**content["stance"], "gravity_in_base": None}
@@ -149,7 +149,7 @@ def test_missing_folder_and_missing_scan_file(tmp_path: Path):
 
 
 def test_a_file_that_is_no_recording_is_refused(data: Path):
-    """Given scan.json in place of its folder, the message says what a scan is."""
+    """Given scan.json instead of its folder, the message says what a scan is."""
     with pytest.raises(
         gp.InvalidInput, match="scan.json: a scan is a folder that holds scan.json, or a file that ends"
     ):
@@ -201,7 +201,7 @@ def test_pictures_are_read_as_they_are(tmp_path: Path, picture: np.ndarray):
 
 @pytest.mark.parametrize("name", ["/etc/hostname", "../secret.png", "frames/../../secret.png"])
 def test_frames_outside_the_folder_are_refused(edited_scan, name: str):
-    """A scan folder from elsewhere cannot make us read other files."""
+    """A scan folder from elsewhere cannot make the program read other files."""
 
     def change(content):
         content["stripes"][0]["on"] = name

@@ -1,4 +1,4 @@
-"""Scans of a recording whose grids the node took back are distinguished from those that stand."""
+"""Scans of a recording whose grids the node withdrew are distinguished from the others."""
 
 import dataclasses
 import json
@@ -33,14 +33,14 @@ def _said(grid: TerrainMessage, step: int, stamp: int, reported: dict, extent: s
     )
 
 
-def _record(path: Path, scan: gp.Scan, *parts: tuple[int, int] | TerrainMessage) -> list[str]:
-    """Why each scan was withdrawn, of a recording of scans (step, stamp) and grids in this order."""
+def _record(path: Path, scan: gp.Scan, *entries: tuple[int, int] | TerrainMessage) -> list[str]:
+    """Record scans (step, stamp) and grids in this order; return why each scan was withdrawn."""
     with RecordingWriter(path) as writer:
-        for part in parts:
-            if isinstance(part, TerrainMessage):
-                writer.add_terrain(part)
+        for entry in entries:
+            if isinstance(entry, TerrainMessage):
+                writer.add_terrain(entry)
                 continue
-            step, stamp = part
+            step, stamp = entry
             stance = stance_to_message(scan.stance)
             writer.begin_scan(ScanRecord(robot="guara", mode="coarse", stamp=stamp, step=step, stance=stance))
             writer.add_stripe(0, 0.1, FrameRecord(pixels=np.zeros((4, 4), np.uint8), stamp=stamp), None)
@@ -49,22 +49,22 @@ def _record(path: Path, scan: gp.Scan, *parts: tuple[int, int] | TerrainMessage)
 
 
 def test_a_withdrawn_grid_marks_the_scans_of_its_pause(grid: TerrainMessage, paper_scan: gp.Scan, tmp_path: Path):
-    """Both scans of pause 2, the last word of which was that the robot had moved; neither the one before nor after."""
-    parts = ((1, 100), (2, 200), (2, 250), _said(grid, 2, 300, WITHDRAWN), (3, 400))
-    assert _record(tmp_path / "r.mcap", paper_scan, *parts) == ["", "it moved", "it moved", ""]
+    """Both scans of pause 2, in which the robot moved; not the scans of the pauses before and after."""
+    entries = ((1, 100), (2, 200), (2, 250), _said(grid, 2, 300, WITHDRAWN), (3, 400))
+    assert _record(tmp_path / "r.mcap", paper_scan, *entries) == ["", "it moved", "it moved", ""]
 
 
 def test_a_map_that_was_confirmed_does_not_excuse_a_scan(grid: TerrainMessage, paper_scan: gp.Scan, tmp_path: Path):
-    """It may be of an earlier scan of the pause, after which the mirror slipped: of two readings the safer."""
-    parts = ((2, 200), _said(grid, 2, 200, {"provisional": False}, "map"), (2, 250), _said(grid, 2, 300, WITHDRAWN))
-    assert _record(tmp_path / "r.mcap", paper_scan, *parts) == ["it moved", "it moved"]
+    """The map may be of an earlier scan of the pause, after which the mirror slipped: the safer case is assumed."""
+    entries = ((2, 200), _said(grid, 2, 200, {"provisional": False}, "map"), (2, 250), _said(grid, 2, 300, WITHDRAWN))
+    assert _record(tmp_path / "r.mcap", paper_scan, *entries) == ["it moved", "it moved"]
 
 
 def test_a_gait_that_counts_from_zero_again_has_the_same_step_twice(
     grid: TerrainMessage, paper_scan: gp.Scan, tmp_path: Path
 ):
-    """Meant is the scan before the withdrawal; with a clock that was set back, every scan of that step."""
-    parts = ((2, 200), (1, 500), (2, 600), _said(grid, 2, 700, WITHDRAWN))
-    assert _record(tmp_path / "r.mcap", paper_scan, *parts) == ["", "", "it moved"]
-    parts = ((2, 200), (1, 500), (2, 600), _said(grid, 2, 100, WITHDRAWN))
-    assert _record(tmp_path / "b.mcap", paper_scan, *parts) == ["it moved", "", "it moved"]
+    """The scan before the withdrawal is marked; with a clock that was set back, every scan of that step."""
+    entries = ((2, 200), (1, 500), (2, 600), _said(grid, 2, 700, WITHDRAWN))
+    assert _record(tmp_path / "r.mcap", paper_scan, *entries) == ["", "", "it moved"]
+    entries = ((2, 200), (1, 500), (2, 600), _said(grid, 2, 100, WITHDRAWN))
+    assert _record(tmp_path / "b.mcap", paper_scan, *entries) == ["it moved", "", "it moved"]

@@ -72,8 +72,8 @@ def rig(
 def bench_with(
     rig: Rig, free_endpoint: str, robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan
 ) -> "Callable[..., AbstractContextManager[Bench]]":
-    """Makes a running node over the rig, with a recorder and what else `running` takes."""
-    # Not above: that module takes the rig from here.
+    """Makes a running node over the rig; arguments are those of `running` from `recorder` on."""
+    # Not above: that module imports `Rig` from here.
     from tests.guara_perception.app.node.live_bench import running
 
     return partial(running, rig, free_endpoint, robot, calibration, paper_scan.stance)

@@ -1,4 +1,4 @@
-"""A node that runs in this process, with a gait and a planner of their own sessions."""
+"""A node that runs in this process, with a gait and a planner that have a session each."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -20,7 +20,7 @@ TIMEOUT = 180.0
 
 
 class Gait:
-    """A gait controller of its own session."""
+    """A gait controller with a session of its own."""
 
     def __init__(self, endpoint: str, stance: Stance) -> None:
         self.session = open_client(endpoint)

@@ -53,15 +53,15 @@ def test_a_live_scan_gives_the_grid_of_the_recording(rig: Rig) -> None:
     assert scan.end > scan.start
 
 
-def test_a_frame_out_of_step_costs_its_own_stripe_of_a_group(rig: Rig) -> None:
-    """Stripes that are handed over together are processed together, but for the one that cannot be used."""
+def test_a_bad_frame_costs_its_own_stripe_of_a_group(rig: Rig) -> None:
+    """Stripes that are handed over together are processed together, except those whose frame cannot be used."""
     processor = rig.processor()
     real, reported = rig.camera.grab, []
 
     def grab(timeout: float) -> Frame:
         frame = real(timeout)
         seen.append(frame.counter)
-        # By the frames that were taken, since a busy machine passes numbers over; several, since one may not be used.
+        # By the count of grabbed frames, since a busy machine skips numbers; several, since one may not be used.
         return dataclasses.replace(frame, image=frame.image[::2, ::2]) if 14 <= len(seen) < 20 else frame
 
     seen: list[int] = []
@@ -80,7 +80,7 @@ def test_a_frame_out_of_step_costs_its_own_stripe_of_a_group(rig: Rig) -> None:
 
 
 def test_frames_are_given_back_before_the_next_group_is_awaited(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    """While sixteen frames are collected the sixteen before are not held: but one, with which the next is compared."""
+    """While sixteen frames are collected, of the sixteen before only one is held, to compare the next frame with it."""
     real_grab, real_groups = rig.camera.grab, StripeStream.groups
 
     def grab(timeout: float) -> Frame:
@@ -132,7 +132,7 @@ def test_a_pause_that_ends_leaves_the_rest_unscanned(rig: Rig, stop_at: int) -> 
 @pytest.mark.parametrize("kind", TRANSFER_FAULTS, ids=lambda kind: kind.value)
 @pytest.mark.parametrize("skip", [0, *further(40)])
 def test_no_transfer_fault_makes_anything_safer(rig: Rig, kind: FaultKind, skip: int) -> None:
-    """A fault of the bus early, in the middle or late in a scan: survived, and reported where it cost data."""
+    """A fault of the bus early or late in a scan: survived, and reported where it cost data."""
     rig.board.inject(Fault(kind, skip=skip, count=4))
     processor = rig.processor()
     try:
@@ -147,7 +147,7 @@ def test_no_transfer_fault_makes_anything_safer(rig: Rig, kind: FaultKind, skip:
 
 @pytest.mark.parametrize("kind", STATE_FAULTS, ids=lambda kind: kind.value)
 def test_no_device_fault_makes_anything_safer(rig: Rig, kind: FaultKind) -> None:
-    """A device that does not do what it says is found out, or shows nothing: never more than there is."""
+    """A device that does not do what it reports is detected, or shows nothing: never more than there is."""
     rig.board.inject(Fault(kind, amount=95))
     processor = rig.processor()
     live_scan(rig.rangefinder, processor, rig.firing_order, should_stop=lambda: False)
@@ -156,7 +156,7 @@ def test_no_device_fault_makes_anything_safer(rig: Rig, kind: FaultKind) -> None
 
 
 def test_lost_steps_are_counted_when_the_mirror_comes_home(rig: Rig) -> None:
-    """A mirror that missed steps shows stripes out of place; homing after the scan tells by how much."""
+    """A mirror that missed motor steps displaces the stripes; homing after the scan shows by how many."""
     rig.board.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=10, amount=40))
     live_scan(rig.rangefinder, rig.processor(), rig.firing_order, should_stop=lambda: False)
     assert abs(rig.rangefinder.lost_steps(rig.firing_order)) == 40
@@ -205,7 +205,7 @@ def test_settings_that_hold_and_good_light_are_not_reported(simulated: Simulated
 
 
 @pytest.mark.parametrize(
-    ("changed", "expected_words"),
+    ("changed", "expected_texts"),
     [
         (
             {"gain": 12.0},
@@ -216,7 +216,7 @@ def test_settings_that_hold_and_good_light_are_not_reported(simulated: Simulated
     ],
 )
 def test_what_another_program_changes_is_reported_with_what_it_does_to_the_light(
-    simulated: SimulatedRobot, changed: dict[str, float], expected_words: tuple[str, str]
+    simulated: SimulatedRobot, changed: dict[str, float], expected_texts: tuple[str, str]
 ) -> None:
     """The scan is taken all the same; the next one says it again."""
     with simulated.rangefinder as rangefinder:
@@ -224,14 +224,14 @@ def test_what_another_program_changes_is_reported_with_what_it_does_to_the_light
         for _ in range(2):
             scan = short_scan(simulated)
             assert not scan.failed
-            for word in expected_words:
-                assert any(word in problem for problem in scan.problems), (word, scan.problems)
+            for text in expected_texts:
+                assert any(text in problem for problem in scan.problems), (text, scan.problems)
         rangefinder.lock(rangefinder.settings)
         assert short_scan(simulated).problems == ()
 
 
 def test_a_camera_that_does_not_answer_is_reported(rig: Rig) -> None:
-    """Reading back fails: what the camera says stands in the problems."""
+    """Reading back fails: the camera's error is among the problems."""
     rig.rangefinder.lock(CameraSettings(gain=1.0))
 
     def gone(locked: CameraSettings) -> None:

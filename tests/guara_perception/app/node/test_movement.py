@@ -75,7 +75,7 @@ ENDS: dict[str, Callable[[Bench], None]] = {
 
 @pytest.mark.parametrize("how", ENDS)
 def test_a_grid_that_the_pause_contradicts_is_withdrawn(bench: Bench, how: str) -> None:
-    """After the scan comes word that the robot moved, or none that says it did not: grid and map know nothing more."""
+    """After the scan the gait says that the robot moved, or not that it stood: grid and map then know nothing."""
     heard: list[tuple[str, gp.TerrainGrid]] = []
     for extent in ("footprint", "map"):
         bench.client.on_terrain(lambda grid, extent=extent: heard.append((extent, grid)), extent)
@@ -89,7 +89,7 @@ def test_a_grid_that_the_pause_contradicts_is_withdrawn(bench: Bench, how: str) 
     assert reported(bench, "withdrawn") or "BEGIN" in how
 
 
-def test_the_part_of_a_withdrawn_scan_in_the_map_is_undone(bench: Bench) -> None:
+def test_what_a_withdrawn_scan_gave_to_the_map_is_undone(bench: Bench) -> None:
     """The map after it knows what the pause before saw, bit for bit and not a cell more; the next pause is whole."""
     bench.gait.say(0, PausePhase.BEGIN)
     bench.gait.say(0, PausePhase.END)
@@ -115,12 +115,12 @@ def test_the_part_of_a_withdrawn_scan_in_the_map_is_undone(bench: Bench) -> None
 
 
 def test_a_hold_after_the_last_frame_confirms_and_one_before_it_does_not(bench: Bench) -> None:
-    """The robot still stands; whatever comes after takes the map's part back no more."""
+    """The robot still stands; nothing that comes after undoes what the scan gave to the map."""
     bench.gait.say(0, PausePhase.BEGIN)
     assert wait_until(lambda: bench.rig.board.view().laser_on)
     bench.gait.say(0, PausePhase.HOLD)
     assert all(grid.is_provisional for grid in both(bench, 0))
-    # Joints of the time before the last frame, that arrive late.
+    # Joints that were read before the last frame and arrive late.
     bench.gait.say(0, PausePhase.HOLD, stamp=bench.gait.first_stamp)
     bench.gait.say(0, PausePhase.HOLD)
     footprint, fused = both(bench, 0, confirmed=True)
@@ -146,7 +146,7 @@ def test_a_movement_ends_the_scan_at_once(bench: Bench) -> None:
 
 
 def test_a_pause_expires_when_its_gait_has_died(bench: Bench) -> None:
-    """It had its seconds: after them its grid is withdrawn, and no scan can be had."""
+    """After its available time its grid is withdrawn, and a scan is refused."""
     bench.gait.say(0, PausePhase.BEGIN, time_available=8.0)
     assert bench.client.wait_for_step(0, timeout=TIMEOUT).is_provisional
     message = bench.client._client.receiver().latest().message
@@ -159,7 +159,7 @@ def test_a_pause_expires_when_its_gait_has_died(bench: Bench) -> None:
 
 
 def test_a_second_begin_with_the_same_joints_says_nothing_new(bench: Bench) -> None:
-    """A gait that repeats itself for those who come late costs no scan."""
+    """A gait that repeats BEGIN for nodes that start late costs no scan."""
     bench.gait.say(0, PausePhase.BEGIN)
     both(bench, 0)
     bench.gait.say(0, PausePhase.BEGIN)
@@ -194,7 +194,7 @@ def test_a_phase_that_is_not_known_changes_nothing(bench: Bench) -> None:
 
 
 def test_the_frame_of_a_footprint_ends_with_its_pause(bench: Bench) -> None:
-    """Who asks for it after the next BEGIN learns that it was withdrawn; the map goes on."""
+    """After the next BEGIN it is too old for whoever asks; the map goes on."""
     bench.gait.say(0, PausePhase.BEGIN)
     both(bench, 0)
     bench.gait.say(0, PausePhase.END)
@@ -224,10 +224,10 @@ def patches(count: int = 1, corners: int = 3, height: float = 0.0, sigma: float 
 REFUSED_GROUND: dict[str, tuple[dict[str, object], str]] = {
     "another frame": ({"known_ground": patches(), "frame_id": "odom"}, "declared in frame 'odom'"),
     "too many": ({"known_ground": patches(17)}, "has 17 patches"),
-    "too many corners": ({"known_ground": patches(corners=17)}, "corners 17"),
-    "too low": ({"known_ground": patches(height=-1e200)}, "a height of [m] -1e+200"),
-    "too doubtful": ({"known_ground": patches(sigma=1.0)}, "a sigma of [m] 1"),
-    "too far": ({"known_ground": patches(corners=4, reach=1e6)}, "a reach of [m] 1e+06"),
+    "too many corners": ({"known_ground": patches(corners=17)}, "number of corners is 17"),
+    "too low": ({"known_ground": patches(height=-1e200)}, "height [m] is -1e+200"),
+    "too doubtful": ({"known_ground": patches(sigma=1.0)}, "sigma [m] is 1;"),
+    "too far": ({"known_ground": patches(corners=4, reach=1e6)}, "reach [m] is 1e+06"),
 }
 
 
@@ -245,7 +245,7 @@ def test_ground_that_nobody_can_know_is_refused_in_words(bench: Bench) -> None:
 
 
 def test_the_node_is_not_moved_by_what_is_said_to_another_robot(bench: Bench) -> None:
-    """BEGIN for robot `other` on our key: refused in words, not scanned; its END does not end our pause."""
+    """BEGIN for robot `other` on this robot's key: refused in words, not scanned; its END does not end the pause."""
     key = bench.gait.publisher._publisher
     stance = StanceMessage(
         joint_positions=bench.gait.stance.joint_positions, support_feet=bench.gait.stance.support_feet
@@ -258,7 +258,7 @@ def test_the_node_is_not_moved_by_what_is_said_to_another_robot(bench: Bench) ->
 
 
 def test_walks_have_an_identity(bench: Bench) -> None:
-    """The gait's in BEGIN and grids; a gait without one that counts from 0 again gets another; late ones are out."""
+    """Grids name the epoch of BEGIN; without one, counting from 0 begins another walk; late messages are refused."""
     bench.gait.say(5, PausePhase.BEGIN, epoch="walk-a")
     assert {grid.metadata["epoch"] for grid in both(bench, 5)} == {"walk-a"}
     bench.gait.say(5, PausePhase.END, epoch="walk-a")

@@ -308,4 +308,4 @@ def test_a_withdrawn_scan_is_not_replayed(
         refused = guara(*arguments)
         assert refused.code == 2 and "its grid was withdrawn on the robot" in refused.err
         assert refused.err.count("\n") == 1
-    assert "no scan whose grid stands" in guara("replay", moved, "-o", out).err and not out.exists()
+    assert "every scan was withdrawn" in guara("replay", moved, "-o", out).err and not out.exists()

@@ -177,11 +177,11 @@ def test_news_of_a_later_pause_end_the_one_under_way(bench: Bench, phase: PauseP
     legs = bench.gait.stance.support_feet if is_usable else ("lf", "xx", "rh")
     stance = Stance(bench.gait.stance.joint_positions, legs, bench.gait.stance.gravity_in_base)
     problems: list[str] = []
-    tell = bench.status.problem
+    report = bench.status.problem
 
-    def problem(part: str, message: str) -> None:
+    def problem(subsystem: str, message: str) -> None:
         problems.append(message)
-        tell(part, message)
+        report(subsystem, message)
 
     bench.status.problem = problem  # type: ignore[method-assign]
     seen: list[int] = []

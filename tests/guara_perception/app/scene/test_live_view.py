@@ -47,19 +47,19 @@ def test_the_stripe_in_the_middle_is_shown() -> None:
     view = LiveView(sender, centre=35)  # type: ignore[arg-type]
     assert shown(view, sender) is None
     for index in (0, 10, 34, 36, 69):
-        view.look(capture(index, index))
+        view.add(capture(index, index))
     assert shown(view, sender) == 34
-    view.look(capture(35, None))
+    view.add(capture(35, None))
     assert shown(view, sender) == 34
     buffer = capture(35, 35)
-    view.look(buffer)
+    view.add(buffer)
     # Cameras use their buffers again.
     buffer.on[:] = 200
     assert shown(view, sender) == 35
     view.begin()
     assert shown(view, sender) is None
-    view.look(capture(2, 2))
-    view.look(capture(4, 4))
+    view.add(capture(2, 2))
+    view.add(capture(4, 4))
     assert shown(view, sender) == 2
 
 
