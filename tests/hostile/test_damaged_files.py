@@ -20,7 +20,7 @@ from transport.recording import RecordingWriter, ScanRecord, recover_recording
 from transport.security.folder import init_security, load_configuration
 
 ROOT = Path(__file__).resolve().parents[2]
-OURS = (gp.PerceptionError, KinematicsError, TransportError)
+PACKAGE_ERRORS = (gp.PerceptionError, KinematicsError, TransportError)
 MUTATIONS = 150
 
 
@@ -82,7 +82,7 @@ CASES: dict[str, tuple[str, Callable[[Path], None], Callable[[Path], object]]] =
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", list(CASES))
 def test_damaged_files_end_in_words(tmp_path: Path, kind: str) -> None:
-    """Cut anywhere, bytes changed, pieces repeated: our own errors or a file that is still sound, nothing else."""
+    """Cut anywhere, bytes changed, pieces repeated: an error of the packages or a file that is still sound."""
     name, make, read = CASES[kind]
     sound = tmp_path / name
     make(sound)
@@ -101,7 +101,7 @@ def test_damaged_files_end_in_words(tmp_path: Path, kind: str) -> None:
         sound.write_bytes(damaged)
         try:
             read(sound)
-        except OURS:
+        except PACKAGE_ERRORS:
             refused += 1
     assert refused > 0
 
@@ -110,7 +110,7 @@ ODD = (None, True, 0, -1, 10**9, -(10**400), 1e308, 1e-320, "", "x" * 1000, [], 
 
 
 def _paths(node: object, path: tuple = ()) -> Iterator[tuple]:
-    """Where the values of a JSON text stand, objects and lists too."""
+    """Paths of the values of a JSON text, objects and lists too."""
     for key, value in node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ():
         yield (*path, key)
         yield from _paths(value, (*path, key))
@@ -118,7 +118,7 @@ def _paths(node: object, path: tuple = ()) -> Iterator[tuple]:
 
 @pytest.mark.slow
 def test_a_calibration_of_odd_values_ends_in_words(tmp_path: Path, paper_scan: gp.Scan) -> None:
-    """Any value in the place of any other: refused, or fit to process a scan with; no warning of numpy either."""
+    """Any value replaced by any other: refused, or fit to process a scan with; no warning of numpy either."""
     path, robot = tmp_path / "c.json", load_robot("guara")
     _calibration(path)
     text = path.read_text()
@@ -127,18 +127,18 @@ def test_a_calibration_of_odd_values_ends_in_words(tmp_path: Path, paper_scan: g
     outcomes = {"refused": 0, "used": 0}
     for number in range(MUTATIONS):
         where = paths[int(rng.integers(len(paths)))]
-        # What stands high up in the file as often as what stands deep down.
-        *way, last = where[: int(rng.integers(1, len(where) + 1))]
+        # Values near the root are as frequent as deeply nested ones.
+        *parents, last = where[: int(rng.integers(1, len(where) + 1))]
         content = json.loads(text)
         node = content
-        for key in way:
+        for key in parents:
             node = node[key]
         node[last] = ODD[number % len(ODD)]
         path.write_text(json.dumps(content))
         try:
             with np.errstate(all="raise"):
                 gp.ScanProcessor(gp.load_calibration(path), robot, paper_scan.stance, "coarse").finish()
-        except OURS:
+        except PACKAGE_ERRORS:
             outcomes["refused"] += 1
         else:
             outcomes["used"] += 1
@@ -146,13 +146,13 @@ def test_a_calibration_of_odd_values_ends_in_words(tmp_path: Path, paper_scan: g
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", ["robot.toml", "urdf/guara.urdf"])
-def test_damaged_robot_files_end_in_words(tmp_path: Path, part: str) -> None:
-    """As above, of a robot's folder."""
+@pytest.mark.parametrize("file", ["robot.toml", "urdf/guara.urdf"])
+def test_damaged_robot_files_end_in_words(tmp_path: Path, file: str) -> None:
+    """As above, for files of a robot folder."""
     import shutil
 
     shutil.copytree(ROOT / "robots/guara", tmp_path / "guara", ignore=shutil.ignore_patterns("meshes"))
-    path = tmp_path / "guara" / part
+    path = tmp_path / "guara" / file
     content = path.read_bytes()
     rng = np.random.default_rng(1)
     for number in range(60):
@@ -165,7 +165,7 @@ def test_damaged_robot_files_end_in_words(tmp_path: Path, part: str) -> None:
         path.write_bytes(damaged)
         try:
             load_robot(tmp_path / "guara")
-        except OURS:
+        except PACKAGE_ERRORS:
             continue
 
 
@@ -180,5 +180,5 @@ def test_damaged_security_folders_end_in_words(tmp_path: Path) -> None:
         path.write_bytes(damaged)
         try:
             load_configuration(path.parent)
-        except OURS:
+        except PACKAGE_ERRORS:
             continue

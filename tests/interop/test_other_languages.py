@@ -24,7 +24,7 @@ from transport.messages.summary_message import decode_summary
 from transport.messages.terrain_codec import make_terrain
 
 pytestmark = pytest.mark.interop
-PLACES = ((0.7, 0.0), (0.62, -0.21), (0.502, 0.262), (0.9, 0.1), (3.0, 0.0))
+POSITIONS = ((0.7, 0.0), (0.62, -0.21), (0.502, 0.262), (0.9, 0.1), (3.0, 0.0))
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def first_line(terrain: gp.TerrainGrid) -> str:
 
 @pytest.mark.parametrize("name", ["terrain", "compact/terrain"])
 def test_javascript_reads_what_python_reads(payloads: dict[str, Path], root: Path, name: str) -> None:
-    """Foxglove's libraries and our definitions; the compact one decompressed and unshuffled there."""
+    """Foxglove's libraries and this project's definitions; JavaScript decompresses and unshuffles the compact one."""
     folder = root / "examples" / "javascript"
     if shutil.which("node") is None:
         pytest.skip("node is not installed")
@@ -70,7 +70,7 @@ def test_javascript_reads_what_python_reads(payloads: dict[str, Path], root: Pat
         pytest.skip(f"libraries of the example are missing: {INSTALL}")
     terrain = message_to_terrain(decode_terrain(payloads[name].read_bytes()))
     assert ("rounding" in terrain.metadata) == (name != "terrain")
-    for x, y in PLACES:
+    for x, y in POSITIONS:
         command = ["node", folder / "read_terrain.mjs", payloads[name], str(x), str(y)]
         done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
         assert done.returncode == 0, done.stderr
@@ -87,7 +87,7 @@ def test_javascript_reads_what_python_reads(payloads: dict[str, Path], root: Pat
 
 
 def test_javascript_reads_the_summary_as_python_does(paper_terrain: gp.TerrainGrid, root: Path, tmp_path: Path) -> None:
-    """Three layers in small numbers, decompressed and unshuffled there."""
+    """Three layers in small numbers, which JavaScript decompresses and unshuffles."""
     folder = root / "examples" / "javascript"
     if shutil.which("node") is None or not (folder / "node_modules" / "fzstd").is_dir():
         pytest.skip(f"node or libraries of the example are missing: {INSTALL}")
@@ -95,7 +95,7 @@ def test_javascript_reads_the_summary_as_python_does(paper_terrain: gp.TerrainGr
     payload = tmp_path / "summary.bin"
     payload.write_bytes(sent)
     summary = message_to_summary(decode_summary(sent))
-    for x, y in PLACES:
+    for x, y in POSITIONS:
         command = ["node", folder / "read_summary.mjs", payload, str(x), str(y)]
         done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
         assert done.returncode == 0, done.stderr
@@ -181,7 +181,7 @@ def test_cpp_reads_what_python_reads(build: Callable[[str], Path], payloads: dic
         given = [program, *map(str, arguments)]
         return subprocess.run(given, env=environment(ros), capture_output=True, text=True, timeout=60, check=False)
 
-    for x, y in PLACES:
+    for x, y in POSITIONS:
         done = run(payloads["terrain"], x, y)
         assert done.returncode == 0, done.stderr
         what, cell = done.stdout.splitlines()

@@ -16,7 +16,7 @@ TOPICS = 20
 
 
 def test_rclpy_decodes_every_message(read_by_ros: dict[str, Any], counts: dict[str, int]) -> None:
-    """Real rosidl and Fast-CDR, our own message package among them; written again nothing differs."""
+    """Real rosidl and Fast-CDR, also for guara_msgs; written again nothing differs."""
     assert len(counts) == TOPICS and read_by_ros["counts"] == counts
     assert read_by_ros["differing"] == {}
     assert read_by_ros["facts"]["/guara/occupancy"] == 108 * 90
@@ -25,7 +25,7 @@ def test_rclpy_decodes_every_message(read_by_ros: dict[str, Any], counts: dict[s
 
 
 def test_rosidl_computes_the_same_type_hashes(read_by_ros: dict[str, Any]) -> None:
-    """For every type that is recorded, ours and those of ROS."""
+    """For every type that is recorded, of guara_msgs and of ROS."""
     assert len(read_by_ros["hashes"]) >= 14
     assert read_by_ros["hashes"] == {name: type_hash(name) for name in read_by_ros["hashes"]}
 
@@ -47,7 +47,7 @@ def test_the_robot_is_a_ros_package(ros: Path) -> None:
 
 
 def test_foxglove_decodes_every_message(read_by_foxglove: dict[str, Any], counts: dict[str, int]) -> None:
-    """Their MCAP reader, their parser of the schemas in the file, their CDR."""
+    """With Foxglove's own MCAP reader, its parser of the schemas in the file, and its CDR."""
     assert read_by_foxglove["profile"] == "ros2"
     assert read_by_foxglove["counts"] == counts
 

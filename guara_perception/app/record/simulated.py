@@ -49,7 +49,7 @@ BOARD_POSES = (
     (0.30, 0.70, 0.62, -0.35, -0.30, 0.2),
     (0.70, 0.70, 0.62, 0.35, 0.35, 0.1),
 )
-# A board of which a part is enough is held further out, so that the picture's rim cuts it.
+# A board of which a part is enough is held further out, so that the edge of the picture cuts it.
 CHARUCO_REACH = 1.5
 # Metering and the measurement of the lag look at the stripe on this.
 FLOOR_MATERIAL = "soil"

@@ -122,7 +122,7 @@ def main(recording: Path, folder: Path) -> None:
                 page.call("Input.dispatchMouseEvent", type=kind, x=590, y=455, button="left", clickCount=1)
             page.wait_for("document.body.innerText.includes('mm high')")
             save(still(page), folder / "view.jpg")
-            # Before its server goes, or the page would say that it is gone.
+            # The page is left before its server ends, or it would show that the connection is lost.
             page.call("Page.navigate", url="about:blank")
         with BrowserView(robot, port=18410) as view:
             view.show_recording([standing(robot)])

@@ -18,7 +18,7 @@ SCENE = np.s_[:, 320:660]
 
 
 def share(picture: np.ndarray, colour: Any, tolerance: int) -> float:
-    """Share of the pixels whose channels are all within `tolerance` of those of a colour [levels of 255]."""
+    """Share of the pixels whose channels are all within `tolerance` of those of a colour [of 255]."""
     wanted = np.array(colour) * 255
     return float((np.abs(picture.astype(float) - wanted).max(axis=-1) < tolerance).mean())
 

@@ -49,7 +49,7 @@ PICTURE = (20, 200, 220)
 
 
 def moment(grid: gp.TerrainGrid, step: int = 7, x: float = 0.0) -> Moment:
-    """A pause at a place in odom, with a stripe, a foothold and a picture."""
+    """A pause at x in odom, with a stripe, a foothold and a picture."""
     stripe = np.column_stack((np.full(900, 0.9), np.linspace(-0.25, 0.25, 900), np.zeros(900)))
     transform = np.eye(4)
     transform[0, 3] = x
@@ -99,7 +99,7 @@ def test_the_page_shows_robot_and_terrain(page: Chromium, robot: RobotModel, gri
 def test_steppable_regions_are_outlined_when_their_box_is_ticked(
     page: Chromium, robot: RobotModel, grid: gp.TerrainGrid
 ) -> None:
-    """Not at first; the legend names them; ticked their lines are on the ground, and gone when ticked off."""
+    """Not at first; the legend names them; their lines are on the ground while the box is ticked."""
 
     def lines(picture: np.ndarray) -> float:
         return share(picture[SCENE], np.array(REGION_COLOUR) / 255, 24)
@@ -146,7 +146,7 @@ def test_a_walk_is_played_and_leaves_a_trail(
 
 
 @needs_chromium
-def test_a_click_explains_the_place_and_a_scale_has_its_bar(
+def test_a_click_explains_the_cell_and_a_scale_has_its_bar(
     page: Chromium, robot: RobotModel, grid: gp.TerrainGrid
 ) -> None:
     """Where the ground is seen a click says what is known of it; other colours come with a bar of them."""
@@ -181,7 +181,7 @@ def test_a_click_explains_the_place_and_a_scale_has_its_bar(
 def test_a_live_walk_shows_stripes_camera_and_what_was_before(
     page: Chromium, robot: RobotModel, grid: gp.TerrainGrid
 ) -> None:
-    """A new pause is shown to who looks at the newest; who went back stays, and finds the new ones on the slider."""
+    """A new pause is shown if the newest was; after going back the view stays, and the slider reaches the new ones."""
     with BrowserView(robot, port=18160) as view:
         open_page(page, view.address, "waiting for a scan")
         view.add(Moment({"footprint": moment(grid, 1).any_grid}))

@@ -33,11 +33,11 @@ def test_every_shape_is_drawn_where_it_is(name: str) -> None:
     lowest = []
     for link, shapes in visuals.items():
         transform = state.transform_to_base(link)
-        for look in shapes:
-            placed = look.vertices @ transform[:3, :3].T + transform[:3, 3]
+        for shape in shapes:
+            placed = shape.vertices @ transform[:3, :3].T + transform[:3, 3]
             lowest.append(placed[:, 2].min())
-            assert look.faces.max() == len(look.vertices) - 1
-            one, two, three = (look.vertices[look.faces[:, i]] for i in range(3))
+            assert shape.faces.max() == len(shape.vertices) - 1
+            one, two, three = (shape.vertices[shape.faces[:, i]] for i in range(3))
             # The sum of signed volumes against the origin is the volume of a closed surface that faces outwards.
             assert np.einsum("ij,ij->i", one, np.cross(two, three)).sum() > 0
             np.testing.assert_allclose(np.cross(two - one, three - one).sum(axis=0), 0, atol=1e-9)
@@ -45,7 +45,7 @@ def test_every_shape_is_drawn_where_it_is(name: str) -> None:
 
 
 def test_the_guara_has_the_colours_of_its_materials(robot: RobotModel) -> None:
-    """Materials are found by name; every link with a body has a look, the sensors too."""
+    """Materials are found by name; every link with a body is drawn, the sensors too."""
     visuals = visual_shapes(robot)
     assert visuals["base_link"][0].colour == (0.62, 0.27, 0.13)
     assert {"camera_link", "laser_link", "lf_thigh_link", "rh_foot_link"} <= set(visuals)
@@ -84,12 +84,12 @@ def test_what_carries_the_sensors_stands_in_nobodys_way(robot: RobotModel) -> No
     cells = np.column_stack((x.ravel(), y.ravel(), np.full(x.size, floor)))
     camera = robot.transform_camera_to_base[:3, 3]
     mirror = robot.transform_laser_to_base[:3, 3]
-    drawn = [(link, look) for link in ("base_link", "camera_link", "laser_link") for look in visuals[link]]
+    drawn = [(link, shape) for link in ("base_link", "camera_link", "laser_link") for shape in visuals[link]]
     hit: list[str] = []
     for origin, own in ((camera, "camera_link"), (mirror, "laser_link")):
-        for link, look in drawn:
+        for link, shape in drawn:
             transform = state.transform_to_base(link)
-            triangles = (look.vertices @ transform[:3, :3].T + transform[:3, 3])[look.faces]
+            triangles = (shape.vertices @ transform[:3, :3].T + transform[:3, 3])[shape.faces]
             # The mirror itself lies on the axis; what leaves it starts below its housing.
             start = origin + (cells - origin) * (0.06 if link == own else 0.0)
             if crosses(start, cells, triangles):

@@ -25,7 +25,7 @@ def test_the_mesh_lies_on_the_grid(grid: gp.TerrainGrid) -> None:
 
 
 def test_a_vertex_has_the_colour_of_its_cell(grid: gp.TerrainGrid) -> None:
-    """The texture's place of a vertex is the cell it stands for; unknown cells show their cause in hazard colours."""
+    """The texture position of a vertex lies in its own cell; unknown cells show their cause in hazard colours."""
     mesh = terrain_mesh(grid, "hazard")
     ny, nx = grid.shape
     column = np.floor(mesh.texture_positions[:, 0] * nx).astype(int)
@@ -40,7 +40,7 @@ def test_a_vertex_has_the_colour_of_its_cell(grid: gp.TerrainGrid) -> None:
 
 
 def test_other_colourings_have_a_scale_and_unknown_ones_are_refused(grid: gp.TerrainGrid) -> None:
-    """Heights from lowest to highest in whole centimetres, traversability from 0 to 1; else what there is."""
+    """Heights from lowest to highest in whole centimetres, traversability from 0 to 1; others are refused by name."""
     heights = terrain_mesh(grid, "elevation")
     assert heights.legend == () and heights.scale is not None
     assert (heights.scale.low, heights.scale.high) == pytest.approx((0.0, 0.06))

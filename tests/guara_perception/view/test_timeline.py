@@ -19,8 +19,8 @@ def moment(grid: gp.TerrainGrid, step: int, walk: str = "a", x: float = 0.0) -> 
     return Moment({"map": dataclasses.replace(grid, step=step, metadata=metadata)})
 
 
-def test_the_newest_is_followed_by_who_looks_at_it(grid: gp.TerrainGrid) -> None:
-    """Who went back stays where he is; who goes to the end follows again."""
+def test_the_newest_is_followed_while_it_is_shown(grid: gp.TerrainGrid) -> None:
+    """After going back the same moment stays shown; after going to the end the newest is followed again."""
     timeline = Timeline()
     assert timeline.shown is None and timeline.is_newest and timeline.poses() == []
     for step in range(3):
@@ -35,7 +35,7 @@ def test_the_newest_is_followed_by_who_looks_at_it(grid: gp.TerrainGrid) -> None
     assert timeline.go_to(-5) and timeline.number == 0
 
 
-def test_a_later_word_on_a_pause_takes_its_place(grid: gp.TerrainGrid) -> None:
+def test_a_later_moment_of_a_pause_replaces_it(grid: gp.TerrainGrid) -> None:
     """Confirmed or withdrawn, it is the same pause; the same number of another walk is not."""
     timeline = Timeline()
     first, second, other = moment(grid, 1), moment(grid, 1), moment(grid, 1, walk="b")
@@ -46,8 +46,8 @@ def test_a_later_word_on_a_pause_takes_its_place(grid: gp.TerrainGrid) -> None:
     assert len(timeline) == 2
 
 
-def test_a_long_walk_is_kept_in_part(grid: gp.TerrainGrid) -> None:
-    """The oldest go; who looks at one goes along with it, or to the next when it went."""
+def test_only_the_newest_moments_of_a_long_walk_are_kept(grid: gp.TerrainGrid) -> None:
+    """The oldest are dropped; the one that is shown stays shown, or the next one once it is dropped."""
     timeline = Timeline()
     for step in range(KEPT):
         timeline.add(moment(grid, step))
@@ -60,7 +60,7 @@ def test_a_long_walk_is_kept_in_part(grid: gp.TerrainGrid) -> None:
 
 
 def test_the_way_is_that_of_one_walk_up_to_what_is_shown(grid: gp.TerrainGrid) -> None:
-    """Places of another walk are in another odom."""
+    """Positions of another walk are in another odom."""
     timeline = Timeline()
     timeline.replace([moment(grid, 1, "a", 5.0), *(moment(grid, step, "b", 0.1 * step) for step in range(4))])
     assert [pose[0, 3] for pose in timeline.poses()] == [5.0]

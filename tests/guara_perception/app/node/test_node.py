@@ -57,7 +57,7 @@ def test_the_mirror_stands_at_the_first_stripe_before_the_first_pause(bench: Ben
 
 
 def test_views_get_points_and_picture_of_each_scan(bench: Bench, paper_scan: gp.Scan) -> None:
-    """With the stamp of its grid: what the stripes gave, and the frame of the one in the middle."""
+    """With the stamp of its grid: what the stripes gave, and the frame of the median stripe."""
     session = bench.gait.session
     points = NewestReceiver(session, points_key(), lambda payload: decode(payload, POINT_CLOUD))
     pictures = NewestReceiver(session, picture_key(), lambda payload: decode(payload, COMPRESSED_IMAGE))
@@ -104,7 +104,7 @@ def test_a_pause_that_ends_early_stops_the_scan(bench: Bench) -> None:
 
 
 def test_automatic_exposure_that_is_on_again_shows_in_health_and_status(bench: Bench) -> None:
-    """By name, with what to do; the scan that follows the cure is good again."""
+    """By name, with what to do; once it is off again the next scan is good."""
     bench.rig.rangefinder.lock(CameraSettings(exposure=0.004))
     bench.rig.camera.automatic.add("exposure")
     bench.gait.say(0, PausePhase.BEGIN)
@@ -189,7 +189,7 @@ def test_a_recording_can_be_processed_again(
             occupancies = list(recording.messages(f"{prefix}occupancy"))
             assert len(grids) == len(occupancies) == len(list(recording.messages(f"{prefix}grid_map"))) > 1
             for grid, occupancy in zip(grids, occupancies, strict=True):
-                # One word everywhere: the end of the scan.
+                # One stamp everywhere: the end of the scan.
                 assert grid.stamp == grid.scan_end == read_time(occupancy.header.stamp)
                 wanted = message_to_terrain(grid).to_occupancy()
                 np.testing.assert_array_equal(occupancy.data.reshape(wanted.shape), wanted)

@@ -78,7 +78,7 @@ def standard_bench(
 
 
 def end_at(bench: Bench, stripe: int, step: int) -> Callable[[], None]:
-    """Let the gait end the pause when a number of stripes were fired; returns what takes this back."""
+    """Let the gait end the pause when this number of stripes was fired; return a function that undoes this."""
     rangefinder = bench.rig.rangefinder
     sweep = rangefinder.sweep
 
@@ -223,7 +223,7 @@ class Router:
 def test_a_router_that_dies_and_comes_back_costs_no_scan(
     rig: Rig, free_endpoint: str, bench_with: Callable[..., AbstractContextManager[Bench]]
 ) -> None:
-    """The scan under way ends well, its grid arrives later; then pauses, planners old and new, and status as ever."""
+    """The scan under way ends well, its grid arrives later; then pauses, all planners and the status work as before."""
     router = Router(free_endpoint)
     try:
         with bench_with(has_router=True) as bench:

@@ -32,7 +32,7 @@ def test_drift_warns_when_pauses_agree_and_counts_those_without_a_floor() -> Non
 
 
 def test_what_changes_is_sent_at_once(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not only with the next status of the second: a problem, what a pause confirmed, a scan."""
+    """Not only with the status of every second: a problem, what a pause confirmed, a scan."""
     sent: list[PerceptionServer] = []
     monkeypatch.setattr(PerceptionServer, "status_changed", lambda server: sent.append(server))
     bench.status.problem("scan", "the mirror jammed")

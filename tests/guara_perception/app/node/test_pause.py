@@ -27,7 +27,9 @@ def _pause(stance: Stance, time_available: float = 0.0) -> Pause:
     )
 
 
-def test_a_pause_of_unknown_length_ends_after_the_last_word_of_the_gait(stance: Stance, robot: RobotModel) -> None:
+def test_a_pause_of_unknown_length_ends_after_the_last_announcement_of_the_gait(
+    stance: Stance, robot: RobotModel
+) -> None:
     """30 s after BEGIN, or after the last HOLD; that is the limit of robot.toml."""
     assert robot.pause_limits.time_limit == LIMIT
     pause = _pause(stance)
@@ -38,8 +40,8 @@ def test_a_pause_of_unknown_length_ends_after_the_last_word_of_the_gait(stance: 
     assert pause.ended.is_set() and "had no END within its time of 50 s" in pause.broken
 
 
-def test_a_pause_of_known_length_is_not_made_longer_by_words_that_tell_no_time(stance: Stance) -> None:
-    """2 s are 2 s, unless a HOLD says how much is left."""
+def test_a_pause_of_known_length_is_not_made_longer_by_a_hold_without_a_time(stance: Stance) -> None:
+    """It ends after its 2 s, unless a HOLD says how much time is left."""
     pause = _pause(stance, time_available=2.0)
     pause.hold(stance, 101.0, 1_000_000_000, 0.0)
     assert pause.time_left(101.0) == pytest.approx(1.0)

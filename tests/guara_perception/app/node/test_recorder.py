@@ -1,4 +1,4 @@
-"""The recorder never holds up a scan: slow disks, full disks, scans that came to nothing."""
+"""The recorder never delays a scan: slow disks, full disks, scans that were never ended."""
 
 import os
 import threading

@@ -49,7 +49,7 @@ def walking(
 
 
 def test_clear_ground_is_scanned_coarsely(free_endpoint: str, tmp_path: Path) -> None:
-    """With no obstacle in the corridor 35 stripes do."""
+    """With no obstacle in the corridor 35 stripes are enough."""
     world = tmp_path / "flat.toml"
     world.write_text(FLAT)
     robot = SimulatedRobot(world=world, size=SIZE, fps=120.0)
@@ -78,7 +78,7 @@ def test_an_obstacle_brings_the_stripes_between_within_the_pause(free_endpoint: 
     np.testing.assert_array_equal(again.hazard, terrain.hazard)
     with open_recording(path) as recording:
         times = [read_time(stripe.header.stamp) for stripe in recording.messages("scan/stripe")]
-    # The coarse stripes stand twice, and no topic's time goes back.
+    # The coarse stripes are recorded twice, and no topic's time goes back.
     assert len(times) == 35 + 70 and times == sorted(times)
 
 

@@ -20,7 +20,7 @@ def test_tasks_run_in_order_and_closing_waits_for_them():
 
 
 def test_more_than_the_limit_is_refused_until_something_is_done():
-    """Tasks that hold memory are refused beyond the limit, those that hold none never; what is done counts no more."""
+    """Tasks that hold memory are refused beyond the limit, those that hold none never; finished ones do not count."""
     go, has_begun = threading.Event(), threading.Event()
     writer = WriterThread("test", 100)
 

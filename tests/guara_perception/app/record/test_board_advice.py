@@ -1,4 +1,4 @@
-"""What the advice about pictures of the board says is so: zones, tilts, sharpness, light, stillness."""
+"""The advice about pictures of the board is true: zones, tilts, sharpness, light, stillness."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BOARD = BoardSpec(9, 7, 0.03)
 
 @pytest.fixture(scope="module")
 def show(robot):
-    """Pictures of a board by its place (share of width and height), distance, tilts and turn."""
+    """Pictures of a board by its position (shares of width and height), distance, tilts and turn."""
     camera = specimen(robot, (640, 512), 3).camera
     targets = TargetCamera.of(camera)
 
@@ -59,7 +59,7 @@ def test_a_flat_view_leans_nowhere(show):
 
 @pytest.mark.slow
 def test_the_poses_of_the_workshop_complete_the_advice(show):
-    """And not a few of them: after three pictures it says what is missing."""
+    """All are needed: after three pictures it says what is missing."""
     advice = BoardAdvice(BOARD)
     for count, pose in enumerate(BOARD_POSES, start=1):
         picture = show(*pose)

@@ -52,8 +52,8 @@ def test_a_taken_port_is_refused():
             LivePage(port)
 
 
-def test_person_is_asked_step_by_step(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    """Each request waits for a key, but for the board that is held up, whose advice is said once."""
+def test_person_is_asked_task_by_task(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Each request waits for a key, except for the board that is held up, whose advice is given once."""
     waited: list[str] = []
     reported: list[str] = []
     monkeypatch.setattr("click.pause", lambda text: waited.append(text))

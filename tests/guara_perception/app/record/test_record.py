@@ -51,7 +51,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def recorded_with_charuco(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A session with a ChArUco board, held out to the picture's rim."""
+    """A session with a ChArUco board, held out to the edge of the picture."""
     arguments = ("--pattern", "charuco")
     return made_once(tmp_path_factory, "charuco-session", lambda folder: record_by_command(folder, *arguments))
 

@@ -1,4 +1,4 @@
-"""A session folder is begun, gone on with, and never mixed with another."""
+"""A session folder is begun, continued, and never mixed with another."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[4]
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A copy of the Guará's folder that may be spoiled."""
+    """A copy of the Guará's folder that a test may damage."""
     return Path(shutil.copytree(ROOT / "robots" / "guara", tmp_path / "guara"))
 
 
@@ -195,7 +195,7 @@ def test_the_view_shows_the_area_the_cone_and_the_laser_planes() -> None:
 @pytest.mark.heavy
 @pytest.mark.slow
 def test_a_walk_of_two_pauses(guara_walk: TrialWalk) -> None:
-    """It scans, steps, and takes nothing unknown or hazardous for safe; a walk that fails gives findings."""
+    """It scans, walks, and takes nothing unknown or hazardous for safe; a walk that fails gives findings."""
     assert guara_walk.is_passed and guara_walk.pauses == 2 and guara_walk.feet >= 1 and guara_walk.known > 0.9
     assert list(walk_findings(guara_walk)) == []
     bad = dataclasses.replace(guara_walk, ended="OutOfReach: leg 'lf'", unknown_called_safe=3, feet_on_hazard=1)

@@ -31,7 +31,7 @@ def capture(index: int, level: int | None) -> Any:
 
 
 def shown(view: LiveView, sender: Sender) -> int | None:
-    """Level of the picture that is sent, None where none is."""
+    """Grey level of the picture that is sent, None where none is."""
     view.send({}, 7)
     if len(sender.sent) < 2:
         return None
@@ -41,7 +41,7 @@ def shown(view: LiveView, sender: Sender) -> int | None:
     return round(float(picture.mean()))
 
 
-def test_the_stripe_in_the_middle_is_shown() -> None:
+def test_the_median_stripe_is_shown() -> None:
     """Whatever the order; the first while no other is near; none of the scan before; lost frames are passed over."""
     sender = Sender()
     view = LiveView(sender, centre=35)  # type: ignore[arg-type]

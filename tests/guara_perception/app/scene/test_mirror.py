@@ -103,7 +103,7 @@ def test_every_topic_arrives(
 
 @pytest.mark.parametrize("arguments", [["--ros2-tf"], ["--ros2-unknown", "-1"]])
 def test_choices_of_the_mirror_need_the_mirror(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    """Exit 2 and a word what is missing."""
+    """Exit 2, and the message says what is missing."""
     assert run(["run", "--simulated", *arguments]) == 2
     assert "go with --ros2" in capsys.readouterr().err
 

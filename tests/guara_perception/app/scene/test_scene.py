@@ -37,14 +37,14 @@ def _to_root(messages: list, frame: str) -> tuple[str, np.ndarray]:
         t = parents[frame]
         q, p = t.transform.rotation, t.transform.translation
         x, y, z, w = q.x, q.y, q.z, q.w
-        step = np.eye(4)
-        step[:3, :3] = [
+        to_parent = np.eye(4)
+        to_parent[:3, :3] = [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
             [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
-        step[:3, 3] = p.x, p.y, p.z
-        matrix, frame = step @ matrix, t.header.frame_id
+        to_parent[:3, 3] = p.x, p.y, p.z
+        matrix, frame = to_parent @ matrix, t.header.frame_id
     return frame, matrix
 
 
@@ -138,6 +138,6 @@ def test_a_robot_whose_camera_has_another_name_has_the_frame_of_its_pictures(roo
 
 
 def test_another_robots_calibration_is_refused(root, calibration: gp.Calibration) -> None:
-    """A scene joins the two; of different robots it would show what never was."""
+    """A scene combines robot and calibration, which must belong together."""
     with pytest.raises(gp.InvalidInput, match="calibration is of robot 'guara', the robot is 'tapir'"):
         Scene(load_robot(root / "tests" / "robots" / "tapir"), calibration)

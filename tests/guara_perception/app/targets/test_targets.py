@@ -1,4 +1,4 @@
-"""`guara targets`: the PDF is opened and measured; everything on it has the size and place that it should have."""
+"""`guara targets`: the PDF is opened and measured; everything on it has the size and position that it should have."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def test_board_is_found_and_its_squares_measure_30_mm(printed):
     assert view.is_usable, view.reason
     corners = view.corners_px.reshape(7, 9, 2) / DOTS_PER_MM
     for axis in (0, 1):
-        steps = np.linalg.norm(np.diff(corners, axis=axis), axis=2)
-        assert np.abs(steps - 30.0).max() < 0.05 and abs(steps.mean() - 30.0) < 0.02
+        edges = np.linalg.norm(np.diff(corners, axis=axis), axis=2)
+        assert np.abs(edges - 30.0).max() < 0.05 and abs(edges.mean() - 30.0) < 0.02
 
 
 @pytest.mark.slow
@@ -83,7 +83,7 @@ def test_a_charuco_board_is_found_page_by_page(robot, tmp_path: Path, paper):
         drawn = [sheet_position(page, picture, corner) for corner in view.corners_px]
         assert np.abs(drawn - expected).max() < 0.1
         found |= set(view.corners.tolist())
-    # Where two pages are to be joined neither shows a corner's markers whole.
+    # Near the line along which two pages are joined neither shows the markers of a corner whole.
     assert len(found) == 63 if paper == "a3" else len(found) >= 40
 
 
