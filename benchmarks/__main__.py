@@ -1,4 +1,4 @@
-"""`python -m benchmarks`: the whole suite; `python -m benchmarks NAME`: one program for a single part, by its name.
+"""`python -m benchmarks`: the whole suite; `python -m benchmarks NAME`: only the program of that name.
 
 `python -m benchmarks.NAME` starts the same. All start with the linear algebra on one thread, as OpenCV is: no contender
 gets help that the others do not have.
@@ -20,7 +20,7 @@ PROGRAMS = {
     "drift_check": "false alarms and finds of the check for a calibration that has drifted",
     "drivers": "costs of the laser board's driver and of proving stripes",
     "fleet": "many robots and planners on one router: delays, cost, growth, TLS, a restart",
-    "hostile": "what files that were made to harm cost before they are refused",
+    "hostile": "what files made to harm their reader cost before they are refused",
     "lines_of_sight": "whether bounds of unknown ground hold",
     "kinematics": "speed and agreement of the kinematics",
     "light": "each effect of real light on a scan: stripes found, wrong and made up, error of the heights",

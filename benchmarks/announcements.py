@@ -3,7 +3,7 @@
 Usage: python -m benchmarks.announcements [--seconds 5] [--json]
 
 The node runs in this process, so that its processor time can be read; the gait sends from a process of its own. In each
-round every kind of message has a time of silence before it.
+round, silence of the same length precedes every kind of message.
 """
 
 from __future__ import annotations

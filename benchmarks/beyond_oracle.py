@@ -13,7 +13,7 @@ from guara_perception.arrays import Float
 from guara_perception.terrain.assessment.edges import half_cells
 from guara_perception.terrain.layers.hazard import Hazard
 
-# Layer, flag of its test, name of its limit, unit in which it is printed, and how many of these a value of 1 is.
+# Layer, flag of its test, name of its limit, unit in which it is printed, and the factor from the layer's unit to it.
 TESTS = (
     ("slope", Hazard.STEEP, "slope", "degrees", 180 / np.pi),
     ("step_height", Hazard.DROP, "drop", "mm", 1e3),
@@ -47,7 +47,7 @@ def beyond_oracle(
     """Cells that are free in a grid and not in the oracle.
 
     Args:
-        fused: the grid.
+        fused: the grid that is judged.
         oracle: the grid as it would be if every cell of it were known exactly.
         transform_footprint_to_world: (4, 4); positions are compared in the world.
     """
@@ -72,8 +72,10 @@ def beyond_oracle(
                 # Unknown cells of the grid have no value.
                 measured = float(np.nanmax(np.append(fused.layers[layer][cell], 0.0)))
                 exceeded.append((name, scale * true, scale * measured, scale * limits[name], unit))
-        centre = np.array([x[bad_x].mean(), y[bad_y].mean(), 0.0, 1.0])
-        yield Beyond((transform_footprint_to_world @ centre)[:2], bool(at_rim.all()), bad_y.size, tuple(exceeded))
+        mean_position = np.array([x[bad_x].mean(), y[bad_y].mean(), 0.0, 1.0])
+        yield Beyond(
+            (transform_footprint_to_world @ mean_position)[:2], bool(at_rim.all()), bad_y.size, tuple(exceeded)
+        )
 
 
 def explained(found: list[Beyond]) -> Iterator[str]:
@@ -91,6 +93,6 @@ def explained(found: list[Beyond]) -> Iterator[str]:
             for name, true, measured, limit, unit in worst.values()
         )
         yield (
-            f"    {len(group)} cells beside x={first[0]:.2f} y={first[1]:.2f}, hazard at the rim of the sole's window "
+            f"    {len(group)} cells near x={first[0]:.2f} y={first[1]:.2f}, hazard at the rim of the sole's window "
             f"in {rim[True]}, up to {max(each.cells for each in group)} cells of it: {causes}"
         )

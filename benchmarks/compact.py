@@ -25,7 +25,7 @@ from transport.messages.compact import encode_compact
 DATA = Path(__file__).parents[1] / "tests" / "data"
 SCANS = ("paper", "dark", "tilt")
 ROUNDS = 30
-# [bit/s] of links, and the name of each in the table.
+# Rates of the links [bit/s].
 LINKS = (2e6, 5e6, 20e6)
 
 
@@ -80,7 +80,7 @@ def measured(name: str, grid: gp.TerrainGrid) -> list[dict[str, Any]]:
 
 
 def spent(work: Callable[[], object]) -> float:
-    """[s] Processor time."""
+    """Processor time of a call [s]."""
     start = time.process_time()
     work()
     return time.process_time() - start

@@ -22,7 +22,7 @@ LITERAL = "paper taken literally"
 LOOPS = "paper point by point"
 USER = "OpenCV user"
 OURS = {f"ours: {name}": name for name in ("precise", "paper") if name in METHODS}
-# Half the window of the centre of gravity, and the least difference that an OpenCV user takes for a stripe.
+# Half the window of the centre of gravity, and the least difference of grey levels that is a stripe to an OpenCV user.
 WINDOW_PX = 4
 LEAST_LEVEL = 15
 
@@ -41,7 +41,7 @@ def _reference(rows: int, columns: int) -> Reference:
 
 
 def opencv_user(on: Image, off: Image) -> Float32:
-    """Blurred red difference, its largest value per column, centre of gravity in a window around."""
+    """Blurred red difference, its largest value per column, centre of gravity in a window around that."""
     light = cv2.GaussianBlur(cv2.subtract(cv2.extractChannel(on, 2), cv2.extractChannel(off, 2)), (5, 5), 0)
     top = light.argmax(axis=0)
     every = np.arange(light.shape[1])

@@ -32,7 +32,7 @@ def damaged(flips: int) -> Iterator[tuple[str, str, str, bool]]:
         flips: number of changed messages of each kind.
 
     Yields:
-        For each kind of message what was done, what was measured, what is allowed, and whether that was met.
+        For each kind of message: what was done, what was measured, what is allowed, and whether it is met.
     """
     for name, (message, decode) in _messages().items():
         payload = bytes(message)
@@ -59,13 +59,13 @@ def damaged(flips: int) -> Iterator[tuple[str, str, str, bool]]:
                 outcome["crash"] += 1
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        counts = ", ".join(f"{count} {word}" for word, count in outcome.items())
+        counts = ", ".join(f"{count} {result}" for result, count in outcome.items())
         measured = f"{counts}, peak {peak / 1e3:.0f} kB"
         met = read_cut == EARLIER.get(name, 0) and outcome["crash"] == 0 and peak < 5e6
         yield (
             f"{name}: {len(payload)} truncations, {flips} byte flips",
             measured,
-            f"cut: {EARLIER.get(name, 0)} read, no crash",
+            f"{EARLIER.get(name, 0)} truncations read, no crash",
             met,
         )
 

@@ -1,7 +1,7 @@
-"""Prints how far the map drifts aside of the ground with and without laying each scan onto it, walk by walk.
+"""Prints how far the map drifts sideways over the ground, with and without laying each scan onto it, walk by walk.
 
-Three kinds of walks: over mixed analytic ground, over level ground where nothing shows the way, and through simulated
-frames. Drift is that of ground seen at the front of the area by the time the hind feet come to it.
+Three kinds of walks: over mixed analytic ground, over level ground, which shows no sideways motion, and through
+simulated frames. Drift is measured on ground seen at the front of the area, when the hind feet come to it.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ SEEN_AT_M = ((0.50, -0.18), (0.50, 0.18))
 
 
 @dataclass(frozen=True)
-class Look:
-    """One pause.
+class WalkedPause:
+    """One pause of a walk.
 
     Attributes:
-        stance: as reported.
-        scan: taken there.
+        stance: stance as the robot reports it.
+        scan: grid of the scan taken there.
         to_world: (4, 4), where the scan's footprint truly was.
         known_ground: what the gait declared.
-        feet: (n, 3) places in base_footprint under the hind feet's next footholds, at the true height of the ground.
+        feet: (n, 3) points in base_footprint under the hind feet's next footholds, at the true height of the ground.
     """
 
     stance: Stance
@@ -67,7 +67,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=20, help="first seed; the settings were chosen on 0 to 9")
     parser.add_argument("--walks", type=int, default=10, help="over mixed analytic ground")
     parser.add_argument("--flat", type=int, default=3, help="over level ground")
-    parser.add_argument("--frames", type=int, default=0, help="through simulated frames, slow where not kept")
+    parser.add_argument("--frames", type=int, default=0, help="through simulated frames; slow where no file is kept")
     parser.add_argument("--cycles", type=int, default=10)
     parser.add_argument("--kept", type=Path, help="folder that keeps the scans from run to run")
     arguments = parser.parse_args()
@@ -82,13 +82,13 @@ def main() -> None:
         ("frames", [(s, frames(robot, s, arguments.cycles, arguments.kept)) for s in range(arguments.frames)]),
     ):
         if walks:
-            compare(name, ((seed, errors_of(robot, list(looks))) for seed, looks in walks))
+            compare(name, ((seed, errors_of(robot, list(pauses))) for seed, pauses in walks))
 
 
 def compare(name: str, walks: Iterable[tuple[int, tuple[MapErrors, MapErrors]]]) -> None:
-    """Print walks without and with registration, as they come."""
+    """Print walks without and with registration, each as soon as it is done."""
     pairs = []
-    print(f"{name}: drift aside over {PAUSES_BETWEEN} pauses, x and y rms; height rms under hind feet [mm]")
+    print(f"{name}: sideways drift over {PAUSES_BETWEEN} pauses, x and y rms; height rms under hind feet [mm]")
     for seed, (off, on) in walks:
         print(
             f"  walk {seed:3d}  {off.x:5.2f} {off.y:5.2f} -> {on.x:5.2f} {on.y:5.2f}  worst {off.worst:5.1f} ->"
@@ -105,7 +105,7 @@ def compare(name: str, walks: Iterable[tuple[int, tuple[MapErrors, MapErrors]]])
 
 
 def rms(walks: list[MapErrors]) -> MapErrors:
-    """Of several walks; of the feet the mean, as each walk's is an rms already."""
+    """Rms over several walks; for the feet the mean, as the value of each walk is an rms already."""
     return MapErrors(
         x=float(np.sqrt(np.mean([each.x**2 for each in walks]))),
         y=float(np.sqrt(np.mean([each.y**2 for each in walks]))),
@@ -115,35 +115,35 @@ def rms(walks: list[MapErrors]) -> MapErrors:
     )
 
 
-def errors_of(robot: RobotModel, looks: list[Look]) -> tuple[MapErrors, MapErrors]:
-    """A walk without and with registration."""
-    return _one_way(robot, looks, registered=False), _one_way(robot, looks, registered=True)
+def errors_of(robot: RobotModel, pauses: list[WalkedPause]) -> tuple[MapErrors, MapErrors]:
+    """Errors of a walk without and with registration."""
+    return _walk_errors(robot, pauses, registered=False), _walk_errors(robot, pauses, registered=True)
 
 
-def _one_way(robot: RobotModel, looks: list[Look], *, registered: bool) -> MapErrors:
+def _walk_errors(robot: RobotModel, pauses: list[WalkedPause], *, registered: bool) -> MapErrors:
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
     poses: list[Float] = []
     errors: list[Float] = []
     refused = 0
-    for look in looks:
-        pose = odometry.update(look.stance)
+    for pause in pauses:
+        pose = odometry.update(pause.stance)
         fused = terrain_map.update(
-            look.scan,
+            pause.scan,
             pose.transform_footprint_to_odom,
             pose.covariance,
-            known_ground=look.known_ground,
+            known_ground=pause.known_ground,
             covariance_since_last=pose.covariance_since_last if registered else None,
             own_covariance=pose.own_covariance if registered else None,
         )
         refused += registered and fused.metadata["registration_refused"] is not None
         poses.append(np.array(fused.metadata["transform_footprint_to_odom"]))
-        if look.scan.step >= FIRST_HIND_PAUSE and len(look.feet):
-            error = np.asarray(fused.height_at(look.feet[:, 0], look.feet[:, 1]), np.float64) - look.feet[:, 2]
+        if pause.scan.step >= FIRST_HIND_PAUSE and len(pause.feet):
+            error = np.asarray(fused.height_at(pause.feet[:, 0], pause.feet[:, 1]), np.float64) - pause.feet[:, 2]
             errors.append(error[np.isfinite(error)])
     aside = []
-    for before, now in zip(range(len(looks) - PAUSES_BETWEEN), range(PAUSES_BETWEEN, len(looks)), strict=True):
+    for before, now in zip(range(len(pauses) - PAUSES_BETWEEN), range(PAUSES_BETWEEN, len(pauses)), strict=True):
         found = np.linalg.inv(poses[now]) @ poses[before]
-        true = np.linalg.inv(looks[now].to_world) @ looks[before].to_world
+        true = np.linalg.inv(pauses[now].to_world) @ pauses[before].to_world
         aside += [((found - true) @ (*point, 0.0, 1.0))[:2] for point in SEEN_AT_M]
     sideways = 1e3 * np.array(aside)
     x, y = np.sqrt(np.mean(sideways**2, axis=0))
@@ -153,7 +153,7 @@ def _one_way(robot: RobotModel, looks: list[Look], *, registered: bool) -> MapEr
 
 def analytic(
     robot: RobotModel, seed: int, cycles: int, kept: Path | None = None, *, level: bool = False
-) -> Iterator[Look]:
+) -> Iterator[WalkedPause]:
     """A walk over analytic ground: joint and contact noise, no frames."""
     ground = Ground.random(seed)
     if level:
@@ -171,10 +171,10 @@ def analytic(
         to_world = pause.transform_base_to_world @ np.linalg.inv(to_footprint)
         under = np.concatenate([_sole(pause.next_footholds[leg][:2]) for leg in ("lh", "rh")])
         height = ground.height_at(under[:, 0], under[:, 1])
-        yield Look(pause.stance, terrain, to_world, (), _in_footprint(to_world, under, height))
+        yield WalkedPause(pause.stance, terrain, to_world, (), _in_footprint(to_world, under, height))
 
 
-def frames(robot: RobotModel, seed: int, cycles: int, kept: Path | None) -> Iterator[Look]:
+def frames(robot: RobotModel, seed: int, cycles: int, kept: Path | None) -> Iterator[WalkedPause]:
     """A walk through simulated frames."""
     world, pauses = scanned_walk(robot, seed, cycles=cycles, kept=kept)
     for item in pauses:
@@ -184,7 +184,7 @@ def frames(robot: RobotModel, seed: int, cycles: int, kept: Path | None) -> Iter
         if item.pause.nominal[0] < 0:
             under = _sole(np.array(item.pause.to_world(*item.pause.nominal)))
         height = world.height(under[:, 0], under[:, 1])
-        yield Look(
+        yield WalkedPause(
             item.pause.stance, item.scan, to_world, item.pause.known_ground, _in_footprint(to_world, under, height)
         )
 

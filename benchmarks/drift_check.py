@@ -1,7 +1,7 @@
 """Does the check of drift warn when it should, and only then: true scans, moved mounts and lost steps in simulation.
 
 `python -m benchmarks.drift_check [--scans N] [--walks N] [--jobs N] [--figure FILE.png] [--json]`; about ten minutes of
-processor.
+processor time.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ PAUSES = 3
 SPECIMENS = 7
 STRIPES = range(0, 70, 2)
 UNDULATION_M = 0.002
-# Levels of each drift, the last of each is what must be found: [degrees], [degrees], [steps].
-LEVELS = {
+# Sizes of each drift, of which the last must be found: [degrees], [degrees], [motor steps].
+SIZES = {
     "camera": (0.02, 0.05, 0.1, 0.2, 0.5),
     "laser": (0.01, 0.02, 0.05, 0.1, 0.2),
     "steps": (1.0, 2.0, 4.0, 8.0, 16.0),
@@ -57,7 +57,7 @@ class Injected:
     Attributes:
         camera: turn of the camera about its optical centre (3,) [rad].
         laser: turn of laser and mirror about the mirror's axis point (3,) [rad].
-        steps: by which the mirror is off from a stripe of the first scan on, never brought home since [steps].
+        steps: error of the mirror from some stripe of the first scan on; it is not homed afterwards [motor steps].
     """
 
     camera: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -65,12 +65,12 @@ class Injected:
     steps: float = 0.0
 
     @classmethod
-    def of(cls, kind: str, level: float, rng: np.random.Generator) -> Injected:
+    def of(cls, kind: str, size: float, rng: np.random.Generator) -> Injected:
         """A drift of this size in a random direction."""
         if kind == "steps":
-            return cls(steps=level * float(rng.choice((-1.0, 1.0))))
+            return cls(steps=size * float(rng.choice((-1.0, 1.0))))
         direction = rng.standard_normal(3)
-        turn = tuple((np.deg2rad(level) * direction / np.linalg.norm(direction)).tolist())
+        turn = tuple((np.deg2rad(size) * direction / np.linalg.norm(direction)).tolist())
         return cls(camera=turn) if kind == "camera" else cls(laser=turn)
 
     def apply(self, calibration: Calibration, robot: RobotModel) -> Calibration:
@@ -98,7 +98,7 @@ class Tally:
         scans: number by verdict.
         walks: number in all.
         warned: walks in which the watch warned within three pauses.
-        reasons: reasons of scans that drift, for looking at.
+        reasons: reasons of all scans judged as drifting, to be printed.
     """
 
     scans: dict[str, int] = field(default_factory=lambda: dict.fromkeys((HOLDS, DRIFTING, UNKNOWN), 0))
@@ -138,7 +138,7 @@ def world_of(rng: np.random.Generator, *, is_rough: bool) -> World:
 def scan(
     robot: RobotModel, rig: SimulatedRangefinder, known: Calibration, pause: WalkPause, offsets: Sequence[float]
 ) -> Drift:
-    """Scan at a pause and check; `known` is the calibration in use, `offsets` by what the mirror is off [rad]."""
+    """Scan at a pause and check; `known` is the calibration in use, `offsets` are errors of the mirror angle [rad]."""
     rig.set_pose(pause.transform_base_to_world, pause.joint_positions)
     processor = ScanProcessor(known, robot, pause.stance, "coarse")
     off = rig.frame(laser=0.0)
@@ -153,15 +153,15 @@ def guara() -> RobotModel:
     return load_robot("guara")
 
 
-def walk(seed: int, kind: str = "", level: float = 0.0, *, is_rough: bool = False) -> list[Drift]:
+def walk(seed: int, kind: str = "", size: float = 0.0, *, is_rough: bool = False) -> list[Drift]:
     """The checks of three pauses of a walk with noise in joints, contacts and the direction of gravity.
 
-    A drift of a kind is there from the start, in a random direction; steps are lost once, within the first scan.
+    A drift of `kind` has been there from the start, in a random direction; steps are lost once, within the first scan.
     """
     robot, rng = guara(), np.random.default_rng(seed)
     known = specimen(robot, seed=seed % SPECIMENS)
     world = world_of(rng, is_rough=is_rough)
-    injected = Injected.of(kind, level, np.random.default_rng(seed + 10_000)) if kind else Injected()
+    injected = Injected.of(kind, size, np.random.default_rng(seed + 10_000)) if kind else Injected()
     rig = SimulatedRangefinder(world, injected.apply(known, robot), robot, seed)
     lost_from, lost = int(rng.integers(1, len(STRIPES))), injected.steps * STEP
     checks = []
@@ -171,10 +171,10 @@ def walk(seed: int, kind: str = "", level: float = 0.0, *, is_rough: bool = Fals
     return checks
 
 
-def tally(pool: Executor, walks: int, first_seed: int, kind: str = "", level: float = 0.0, **options: bool) -> Tally:
+def tally(pool: Executor, walks: int, first_seed: int, kind: str = "", size: float = 0.0, **options: bool) -> Tally:
     """Many walks, each with a drift of its own direction when there is a kind."""
     result = Tally()
-    for checks in pool.map(partial(walk, kind=kind, level=level, **options), range(first_seed, first_seed + walks)):
+    for checks in pool.map(partial(walk, kind=kind, size=size, **options), range(first_seed, first_seed + walks)):
         result.add(checks)
     return result
 
@@ -186,12 +186,12 @@ def draw(curves: dict[str, list[dict[str, float]]], path: Path) -> None:
     figure, axes = new_figure(1, len(curves), (9.0, 3.0), sharey=True)
     titles = {"camera": "camera turned", "laser": "laser and mirror turned", "steps": "steps lost in a sweep"}
     for panel, (kind, points), colour in zip(axes[0], curves.items(), LINE_COLOURS, strict=False):
-        sizes = [point["level"] for point in points]
-        panel.plot(sizes, [100 * point["found"] for point in points], "o-", color=colour, label="three pauses")
-        panel.plot(sizes, [100 * point["found_by_one"] for point in points], "s:", color=colour, label="one scan")
+        found_sizes = [point["level"] for point in points]
+        panel.plot(found_sizes, [100 * point["found"] for point in points], "o-", color=colour, label="three pauses")
+        panel.plot(found_sizes, [100 * point["found_by_one"] for point in points], "s:", color=colour, label="one scan")
         panel.axhline(90, color="0.5", linewidth=0.6)
         panel.set_xscale("log")
-        panel.set_xticks(sizes, [f"{size:g}" for size in sizes])
+        panel.set_xticks(found_sizes, [f"{size:g}" for size in found_sizes])
         panel.minorticks_off()
         panel.set_title(titles[kind])
         panel.set_xlabel(f"[{UNITS[kind]}]")
@@ -202,38 +202,40 @@ def draw(curves: dict[str, list[dict[str, float]]], path: Path) -> None:
     save_figure(figure, path)
 
 
-def _tell(name: str, result: Tally) -> None:
+def _show(name: str, result: Tally) -> None:
     scans = ", ".join(f"{count} {verdict}" for verdict, count in result.scans.items())
     print(f"{name}: {sum(result.scans.values())} scans, {scans}; {result.warned} of {result.walks} walks warned")
     print("".join(f"    {reason}\n" for reason in result.reasons), end="", flush=True)
 
 
 def main() -> None:
-    """Print false alarms and finds; exit 1 when a must is missed."""
+    """Print false alarms and finds; exit 1 when a limit is not met."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scans", type=int, default=201, metavar="N", help="true scans of a flat floor")
-    parser.add_argument("--walks", type=int, default=20, metavar="N", help="walks of three pauses for each must")
+    parser.add_argument(
+        "--walks", type=int, default=20, metavar="N", help="walks of three pauses for each drift that must be found"
+    )
     parser.add_argument("--curve-walks", type=int, default=5, metavar="N", help="walks for each smaller drift")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes")
     parser.add_argument("--figure", type=Path, metavar="FILE.png", help="picture of the curve")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     options = parser.parse_args()
-    curves: dict[str, list[dict[str, float]]] = {kind: [] for kind in LEVELS}
+    curves: dict[str, list[dict[str, float]]] = {kind: [] for kind in SIZES}
     with ProcessPoolExecutor(options.jobs) as pool:
         true_walks = -(-options.scans // PAUSES)
         true = tally(pool, true_walks, 0)
-        _tell("true, flat floor", true)
+        _show("true, flat floor", true)
         rough = tally(pool, -(-true_walks // 5), 5000, is_rough=True)
-        _tell("true, rough ground", rough)
-        for kind, levels in LEVELS.items():
-            for level in levels:
-                walks = options.walks if level == levels[-1] else options.curve_walks
-                result = tally(pool, walks, 1000, kind, level)
+        _show("true, rough ground", rough)
+        for kind, sizes in SIZES.items():
+            for size in sizes:
+                walks = options.walks if size == sizes[-1] else options.curve_walks
+                result = tally(pool, walks, 1000, kind, size)
                 by_one = result.scans[DRIFTING] / sum(result.scans.values())
                 found = result.warned / result.walks
-                curves[kind].append({"level": level, "walks": walks, "found": found, "found_by_one": by_one})
+                curves[kind].append({"level": size, "walks": walks, "found": found, "found_by_one": by_one})
                 print(
-                    f"{kind} {level:g} {UNITS[kind]}: {walks} walks, found {found:.0%} within {PAUSES} pauses, "
+                    f"{kind} {size:g} {UNITS[kind]}: {walks} walks, found {found:.0%} within {PAUSES} pauses, "
                     f"{by_one:.0%} by one scan",
                     flush=True,
                 )
@@ -243,7 +245,7 @@ def main() -> None:
     alarms = (true.scans[DRIFTING] + rough.scans[DRIFTING]) / max(with_floor + rough.scans[DRIFTING], 1)
     passed = alarms <= 0.01 and all(points[-1]["found"] >= 0.9 for points in curves.values())
     print(f"false alarms {alarms:.1%} of {with_floor} scans with a floor (at most 1 %)")
-    print("every must is met" if passed else "a must is MISSED")
+    print("every limit is met" if passed else "a limit is NOT met")
     if options.json:
         whole = {"true": true.scans, "rough": rough.scans, "false_alarms": alarms, "curves": curves, "passed": passed}
         print(json.dumps(whole))

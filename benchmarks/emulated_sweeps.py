@@ -39,7 +39,7 @@ BUS_DELAY = 0.0003
 FIRMWARE = Path(__file__).resolve().parents[1] / "firmware" / "guara_board.uf2"
 
 
-def pattern_of(stripes: int) -> list[tuple[int, float]]:
+def firing_order_of(stripes: int) -> list[tuple[int, float]]:
     """Pairs (index, mirror angle) of `stripes` stripes, evenly chosen from the 70 of the standard pattern."""
     stride = 70 // stripes
     return [(index, -0.14 + 0.46 * index / 69) for index in range(0, 70, stride)]
@@ -68,27 +68,27 @@ class Picture:
 
 @contextmanager
 def emulated(config: EmulatorConfig | None = None) -> Iterator[tuple[EmulatedBoard, LaserBoard]]:
-    """An emulated board in emulated time, with the driver on it."""
+    """An emulated board in emulated time, and the driver connected to it."""
     with timing.on_clock(EmulatedClock()):
         board = EmulatedBoard(config or EmulatorConfig(bus_delay=BUS_DELAY))
         with LaserBoard(BoardConfig(handle_signals=False), backend=emulated_backend(board)) as driver:
             yield board, driver
 
 
-def bound_of(driver: LaserBoard, pattern: list[tuple[int, float]], flash: float) -> float:
+def bound_of(driver: LaserBoard, firing_order: list[tuple[int, float]], flash: float) -> float:
     """How long moves, settling and flashes take at least, by the board's own motion profile [s]."""
     motion_profile = driver.motion_profile()
-    steps = [driver.step_at(angle) for _, angle in pattern]
+    steps = [driver.step_at(angle) for _, angle in firing_order]
     moves = sum(motion_profile.time(after - before) for before, after in zip(steps, steps[1:], strict=False))
     return moves + len(steps) * (motion_profile.settle + flash)
 
 
 def take(
-    driver: LaserBoard, camera: Camera, pattern: list[tuple[int, float]], options: AcquireOptions
+    driver: LaserBoard, camera: Camera, firing_order: list[tuple[int, float]], options: AcquireOptions
 ) -> list[StripeCapture]:
     """One scan, from the mirror angle of the first stripe on."""
-    prepare(driver, pattern)
-    with camera, acquire(driver, camera, pattern, options) as stripes:
+    prepare(driver, firing_order)
+    with camera, acquire(driver, camera, firing_order, options) as stripes:
         return list(stripes)
 
 
@@ -112,13 +112,13 @@ class Triggered:
 
 
 def triggered(stripes: int, flash: float = FLASH, fps: float = 0.0) -> Triggered:
-    """Sweep with the emulated board in Python and a camera of at most `fps` frames per second; 0 for any."""
-    pattern = pattern_of(stripes)
+    """Sweep with the emulated board in Python and a camera of at most `fps` frames per second; 0: no limit."""
+    firing_order = firing_order_of(stripes)
     with emulated() as (board, driver):
         board.shutter.wired, board.shutter.exposure = True, flash
         camera = EmulatedTriggeredCamera(board, board.shutter, Picture(), fps=fps)
-        taken = take(driver, camera, pattern, AcquireOptions(sweep=SweepOptions(flash=flash)))
-        bound = bound_of(driver, pattern, flash)
+        taken = take(driver, camera, firing_order, AcquireOptions(sweep=SweepOptions(flash=flash)))
+        bound = bound_of(driver, firing_order, flash)
         return _result(stripes, flash, np.array(board.triggers()), bound, taken)
 
 
@@ -126,7 +126,7 @@ def triggered_on_chip(stripes: int, flash: float = FLASH) -> Triggered:
     """The same with the firmware on the emulated chip, which ramps the motor itself; needs the extra `firmware`."""
     from drivers.emulator.chip import Chip, ChipBus, ChipClock, load_firmware
 
-    pattern = pattern_of(stripes)
+    firing_order = firing_order_of(stripes)
     chip = Chip(load_firmware(FIRMWARE))
     chip.wiring.shutter.wired, chip.wiring.shutter.exposure = True, flash
     chip.rewire()
@@ -136,8 +136,10 @@ def triggered_on_chip(stripes: int, flash: float = FLASH) -> Triggered:
         LaserBoard(BoardConfig(handle_signals=False), backend=EmulatedBackend(bus)) as driver,
     ):
         camera = EmulatedTriggeredCamera(bus, chip.wiring.shutter, Picture())
-        taken = take(driver, camera, pattern, AcquireOptions(sweep=SweepOptions(flash=flash)))
-        return _result(stripes, flash, np.array(chip.world.triggers) / 1e9, bound_of(driver, pattern, flash), taken)
+        taken = take(driver, camera, firing_order, AcquireOptions(sweep=SweepOptions(flash=flash)))
+        return _result(
+            stripes, flash, np.array(chip.world.triggers) / 1e9, bound_of(driver, firing_order, flash), taken
+        )
 
 
 def _result(stripes: int, flash: float, triggers: np.ndarray, bound: float, taken: list[StripeCapture]) -> Triggered:
@@ -147,12 +149,12 @@ def _result(stripes: int, flash: float, triggers: np.ndarray, bound: float, take
 
 def free_running(fps: int, stripes: int) -> float:
     """Seconds from the first command to the last frame with a camera that runs freely."""
-    pattern = pattern_of(stripes)
+    firing_order = firing_order_of(stripes)
     exposure = min(0.008, 0.4 / fps)
     with emulated() as (board, driver):
         camera = EmulatedCamera(board, Picture(), fps=fps, exposure=exposure, latency=exposure)
-        prepare(driver, pattern)
-        with camera, acquire(driver, camera, pattern) as stripes_taken:
+        prepare(driver, firing_order)
+        with camera, acquire(driver, camera, firing_order) as stripes_taken:
             count = sum(1 for _ in stripes_taken)
         assert count == stripes
         return stripes_taken.report.duration

@@ -40,7 +40,7 @@ def synthetic(effort: Effort) -> Section:
         "Stripe extraction, synthetic stripes",
         "Bands of 1280 x 160 pixels with a Gaussian stripe whose centre is known. CPU time over that of a plain cv2 "
         "and numpy reference in the same round, and over reading the band's bytes once; errors in pixels, missed "
-        "and false columns in per cent. Saturated ones, clipped over several rows, are in doubt for `precise`: they "
+        "and false columns in per cent. Saturated stripes, clipped over several rows, are in doubt for `precise`: they "
         "are followed as in any light, which costs many times as much.",
         ("light", "contender", "x reference", "x floor", "mean px", "p95 px", "missed %", "false %"),
         rows,
@@ -66,7 +66,7 @@ def frames_of_scans(recordings: list[Recording], effort: Effort) -> Section:
         "extraction_scans",
         "Stripe extraction, frames of scans",
         "The same on the frames of scans. The reference and this project look at the row band in which the stripe can "
-        "appear, the others at the whole frame; errors of the heights that come of it stand under whole scans.",
+        "appear, the others at the whole frame; the resulting errors of the heights are in the table of whole scans.",
         ("scan", "contender", "ms per frame", "x reference", "x floor"),
         rows,
         figures,

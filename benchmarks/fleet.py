@@ -84,7 +84,7 @@ class Fleet:
         return peer
 
     def publish(self, **command: Any) -> int:
-        """Let all robots publish; how many pauses there were.
+        """Let all robots publish, and return the number of pauses.
 
         Args:
             command: `once=True`, or `seconds` and `period`, for `Robots.run` of `fleet_peer`.
@@ -100,7 +100,7 @@ class Fleet:
         return [peer.hear() for peer in self.planners]
 
     def restart_router(self) -> float:
-        """Publish while the router is away, and start it again; when it was ready [s since the epoch]."""
+        """Publish while the router is away, and start it again; returns when it was ready [s since the epoch]."""
         self.router.end()
         self.publish(once=True)
         self.router = self._peer(*self._router_arguments)
@@ -207,7 +207,7 @@ def storm(fleet: Fleet) -> dict[str, Any]:
 
 
 def exponents(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """Exponents of power laws of the number of robots through the figures, of fleets of five robots or more.
+    """Exponents of power laws over the number of robots, fitted to the figures of fleets of five robots or more.
 
     Returns:
         Exponent by figure; empty with fewer than two such fleets.

@@ -72,7 +72,7 @@ class Robots:
         server.publish(dataclasses.replace(self._map, **changes | {"scan_end": now}))
 
     def run(self, seconds: float, period: float) -> int:
-        """Publish for this long, each robot every `period` from a random phase on; how many pauses there were."""
+        """Publish for this long, each robot every `period` from a random phase on; returns the number of pauses."""
         chance = random.Random()
         start = time.monotonic()
         due = [(start + chance.random() * period, server) for server in self._servers]

@@ -30,7 +30,7 @@ class Cost:
         size: size of the file, or of all files in its folder [byte].
         memory: peak above the process after its imports [byte].
         seconds: processor time.
-        outcome: "refused: ..." in the words of one of our errors, "read", or "TRACEBACK ...".
+        outcome: "refused: ..." with the message of one of our errors, "read", or "TRACEBACK ...".
     """
 
     name: str
@@ -42,8 +42,8 @@ class Cost:
     @property
     def is_within(self) -> bool:
         """Whether it stayed within the limits and was read, or refused with a message."""
-        is_said = self.outcome.startswith(("refused", "read"))
-        return is_said and self.memory <= MEMORY_MB * 1e6 and self.seconds <= SECONDS
+        is_handled = self.outcome.startswith(("refused", "read"))
+        return is_handled and self.memory <= MEMORY_MB * 1e6 and self.seconds <= SECONDS
 
 
 def _high_water() -> int:
@@ -69,7 +69,7 @@ def _imports() -> None:
 
 
 def measure(name: str) -> Cost:
-    """Make one of `FILES` and read it in a process of its own, which has all that it needs imported."""
+    """Make one of `FILES` and read it in a process of its own, which has its imports done."""
     from guara_perception.exceptions import PerceptionError
     from kinematics import KinematicsError
     from transport import TransportError

@@ -52,7 +52,7 @@ def _mcap(path: Path, chunk: bytes, stated: int, repeats: int = 1) -> None:
         writer.start(profile="ros2")
         writer.finish()
     whole = path.read_bytes()
-    # Magic and header stay; then chunks, and no index: as a file that was cut.
+    # Magic and header stay; then chunks, and no index: like a file that was cut short.
     begin = 8 + 9 + struct.unpack("<Q", whole[9:17])[0]
     text = b"zstd"
     body = struct.pack("<QQQII", 0, 1, stated, 0, len(text)) + text + struct.pack("<Q", len(chunk)) + chunk
@@ -63,8 +63,8 @@ def _mcap_bomb(path: Path) -> None:
     import zstandard
 
     compressor = zstandard.ZstdCompressor(level=1).compressobj(size=1_500_000_000)
-    parts = [compressor.compress(bytes(10_000_000)) for _ in range(150)] + [compressor.flush()]
-    _mcap(path, b"".join(parts), 1_000_000)
+    pieces = [compressor.compress(bytes(10_000_000)) for _ in range(150)] + [compressor.flush()]
+    _mcap(path, b"".join(pieces), 1_000_000)
 
 
 def _mcap_many_bombs(path: Path) -> None:
@@ -244,7 +244,7 @@ FILES: dict[str, tuple[str, Making, Making]] = {
         _load_calibration,
     ),
     "calibration: 60 MB of text": ("c.json", lambda p: _calibration(p, "[" + "0," * 30_000_000), _load_calibration),
-    "robot.toml: key of 50,000 parts": ("r", lambda p: _robot(p, ".".join("a" * 50_000) + " = 1"), _load_robot),
+    "robot.toml: key of 50,000 pieces": ("r", lambda p: _robot(p, ".".join("a" * 50_000) + " = 1"), _load_robot),
     "robot.toml: 100,000 lists in one another": ("r", lambda p: _robot(p, "a = " + "[" * 100_000), _load_robot),
     "robot.toml: lists side by side and in one another": (
         "r",
@@ -263,7 +263,7 @@ FILES: dict[str, tuple[str, Making, Making]] = {
         _load_robot,
     ),
     "urdf: 300,000 elements in one another": ("r", lambda p: _robot(p, urdf=b"<robot>" * 300_000), _load_robot),
-    "world: key of 50,000 parts": ("w.toml", lambda p: _write(p, b".".join([b"a"] * 50_000) + b" = 1"), _load_world),
+    "world: key of 50,000 pieces": ("w.toml", lambda p: _write(p, b".".join([b"a"] * 50_000) + b" = 1"), _load_world),
     "world: 100,000 lists in one another": ("w.toml", lambda p: _write(p, b"x = " + b"[" * 100_000), _load_world),
     "camera_info: aliases": (
         "c.yaml",

@@ -34,7 +34,7 @@ def hotspots(recording: Recording) -> Section:
         "hotspots",
         f"Profile of a scan ({recording.name})",
         "Share of one whole scan spent in each function and what it calls, under cProfile, which makes small functions "
-        "look dearer than they are.",
+        "look more expensive than they are.",
         ("function", "file", "calls", "share"),
         rows,
         {f"{file}:{function}": share for share, _, file, function in own[:SHOWN]},

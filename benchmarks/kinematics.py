@@ -19,7 +19,7 @@ from kinematics.leg import find_leg_geometry
 from kinematics.stance_pose import sole_covariances
 from kinematics.support import fit_support_plane
 
-SWING = 0.140  # one cycle, four swings [m]
+CYCLE = 0.140  # one cycle, four swings [m]
 HEIGHT = 0.360  # of the hips in the scan posture [m]
 
 
@@ -44,7 +44,7 @@ def cold_load_seconds(repeats: int) -> float:
 
 
 def leg_agreement(robot: RobotModel, count: int) -> tuple[float, float]:
-    """Largest differences [m]: closed-form against Pinocchio's sole, and inverse kinematics led back to the sole."""
+    """Largest differences [m]: closed form against Pinocchio, and the sole after inverse and forward kinematics."""
     rng, forward, back = np.random.default_rng(0), 0.0, 0.0
     for leg in robot.legs:
         geometry = find_leg_geometry(robot.tree, leg)
@@ -93,18 +93,18 @@ def crawl(robot: RobotModel, cycles: int, sway: float) -> Iterator[tuple[np.ndar
     nominal = robot.state(robot.posture("scan")).soles_in_base() * (1.0, 1.0, 0.0)
     order = [robot.legs.index(leg) for leg in ("rh", "rf", "lh", "lf")]
     soles, body = nominal.copy(), np.array([0.0, 0.0, HEIGHT])
-    for turn, row in enumerate(order):
-        soles[row, 0] += (turn - 1.5) * SWING / 4.0
+    for number, row in enumerate(order):
+        soles[row, 0] += (number - 1.5) * CYCLE / 4.0
     for _ in range(cycles):
         for row in order:
-            body = body + (SWING / 4.0, 0.0, 0.0)
-            soles[row] = nominal[row] + (body[0] + 3.0 * SWING / 8.0, 0.0, 0.0)
+            body = body + (CYCLE / 4.0, 0.0, 0.0)
+            soles[row] = nominal[row] + (body[0] + 3.0 * CYCLE / 8.0, 0.0, 0.0)
             here = body + (0.0, -sway if robot.legs[row].startswith("l") else sway, 0.0)
             yield here, soles - here, row
 
 
 def joints_for(robot: RobotModel, soles: np.ndarray) -> dict[str, float]:
-    """Joint positions that set level soles (4, 3) in `base_link`, legs in the robot's order."""
+    """Joint positions that bring level soles to these positions (4, 3) in `base_link`, legs in the robot's order."""
     joints: dict[str, float] = {}
     for leg, sole in zip(robot.legs, soles, strict=True):
         joints.update(zip(robot.tree.leg(leg).joints, robot.reach(leg, sole).joint_positions.tolist(), strict=True))
@@ -127,15 +127,15 @@ def odometry_errors(robot: RobotModel, *, gravity: bool, each_pause: bool, seeds
             joints = joints_for(robot, soles + contact)
             joints = {name: angle + rng.normal(0.0, np.radians(0.2)) for name, angle in joints.items()}
             result = odometry.update(Stance(joints, robot.legs, (0.0, 0.0, -1.0) if gravity else None))
-        way = walk[-1][0] - walk[0][0]
-        errors.append(float(np.linalg.norm(result.transform_footprint_to_odom[:3, 3] - way)))
+        travelled = walk[-1][0] - walk[0][0]
+        errors.append(float(np.linalg.norm(result.transform_footprint_to_odom[:3, 3] - travelled)))
     return errors
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer repeats: a look, not a measurement")
+    parser.add_argument("--quick", action="store_true", help="fewer repeats: for a first impression, not for figures")
     quick = parser.parse_args().quick
     repeats, seeds = (5, 5) if quick else (50, 20)
     rows: list[tuple[str, str, str]] = []
@@ -143,7 +143,7 @@ def main() -> None:
     robot = load_robot("guara")
     forward, back = leg_agreement(robot, 20 if quick else 250)
     rows.append(("leg: closed form against Pinocchio", f"{forward:.1e} m", "1e-12 m"))
-    rows.append(("leg: inverse led back to the sole", f"{back:.1e} m", "1e-12 m"))
+    rows.append(("leg: sole after inverse and forward", f"{back:.1e} m", "1e-12 m"))
     stance = Stance(robot.posture("scan"), robot.legs, (0.0, 0.0, -1.0))
     feet_only = Stance(robot.posture("scan"), robot.legs)
     for what, given in (("gravity known", stance), ("feet only", feet_only)):

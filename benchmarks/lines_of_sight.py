@@ -1,7 +1,7 @@
 """Prints whether bounds of unknown ground by lines of sight hold against the truth.
 
-Walks over random worlds, scanned frame by frame, in the map that drifts as a walk does. What swings gain by the bounds
-is shown by `usable_ground`.
+Walks over random worlds, scanned frame by frame, in a map that drifts as it does on a real walk. `usable_ground` shows
+what swings gain by the bounds.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from benchmarks.true_ground import TrueGround
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import RobotModel, load_robot
 
-# A bound is broken where the truth is higher by more than this and its sigma times that.
+# A bound is broken where the truth is higher by more than BROKEN_BY_M plus BROKEN_BY_SIGMAS times its sigma.
 BROKEN_BY_M, BROKEN_BY_SIGMAS = 0.005, 4.0
 
 
@@ -70,7 +70,7 @@ def line(counts: Counter[str], worst: float) -> str:
         f"higher at all at {counts['over the bound']}, the worst {1e3 * worst:+.1f} mm, mean slack "
         f"{1e-3 * counts['slack um'] / bounds:.0f} mm; "
         f"{100 * counts['bounds'] / max(counts['unknown'], 1):.0f} % of unknown cells bounded; "
-        f"{1e-3 * counts['processor us'] / max(counts['pauses'], 1):.0f} ms of processor a pause"
+        f"{1e-3 * counts['processor us'] / max(counts['pauses'], 1):.0f} ms of processor time a pause"
     )
 
 

@@ -39,7 +39,7 @@ def main() -> None:
     taken: dict[str, list[float]] = {}
     terrain = walked_map(robot)
     for _ in range(arguments.rounds):
-        # How much faster the machine is where the limits were set than it is just now.
+        # Speed of the machine on which the limits were set, over the present speed of this one.
         scale = REFERENCE_STRIPE_S * yardstick.stripes / yardstick.seconds()
         for name, seconds in (ends_of_scans(arguments.data, robot) | regions(terrain)).items():
             taken.setdefault(name, []).append(scale * seconds)
@@ -49,7 +49,7 @@ def main() -> None:
 
 
 def ends_of_scans(data: Path, robot: RobotModel) -> dict[str, float]:
-    """What is left when the last frame is there: the footprint's grid, the wide one, and bringing each into a map."""
+    """What remains to do after the last frame: the footprint's grid, the wide one, and bringing each into a map."""
     recorded, calibration = gp.open_scan(data / "scans" / "paper"), truth_calibration(data)
     processor = gp.ScanProcessor(calibration, robot, recorded.stance, recorded.mode)
     for stripe, on, off in recorded.frames():
@@ -58,17 +58,17 @@ def ends_of_scans(data: Path, robot: RobotModel) -> dict[str, float]:
     terrain, result["grid of the footprint"] = timed(processor.finish)
     wide, result["wide grid beside it"] = timed(lambda: processor.finish("wide", report=terrain.metadata))
     for name, grid in (("footprint", terrain), ("wide grid", wide)):
-        result[f"map from a {name}, laid onto it"] = second_look(robot, grid)
+        result[f"map from a {name}, laid onto it"] = update_again(robot, grid)
     return result
 
 
-def second_look(robot: RobotModel, grid: gp.TerrainGrid) -> float:
+def update_again(robot: RobotModel, grid: gp.TerrainGrid) -> float:
     """Laying the same scan onto the map that it made, fusing it and the map's layers [s]."""
     terrain_map, still = gp.TerrainMap(robot), 1e-8 * np.eye(6)
     again = dataclasses.replace(grid, stamp=grid.stamp + 1, step=grid.step + 1)
 
-    def update(look: gp.TerrainGrid) -> gp.TerrainGrid:
-        return terrain_map.update(look, np.eye(4), still, covariance_since_last=still, own_covariance=still)
+    def update(new: gp.TerrainGrid) -> gp.TerrainGrid:
+        return terrain_map.update(new, np.eye(4), still, covariance_since_last=still, own_covariance=still)
 
     update(grid)
     return timed(lambda: update(again))[1]
@@ -91,7 +91,7 @@ def walked_map(robot: RobotModel) -> gp.TerrainGrid:
 
 
 def regions(terrain: gp.TerrainGrid) -> dict[str, float]:
-    """One region about a wish, the median of many, and all of a map."""
+    """One region about a wished position, the median of many, and all of a map."""
     free = np.argwhere(np.asarray(terrain.traversability) > 0)
     x, y = terrain.geometry.centres()
     each = [

@@ -21,13 +21,13 @@ from guara_perception.arrays import Codes
 
 TRANSPORT, TCP, SHARED = "publish to receive, array to array", "raw TCP ping", "shared-memory ping"
 PERIOD_S = 0.01
-TURNS = 5
+ROUNDS = 5
 
 
 def messaging(effort: Effort) -> Section:
     """Time of a grid one way with encoding and decoding, and of pings there and back with the bytes alone."""
     payload = bytes(transport.encode_terrain(make_terrain(1)))
-    per_turn = max(effort.pings // TURNS, 1)
+    per_round = max(effort.pings // ROUNDS, 1)
     seconds: dict[str, list[float]] = {TRANSPORT: [], TCP: [], SHARED: []}
     medians: dict[str, list[float]] = {TRANSPORT: [], TCP: [], SHARED: []}
     with peers() as start, _shared_echo(payload) as ping_memory:
@@ -38,11 +38,11 @@ def messaging(effort: Effort) -> Section:
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             node.tell(publish=0)
             time.sleep(0.5)
-            for turn in range(TURNS):
+            for round_number in range(ROUNDS):
                 for name, times in (
-                    (TRANSPORT, _publish(node, planner, turn, per_turn)),
-                    (TCP, [_ping_tcp(connection, payload) for _ in range(per_turn)]),
-                    (SHARED, [ping_memory() for _ in range(per_turn)]),
+                    (TRANSPORT, _publish(node, planner, round_number, per_round)),
+                    (TCP, [_ping_tcp(connection, payload) for _ in range(per_round)]),
+                    (SHARED, [ping_memory() for _ in range(per_round)]),
                 ):
                     seconds[name] += times
                     medians[name].append(float(np.median(times)))
@@ -60,22 +60,22 @@ def messaging(effort: Effort) -> Section:
         f"One grid of 108 x 90 cells with all layers ({len(payload) / 1e3:.0f} kB) from one process to another on the "
         "same machine. Publish to receive: from the arrays of the node to those of the planner, one way, over Zenoh. "
         "The pings carry the same bytes there and back, without making or reading them. Wall time; ratio of medians in "
-        f"each of {TURNS} turns.",
+        f"each of {ROUNDS} rounds.",
         ("by", "p50 ms", "p99 ms", "x raw TCP ping"),
         rows,
         figures,
     )
 
 
-def _publish(node: Peer, planner: Peer, turn: int, count: int) -> list[float]:
-    node.tell(stream=count * (turn + 1), first=count * turn + 1, period=PERIOD_S)
+def _publish(node: Peer, planner: Peer, round_number: int, count: int) -> list[float]:
+    node.tell(stream=count * (round_number + 1), first=count * round_number + 1, period=PERIOD_S)
     sent = node.hear()["times"]
     deadline = time.monotonic() + 10
     while True:
         planner.tell()
         got = planner.hear()["got"]
         # The newest replaces those not yet taken: under load some never arrive, the last one always does.
-        if str(count * (turn + 1)) in got or time.monotonic() > deadline:
+        if str(count * (round_number + 1)) in got or time.monotonic() > deadline:
             return [(got[step] - begin) * 1e-9 for step, begin in sent.items() if step in got]
 
 

@@ -1,6 +1,6 @@
 """What misplaced crosses do to the grid: a session calibrated again with wrong positions, one scan with each result.
 
-`python -m benchmarks.misplaced_crosses [SESSION SCAN]`; the session and the scan of the tests without arguments.
+`python -m benchmarks.misplaced_crosses [SESSION SCAN]`; without arguments: the session and the scan of the tests.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ REPEATS = 3
 
 
 def forms() -> dict[str, Callable[[Image], Image]]:
-    """Functions that make of a colour picture what a camera or a driver could deliver, by name."""
+    """Functions by name, each of which makes from a colour picture what a camera or a driver could deliver."""
     return {
         "colour, three whole channels": lambda picture: picture,
         "grey camera (red plane)": lambda picture: np.ascontiguousarray(picture[:, :, RED]),

@@ -4,8 +4,8 @@
 counts is what changes afterwards: a screw that gives, a home switch that shifts, a mirror that has not settled.
 
 The recorded frames are those of the mount as it was calibrated. Heights are computed from them with the calibration of
-the moved mount; a robot has it the other way round, frames of the moved mount and the calibration of before, and for
-changes this small its error is the same with the opposite sign. That is what is printed.
+the moved mount; on a robot it is the other way round, frames of the moved mount and the calibration from before, and
+for changes this small its error is the same with the opposite sign. The robot's error is what is printed.
 """
 
 from __future__ import annotations

@@ -107,7 +107,7 @@ def print_parts(bench: Bench, first: int, scans: int) -> None:
 
 
 def print_way_to_planner(bench: Bench, first: int, scans: int) -> None:
-    """Further scans: from the finished grid to a TerrainGrid in the hands of a planner in a process of its own."""
+    """Further scans: from the finished grid to a TerrainGrid in a planner, a process of its own."""
     made: list[tuple[float, gp.TerrainGrid]] = []
     finish = gp.ScanProcessor.finish
 
@@ -137,7 +137,7 @@ def print_way_to_planner(bench: Bench, first: int, scans: int) -> None:
             setattr(gp.ScanProcessor, "finish", finish)  # noqa: B010
             planner.stdin.close()
     print(
-        f"grid -> planner's hands          median {1e3 * np.median(waits):5.1f} ms, quickest {1e3 * min(waits):5.1f} "
+        f"grid -> planner                  median {1e3 * np.median(waits):5.1f} ms, quickest {1e3 * min(waits):5.1f} "
         f"ms (another process, loopback, wall clock); processor time {1e3 * np.median(work):.1f} ms, quickest "
         f"{1e3 * min(work):.1f} ms: message with its obstacles, encoding, decoding, checks on both sides"
     )
@@ -154,12 +154,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=Path, help="data folder with calibration/truth.json and scans/paper")
     parser.add_argument("--scans", type=int, default=7, help="timed scans at 30 frames per second")
-    parser.add_argument("--memory-scans", type=int, default=0, help="further scans, as fast as they go, for memory")
+    parser.add_argument(
+        "--memory-scans", type=int, default=0, help="further scans, as fast as possible, to see whether memory grows"
+    )
     arguments = parser.parse_args()
     folder = arguments.data / "scans" / "paper"
     with running(arguments.data, folder, 30.0) as bench:
         yardstick = Yardstick(folder)
-        # Once each for what is made at first use.
+        # Not timed: both make things at their first use.
         bench.pause(0), yardstick.seconds()
         pauses, references = [], [yardstick.seconds()]
         for step in range(1, arguments.scans + 1):

@@ -1,4 +1,4 @@
-"""The paper's steps after triangulation with scipy: range image by griddata, eqs. 20 and 21, slope and step."""
+"""What the paper does after triangulation, with scipy: range image by griddata, eqs. 20 and 21, slope and step."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def range_image(points: Float, optical_centre: Float, x: Range, y: Range) -> Flo
 
     Args:
         points: (n, 3) in base_footprint.
-        eye: (3,) optical centre.
+        optical_centre: (3,) in base_footprint.
         x, y: area of the picture [m].
     """
     from scipy.interpolate import griddata
@@ -35,7 +35,7 @@ def range_image(points: Float, optical_centre: Float, x: Range, y: Range) -> Flo
 
 
 def orthorectified(height: Float, optical_centre: Float, x: Range, y: Range) -> Float:
-    """Eqs. 20 and 21 about the spot below the camera: every pixel sent to its true place, the highest stays."""
+    """Eqs. 20 and 21 about the nadir: every pixel is sent to its true position, where the highest one stays."""
     nadir_u, nadir_v = _nadir(optical_centre, x, y)
     u, v = np.meshgrid(np.arange(COLUMNS), np.arange(ROWS))
     shrink = (optical_centre[2] - height) / optical_centre[2]
@@ -68,9 +68,9 @@ def cells(ortho: Float, x: Range, y: Range, cell: float) -> Float:
     """Mean height of the picture's pixels in each cell, a[iy, ix], NaN where there is none."""
     nx, ny = round((x[1] - x[0]) / cell), round((y[1] - y[0]) / cell)
     rows, columns = np.nonzero(np.isfinite(ortho))
-    cell = ((columns + 0.5) * ny / COLUMNS).astype(int) * nx + ((rows + 0.5) * nx / ROWS).astype(int)
-    total = np.bincount(cell, weights=ortho[rows, columns], minlength=nx * ny)
-    count = np.bincount(cell, minlength=nx * ny)
+    cell_of_pixel = ((columns + 0.5) * ny / COLUMNS).astype(int) * nx + ((rows + 0.5) * nx / ROWS).astype(int)
+    total = np.bincount(cell_of_pixel, weights=ortho[rows, columns], minlength=nx * ny)
+    count = np.bincount(cell_of_pixel, minlength=nx * ny)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(ny, nx)
 
 

@@ -21,7 +21,7 @@ ARGMAX_LEAST, GRAVITY_REACH_PX = 20.0, 4
 
 
 def excess(on: Image, off: Image | None, along: str, channel: int) -> npt.NDArray[np.float32]:
-    """One channel minus half of the others (of a mono picture the picture), the line across the columns."""
+    """One channel minus half of the others (a mono picture as it is), the line across the columns."""
     picture = on.astype(np.float32).reshape(*on.shape[:2], -1)
     if off is not None:
         picture = picture - off.astype(np.float32).reshape(picture.shape)
@@ -59,10 +59,10 @@ def steger(on: Image, off: Image | None, along: str, channel: int) -> Float:
     has_strong[np.unique(labels[(weak > 0) & (second > high)])] = True
     is_line &= has_strong
     is_line[0] = False
-    length = np.where(is_line[labels] & (weak > 0), second * np.sqrt(stats[labels, cv2.CC_STAT_WIDTH]), 0)
-    top = length.argmax(axis=0)
+    strength = np.where(is_line[labels] & (weak > 0), second * np.sqrt(stats[labels, cv2.CC_STAT_WIDTH]), 0)
+    top = strength.argmax(axis=0)
     columns = np.arange(light.shape[1])
-    return np.where(length[top, columns] > 0, top + np.clip(shift[top, columns], -0.6, 0.6), np.nan)
+    return np.where(strength[top, columns] > 0, top + np.clip(shift[top, columns], -0.6, 0.6), np.nan)
 
 
 def tutorial(on: Image, off: Image | None, along: str, channel: int) -> Float:

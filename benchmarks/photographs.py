@@ -2,7 +2,7 @@
 
 `python -m benchmarks.photographs FOLDER`: FOLDER holds index.json (set, name, on, off, along, colour) and truth.npz,
 per picture where a stripe is seen (must), where one may be returned (may) and where none may be (gap). Families of one
-camera, laser and place count alike, whatever their number of pictures.
+camera, laser and scene count alike, whatever their number of pictures.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Counts:
 
 
 def product(on: Image, off: Image | None, along: str, _channel: int) -> Float:
-    """This package's precise method; nobody tells it the laser's colour."""
+    """This package's precise method, which is not given the laser's colour."""
     return gp.extract_stripe(on, off=off, along=along).position_px.astype(np.float64)
 
 
@@ -110,7 +110,7 @@ def judge(folder: Path, method: Method, *, with_off: bool) -> dict[str, Counts]:
             counts.seconds += time.process_time() - start
             counts.pixels += on.shape[0] * on.shape[1]
             name = f"{item['set']}/{item['name']}"
-            counts.add(position, *(truth[f"{name}.{part}"] for part in ("must", "may", "gap")))
+            counts.add(position, *(truth[f"{name}.{kind}"] for kind in ("must", "may", "gap")))
     return families
 
 

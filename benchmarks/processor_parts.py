@@ -1,4 +1,4 @@
-"""Tells the processor time of a running node apart by the part that spent it, on whatever thread that was."""
+"""Splits the processor time of a running node by the part that spent it, on whichever thread."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ EMULATED = ("emulated camera", "emulated board")
 
 
 class ProcessorParts:
-    """Clocks that run while functions do: what one calls that has a clock of its own counts there only.
+    """Clocks that run while their functions do; time in a called function with a clock of its own counts only there.
 
     Attributes:
         seconds: processor time by part.
@@ -77,7 +77,7 @@ def parts_of_the_node() -> Iterator[ProcessorParts]:
     )
     parts = ProcessorParts()
     before = [(owner, name, getattr(owner, name)) for _, owner, name in timed]
-    # Encoding and sending run later, on the outbox's thread: the clock goes with what is posted.
+    # Encoding and sending run later, on the outbox's thread: the posted action gets a clock of its own.
     post = Outbox.post
 
     def clocked_post(box: Outbox, key: str, action: Callable[[], None], **keywords: Any) -> None:

@@ -25,8 +25,8 @@ class Pose:
 
     Attributes:
         points_mm: (n, 3) stripe points on the board, in the camera frame.
-        columns: columns in which the stripe's line crosses the mask.
-        known: those of these columns in which the line has a position.
+        columns: number of columns in which the stripe's line crosses the mask.
+        known: number of these in which the stripe has a position.
     """
 
     points_mm: Float
@@ -86,7 +86,7 @@ def mask_of(dots: Float, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
     return np.asarray(cv2.dilate(mask, disc), np.uint8)
 
 
-def look(folder: Path, board: Board, i: int, method: str) -> Pose:
+def points_on_board(folder: Path, board: Board, i: int, method: str) -> Pose:
     """Extract one stripe and put its points on the board's plane."""
     on, off = (cv2.imread(str(folder / f"{name}{i}.jpg")) for name in ("light", "calib"))
     if on is None or off is None:
@@ -131,16 +131,16 @@ def robust_plane(points: Float) -> tuple[Float, float]:
     use = np.ones(len(points), bool)
     normal, distance = np.array([0.0, 1.0, 0.0]), 0.0
     for _ in range(FIT_ROUNDS):
-        centre = points[use].mean(axis=0)
-        normal = np.linalg.svd(points[use] - centre, full_matrices=False)[2][-1]
-        distance = float(normal @ centre)
+        mean = points[use].mean(axis=0)
+        normal = np.linalg.svd(points[use] - mean, full_matrices=False)[2][-1]
+        distance = float(normal @ mean)
         error = np.abs(points @ normal - distance)
         use = error < max(3 * 1.4826 * float(np.median(error)), 0.05)
     return normal, distance
 
 
 def leave_one_out(poses: list[Pose]) -> dict[str, float]:
-    """Figures of the issue: distances of each pose's points from the plane of all the others."""
+    """Distances of each pose's points from the plane of all the others, as figures by name."""
     means, distances = [], []
     for i, pose in enumerate(poses):
         if not len(pose.points_mm):
@@ -169,7 +169,7 @@ def main() -> None:
     board = calibrate(arguments.folder)
     print("method    bias mm   rms mm   p95 mm  > 1 mm %  worst mm  coverage")
     for method in arguments.method.split(","):
-        f = leave_one_out([look(arguments.folder, board, i, method) for i in range(POSES)])
+        f = leave_one_out([points_on_board(arguments.folder, board, i, method) for i in range(POSES)])
         print(
             f"{method:<8} {f['bias']:8.4f} {f['rms']:8.3f} {f['p95']:8.3f} {f['over_1mm']:9.2f} "
             f"{f['worst']:9.2f} {f['coverage']:9.3f}"

@@ -1,4 +1,4 @@
-"""The yardstick of speed: the plainest extraction of a stripe, written with care and with nothing that guards it."""
+"""The yardstick of speed: the plainest extraction of a stripe, written with care and without any guard."""
 
 from __future__ import annotations
 

@@ -14,8 +14,8 @@ Made by `make bench`; do not edit. `make bench-quick` prints the same with fewer
 Everybody works on the same frames in the same run: contenders take turns, who begins changes from round to round, and
 each is compared with the reference of its own round. Tables give the median of these ratios and [smallest largest].
 **Believe the ratios**: milliseconds of a machine that others use too move by a factor of two and more, and a ratio of
-two wall times still feels it. CPU time is used where totals are compared, wall time where somebody waits. Frames are in
-memory, decoding is timed apart, OpenCV and the linear algebra run on one thread.
+two wall times still varies with it. CPU time is used where totals are compared, wall time where somebody waits.
+Frames are in memory, decoding is timed apart, OpenCV and the linear algebra run on one thread.
 
 - *Reference*: a plain band extraction with OpenCV and numpy (red planes subtracted, five taps, block argmax, centre of
   gravity). It has no guard against two stripes, clipped light, texture or a changed background and gives no sigma.
@@ -57,7 +57,7 @@ def write_page(
         sections: in order, but the targets first: on the page they follow what they are taken from.
         machine: what the run was made on.
         pictures: file name beside the page and caption.
-        remarks: on the targets, after their table.
+        remarks: text about the targets, printed after their table.
     """
     on = ["## Machine", "", *(f"- {name}: {value}" for name, value in machine.items()), ""]
     shown = [line for name, caption in pictures for line in (f"![{caption}]({name})", "", f"*{caption}*", "")]

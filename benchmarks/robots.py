@@ -23,10 +23,12 @@ os.environ.update(ENVIRONMENT)
 
 
 def main() -> None:
-    """Print every robot and how many pass; exit 1 when a must is missed."""
+    """Print every robot and how many pass; exit 1 unless all do."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", default=list(FILES), metavar="NAME", help=f"of: {', '.join(FILES)}")
-    parser.add_argument("--no-walk", action="store_true", help="without the simulated walk (15 s of processor each)")
+    parser.add_argument(
+        "--no-walk", action="store_true", help="without the simulated walk (15 s of processor time each)"
+    )
     options = parser.parse_args()
     unknown = sorted(set(options.names) - set(FILES))
     if unknown:

@@ -1,4 +1,4 @@
-"""Runs contenders in turns and compares them round by round: on a shared machine only ratios can be believed."""
+"""Runs contenders alternately and compares them round by round: on a shared machine only ratios can be believed."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Timings:
     def ratio(self, name: str, to: str) -> Ratio:
         """How many times as long as another contender, in the rounds of both."""
         own, other = self.seconds[name], self.seconds[to]
-        ratios = [own[turn] / max(other[turn], 1e-9) for turn in own if turn in other]
+        ratios = [own[round_number] / max(other[round_number], 1e-9) for round_number in own if round_number in other]
         return Ratio(float(np.median(ratios)), min(ratios), max(ratios))
 
 
@@ -62,7 +62,7 @@ def alternate(
         rounds: number of rounds.
         clock: CPU time of the process (for totals) or wall time (for latency).
         slow: names of those that take part in the first `slow_rounds` rounds only, and are not warmed up.
-        slow_rounds: see there.
+        slow_rounds: number of rounds in which these take part.
         warm: run each once beforehand.
     """
     names = list(contenders)
@@ -71,15 +71,15 @@ def alternate(
         for name in names:
             if name not in slow:
                 contenders[name]()
-    for turn in range(rounds):
-        shift = turn % len(names)
+    for round_number in range(rounds):
+        shift = round_number % len(names)
         for name in names[shift:] + names[:shift]:
-            if name in slow and turn >= slow_rounds:
+            if name in slow and round_number >= slow_rounds:
                 continue
             gc.collect()
             start = clock()
             contenders[name]()
-            seconds[name][turn] = clock() - start
+            seconds[name][round_number] = clock() - start
     return Timings(seconds)
 
 

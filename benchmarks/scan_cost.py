@@ -1,8 +1,8 @@
 """Processor time of whole scans and of their stripes, with the code of this checkout and of another one.
 
 `python -m benchmarks.scan_cost [--against FOLDER] [--scans DATA/scans/NAME ...] [--rounds N]`: FOLDER is a checkout of
-another revision (`git worktree add --detach FOLDER REVISION`). Each checkout has a process; they scan in turns, and the
-other one begins in every second round. Both use the packages installed in this environment.
+another revision (`git worktree add --detach FOLDER REVISION`). Each checkout has a process; they scan alternately, and
+the other one begins in every second round. Both use the packages installed in this environment.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Checkout:
             pass
         answer = self._process.stdout.readline()
         if not answer:
-            raise SystemExit(f"scan_cost: the scan with the code of {self._folder} failed; its error stands above")
+            raise SystemExit(f"scan_cost: the scan with the code of {self._folder} failed; its error is printed above")
         found: dict[str, Any] = json.loads(answer)
         return found
 
@@ -115,13 +115,15 @@ def measure(folders: Mapping[str, Path], scan: Path, rounds: int) -> tuple[dict[
     try:
         for checkout in checkouts.values():
             checkout.scan()
-        for turn in range(rounds):
-            for name in names if turn % 2 == 0 else names[::-1]:
-                found[name][turn] = checkouts[name].scan()
+        for round_number in range(rounds):
+            for name in names if round_number % 2 == 0 else names[::-1]:
+                found[name][round_number] = checkouts[name].scan()
     finally:
         for checkout in checkouts.values():
             checkout.close()
-    seconds = {name: {turn: float(one["scan"]) for turn, one in scans.items()} for name, scans in found.items()}
+    seconds = {
+        name: {number: float(report["scan"]) for number, report in scans.items()} for name, scans in found.items()
+    }
     timings = Timings(seconds)
     return {name: _cost(timings.milliseconds(name), list(scans.values())) for name, scans in found.items()}, timings
 

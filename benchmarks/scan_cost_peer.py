@@ -1,6 +1,6 @@
 """The process in which one checkout scans for `benchmarks.scan_cost`; it runs with the code of that checkout.
 
-Only what older revisions have too is used; one that finds all stripes in one way tells of no other.
+Only what older revisions have too is used; where one finds all stripes in the same way, `cheap` and `strong` are null.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 
 def clocked(seconds: list[float], function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function, the processor time of whose calls is noted."""
+    """The function, which then appends the processor time of each call to `seconds`."""
 
     def call(*args: Any, **keywords: Any) -> Any:
         start = time.process_time()
@@ -52,12 +52,12 @@ def main_of_peer(scan: Path) -> None:
     import cv2
 
     cv2.setNumThreads(1)
-    # Older revisions have it among their benchmarks.
+    # Older revisions have `scenes` among their benchmarks.
     checkout = Path(str(import_module("guara_perception").__file__)).parents[1]
     scenes = "tests.scenes" if (checkout / "tests" / "scenes.py").is_file() else "benchmarks.scenes"
     recording = import_module(scenes).recorded(scan)
     whole_scan = import_module("benchmarks.whole_scan")
-    # Older revisions call it `ours`.
+    # Older revisions call this function `ours`.
     process = vars(whole_scan).get("process") or vars(whole_scan)["ours"]
     by_path = sorted_by_path(import_module("guara_perception.stripes.precise"))
     for _ in sys.stdin:

@@ -96,8 +96,8 @@ def scanned_walk(
 ) -> tuple[World, list[ScannedPause]]:
     """The world of a seed and the scanned pauses of a walk over it.
 
-    Each foot goes where the true ground is best, or to its nominal position where no good ground is near. No map has
-    a say in that, so the same walk can be judged with any map.
+    Each foot goes where the true ground is best, or to its nominal position where no good ground is near. No map
+    influences that choice, so the same walk can be judged with any map.
 
     Args:
         robot: the robot that walks.

@@ -105,13 +105,13 @@ def stages(recording: Recording, effort: Effort) -> Section:
     bands = recording.bands()
     seconds: dict[str, list[float]] = {stage: [] for stage in (*STAGES, "last frame to grid")}
     references, lasts = [], []
-    for turn in range(effort.rounds + 1):
+    for round_number in range(effort.rounds + 1):
         start = time.perf_counter()
         for on, off, _ in bands:
             reference(on, off)
         whole = time.perf_counter() - start
         taken = _one_scan(recording)
-        if turn == 0:
+        if round_number == 0:
             continue
         references.append(whole)
         lasts.append(whole / len(bands))
@@ -134,7 +134,7 @@ def stages(recording: Recording, effort: Effort) -> Section:
     return Section(
         "stages",
         f"Stages of a scan ({recording.name})",
-        "Wall time of one scan by this project's own account, and its ratio to the reference extraction of the same "
+        "Wall time of one scan as this project reports it, and its ratio to the reference extraction of the same "
         "frames in the same round; latency from handing over the last frame to the finished grid, against the "
         "reference extraction of one frame.",
         ("stage", "ms", "x reference", "share"),

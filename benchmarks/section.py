@@ -1,4 +1,4 @@
-"""What one part of the benchmark hands over: a table, its description, and the same as plain numbers."""
+"""What one comparison of the suite yields: a table, its description, and the same as plain numbers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One part.
+    """One comparison of the suite.
 
     Attributes:
         name: short, for the JSON file.
@@ -35,11 +35,11 @@ class Effort:
         rounds: number of rounds of every comparison.
         slow_rounds: number of rounds for contenders that take seconds.
         size, stripes: picture size and number of stripes of the simulated scan.
-        synthetic_stripes: per kind of light.
+        synthetic_stripes: number of synthetic stripes per kind of light.
         stripe_counts, picture_sizes, cell_sides: what the growth section compares.
         starts: processes started per kind.
         pings: messages per kind of transport.
-        faulty_sweeps: sweeps with triggers gone wrong.
+        faulty_sweeps: number of sweeps with faulty triggers.
     """
 
     rounds: int

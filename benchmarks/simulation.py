@@ -31,7 +31,7 @@ BOXES = World(
 
 
 def standing(height: float = 0.36) -> Float:
-    """The body horizontal, above the origin."""
+    """Pose of a level body above the origin."""
     transform = np.eye(4)
     transform[2, 3] = height
     return transform

@@ -30,7 +30,7 @@ def red_skeleton(skeleton: Callable[[Image], npt.NDArray[Any]]) -> Contender:
 
 
 def library_skeletons() -> dict[str, Contender]:
-    """The paper's way with each library that is installed and makes skeletons; neither is in the lock file."""
+    """The paper's way with each library that is installed and makes skeletons; none of them is in the lock file."""
     found: dict[str, Contender] = {}
     if find_spec("skimage") is not None:
         from skimage.morphology import skeletonize

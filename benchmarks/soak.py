@@ -55,7 +55,7 @@ def run_node(endpoint: str, shared: bool) -> None:
 
 
 def run_planner(endpoint: str, shared: bool) -> None:
-    """A planner that asks for scans; says its counts once a second."""
+    """A planner that asks for scans and prints its counts about twice a second."""
     counts: Counter[str] = Counter()
     newest: dict[str, int] = {}
     with transport.open_client(endpoint, timeout=30.0, shared_memory=shared) as session:
@@ -91,7 +91,7 @@ def run_planner(endpoint: str, shared: bool) -> None:
 
 
 class Child(Peer):
-    """One process of this module, and the first and the last that it said."""
+    """One process of this module, with its first and its last report."""
 
     def __init__(self, role: str, endpoint: str, shared: bool) -> None:
         """Start it and wait until it is ready."""
@@ -101,9 +101,9 @@ class Child(Peer):
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self) -> None:
-        while said := self.hear():
-            self.last = said
-            self.first = self.first or said
+        while report := self.hear():
+            self.last = report
+            self.first = self.first or report
 
     def kill(self) -> Counter[str]:
         """End it with kill -9; what it had counted."""

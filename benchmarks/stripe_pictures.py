@@ -1,4 +1,4 @@
-"""Draws found stripes for the documentation, good ones and bad: two photographs' families and rendered scenes.
+"""Draws found stripes for the documentation, good ones and bad: of two families of photographs and of rendered scenes.
 
 `python -m benchmarks.stripe_pictures FOLDER OUT`: FOLDER holds the photographs (see `benchmarks.photographs`), of which
 only CS (MIT) and JE (CC BY-SA 4.0) may be shown. Where it is not there only the rendered pictures are drawn.
@@ -77,7 +77,7 @@ def rendered() -> dict[str, Shown]:
 
 
 def draw(shown: Shown) -> Image:
-    """As delivered beside what was found: used positions green, doubtful ones orange."""
+    """The picture as delivered, beside what was found: used positions green, doubtful ones orange."""
     band = None if shown.along == "rows" or shown.rows is None else shown.rows
     profile = gp.extract_stripe(shown.on, shown.off, along=shown.along, band=band)
     grey = cv2.cvtColor(cv2.cvtColor(shown.on, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)

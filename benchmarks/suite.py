@@ -28,17 +28,17 @@ PICTURES = (
 
 
 def measure(effort: Effort, folders: list[Path], say: Callable[[str], object] = print) -> dict[str, Section]:
-    """All sections, printed as they come.
+    """All sections, each printed as soon as it is measured.
 
     Args:
-        effort: how much.
-        folders: recorded scans to take part, DATA/scans/NAME.
+        effort: how much is measured.
+        folders: recorded scans to take compare, DATA/scans/NAME.
         say: what to do with each table.
     """
     cv2.setNumThreads(1)
     standard = scenes.simulated(effort.size, effort.stripes)
     recordings = [standard, *map(scenes.recorded, folders)]
-    parts: list[Callable[[], Section]] = [
+    comparisons: list[Callable[[], Section]] = [
         lambda: extraction.synthetic(effort),
         lambda: extraction.frames_of_scans(recordings, effort),
         lambda: scans.whole_scans(recordings, effort),
@@ -52,8 +52,8 @@ def measure(effort: Effort, folders: list[Path], say: Callable[[str], object] = 
         lambda: sweeps.section(effort.faulty_sweeps),
     ]
     sections: dict[str, Section] = {}
-    for part in parts:
-        section = part()
+    for compare in comparisons:
+        section = compare()
         sections[section.name] = section
         say(to_terminal(section))
     targets = judged(sections, standard.name)
@@ -76,7 +76,7 @@ def main() -> None:
     parser.add_argument(
         "--data", type=Path, action="append", help="folder with calibration/ and scans/; may be repeated"
     )
-    parser.add_argument("--scans", default="paper", help="recorded scans that take part, with commas between")
+    parser.add_argument("--scans", default="paper", help="recorded scans that take compare, with commas between")
     parser.add_argument("--json", type=Path, help="file for all figures as numbers")
     parser.add_argument(
         "--docs", type=Path, help="folder for performance.md and its pictures; default: docs, quick: none"

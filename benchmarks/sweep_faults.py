@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.emulated_sweeps import FLASH, Picture, emulated, pattern_of, take
+from benchmarks.emulated_sweeps import FLASH, Picture, emulated, firing_order_of, take
 from drivers import AcquireOptions, SweepOptions
 from drivers.emulator import EmulatedTriggeredCamera, EmulatorConfig
 
@@ -41,8 +41,8 @@ def faults(sweeps: int = FAULTY_SWEEPS, seed: int = 7) -> Faults:
     A stripe is wrong when its frame was exposed with the mirror elsewhere than commanded.
     """
     rng = random.Random(seed)
-    pattern = pattern_of(70)
-    pitch = pattern[1][1] - pattern[0][1]
+    firing_order = firing_order_of(70)
+    pitch = firing_order[1][1] - firing_order[0][1]
     injected = found = wrong = 0
     for sweep in range(sweeps):
         with emulated(EmulatorConfig()) as (board, driver):
@@ -53,7 +53,7 @@ def faults(sweeps: int = FAULTY_SWEEPS, seed: int = 7) -> Faults:
             shutter.doubled = frozenset(number for number, kind in kinds.items() if kind == "doubled")
             shutter.late = {number: rng.uniform(0.0011, 0.02) for number, kind in kinds.items() if kind == "late"}
             camera = EmulatedTriggeredCamera(board, shutter, Picture(board))
-            taken = take(driver, camera, pattern, AcquireOptions(sweep=SweepOptions(flash=FLASH)))
+            taken = take(driver, camera, firing_order, AcquireOptions(sweep=SweepOptions(flash=FLASH)))
             openings, triggers = board.openings(), board.triggers()
             used = set()
             for stripe in taken:

@@ -30,7 +30,14 @@ SLOWER = 3
 
 @dataclass(frozen=True, slots=True)
 class EndToEnd:
-    """From the first trigger to the encoded grid, and the processor's part in it [s]."""
+    """Times of a scan [s].
+
+    Attributes:
+        seconds: from the first trigger to the encoded grid.
+        tail: from the last frame to the encoded grid.
+        per_stripe: median processor time of a stripe.
+        after: processor time after the last stripe: finishing the grid and encoding it.
+    """
 
     seconds: float
     tail: float
@@ -45,17 +52,17 @@ def end_to_end(recording: scenes.Recording) -> EndToEnd:
     from transport.messages.terrain_codec import encode_terrain
 
     angles = {stripe.index: stripe.mirror_angle for stripe in recording.calibration.stripes}
-    pattern = [(index, angles[index]) for index, _, _ in recording.frames]
-    order = np.array([angle for _, angle in pattern])
+    firing_order = [(index, angles[index]) for index, _, _ in recording.frames]
+    mirror_angles = np.array([angle for _, angle in firing_order])
 
     def render(view: ExposureView, settings: CameraSettings) -> Image:
-        _, on, off = recording.frames[int(np.argmin(np.abs(order - view.mirror_angle)))]
+        _, on, off = recording.frames[int(np.argmin(np.abs(mirror_angles - view.mirror_angle)))]
         return on if view.laser_fraction > 0.5 else off
 
     with emulated() as (board, driver):
         board.shutter.wired = True
         camera = EmulatedTriggeredCamera(board, board.shutter, render)
-        taken = take(driver, camera, pattern, AcquireOptions(sweep=SweepOptions(flash=FLASH)))
+        taken = take(driver, camera, firing_order, AcquireOptions(sweep=SweepOptions(flash=FLASH)))
         begun = board.triggers()[0]
     best: EndToEnd | None = None
     for _ in range(3):
@@ -145,7 +152,7 @@ def measure(say: Callable[[str], object] = print, faulty_sweeps: int = FAULTY_SW
 
 
 def on_chip(say: Callable[[str], object]) -> list[Triggered]:
-    """The rows with the firmware's ramp; none, and a word, where the emulated chip is not installed."""
+    """The rows with the firmware's ramp; none, and a message to `say`, where the emulated chip is not installed."""
     from drivers.emulator.chip import ChipMissing
 
     try:

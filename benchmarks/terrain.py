@@ -66,7 +66,7 @@ def times(robot: RobotModel) -> None:
     print(f"  the same, turned by 6 degrees           {1e3 * best(lambda: fuse(turned), 30):7.2f} ms   (3)")
     prior = np.diag([0.002**2, 0.002**2, 0.003**2, 1e-6, 1e-6, 0.004**2])
     laid = best(lambda: register(cells, terrain, transform, prior), 20, clock=time.process_time)
-    print(f"  lay it onto the map, of processor       {1e3 * laid:7.2f} ms")
+    print(f"  lay it onto the map, processor time     {1e3 * laid:7.2f} ms")
     for shape, runs in (((108, 90), 30), ((140, 320), 20), ((500, 500), 8), ((1000, 1000), 4), ((2000, 2000), 2)):
         heights = rng.normal(0, 0.0003, shape)
         heights[rng.random(shape) < 0.001] = np.nan
@@ -81,7 +81,7 @@ def times(robot: RobotModel) -> None:
     check = best(lambda: terrain.check_foothold(x, y), 20)
     leg = best(lambda: terrain.check_foothold(x, y, leg="lf", robot=robot), 5)
     choose = best(lambda: terrain.best_foothold(0.7, 0.1, 0.08), 10)
-    print(f"  check_foothold, 1000 places             {1e3 * check:7.2f} ms   (5)")
+    print(f"  check_foothold, 1000 positions          {1e3 * check:7.2f} ms   (5)")
     print(f"  the same with reach of a leg            {1e3 * leg:7.2f} ms")
     print(f"  best_foothold, radius 0.08 m            {1e3 * choose:7.2f} ms")
     print(f"  obstacles                               {1e3 * best(terrain.obstacles, 5):7.2f} ms")
@@ -128,13 +128,13 @@ def accuracy() -> None:
 
 
 def empty_area(robot: RobotModel, data: Path | None) -> None:
-    """Share of cells deeper than 60 mm that are traversable where nothing stands."""
+    """Share of the cells over 60 mm inside the border that are traversable where nothing stands."""
     settings = Settings.of(robot)
     grids = {"analytic": gp.assess_terrain(np.zeros((108, 90)), RESOLUTION)}
     if data is not None:
         folder = data / "scans" / "empty"
         grids["recorded"] = gp.process_scan(gp.open_scan(folder), truth_calibration(data), robot, pictures=False)
-    print("empty area, cells deeper than 60 mm")
+    print("empty area, cells over 60 mm inside the border")
     for name, terrain in grids.items():
         depth = [(np.minimum(np.arange(n), n - 1 - np.arange(n)) + 0.5) * settings.resolution for n in terrain.shape]
         deep = (depth[0][:, None] > 0.060) & (depth[1][None, :] > 0.060)
@@ -178,7 +178,7 @@ class WalkFigures:
 
 
 def one_walk(robot: RobotModel, seed: int, cycles: int) -> WalkFigures:
-    """One seed; millimetres."""
+    """The figures of one seed, in millimetres."""
     ground = Ground.random(seed)
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
     errors: list[Float] = []
@@ -262,7 +262,7 @@ def watch_occluded(
     fused: gp.TerrainGrid,
     pose: Float,
 ) -> None:
-    """Follow the cells that each scan found OCCLUDED: which share of its area is still so in the map later."""
+    """Follow the cells that each scan found OCCLUDED: which share of its area is still hidden in the map later."""
     iy, ix = np.nonzero((terrain.hazard & np.uint16(Hazard.OCCLUDED)) != 0)
     x, y = terrain.geometry.centres()
     points = np.column_stack((x[ix], y[iy])) @ pose[:2, :2].T + pose[:2, 3]

@@ -153,13 +153,13 @@ def stopped_planner(seconds: float) -> None:
     lost = count + 1 - heard["received"]
     measured = f"lost {lost} of {count}, longest put {result['longest_ms']:.1f} ms"
     report(
-        f"planner stopped for {seconds:g} s: healthy one, put", measured, "lost 0, <= 50 ms",
+        f"planner stopped for {seconds:g} s: the other one, put", measured, "lost 0, <= 50 ms",
         lost == 0 and result["longest_ms"] <= 50.0,
     )  # fmt: skip
 
 
 def slow_planner(seconds: float) -> None:
-    """A planner that looks every 250 ms, while the node publishes at 20 Hz."""
+    """A planner that takes a grid every 250 ms, while the node publishes at 20 Hz."""
     with peers() as start:
         endpoint = free_endpoint()
         node = start("node", endpoint, "listen")
@@ -173,7 +173,7 @@ def slow_planner(seconds: float) -> None:
         slow.tell()
         heard = slow.hear()
     ages = [(got - times[k]) / 1e6 for k, got in heard["got"].items() if k in times]
-    # A grid is replaced one period after it was made, plus the way of its successor.
+    # A grid is replaced one period after it was made, plus the transfer of its successor.
     measured = f"p50 {statistics.median(ages):.0f}, oldest {max(ages):.0f} ms, superseded {heard['superseded']}"
     report("planner at 250 ms, grids at 20 Hz: age when taken", measured, "<= 50 ms + transfer (10)", max(ages) <= 60.0)
 
@@ -231,7 +231,7 @@ def killed_nodes(count: int) -> None:
 
 def deaths(count: int) -> None:
     """How soon a planner sees that a node was killed, or hangs."""
-    for number, limit, word in ((signal.SIGKILL, 0.5, "killed"), (signal.SIGSTOP, 2.5, "hung")):
+    for signal_number, limit, outcome in ((signal.SIGKILL, 0.5, "killed"), (signal.SIGSTOP, 2.5, "hung")):
         times = []
         for _ in range(count):
             with peers() as start:
@@ -247,10 +247,12 @@ def deaths(count: int) -> None:
                     )
                     watcher.wait(True, PATIENCE)
                     begin = time.monotonic()
-                    node.popen.send_signal(number)
+                    node.popen.send_signal(signal_number)
                     gone.wait(PATIENCE)
                     times.append(time.monotonic() - begin)
-        report(f"node {word}: seen after", f"slowest {max(times):.2f} s of {count}", f"< {limit} s", max(times) < limit)
+        report(
+            f"node {outcome}: seen after", f"slowest {max(times):.2f} s of {count}", f"< {limit} s", max(times) < limit
+        )
 
 
 def main() -> None:

@@ -103,7 +103,7 @@ def run_node(endpoint: str, mode: str) -> None:
 def _stream(publisher: transport.Publisher, outbox: transport.Outbox, command: dict[str, Any]) -> None:
     shape = (int(command["rows"]), 400) if command.get("rows") else SHAPE
     templates = [make_terrain(n, shape) for n in range(1, min(command["stream"], 20) + 1)]
-    # The number goes into the step: as many grids as wanted without as many arrays.
+    # The number goes into the step, so that many grids share the arrays of few.
     grids = [dataclasses.replace(templates[n % len(templates)], step=n + 1) for n in range(command["stream"])]
     times: dict[int, int] = {}
 
@@ -118,8 +118,8 @@ def _stream(publisher: transport.Publisher, outbox: transport.Outbox, command: d
     say(streamed=command["stream"], times=times, longest_ms=1e3 * outbox.longest, superseded=outbox.superseded)
 
 
-def run_planner(endpoint: str, pause: str) -> None:
-    """A planner that takes the newest grid every `pause` seconds (0: each one); reports when it got each."""
+def run_planner(endpoint: str, period: str) -> None:
+    """A planner that takes the newest grid every `period` seconds (0: each one); reports when it got each."""
     got: dict[int, int] = {}
     whole = True
     session = transport.open_client(endpoint, timeout=30.0)
@@ -132,11 +132,11 @@ def run_planner(endpoint: str, pause: str) -> None:
         got.setdefault(terrain.step, time.monotonic_ns())
         whole = whole and is_whole(terrain)
 
-    if float(pause) == 0.0:
+    if float(period) == 0.0:
         client.on_terrain(take)
     say(ready=True)
-    if float(pause) > 0.0:
-        taker = threading.Thread(target=_take_slowly, args=(client, float(pause), take, stop))
+    if float(period) > 0.0:
+        taker = threading.Thread(target=_take_slowly, args=(client, float(period), take, stop))
         taker.start()
     for _ in sys.stdin:
         say(got=got, whole=whole, received=receiver.received, missed=receiver.missed, superseded=receiver.superseded)
@@ -144,8 +144,8 @@ def run_planner(endpoint: str, pause: str) -> None:
     client.close()
 
 
-def _take_slowly(client: transport.PerceptionClient, pause: float, take: Any, stop: threading.Event) -> None:
-    while not stop.wait(pause):
+def _take_slowly(client: transport.PerceptionClient, period: float, take: Any, stop: threading.Event) -> None:
+    while not stop.wait(period):
         received = client.receiver().latest()
         if received is not None:
             take(received.message)

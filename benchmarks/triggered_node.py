@@ -47,11 +47,11 @@ SIZE = (320, 256)
 FLASH = 0.004
 # Bytes per second of a gigabit link, and its latency [s].
 LINK, LATENCY = 117e6, 0.0005
-# Of the camera's clock.
+# Offset [s] and drift of the camera's clock.
 CLOCK_OFFSET, CLOCK_DRIFT = 1234.5, 2e-5
 # Seconds for packets on loopback.
 PATIENCE = 20.0
-# The work is measured this often, and the quickest counts: a busy machine is never quicker than it is.
+# The work is measured this often, and the quickest counts: other load only makes it slower.
 TRIES = 5
 Group = tuple[StripeCapture, ...]
 
@@ -61,14 +61,14 @@ class TriggeredScan:
     """One scan from its first trigger to the grid that is handed over for sending.
 
     Attributes:
-        stripes: asked for.
-        proved: whose frame was proved, and in step.
-        repeated: triggers beyond one a stripe and one for the off frame.
-        sweep: first trigger to the last frame's arrival, in the chip's time [s].
-        work: on the frames until the grid is encoded, processor time [s].
-        seconds: first trigger to published grid: frames arrive in the chip's time, and each group is worked on in turn
-            for as long as this machine's processor took.
-        after: the part of `seconds` after the last frame [s].
+        stripes: number of stripes asked for.
+        proved: number of stripes whose frame was proved to be theirs.
+        repeated: number of triggers beyond one for each stripe and one for the off frame.
+        sweep: time from the first trigger to the last frame's arrival, in the chip's time [s].
+        work: processor time of the work on the frames until the grid is encoded [s].
+        seconds: time from the first trigger to the encoded grid [s]: frames arrive in the chip's time, and each group
+            is worked on in turn for as long as this machine's processor took.
+        after: how much of `seconds` comes after the last frame [s].
         counted: whether the board counted the exposures.
         mono: whether frames went through the chain with one channel.
     """
@@ -91,10 +91,10 @@ class TriggeredRig:
         """Wire it up.
 
         Args:
-            fake: on loopback.
+            fake: the camera, on loopback.
             calibration: calibration of the simulated rangefinder.
             flash: how long the camera exposes [s].
-            wired: whether its EXPOSURE_ACTIVE is connected.
+            wired: whether the camera's EXPOSURE_ACTIVE is connected to the board.
         """
         robot = gp.load_robot("guara")
         world = load_world(DEMO_WORLD)
@@ -106,7 +106,7 @@ class TriggeredRig:
         wiring.on_picture = self._picture
         self.chip = Chip(load_firmware(FIRMWARE), wiring)
         self.bus = ChipBus(self.chip)
-        # Asked for here: it lets the chip run, which it must not within an alarm of its own.
+        # Read now: this lets the chip run, which must not happen within one of its alarms.
         _ = self.chip.identity
         self._fake, self._wired = fake, wired
         self._draw = renderer(self.scene)
@@ -117,7 +117,7 @@ class TriggeredRig:
     def note_groups(
         self, groups: Callable[[StripeStream], Iterator[Group]]
     ) -> Callable[[StripeStream], Iterator[Group]]:
-        """`StripeStream.groups` that keeps what it hands over."""
+        """`StripeStream.groups` that also keeps the groups for the measurement."""
 
         def noted(stream: StripeStream) -> Iterator[Group]:
             self._groups.clear()
@@ -129,7 +129,7 @@ class TriggeredRig:
         return noted
 
     def note_publishing(self, publish: Callable[..., Any]) -> Callable[..., Any]:
-        """`publish_terrain` that tells a scan when its own grid has been handed over."""
+        """`publish_terrain` that then prints the figures of the scan."""
 
         def noted(*args: Any, **keywords: Any) -> Any:
             message = publish(*args, **keywords)
@@ -141,7 +141,7 @@ class TriggeredRig:
         return noted
 
     def note_camera(self, opened: Callable[[AravisCamera], None]) -> Callable[[AravisCamera], None]:
-        """`AravisCamera.open` that tells which camera it was, so that its packets can be waited for."""
+        """`AravisCamera.open` that also keeps the camera, so that its packets can be waited for."""
 
         def noted(camera: AravisCamera) -> None:
             opened(camera)
@@ -167,9 +167,9 @@ class TriggeredRig:
         )
 
     def _work_again(self) -> tuple[float, float]:
-        """When the grid is encoded in the chip's time, and the processor time that it took.
+        """When the grid is encoded, in the chip's time, and the processor time of the work [s].
 
-        The same frames once more, without the emulated chip on the same processor, which would be measured too.
+        Works on the same frames once more, now without the emulated chip, whose time would be measured too.
         """
         processor = gp.ScanProcessor(self.scene.calibration, self.scene.robot, self.pause.stance, "standard")
         free = work = 0.0
@@ -214,12 +214,12 @@ def serve(folder: Path, listen: str, *, flash: float, size: tuple[int, int], wir
     """Run the node until it is stopped; return its exit code.
 
     Args:
-        folder: for calibration.json and devices.toml.
+        folder: where calibration.json and devices.toml are written.
         listen: endpoint of the node.
         flash: exposure of the camera and light of the laser [s].
         size: width and height of the pictures [px].
         wired: whether EXPOSURE_ACTIVE is connected.
-        arguments: further ones of `guara run`.
+        arguments: further arguments of `guara run`.
     """
     calibration = specimen(gp.load_robot("guara"), size)
     save_calibration(calibration, folder / "calibration.json")
@@ -244,7 +244,7 @@ def serve(folder: Path, listen: str, *, flash: float, size: tuple[int, int], wir
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.triggered_node", description=__doc__)
-    parser.add_argument("folder", type=Path, help="for calibration.json and devices.toml")
+    parser.add_argument("folder", type=Path, help="where calibration.json and devices.toml are written")
     parser.add_argument("--listen", required=True, help="endpoint of the node")
     parser.add_argument("--flash", type=float, default=FLASH, help="light for each stripe [s]")
     parser.add_argument("--size", type=int, nargs=2, default=SIZE, help="width and height of the pictures [px]")

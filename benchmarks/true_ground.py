@@ -76,8 +76,8 @@ class TrueGround:
         )
         world_z = cv2.remap(self.heights, columns, rows, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
         dark = cv2.remap(self.is_dark.astype(np.uint8), columns, rows, cv2.INTER_NEAREST)
-        level = np.add.outer(transform[2, 1] * y, transform[2, 0] * x) + transform[2, 3]
-        height = (world_z - level) / transform[2, 2]
+        plane_z = np.add.outer(transform[2, 1] * y, transform[2, 0] * x) + transform[2, 3]
+        height = (world_z - plane_z) / transform[2, 2]
 
         def cells(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
             return values.reshape(ny, per_cell, nx, per_cell).swapaxes(1, 2).reshape(ny, nx, -1)

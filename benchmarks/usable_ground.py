@@ -32,7 +32,7 @@ from kinematics import RobotModel, load_robot
 from tests.truth import truth_calibration
 
 CLEARANCE_M, APEX_M = 0.020, 0.060
-# Relief under a sole from which on ground that the oracle would refuse truly endangers a foot.
+# Relief under a sole above which ground that the oracle refuses truly endangers a foot.
 DANGEROUS_RELIEF_M = 0.010
 HARMLESS_RELIEF_M = 0.001
 REFUSED_BY_M = 0.001
@@ -121,7 +121,7 @@ def cells(counts: Counter[str], robot: RobotModel, fused: gp.TerrainGrid, oracle
 
 
 def causes(fused: gp.TerrainGrid, sole: npt.NDArray[np.uint8]) -> dict[str, Mask]:
-    """By what a cell of the map is lost, in this order: masks (ny, nx)."""
+    """Masks (ny, nx) by cause of what is lost in the map; a cell counts for the first cause that fits."""
 
     def under_sole(flags: Hazard) -> Mask:
         return cv2.dilate(((fused.hazard & np.uint16(flags)) != 0).astype(np.uint8), sole) > 0
@@ -251,8 +251,8 @@ def ground_line(counts: Counter[str]) -> str:
 def line(counts: Counter[str]) -> str:
     """The main figures in one line."""
     return (
-        f"{ground_line(counts)}; places of "
-        f"{counts['swings']}: truth {counts['place: truth']}, map {counts['place: map']}, with reach "
+        f"{ground_line(counts)}; places found for "
+        f"{counts['swings']} swings: truth {counts['place: truth']}, map {counts['place: map']}, with reach "
         f"{counts['place: map with reach']}; of {counts['up-over-down: truly good']} truly good swings up, over, down "
         f"{counts['up-over-down: truly good and accepted']} accepted, with bounds "
         f"{counts['up-over-down: truly good and accepted with bounds']}; arcs {counts['arc: accepted']}"
@@ -260,7 +260,7 @@ def line(counts: Counter[str]) -> str:
 
 
 def report(counts: Counter[str]) -> None:
-    """All counts, shares of truly safe cells where they are cells lost."""
+    """All counts; those of lost cells also as a share of the truly safe cells."""
     for name, count in sorted(counts.items()):
         share = f"{100 * count / counts['safe']:6.2f} % of safe cells" if name.startswith("lost") else ""
         print(f"  {name:55s} {count:9d} {share}")

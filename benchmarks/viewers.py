@@ -3,7 +3,7 @@
 Usage: python -m benchmarks.viewers [--scans 50] [--json]
 
 A node, a planner that asks for scans and a viewer of both extents are processes of their own; the viewer comes through
-a proxy that passes 2, 5 or 20 Mbit/s. Scans without a viewer and beside each link take turns in one run.
+a proxy that passes 2, 5 or 20 Mbit/s. Scans without a viewer and beside each link alternate in one run.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from benchmarks.transport_peer import SHAPE, make_terrain, say
 from tests.slow_link import SlowLink
 from transport.security.folder import init_security
 
-# [Mbit/s] of the viewer's link; 0 stands for no viewer.
+# Rates of the viewer's link [Mbit/s]; 0: no viewer.
 RATES = (0.0, 2.0, 5.0, 20.0)
 # Cells of the fused map: 2.3 MB with all layers.
 MAP_SHAPE = (240, 260)
-# Scans in a row before the viewer changes: it joins, asks for what it missed, stays and goes.
-PER_TURN = 10
-# [s] Between two scans, and for a request.
+# Number of scans before the viewer changes: it joins, asks for what it missed, stays and leaves.
+SCANS_PER_VIEWER = 10
+# Time between two scans, and time limit of a request [s].
 PERIOD, PATIENCE = 0.4, 20.0
-# [ms] What a viewer may add to the 95th percentile.
+# What a viewer may add to the 95th percentile [ms].
 ALLOWED_MS = 50.0
 
 
@@ -45,8 +45,8 @@ class Delays:
     """What the planner saw beside one kind of viewer.
 
     Attributes:
-        footprint_ms, map_ms: from the end of each scan to the arrival.
-        failed: requests that failed.
+        footprint_ms, map_ms: times from the end of each scan to the arrival of its grid [ms].
+        failed: number of requests that failed.
     """
 
     footprint_ms: list[float] = field(default_factory=list)
@@ -82,7 +82,7 @@ def run_node(endpoint: str, security: str) -> None:
 
 
 def run_planner(endpoint: str, security: str) -> None:
-    """A planner; asks for as many scans as each line says, and tells the delays."""
+    """A planner; asks for as many scans as each line says, and prints the delays."""
     session = transport.open_client(endpoint, security=security or None, timeout=PATIENCE)
     with transport.PerceptionClient(session) as client:
         client.receiver("map")
@@ -107,7 +107,7 @@ def run_planner(endpoint: str, security: str) -> None:
 
 
 def run_viewer(_: str, security: str) -> None:
-    """A viewer; joins at each endpoint that it reads, and leaves when it reads none."""
+    """A viewer; joins at each endpoint that it reads, and leaves when it reads an empty one."""
     counts = {"received": 0, "missed": 0}
     client: transport.PerceptionClient | None = None
     say(ready=True)
@@ -147,18 +147,18 @@ def measure(scans: int, folders: dict[str, str]) -> tuple[dict[float, Delays], d
         _, planner = begin("node"), begin("planner")
         viewers = {rate: begin("viewer") for rate in seen}
         links = {rate: stack.enter_context(SlowLink(endpoint, rate * 1e6 / 8)) for rate in seen}
-        # The first scans pay for what is done once.
+        # Not measured: the first scans include what is done only once.
         planner.tell(scans=3)
         planner.hear()
         left = dict.fromkeys(RATES, scans)
         while any(left.values()):
             for rate in chance.sample(RATES, len(RATES)):
-                turn = min(PER_TURN, left[rate])
-                left[rate] -= turn
+                count = min(SCANS_PER_VIEWER, left[rate])
+                left[rate] -= count
                 if rate:
                     viewers[rate].tell(endpoint=links[rate].endpoint)
                     viewers[rate].hear()
-                planner.tell(scans=turn)
+                planner.tell(scans=count)
                 report = planner.hear()
                 found[rate].footprint_ms += report["footprint_ms"]
                 found[rate].map_ms += report["map_ms"]
@@ -185,7 +185,9 @@ def main() -> None:
         {"node": run_node, "planner": run_planner, "viewer": run_viewer}[sys.argv[1]](*sys.argv[2:])
         return
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scans", type=int, default=50, help="beside each kind of viewer; at most 1000")
+    parser.add_argument(
+        "--scans", type=int, default=50, help="number of scans beside each kind of viewer; at most 1000"
+    )
     parser.add_argument("--json", action="store_true", help="print all figures as one JSON object in the last line")
     options = parser.parse_args()
     figures: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""The plain extraction of the same stripes: tells how fast the machine is just now."""
+"""The plain extraction of the same stripes, which shows how fast the machine is at present."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from benchmarks.contenders import reference
 from guara_perception.arrays import Float
 from tests.scenes import recorded
 
-# Per stripe where the limits were set: 0.57 ... 0.65 ms of an extraction that takes 1.75 times as long as this one.
+# Time per stripe on the machine on which the limits were set. The product took 1.75 times as long: 0.57 ... 0.65 ms.
 REFERENCE_STRIPE_S = 0.34e-3
 
 
@@ -24,7 +24,7 @@ class Yardstick:
         """Read the scan.
 
         Args:
-            scan: DATA/scans/NAME, as in `benchmarks.scenes.recorded`.
+            scan: DATA/scans/NAME, as in `tests.scenes.recorded`.
         """
         self._bands = recorded(scan).bands()
 
@@ -43,12 +43,12 @@ class Yardstick:
 
 
 def beside(scans: Sequence[float], references: Sequence[float], stripes: int) -> list[str]:
-    """Lines that tell what scans cost beside the reference, and what that is where the limits were set.
+    """Lines that compare scans with the reference, and estimate their cost on the machine on which the limits were set.
 
     Args:
         scans: (n,) processor time of each scan [s].
-        references: (n + 1,) of the reference before the first, between each two and after the last [s].
-        stripes: that the reference extracts.
+        references: (n + 1,) processor time of the reference before the first scan, between and after the last [s].
+        stripes: number of stripes that the reference extracts.
     """
     taken, before_and_after = np.array(scans), np.array(references)
     ratio = taken / (0.5 * (before_and_after[:-1] + before_and_after[1:]))

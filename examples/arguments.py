@@ -1,4 +1,4 @@
-"""How the other examples take the words of their command line: a mistake ends in one line and exit code 2."""
+"""How the other examples take their arguments: a mistake ends in one line and exit code 2."""
 
 import inspect
 import sys
@@ -11,13 +11,13 @@ from transport import TransportError
 
 
 def call(main: Callable[..., None]) -> None:
-    """Call the main function of an example with one word for each of its parameters.
+    """Call the main function of an example with one argument of the command line for each parameter.
 
     Args:
-        main: takes only text.
+        main: a function whose parameters are all text.
 
     Raises:
-        SystemExit: 2: another number of words, or a file, robot or value that cannot be used.
+        SystemExit: with exit code 2: wrong number of arguments, or a file, robot or value that cannot be used.
     """
     names, given = list(inspect.signature(main).parameters), sys.argv[1:]
     try:

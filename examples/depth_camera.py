@@ -10,9 +10,9 @@ import numpy as np
 
 import guara_perception as gp
 
-# Focal length and middle of a picture of 212 x 120 pixels [px]; a camera at the nose that looks 50 degrees down.
+# Focal length and size of a picture of 212 x 120 pixels [px]; a camera at the nose that looks 50 degrees down.
 FOCAL_PX, SIZE_PX = 110.0, (212, 120)
-MIDDLE_PX = np.array(SIZE_PX) / 2
+CENTRE_PX = np.array(SIZE_PX) / 2
 CAMERA_IN_FOOTPRINT = np.array([0.42, 0.0, 0.45])
 DOWN = np.radians(50)
 # Columns: the camera's x (right), y (down) and z (ahead) in base_footprint.
@@ -23,7 +23,7 @@ CELL_M = 0.005
 def depth_picture(terrain: gp.TerrainGrid) -> np.ndarray:
     """Depths (120, 212) along the optical axis [m], NaN where nothing was measured."""
     seen = (terrain.points() - CAMERA_IN_FOOTPRINT) @ ROTATION
-    column, row = np.round(FOCAL_PX * seen[:, :2].T / seen[:, 2] + MIDDLE_PX[:, None]).astype(int)
+    column, row = np.round(FOCAL_PX * seen[:, :2].T / seen[:, 2] + CENTRE_PX[:, None]).astype(int)
     inside = (column >= 0) & (column < SIZE_PX[0]) & (row >= 0) & (row < SIZE_PX[1])
     depth = np.full(SIZE_PX[::-1], np.inf)
     np.minimum.at(depth, (row[inside], column[inside]), seen[inside, 2])
@@ -34,7 +34,7 @@ def cloud_of(depth: np.ndarray) -> np.ndarray:
     """The picture's points (n, 3) in base_footprint [m]."""
     row, column = np.nonzero(np.isfinite(depth))
     z = depth[row, column]
-    x, y = (np.column_stack((column, row)) - MIDDLE_PX).T * z / FOCAL_PX
+    x, y = (np.column_stack((column, row)) - CENTRE_PX).T * z / FOCAL_PX
     points: np.ndarray = np.column_stack((x, y, z)) @ ROTATION.T + CAMERA_IN_FOOTPRINT
     return points
 

@@ -10,22 +10,22 @@ import guara_perception as gp
 
 WISH = np.array([0.80, 0.10])
 LAST = np.array([0.70, 0.10])
-# What a longer step than the usual one costs, beside one metre squared off the wish.
-STRIDE_WEIGHT = 0.3
-STRIDE_M = 0.14
+# Weight of the distance from the usual landing point, where that of the distance from the wish is 1.
+USUAL_WEIGHT = 0.3
+SWING_M = 0.14
 
 
 def main(grid: str) -> None:
-    """Solve min |p - wish|^2 + w |p - last - stride|^2 with A p <= b, in each region near the wish."""
+    """Solve min |p - wish|^2 + w |p - last - swing|^2 with A p <= b, in each region near the wish."""
     terrain = gp.load_terrain(grid)
-    usual = LAST + (STRIDE_M, 0.0)
+    usual = LAST + (SWING_M, 0.0)
     best: tuple[float, np.ndarray] | None = None
     for region in terrain.steppable_regions():
         normals, offsets = region.halfspaces[:, :2], region.halfspaces[:, 2]
         solved = minimize(
-            lambda p: np.sum((p - WISH) ** 2) + STRIDE_WEIGHT * np.sum((p - usual) ** 2),
+            lambda p: np.sum((p - WISH) ** 2) + USUAL_WEIGHT * np.sum((p - usual) ** 2),
             region.centre,
-            jac=lambda p: 2 * (p - WISH) + 2 * STRIDE_WEIGHT * (p - usual),
+            jac=lambda p: 2 * (p - WISH) + 2 * USUAL_WEIGHT * (p - usual),
             constraints={
                 "type": "ineq",
                 "fun": lambda p, a=normals, b=offsets: b - a @ p,
@@ -33,7 +33,7 @@ def main(grid: str) -> None:
             },
             method="SLSQP",
         )
-        # Solvers hold their limits to a tolerance: what they give is asked of the grid, as any place is.
+        # Solvers meet their limits only within a tolerance, so the grid is asked about the place that they found.
         if solved.success and terrain.check_foothold(*solved.x) and (best is None or solved.fun < best[0]):
             best = solved.fun, solved.x
     if best is None:

@@ -1,4 +1,4 @@
-"""The laser board by hand: home, to an angle, laser on for a moment. Here with the emulated one.
+"""The laser board by hand: home, to an angle, laser on briefly. Here with the emulated board.
 
     python examples/own_board.py
 
@@ -10,14 +10,14 @@ from drivers.emulator import EmulatedBoard, emulated_backend
 
 
 def main() -> None:
-    """The laser is out when the block is left, however that happens."""
+    """The laser is off when the block is left, even by an exception."""
     with LaserBoard(BoardConfig(), backend=emulated_backend(EmulatedBoard())) as board:
         print(f"ready: {board.ensure_ready()}")
         board.go_to_angle(0.10)
         board.laser_on()
         print(f"lit: {board.status()}")
         board.laser_off()
-    print("out")
+    print("laser off")
 
 
 if __name__ == "__main__":

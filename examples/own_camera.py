@@ -1,4 +1,4 @@
-"""A camera of your own: five methods. Here it reads pictures from a folder, in a circle.
+"""A camera of your own: five methods. Here it reads the pictures of a folder, after the last one from the first again.
 
     python examples/own_camera.py pictures
 
@@ -15,7 +15,7 @@ from drivers import Camera, CameraSettings, Frame
 
 
 class FolderCamera(Camera):
-    """Brings the pictures of a folder, one every 33 ms."""
+    """Delivers the pictures of a folder, one every 33 ms."""
 
     name = "folder camera"
     lag = 0.0
@@ -32,7 +32,7 @@ class FolderCamera(Camera):
         """Nothing to close."""
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Pictures that were taken cannot be exposed again: nothing is held, and that is what is answered."""
+        """Pictures that were taken cannot be exposed again, so no setting is locked, and the answer says so."""
         return CameraSettings()
 
     def grab(self, timeout: float) -> Frame:
@@ -45,7 +45,7 @@ class FolderCamera(Camera):
         return Frame(np.asarray(picture, np.uint8), self._number, time.monotonic())
 
     def flush(self) -> None:
-        """Nothing waits."""
+        """No frame is waiting."""
 
 
 def main(folder: str) -> None:

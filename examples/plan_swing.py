@@ -9,7 +9,7 @@ import guara_perception as gp
 
 
 def main(grid: str) -> None:
-    """Plan a swing between two safe places, then hold a straight one at the same height against the grid."""
+    """Plan a swing between two safe places, then check a straight one 100 mm higher."""
     terrain = gp.load_terrain(grid)
     start = terrain.best_foothold(0.80, 0.00, radius=0.10)
     goal = terrain.best_foothold(0.80, 0.20, radius=0.10)

@@ -1,4 +1,4 @@
-"""A recorded scan into terrain, and the simplest questions: how high, why not, may a foot go there.
+"""Makes a grid of a recorded scan and asks it the simplest questions: how high, why not, may a foot go there.
 
 python examples/read_grid.py scans/paper calibration.json
 """

@@ -71,7 +71,9 @@ class Scan:
         seen: set[int] = set()
         for stripe in self.stripes:
             if stripe.index in seen:
-                raise InvalidInput(f"{self.source}: stripe index {stripe.index} stands twice, each may stand once")
+                raise InvalidInput(
+                    f"{self.source}: stripe index {stripe.index} is listed twice, each may be listed once"
+                )
             seen.add(stripe.index)
         if not self.stripes:
             raise InvalidInput(f"{self.source}: the scan holds no stripe")

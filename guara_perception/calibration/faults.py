@@ -52,10 +52,10 @@ def check_heights(plates: Sequence[Plate]) -> None:
     heights = sorted(plate.height for plate in plates)
     apart = [b - a for a, b in zip(heights, heights[1:], strict=False) if b - a >= MIN_HEIGHT_DIFFERENCE_M]
     if not apart:
-        listed = ", ".join(f"{1e3 * h:.0f}" for h in heights) or "none"
+        listed = ", ".join(f"{1e3 * h:.0f} mm" for h in heights) or "no plate"
         raise CalibrationRefused(
             f"plates at two or more heights, {1e3 * MIN_HEIGHT_DIFFERENCE_M:.0f} mm or more apart, are needed to find "
-            f"the laser planes; the session has {listed} mm"
+            f"the laser planes; the session has {listed}"
         )
 
 

@@ -64,7 +64,7 @@ def test_interior_keeps_six_millimetres_from_every_jump(tmp_path: Path):
     elevation = flat()
     elevation[:, 30:] += 0.010
     interior = load_truth(truth_file(tmp_path / "t.npz", elevation), CELL).interior
-    # The 3 x 3 spread sees the jump at columns 29 and 30, so 23 ... 36 are too near: cells 4 ... 7.
+    # The range over 3 x 3 mm shows the jump at columns 29 and 30, so 23 ... 36 are too near: cells 4 ... 7.
     np.testing.assert_array_equal(interior[3], [True] * 4 + [False] * 4 + [True] * 4)
 
 
@@ -132,7 +132,7 @@ def test_made_up_ground_is_counted(tmp_path: Path):
 
 
 def test_safe_cells_where_nobody_looked_are_counted(tmp_path: Path):
-    """A large flat grid is traversable in its middle; if that was dark, every such cell is unsafe."""
+    """A large flat grid is traversable in its interior; if that was dark, every such cell is unsafe."""
     side = 60
     elevation = np.full((side * CELL, side * CELL), 0.0)
     terrain = grid(np.zeros((side, side)))

@@ -7,7 +7,7 @@ from benchmarks.announcements import FLOODS, HOLDS, measure
 pytestmark = pytest.mark.heavy
 
 
-def test_every_kind_of_words_is_sent_and_none_floods_the_log() -> None:
+def test_every_kind_of_message_is_sent_and_none_floods_the_log() -> None:
     """HOLD confirms the grid (the benchmark stops when it does not); a flood writes one line to the log at most."""
     costs = measure(0.3)
     assert set(costs) == {f"{kind} at {rate:g} Hz" for kind, rate in (*HOLDS, *FLOODS)}

@@ -1,4 +1,4 @@
-"""Scans of two checkouts in turns: what is reported of each, and what is refused."""
+"""Alternating scans of two checkouts: what is reported of each, and what is refused."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def test_a_scan_that_is_not_there_is_reported(tmp_path: Path) -> None:
         measure({HERE: ROOT}, tmp_path / "scans" / "none", rounds=1)
 
 
-def test_a_revision_with_one_way_tells_of_no_other() -> None:
-    """No share is made up for it."""
+def test_a_revision_with_one_way_reports_no_share() -> None:
+    """Only where stripes are found in two ways is the share of each printed."""
     nan = float("nan")
     assert str(Cost(100.0, 35, None, nan, nan)) == "   100 ms a scan, 35 stripes, all found in one way"
     both = "3 of 30 stripes (10%) in any light; 1.00 ms a stripe by its highest peaks, 40.0 ms one in any light"

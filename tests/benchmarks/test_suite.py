@@ -83,7 +83,7 @@ def test_the_page_names_no_path_and_shows_its_pictures(sections, tmp_path: Path)
     assert str(Path.home()) not in page and str(scenes.ROBOTS.parent) not in page
 
 
-def test_the_largest_grid_is_one_that_is_taken():
+def test_the_largest_grid_is_accepted():
     """What `make bench` measures last and only in full must not be refused."""
     assert max(FULL.cell_sides) ** 2 <= MOST_CELLS
 
@@ -94,7 +94,7 @@ def test_every_program_is_reached_by_its_name(root: Path):
     assert modules - {"__main__", "suite"} == set(PROGRAMS)
     for name in PROGRAMS:
         assert callable(importlib.import_module(f"benchmarks.{name}").main)
-    for arguments, code, said in (
+    for arguments, code, expected_text in (
         (["accuracy", "--help"], 0, "usage: benchmarks accuracy"),
         (["nothing"], 1, "benchmarks: no program 'nothing'; allowed: list, accuracy"),
         (["list"], 0, "usable_ground"),
@@ -102,7 +102,7 @@ def test_every_program_is_reached_by_its_name(root: Path):
         done = subprocess.run(
             [sys.executable, "-m", "benchmarks", *arguments], cwd=root, capture_output=True, text=True, check=False
         )
-        assert done.returncode == code and said in done.stdout + done.stderr
+        assert done.returncode == code and expected_text in done.stdout + done.stderr
 
 
 @pytest.mark.heavy

@@ -14,7 +14,7 @@ from benchmarks.beyond_oracle import beyond_oracle, explained
 
 @pytest.mark.slow
 def test_rendered_scans_beside_the_oracle(root: Path, data: Path) -> None:
-    """Every cell that is free and not by the truth is one row off, beside a hazard at the rim of the sole's window."""
+    """Cells free in the grid but not in truth are one row off, beside a hazard at the rim of a sole's window."""
     command = [sys.executable, "-m", "benchmarks", "usable_ground", "--rendered", str(data)]
     run = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=300, check=False)
     assert run.returncode == 0, run.stderr
@@ -32,7 +32,7 @@ def test_rendered_scans_beside_the_oracle(root: Path, data: Path) -> None:
 
 
 def test_a_cell_beyond_the_oracle_says_which_test_the_truth_fails() -> None:
-    """A wall that the grid has one cell farther away than it is: its rows, its step and its limit."""
+    """A wall that the grid has one cell farther away than it is: the cells there, its height and the limit."""
     _, x = np.mgrid[:60, :80]
     measured, true = (
         gp.assess_terrain(np.where(x >= wall, 0.05, 0.0), 0.005, variance=np.full(x.shape, 1e-8)) for wall in (50, 49)

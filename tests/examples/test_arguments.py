@@ -24,15 +24,15 @@ WRONG = {
 @pytest.mark.parametrize("case", WRONG)
 def test_a_mistake_is_one_line_and_exit_2(case: str, tmp_path: Path) -> None:
     """What was given, and what the example takes."""
-    name, arguments, said = WRONG[case]
+    name, arguments, expected_text = WRONG[case]
     file = str(EXAMPLES / name)
     done = run_forked(file, *arguments, folder=tmp_path)
     assert done.returncode == 2 and done.stdout == ""
-    assert said.format(file=file) in done.stderr and done.stderr.count("\n") == 1, done.stderr
+    assert expected_text.format(file=file) in done.stderr and done.stderr.count("\n") == 1, done.stderr
 
 
 def test_every_example_with_arguments_takes_them_the_same_way() -> None:
-    """None unpacks the command line by itself, but the one that shows Zenoh alone."""
+    """None unpacks the command line by itself, except the one that shows Zenoh alone."""
     for path in EXAMPLES.glob("*.py"):
         calls = [ast.unparse(node) for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
         assert not [call for call in calls if "*sys.argv" in call], path.name

@@ -47,7 +47,7 @@ RUNS = {
     "read_recording.py": (["walk.mcap"], ["step 0: "]),
     "own_robot.py": (["guara"], ["camera 500 mm above the soles", "attitude from imu"]),
     "own_camera.py": (["pictures"], ["frame 3: 640x512"]),
-    "own_board.py": ([], ["ready: ", "lit: ", "out"]),
+    "own_board.py": ([], ["ready: ", "lit: ", "laser off"]),
 }
 
 
@@ -68,12 +68,12 @@ def run(name: str, arguments: list[str], folder: Path) -> str:
 @pytest.mark.parametrize("name", RUNS)
 def test_example_runs(name: str, folder: Path):
     """Its output holds what its text promises; its pictures are pictures."""
-    arguments, reported = RUNS[name]
+    arguments, expected = RUNS[name]
     printed = run(name, arguments, folder)
-    assert all(word in printed for word in reported), printed
-    for word in arguments:
-        if word.endswith(".png"):
-            picture = cv2.imread(str(folder / word))
+    assert all(text in printed for text in expected), printed
+    for argument in arguments:
+        if argument.endswith(".png"):
+            picture = cv2.imread(str(folder / argument))
             assert picture is not None and picture.std() > 10
 
 

@@ -28,7 +28,7 @@ NODE = ROOT / "tests" / "guara_perception" / "app" / "publishing_node.py"
 
 @pytest.fixture
 def map_file(tmp_path: Path) -> Path:
-    """The map of a walk's first pause on level ground, part scanned, part declared."""
+    """The map of a walk's first pause on level ground, partly scanned, partly declared."""
     robot = load_robot("guara")
     calibration = specimen(robot, (640, 512), seed=0)
     pause = next(simulate_walk(World(), robot))
@@ -104,9 +104,9 @@ def test_without_a_node_no_foot_moves(endpoint: str) -> None:
     """Nobody there: one line on standard error, exit code 1, no traceback."""
     start = time.monotonic()
     planner = run_example(endpoint, "--steps", "1", "--timeout", "2")
-    said, complaint = planner.communicate(timeout=90)
+    printed, complaint = planner.communicate(timeout=90)
     assert planner.returncode == 1
-    assert said == ""
+    assert printed == ""
     assert complaint.startswith("no terrain, no step: ")
     assert "Traceback" not in complaint
     assert time.monotonic() - start < 90

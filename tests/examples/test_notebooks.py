@@ -45,9 +45,9 @@ def test_it_runs(path: Path) -> None:
     nbformat.validate(notebook)
     nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(FOLDER)}}).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
-    said = "".join(output.get("text", "") or output.get("data", {}).get("text/plain", "") for output in outputs)
-    reported, pictures = PRINTED[path.name]
-    assert [text for text in reported if text not in said] == [], said
+    printed = "".join(output.get("text", "") or output.get("data", {}).get("text/plain", "") for output in outputs)
+    expected, pictures = PRINTED[path.name]
+    assert [text for text in expected if text not in printed] == [], printed
     shown = [output.data["image/png"] for output in outputs if "image/png" in output.get("data", {})]
     assert len(shown) == pictures
     for picture in shown:

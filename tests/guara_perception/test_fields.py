@@ -16,7 +16,7 @@ SOURCE = "some.json"
 
 
 def fields(**values: object) -> Fields:
-    return Fields(values, SOURCE, "part")
+    return Fields(values, SOURCE, "entry")
 
 
 def refusal(read) -> str:
@@ -58,8 +58,8 @@ def test_top_level_must_be_an_object(tmp_path: Path, content: str):
 
 
 @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
-def test_not_finite_numbers_are_refused_wherever_they_stand(tmp_path: Path, number: str):
-    """NaN is found in fields that nobody reads too, and its place is named."""
+def test_not_finite_numbers_are_refused_wherever_they_are(tmp_path: Path, number: str):
+    """NaN is found in fields that nobody reads too, and its path is named."""
     path = tmp_path / "deep.json"
     path.write_text(f'{{"a": [1, {{"b": [2, {number}]}}]}}')
     message = refusal(lambda: read_json(path))
@@ -84,9 +84,9 @@ def test_every_finite_object_is_read_as_it_was_written(tmp_path_factory: pytest.
 
 @pytest.mark.parametrize("reader", ["raw", "text", "integer", "number", "sub", "sequence"])
 def test_missing_and_null_are_distinguished(reader: str):
-    """A field that is not there is missing; one that is null is said to be null."""
-    assert refusal(lambda: getattr(fields(), reader)("x")) == "some.json: part.x is missing"
-    assert refusal(lambda: getattr(fields(x=None), reader)("x")) == "some.json: part.x is null, a value is needed"
+    """A field that is not there is missing; one that is null is reported as null."""
+    assert refusal(lambda: getattr(fields(), reader)("x")) == "some.json: entry.x is missing"
+    assert refusal(lambda: getattr(fields(x=None), reader)("x")) == "some.json: entry.x is null, a value is needed"
 
 
 def test_has_is_false_for_null():
@@ -113,12 +113,12 @@ def test_has_is_false_for_null():
 )
 def test_wrong_kind_is_named(reader: str, value: object, reported: str):
     """The message says what kind of value was given and what kind is needed."""
-    assert refusal(lambda: getattr(fields(x=value), reader)("x")) == f"some.json: part.x {reported}"
+    assert refusal(lambda: getattr(fields(x=value), reader)("x")) == f"some.json: entry.x {reported}"
 
 
 def test_text_lists_what_is_allowed():
     """A text that is not among those allowed is shown beside them."""
-    assert refusal(lambda: fields(x="c").text("x", ("a", "b"))) == "some.json: part.x is 'c', allowed: 'a', 'b'"
+    assert refusal(lambda: fields(x="c").text("x", ("a", "b"))) == "some.json: entry.x is 'c', allowed: 'a', 'b'"
     assert fields(x="a").text("x", ("a", "b")) == "a"
 
 
@@ -136,7 +136,7 @@ def test_bounds_are_inclusive(value: int, low: int, high: int):
 
 
 def test_open_bounds_are_shown_as_infinite():
-    """A bound that is not given is shown so."""
+    """A bound that is not given is shown as infinity."""
     assert "allowed: 0 ... inf" in refusal(lambda: fields(x=-1).integer("x", minimum=0))
     assert "allowed: -inf ... 3" in refusal(lambda: fields(x=4).number("x", maximum=3))
 
@@ -165,11 +165,11 @@ def test_array_has_the_shape_that_was_asked_for():
 )
 def test_bad_arrays_are_refused(value: object, reported: str):
     """Other shapes, texts, truth values, gaps and NaN are no array of numbers."""
-    assert refusal(lambda: fields(x=value).array("x", (3,))) == f"some.json: part.x {reported}"
+    assert refusal(lambda: fields(x=value).array("x", (3,))) == f"some.json: entry.x {reported}"
 
 
-def test_nested_places_are_written_as_a_path():
-    """Objects in objects and lists know where they stand."""
+def test_nested_fields_are_named_by_their_path():
+    """Objects in objects and lists know their path."""
     top = Fields({"a": {"b": [{"c": 1}, {"c": "x"}, 7]}}, SOURCE)
     items = top.sub("a").items("b")
     assert next(items).integer("c") == 1

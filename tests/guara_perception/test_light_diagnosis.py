@@ -1,4 +1,4 @@
-"""Where light ends the method the scan's health names the effect and what to change."""
+"""Where the light is too bad for the method, the scan's health names the effect and what to change."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from guara_perception.stripes.extract import extract_stripe
 from tests.scenes import simulated as simulated_scene
 from tests.thorough import further
 
-# How uncertain the calibration is, matters to no light.
+# What is said of light does not depend on the uncertainty of the calibration.
 simulated = partial(simulated_scene, is_uncertain=False)
 # Every second stripe of a coarse scan, in pictures of a camera with a quarter of the pixels.
 SIZE, STRIPES = (320, 256), 18
@@ -32,7 +32,7 @@ LIGHTS = {
 def test_health_names_the_effect_of_light_and_what_to_change(name: str) -> None:
     """The last reason holds the name and the remedy, and names no other effect."""
     light, remedy = LIGHTS[name]
-    # Light that drifts as much blooms too, and over a larger part of a small picture.
+    # Light that drifts as much blooms too, and over a larger share of a small picture.
     recording = simulated((640, 512) if name == "flicker" else SIZE, STRIPES, light)
     processor = recording.processor()
     recording.add_to(processor)

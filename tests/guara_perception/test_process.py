@@ -1,4 +1,4 @@
-"""A recorded scan into terrain, whole or streaming; what does not belong together is refused."""
+"""A recorded scan becomes terrain, whole or streaming; what does not belong together is refused."""
 
 import dataclasses
 import logging
@@ -132,11 +132,11 @@ def test_a_stripe_counts_once(paper_scan, calibration, robot):
 
 def test_repeated_index_in_a_scan_is_refused(paper_scan: gp.Scan):
     """A scan that lists an index twice does not say which frame is the stripe's."""
-    with pytest.raises(gp.InvalidInput, match="stripe index 0 stands twice"):
+    with pytest.raises(gp.InvalidInput, match="stripe index 0 is listed twice"):
         dataclasses.replace(paper_scan, stripes=(*paper_scan.stripes, paper_scan.stripes[0]))
 
 
-def test_missing_stripe_is_unknown_and_said(paper_scan, calibration, robot, paper_terrain):
+def test_missing_stripe_is_unknown_and_reported(paper_scan, calibration, robot, paper_terrain):
     """A stripe that a scan lacks is UNSCANNED where it would have looked; no other cell becomes known or safe."""
     without = tuple(stripe for stripe in paper_scan.stripes if stripe.index != 30)
     terrain = gp.process_scan(dataclasses.replace(paper_scan, stripes=without), calibration, robot, pictures=False)

@@ -41,7 +41,7 @@ def test_type_checkers_see_the_same_names_as_the_interpreter():
 
 @pytest.mark.parametrize("name", gp.__all__)
 def test_every_public_name_loads_from_its_module(name: str):
-    """Each name of the table is there, and is the very object of its module."""
+    """Each name of the table is there, and is the same object as in its module."""
     assert getattr(gp, name) is getattr(importlib.import_module(gp._MODULES[name]), name)
     assert name in dir(gp)
 
@@ -91,7 +91,7 @@ def test_errors_come_from_one_root_and_from_the_builtin_that_fits():
 @pytest.mark.parametrize("name", ["kinematics", "transport"])
 @pytest.mark.parametrize("first", ["", "import {name}; "])
 def test_a_file_of_the_users_own_in_the_way_is_named(tmp_path: Path, name: str, first: str):
-    """A user's `kinematics.py` beside his script hides the package; the error says which file, not a riddle."""
+    """A user's `kinematics.py` beside the script hides the package; the error names that file."""
     (tmp_path / f"{name}.py").write_text("gravity = 9.81\n")
     (tmp_path / "user.py").write_text(f"{first.format(name=name)}import guara_perception as gp\ngp.open_scan\n")
     done = subprocess.run([sys.executable, "user.py"], cwd=tmp_path, capture_output=True, text=True, check=False)

@@ -115,12 +115,12 @@ def test_unknown_method_lists_all(paper_scan, calibration, robot) -> None:
         gp.ScanProcessor(calibration, robot, paper_scan.stance, "coarse", method="best")
 
 
-def moved(stance: Stance, by: float) -> Stance:
-    """The stance with one knee turned by an angle in radians."""
+def moved(stance: Stance, angle: float) -> Stance:
+    """The stance with both front knees turned by an angle [rad]."""
     content = stance.to_dict()
     joints = dict(content["joint_positions"])
     for leg in ("lf", "rf"):
-        joints[f"{leg}_kfe_joint"] += by
+        joints[f"{leg}_kfe_joint"] += angle
     return Stance.from_dict({**content, "joint_positions": joints})
 
 
@@ -139,18 +139,18 @@ def test_scan_whose_camera_stood_still_is_processed(paper_scan, calibration, rob
 
 
 @pytest.mark.parametrize(
-    ("counts", "expected_words"),
+    ("counts", "expected_texts"),
     [
         ([0, 1000, 0, 0, 0, 0, 0], ["laser is on", "mirror turns"]),
         ([100, 300, 400, 200, 0, 0, 0], ["polarised lens", "expose less"]),
         ([300, 700, 0, 0, 0, 0, 0], ["narrow band-pass filter", "stronger laser"]),
     ],
 )
-def test_advice_fits_what_happened(counts: list[int], expected_words: list[str]) -> None:
+def test_advice_fits_what_happened(counts: list[int], expected_texts: list[str]) -> None:
     """No light, too much light, too little light: one sentence each, with what to do."""
     sentence = advice(0.31, np.array(counts))
     assert sentence.startswith("only 31 % of the expected ground returned the laser")
-    assert all(word in sentence for word in expected_words)
+    assert all(text in sentence for text in expected_texts)
     assert "\n" not in sentence and ". " not in sentence
 
 
@@ -188,7 +188,7 @@ def test_coverage_of_each_region() -> None:
 def test_frames_that_cannot_be_used_are_marked_and_the_scan_goes_on(
     paper_scan, calibration, robot, frame: object, message: str
 ) -> None:
-    """The stripe is unknown, the reason stands in profile and report."""
+    """The stripe is unknown, the reason is in profile and report."""
     processor = gp.ScanProcessor(calibration, robot, paper_scan.stance, "coarse")
     profile = processor.add(30, frame)  # type: ignore[arg-type]
     assert message in profile.reason

@@ -1,6 +1,6 @@
-"""What a scan holds beside its frames: bounded by the pixels of a band, the columns of stripes and the cells of a grid.
+"""What a scan holds besides its frames is bounded by the pixels of a band, the columns of stripes and a grid's cells.
 
-Counted as numpy and Python ask for it, which is the same on every machine and however busy that is.
+Memory is counted as numpy and Python request it, which is the same on every machine, however busy.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def needed(work: Callable[[], object]) -> tuple[int, int]:
     return peak - before, kept - before
 
 
-def test_a_scan_holds_little_beside_its_frames(tracing: None) -> None:
+def test_a_scan_holds_little_besides_its_frames(tracing: None) -> None:
     """While a stripe is sought two pictures of its band's light, then its profile and points, at the end few layers."""
     scan, frames = recording("paper")
 

@@ -42,11 +42,11 @@ def pairs(frames: Sequence[Frames]) -> list[gp.FramePair]:
 
 def grouped(frames: Sequence[Frames], sizes: Sequence[int]) -> Iterator[list[gp.FramePair]]:
     """The frames in runs of these sizes, over and over."""
-    begin, turn = 0, 0
+    begin, number = 0, 0
     while begin < len(frames):
-        size = sizes[turn % len(sizes)]
+        size = sizes[number % len(sizes)]
         yield pairs(frames[begin : begin + size])
-        begin, turn = begin + size, turn + 1
+        begin, number = begin + size, number + 1
 
 
 @pytest.mark.slow
@@ -54,7 +54,7 @@ def grouped(frames: Sequence[Frames], sizes: Sequence[int]) -> Iterator[list[gp.
 @given(data=st.data())
 @settings(max_examples=examples(4), deadline=None, derandomize=True)
 def test_any_order_and_grouping_gives_the_same_bits(name: str, data: st.DataObject) -> None:
-    """Lost stripes, blank frames and frames of another size among them; stripes one by one in order are the measure."""
+    """Lost stripes, blank frames and frames of another size among them; the reference: stripes one by one in order."""
     frames = recording(name)[1]
     indices = [index for index, _, _ in frames]
     lost = data.draw(st.frozensets(st.sampled_from(indices), max_size=6))
@@ -70,10 +70,10 @@ def test_any_order_and_grouping_gives_the_same_bits(name: str, data: st.DataObje
         single.add(index, on, off)
     shuffled = data.draw(st.permutations(given_frames) if data.draw(st.booleans()) else st.just(given_frames))
     sizes = data.draw(st.lists(st.integers(1, 12), min_size=1, max_size=6))
-    turns = list(grouped(shuffled, sizes))
-    ahead = data.draw(st.frozensets(st.integers(0, len(turns) - 1), max_size=4))
-    for turn, group in enumerate(turns):
-        if turn in ahead:
+    groups = list(grouped(shuffled, sizes))
+    ahead = data.draw(st.frozensets(st.integers(0, len(groups) - 1), max_size=4))
+    for number, group in enumerate(groups):
+        if number in ahead:
             several.work_ahead()
         profiles = several.add_all(group)
         assert [profile.reason for profile in profiles] == [single.profiles[pair.index].reason for pair in group]
@@ -84,7 +84,7 @@ def test_any_order_and_grouping_gives_the_same_bits(name: str, data: st.DataObje
 @pytest.mark.parametrize("name", ["paper", *further("dark", "tilt")])
 @pytest.mark.parametrize("late", [(), (-1,), (12, -1), (0, 20, 21)])
 def test_work_ahead_changes_no_bit_whichever_stripes_are_late(name: str, late: tuple[int, ...]) -> None:
-    """The last three, one missed and taken again at the end, one lost for good: the grid of all of them at once."""
+    """The last three stripes, those missed and taken again, one lost for good: the grid is that of all at once."""
     frames = list(recording(name)[1])
     lost = frames.pop(9)[0]
     again = [frames[index] for index in late]
@@ -163,7 +163,7 @@ def test_group_with_a_wrong_index_is_refused_whole() -> None:
 
 
 def test_group_with_an_uncalibrated_index_is_refused_whole() -> None:
-    """A stripe without a plane has no place: nothing of its group is taken."""
+    """A stripe without a plane cannot be located: nothing of its group is taken."""
     scan, frames = recording("paper")
     full = truth()
     partial = gp.Calibration(

@@ -44,7 +44,7 @@ def whole(name: str) -> gp.TerrainGrid:
 @given(data=st.data())
 @settings(max_examples=examples(6), deadline=None, derandomize=True)
 def test_losing_stripes_or_frames_never_makes_another_cell_safe(name: str, data: st.DataObject) -> None:
-    """Whatever stripes were not fired, whatever frames are blank: safe cells are among those of the whole scan."""
+    """Whichever stripes were not fired, whichever frames are blank: safe cells are among those of the whole scan."""
     indices = [index for index, _, _ in recording(name)[1]]
     lost = data.draw(st.frozensets(st.sampled_from(indices), max_size=12))
     unusable = data.draw(st.frozensets(st.sampled_from(indices), max_size=6)) - lost
@@ -118,7 +118,7 @@ def test_losing_laser_off_pictures_never_makes_another_cell_safe(name: str, lost
 @pytest.mark.parametrize("name", ["dark", *further("paper")])
 @pytest.mark.parametrize("gain", [0.7, 1.3, None])
 def test_foreign_laser_off_pictures_make_nothing_safe_that_is_not(name: str, gain: float | None) -> None:
-    """Exposed otherwise, or those of another scan (None): no unseen and no dark cell becomes traversable."""
+    """Exposed differently, or those of another scan (None): no unseen and no dark cell becomes traversable."""
     frames, other = recording(name)[1], recording("tilt")[1][0][2]
 
     def off_of(number: int) -> np.ndarray | None:

@@ -42,7 +42,7 @@ def test_the_edge_costs_60_mm_at_most(robot: RobotModel) -> None:
 
 
 def test_limits_go_through_plain_values(robot: RobotModel) -> None:
-    """What stands in a grid's metadata gives the very limits back."""
+    """The limits read from a grid's metadata equal those that were written to it."""
     limits = Settings.of(robot).limits
     assert gp.TraversabilityLimits(**limits_to_dict(limits)) == limits
 
@@ -89,11 +89,11 @@ def test_all_wrong_values_are_reported_at_once(robot: RobotModel, tmp_path: Path
     (folder / "robot.toml").write_text(text)
     with pytest.raises(gp.FileFormatError, match="5 findings: ") as caught:
         Settings.of(load_robot(folder))
-    for word in (
+    for expected_text in (
         "grid.resolution",
         "drop_limit is a text",
         "disc_radius is missing",
         "coarse_every is 0",
         "[validity]",
     ):
-        assert any(word in finding for finding in caught.value.findings), word
+        assert any(expected_text in finding for finding in caught.value.findings), expected_text

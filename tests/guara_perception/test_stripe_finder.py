@@ -18,16 +18,16 @@ from guara_perception.stripe_finder import SHARED_FROM, StripeFinder
 from tests.thorough import examples
 
 WIDTH, HEIGHT = 160, 120
-Frame = npt.NDArray[np.uint8]
+Image = npt.NDArray[np.uint8]
 Banded = tuple[int, tuple[int, int], Any, Any]
 
 
-def off_frame(level: float = 30.0, seed: int = 9) -> Frame:
+def off_frame(level: float = 30.0, seed: int = 9) -> Image:
     noise = np.random.default_rng(seed).normal(0, 1, (HEIGHT, WIDTH, 3))
     return np.clip(np.rint(level + noise), 0, 255).astype(np.uint8)
 
 
-def on_frame(row: float, peak: float, off: Frame, seed: int) -> Frame:
+def on_frame(row: float, peak: float, off: Image, seed: int) -> Image:
     line = peak * np.exp(-0.5 * ((np.arange(HEIGHT)[:, None] - row) / 1.7) ** 2) * np.ones((1, WIDTH))
     line[:, 70:80] = 0
     noise = np.random.default_rng(seed).normal(0, 1, off.shape)

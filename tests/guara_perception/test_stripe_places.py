@@ -22,13 +22,13 @@ SLIPS_DEG = (-12.0, -8.0, -5.0, 8.0, 12.0) if IS_THOROUGH else (-5.0, 8.0)
 
 
 def spoiled(scan: gp.Scan, change: Callable[[int, np.ndarray], np.ndarray]) -> gp.Scan:
-    """The scan with every frame changed; `change` gets its place, that of a shared laser-off frame is -1."""
+    """The scan with every frame changed; `change` gets its index, -1 for a shared laser-off frame."""
     index_of = {stripe.off: -1 for stripe in scan.stripes} | {stripe.on: k for k, stripe in enumerate(scan.stripes)}
     return dataclasses.replace(scan, read_frame=lambda name: change(index_of[name], scan.read_frame(name)))
 
 
 def renamed(scan: gp.Scan, frames: list[str]) -> gp.Scan:
-    """The scan whose stripes, as many as frames, have these frames."""
+    """The scan of its last stripes, one for each of these frames and with that frame."""
     stripes = tuple(dataclasses.replace(s, on=on) for s, on in zip(scan.stripes[-len(frames) :], frames, strict=True))
     return dataclasses.replace(scan, stripes=stripes)
 
@@ -66,9 +66,9 @@ def test_orientation_order_and_pattern_are_reported_before_the_laser_is_blamed(p
         "the frames are 6 stripe indices behind": renamed(paper_scan, frames[:-3]),
     }
     for expected_text, scan in cases.items():
-        _, said = reasons(scan, calibration, robot)
-        assert re.search(expected_text, said), (expected_text, said)
-        assert "stronger laser" not in said
+        _, reason = reasons(scan, calibration, robot)
+        assert re.search(expected_text, reason), (expected_text, reason)
+        assert "stronger laser" not in reason
 
 
 @pytest.mark.slow
@@ -82,7 +82,7 @@ def test_raw_bayer_taken_as_grey_is_refused(paper_scan, calibration, robot) -> N
         assert not grey.metadata["frames_bad"] and grey.metadata["known"] > 0.9
 
 
-def test_the_advice_tells_where_stripes_were_found() -> None:
+def test_the_advice_says_where_stripes_were_found() -> None:
     """Found too low or too high all over: the calibration is blamed, not the laser; what is wrong as a whole first."""
     counts = np.array([2000, 0, 0, 0, 0, 8000, 0])
     assert "8000 columns show a stripe where none can be, too high or too low" in advice(0.1, counts)
@@ -91,15 +91,15 @@ def test_the_advice_tells_where_stripes_were_found() -> None:
     assert advice(0.1, counts, "the frames are turned").endswith("returned the laser: the frames are turned")
 
 
-def mount_lifted(calibration: gp.Calibration, by: float) -> gp.Calibration:
+def mount_lifted(calibration: gp.Calibration, height: float) -> gp.Calibration:
     """The calibration with camera and laser this much higher [m]."""
     transform = calibration.transform_camera_to_base.copy()
-    transform[2, 3] += by
+    transform[2, 3] += height
     return dataclasses.replace(calibration, transform_camera_to_base=transform)
 
 
 def mirror_slipped(calibration: gp.Calibration, robot: RobotModel, degrees: float) -> gp.Calibration:
-    """The calibration with every plane of the laser turned about the mirror's axis."""
+    """The calibration with every laser plane turned about the mirror's axis."""
     to_camera = np.linalg.inv(calibration.transform_camera_to_base)
     point = to_camera[:3, :3] @ robot.transform_laser_to_base[:3, 3] + to_camera[:3, 3]
     turn = rotation(np.deg2rad(degrees) * to_camera[:3, 1])
@@ -116,11 +116,11 @@ def test_not_found_found_elsewhere_and_not_usable_are_distinguished(paper_scan, 
     """A good scan, broken in each of the three ways: no light, light where no stripe can be, light that clips."""
     elsewhere = "where none can be, too high or too low: the calibration is of another rangefinder, camera or mirror"
     for moved_calibration in (
-        *(mount_lifted(calibration, by) for by in (-0.1, 0.2)),
-        *(mirror_slipped(calibration, robot, by) for by in SLIPS_DEG),
+        *(mount_lifted(calibration, height) for height in (-0.1, 0.2)),
+        *(mirror_slipped(calibration, robot, degrees) for degrees in SLIPS_DEG),
     ):
-        _, said = reasons(paper_scan, moved_calibration, robot)
-        assert elsewhere in said and "expose less" not in said and "stronger laser" not in said
+        _, reason = reasons(paper_scan, moved_calibration, robot)
+        assert elsewhere in reason and "expose less" not in reason and "stronger laser" not in reason
     shared = paper_scan.stripes[0].off
     dark = dataclasses.replace(
         paper_scan, read_frame=lambda name: paper_scan.read_frame(shared if name != shared else name)

@@ -11,7 +11,7 @@ from guara_perception.whole_file import check_target, whole_file
 
 
 def test_file_appears_with_its_content(tmp_path: Path):
-    """What was written to the temporary name stands under the wanted one, and nothing else is left."""
+    """What was written under the temporary name has the wanted one, and nothing else is left."""
     target = tmp_path / "out.npz"
     with whole_file(target) as temporary:
         temporary.write_text("all of it")

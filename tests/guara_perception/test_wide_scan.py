@@ -19,7 +19,7 @@ from tests.calibrated_session import calibrated_session
 from tests.guara_perception.recordings import guara, recording, truth
 from tests.thorough import examples, further
 
-ROWS = slice(16, 124)  # the footprint's of the wide grid: 80 mm more on each side
+ROWS = slice(16, 124)  # of the wide grid, those of the footprint; it has 80 mm more on each side
 
 
 def processor(name: str, lost: frozenset[int] = frozenset(), blank: frozenset[int] = frozenset()) -> gp.ScanProcessor:
@@ -40,7 +40,7 @@ def both(request: pytest.FixtureRequest) -> tuple[gp.TerrainGrid, gp.TerrainGrid
 
 
 def test_it_is_as_wide_as_the_map_and_as_deep_as_the_footprint(both: tuple[gp.TerrainGrid, gp.TerrainGrid]) -> None:
-    """Cells of both lie on each other."""
+    """Cells of both coincide."""
     footprint, wide = both
     assert (footprint.shape, wide.shape) == ((108, 90), (140, 90))
     assert wide.origin == pytest.approx((footprint.origin[0], Settings.of(guara()).map_y[0]))
@@ -68,7 +68,7 @@ def test_it_knows_more_the_farther_away(both: tuple[gp.TerrainGrid, gp.TerrainGr
 @given(data=st.data())
 @settings(max_examples=examples(6), deadline=None, derandomize=True)
 def test_losing_stripes_or_frames_makes_no_cell_of_it_safe(name: str, data: st.DataObject) -> None:
-    """As of the footprint."""
+    """What holds for the footprint holds for the wide grid."""
     indices = [index for index, _, _ in recording(name)[1]]
     lost = data.draw(st.frozensets(st.sampled_from(indices), max_size=8))
     blank = data.draw(st.frozensets(st.sampled_from(indices), max_size=4)) - lost
@@ -91,15 +91,15 @@ def test_heights_beside_the_footprint_are_as_good_as_inside(tmp_path_factory: py
 
 
 def test_the_map_knows_more_ground_with_it(both: tuple[gp.TerrainGrid, gp.TerrainGrid]) -> None:
-    """All that it knows of the footprint alone, and more; soles can stand nearer to its sides."""
+    """All that it knows from the footprint's grid, and more; soles can stand nearer to its sides."""
     fused = [gp.TerrainMap(guara()).update(grid, np.eye(4), 1e-8 * np.eye(6)) for grid in both]
     free = [grid.traversability > 0 for grid in fused]
     assert not (free[0] & ~free[1]).any()
     assert np.count_nonzero(free[1]) > 1.2 * np.count_nonzero(free[0])
 
 
-def test_a_node_gives_the_map_the_wide_grid_in_the_words_of_the_published_one() -> None:
-    """Of a coarse scan with some of the stripes between both count; what was lost is reported of the wide cells."""
+def test_a_node_gives_the_map_the_wide_grid_with_the_report_of_the_published_one() -> None:
+    """Of a coarse scan extended by some stripes between, both grids count; lost cells are those of the wide one."""
     scan, frames = recording("paper")
     coarse = gp.ScanProcessor(truth(), guara(), scan.stance, "coarse")
     for index, on, off in frames[::2]:
@@ -130,7 +130,7 @@ def test_a_finished_scan_gives_its_memory_back_at_once() -> None:
 
 
 def test_another_area_is_refused() -> None:
-    """In words, before anything is read."""
+    """The message lists what is allowed, before anything is read."""
     with pytest.raises(gp.InvalidInput, match="area is 'broad', allowed: footprint, wide"):
         gp.process_scan("nowhere", area="broad")
     with pytest.raises(gp.InvalidInput, match="area is 'map', allowed: footprint, wide"):

@@ -22,10 +22,10 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
 # A safe cell keeps a positive score however close to its limits it is: 0 is reserved for hazards.
 LEAST_SAFE_SCORE = 0.01
-# Large grids are judged in bands of rows that fit the cache; as every test is local, the result is the same.
-BAND_CELLS = 60_000
-# Least height of a band in halos: the rows that it shares with its neighbours are judged twice.
-LEAST_HALOS = 6
+# Large grids are judged in blocks of rows that fit the cache; as every test is local, the result is the same.
+BLOCK_CELLS = 60_000
+# Least height of a block in margins: the rows that it shares with its neighbours are judged twice.
+LEAST_MARGINS = 6
 # What the layers say of unknown cells, where it is not NaN.
 UNKNOWN = {"traversability": 0.0}
 
@@ -63,7 +63,7 @@ def assess_layers(
     known = np.isfinite(raster.elevation)
     window = _extent(known, axis=0), _extent(known, axis=1)
     drift = None if drift is None else np.ascontiguousarray(drift[window])
-    judged = _judge_in_bands(raster.window(window), np.ascontiguousarray(flags[window]), resolution, limits, drift)
+    judged = _judge_in_blocks(raster.window(window), np.ascontiguousarray(flags[window]), resolution, limits, drift)
     layers: dict[str, Array] = {}
     for name, values in judged.items():
         layers[name] = flags if name == "hazard" else np.full(known.shape, UNKNOWN.get(name, np.nan), np.float32)
@@ -109,7 +109,7 @@ def _extent(known: Mask, axis: int) -> slice:
     return slice(int(occupied[0]), int(occupied[-1]) + 1) if occupied.size else slice(0, 1)
 
 
-def _judge_in_bands(
+def _judge_in_blocks(
     raster: Raster,
     flags: Flags,
     resolution: float,
@@ -119,17 +119,17 @@ def _judge_in_bands(
     """All layers but the clearance."""
     kernel = disc_kernel(limits.disc_radius / resolution)
     ny, nx = flags.shape
-    halo = half_cells(limits.sole_width, resolution) + 2 * (kernel.shape[0] // 2)
-    halo += max(EXTRA_RING_CELLS, LARGEST_DRIFT_CELLS)
-    rows = max(BAND_CELLS // nx, LEAST_HALOS * halo)
-    bands = []
+    margin = half_cells(limits.sole_width, resolution) + 2 * (kernel.shape[0] // 2)
+    margin += max(EXTRA_RING_CELLS, LARGEST_DRIFT_CELLS)
+    rows = max(BLOCK_CELLS // nx, LEAST_MARGINS * margin)
+    blocks = []
     for start in range(0, ny, rows):
-        first, end = max(start - halo, 0), min(start + rows + halo, ny)
+        first, end = max(start - margin, 0), min(start + rows + margin, ny)
         drifted = None if drift is None else drift[first:end]
         tested = judge_discs(raster.window(np.s_[first:end, :]), flags[first:end], kernel, resolution, limits)
-        band = judge_soles(tested, kernel, resolution, limits, drifted)
-        bands.append({name: layer[start - first : start - first + rows] for name, layer in band.items()})
-    return bands[0] if len(bands) == 1 else {name: np.concatenate([b[name] for b in bands]) for name in bands[0]}
+        block = judge_soles(tested, kernel, resolution, limits, drifted)
+        blocks.append({name: layer[start - first : start - first + rows] for name, layer in block.items()})
+    return blocks[0] if len(blocks) == 1 else {name: np.concatenate([b[name] for b in blocks]) for name in blocks[0]}
 
 
 def judge_discs(

@@ -32,7 +32,7 @@ def with_frames(session: CalibrationSession, number: int, change: Change) -> Cal
 
 
 def missed_step(session: CalibrationSession, number: int, first: int) -> CalibrationSession:
-    """The mirror stood still once: from the stripe at place `first` on, each frame shows the stripe before."""
+    """The mirror stood still once: from the stripe at index `first` on, each frame shows the stripe before."""
     stripes = session.plates[number].scan.stripes
     late = tuple(
         dataclasses.replace(stripe, on=stripes[index - 1].on if index >= first else stripe.on)

@@ -45,9 +45,9 @@ def test_reasons(picture: np.ndarray) -> None:
     assert find_board(np.full_like(picture, 100), BOARD).reason.startswith("the picture is blank")
     assert find_board(cv2.GaussianBlur(picture, (0, 0), 3), BOARD).reason.startswith("blurred: black-white edges are")
     assert find_board(picture[:200], BOARD).reason.startswith("no board of 9x7 inner corners was found")
-    part = find_board(picture, BoardSpec(7, 5, 0.03))
-    assert part.reason == "the board has other inner corners than 7x5: wrong corner count"
-    assert not part.is_usable and part.corners_px.shape == (0, 2)
+    smaller = find_board(picture, BoardSpec(7, 5, 0.03))
+    assert smaller.reason == "the board has other inner corners than 7x5: wrong corner count"
+    assert not smaller.is_usable and smaller.corners_px.shape == (0, 2)
 
 
 @pytest.mark.slow

@@ -73,12 +73,12 @@ def test_predicted_height_sigma_is_right(result: CalibrationResult, calibration:
     errors, variances = [], []
     for stripe, true in zip(result.calibration.stripes, calibration.stripes, strict=True):
         plane = plane_in_frame(true.plane, true_pose)
-        for level in (0.0, 0.04, 0.08, 0.11):
-            points = np.column_stack((-(plane[1] * y + plane[2] * level + plane[3]) / plane[0], y, np.full(9, level)))
+        for height in (0.0, 0.04, 0.08, 0.11):
+            points = np.column_stack((-(plane[1] * y + plane[2] * height + plane[3]) / plane[0], y, np.full(9, height)))
             pixels = calibration.camera.project((points - true_pose[:3, 3]) @ true_pose[:3, :3])
             rays = result.calibration.camera.rays(pixels)
             points = rays * (-stripe.plane[3] / (rays @ stripe.plane[:3]))[:, None]
-            errors.append(points @ our_pose[2, :3] + our_pose[2, 3] - level)
+            errors.append(points @ our_pose[2, :3] + our_pose[2, 3] - height)
             mount = result.calibration.transform_camera_to_base
             variances.append(uncertainty.variance(stripe.index, stripe.plane, points, mount, our_pose[2, :3]))
     ratio = np.concatenate(errors) / np.sqrt(np.concatenate(variances))
@@ -105,7 +105,7 @@ def test_paper_constants_measure_the_plates(result: CalibrationResult) -> None:
 
 
 def test_order_of_fiducials_does_not_matter(result: CalibrationResult, robot: RobotModel) -> None:
-    """Crosses are found by place: another order of the points gives the same mount."""
+    """Crosses are found by position: another order of the points gives the same mount."""
     session = result.session
     grey = to_grey(session.read_picture(session.fiducials.image))
     points = session.fiducials.points_in_footprint[[2, 0, 3, 1]]
@@ -221,15 +221,21 @@ def five_plates(result: CalibrationResult, wrong: int, error: float) -> tuple[li
     for plate, height in enumerate(heights):
         for k, index in list(enumerate(result.laser.stripes.indices))[::3]:
             plane = result.laser.stripes.planes[k]
-            level = np.column_stack((-(plane[1] * y + plane[2] * height + plane[3]) / plane[0], y))
-            pixels = level_pixels(result.fit.camera, result.fit.transform_camera_to_footprint, level, height)
+            crossing = np.column_stack((-(plane[1] * y + plane[2] * height + plane[3]) / plane[0], y))
+            pixels = level_pixels(result.fit.camera, result.fit.transform_camera_to_footprint, crossing, height)
             pixels[:, 1] += 0.03 * rng.standard_normal(len(y))
             angle = result.calibration.stripe(index).mirror_angle
-            like = next(line for line in result.lines if line.index == index)
-            said = height + (error if plate == wrong else 0.0)
+            measured = next(line for line in result.lines if line.index == index)
+            given = height + (error if plate == wrong else 0.0)
             lines.append(
                 dataclasses.replace(
-                    like, plate=plate, height=said, index=index, mirror_angle=angle, pixels=pixels, weights=np.ones(40)
+                    measured,
+                    plate=plate,
+                    height=given,
+                    index=index,
+                    mirror_angle=angle,
+                    pixels=pixels,
+                    weights=np.ones(40),
                 )
             )
     scan = result.session.plates[0].scan
@@ -250,7 +256,7 @@ def five_plates(result: CalibrationResult, wrong: int, error: float) -> tuple[li
 def test_wrong_one_of_five_plates_is_named(
     result: CalibrationResult, robot: RobotModel, wrong: int, error: float
 ) -> None:
-    """Also in the middle, where leaving out a good plate turns the mirror as evenly."""
+    """Also one between the others, where leaving out a good plate turns the mirror just as much."""
     lines, plates = five_plates(result, wrong, error)
     to_footprint = result.transform_base_to_footprint
     mirror = nominal_mirror((to_footprint @ robot.transform_laser_to_base)[:3, 3])
@@ -279,7 +285,7 @@ def test_plates_that_cannot_be_distinguished_are_both_named(result: CalibrationR
 def test_crosses_misplaced_as_a_whole_are_not_good(
     session: CalibrationSession, robot: RobotModel, shift: float, turn: float
 ) -> None:
-    """They fit one another perfectly; the mount of the robot's URDF contradicts them, and the report says so."""
+    """The crosses fit one another perfectly; the mount in the robot's URDF contradicts them, and the report says so."""
     angle = np.deg2rad(turn)
     rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     points = session.fiducials.points_in_footprint @ rotation.T + np.array([shift, 0.0])

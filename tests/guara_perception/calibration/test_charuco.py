@@ -19,7 +19,7 @@ from guara_perception.simulation.target_pictures import TargetCamera
 
 BOARD = BoardSpec(9, 7, 0.03, CHARUCO)
 SIZE = (640, 512)
-# Place in the picture, distance [m], tilts and turn [rad]; the last four are cut by the picture's rim.
+# Centre as shares of width and height, distance [m], tilts and turn [rad]; the last four are cut by the picture's rim.
 POSES = (
     (0.50, 0.50, 0.42, 0.0, 0.0, 0.0),
     (0.36, 0.38, 0.50, 0.5, 0.0, 0.1),
@@ -62,7 +62,7 @@ def pictures(targets) -> list[np.ndarray]:
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(POSES)))
 def test_corners_are_where_the_lens_puts_them(targets, pictures, number):
-    """Each corner that is found is the one that it is said to be, to a tenth of a pixel; of cut boards a part is."""
+    """Each corner found lies where its number says, to a tenth of a pixel; of cut boards only some are found."""
     view = find_board(pictures[number], BOARD)
     assert view.is_usable, view.reason
     error = view.corners_px - seen(targets, pose_of(targets, *POSES[number]))[view.corners]
@@ -74,7 +74,7 @@ def test_corners_are_where_the_lens_puts_them(targets, pictures, number):
 
 @pytest.mark.slow
 def test_a_covered_board_counts(targets, pictures):
-    """A hand over its middle takes away what it covers and nothing else."""
+    """A hand over its centre takes away what it covers and nothing else."""
     picture = pictures[0].copy()
     picture[200:330, 250:400] = 120
     view = find_board(picture, BOARD)
@@ -100,7 +100,7 @@ def test_what_is_cut_away_is_never_made_up(targets, pictures, kept):
 
 
 @pytest.mark.slow
-def test_markers_that_lie_about_do_not_matter(targets, pictures):
+def test_a_marker_beside_the_board_does_not_matter(targets, pictures):
     """One of the board's own markers on a card beside it: every corner is where it was."""
     picture = pictures[1].copy()
     marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 7, 48)

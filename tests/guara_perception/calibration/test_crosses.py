@@ -36,7 +36,7 @@ def test_derivatives_agree_with_finite_differences(centre, angles, size, blur, l
 
 @pytest.mark.slow
 def test_texture_of_a_floor_is_no_cross(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On soil a fit runs on and on after something like a cross: it ends, and nothing was found."""
+    """On soil a fit to something like a cross may never converge: it is ended, and counts as no cross."""
     workshop, fits = SimulatedWorkshop(), []
     real = scipy.optimize.least_squares
     monkeypatch.setattr(scipy.optimize, "least_squares", lambda *a, **k: fits.append(real(*a, **k)) or fits[-1])

@@ -125,7 +125,7 @@ def test_feet_on_things_leave_height_and_tilt_out() -> None:
 
 
 def test_watch_warns_when_pauses_agree() -> None:
-    """One pause of three warns nobody, two do; pauses without a floor are counted and change nothing."""
+    """Of three pauses one that drifts gives no warning, two do; pauses without a floor count and change nothing."""
     holds, unknown = check_drift(floor()), check_drift({})
     drifts = check_drift(floor(0.02))
     watch = DriftWatch()
@@ -162,7 +162,7 @@ def test_recorded_scan(paper_scan: gp.Scan, calibration: gp.Calibration, robot: 
 def test_mirrored_frames_are_distinguished_from_a_drift(
     paper_scan: gp.Scan, calibration: gp.Calibration, robot
 ) -> None:
-    """Left and right swapped look like a camera that moved; the check says what it is, and only then."""
+    """Left and right swapped look like a camera that moved; the check says that they are swapped, and only then."""
     mirrored = dataclasses.replace(paper_scan, read_frame=lambda name: paper_scan.read_frame(name)[:, ::-1].copy())
     drift = scan_drift(run_scan(mirrored, calibration, robot))
     assert drift.verdict == DRIFTING and drift.reasons[0].startswith("mirrored left to right, the frames fit")

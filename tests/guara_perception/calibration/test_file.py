@@ -60,7 +60,7 @@ def test_hash_depends_on_every_number(calibration: gp.Calibration):
 
 
 def test_file_has_the_promised_fields(calibration_file: Path, calibration: gp.Calibration):
-    """The fields stand in the file under the names and in the order that are documented."""
+    """The fields have the names and the order that are documented."""
     content = json.loads(calibration_file.read_text())
     assert list(content) == FIELDS and content["format"] == "guara-calibration/1"
     assert list(content["camera"]) == ["size", "matrix", "distortion"]
@@ -93,14 +93,14 @@ def test_file_without_hash_and_optional_fields_is_loaded(calibration_file: Path,
 
 
 def test_stripes_may_stand_in_any_order(calibration_file: Path, tmp_path: Path, calibration: gp.Calibration):
-    """Stripes are found by index, wherever they stand in the file."""
+    """Stripes are found by index, in whatever order the file lists them."""
     loaded = gp.load_calibration(edited(calibration_file, tmp_path / "r.json", lambda c: c["stripes"].reverse()))
     assert loaded.indices == calibration.indices
     np.testing.assert_array_equal(loaded.stripe(30).plane, calibration.stripe(30).plane)
 
 
 def test_index_that_was_not_calibrated_is_refused(calibration: gp.Calibration):
-    """Asking for it lists those there are."""
+    """The message lists those that were."""
     with pytest.raises(gp.CalibrationMismatch, match="stripe index 31 is not in the calibration.*0, 2 ... 68"):
         calibration.stripe(31)
 
@@ -147,7 +147,7 @@ BAD = {
     ),
     "unknown verdict": (lambda c: c["quality"].update(verdict="fine"), "quality.verdict is 'fine', allowed: 'good'"),
     "reasons a text": (lambda c: c["quality"].update(reasons="x"), "quality.reasons is a text, it must be a list"),
-    "NaN deep in the paper's": (
+    "NaN in the paper's constants": (
         lambda c: c.update(paper={"H": [1, float("nan")]}),
         "paper.H[1] is nan, it must be finite",
     ),

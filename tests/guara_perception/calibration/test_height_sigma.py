@@ -21,7 +21,7 @@ from guara_perception.exceptions import FileFormatError
 
 
 def test_plane_variance_by_monte_carlo() -> None:
-    """The variance of heights equals that of random planes met by the same rays, at several places and heights."""
+    """The variance of heights equals that of random planes met by the same rays, at several positions and heights."""
     random = np.random.default_rng(3)
     mirror = nominal_mirror(np.array([0.2, 0.0, -0.03]))
     plane = mirror.planes([0.2])[0]
@@ -52,7 +52,7 @@ def test_field_covariance_by_monte_carlo() -> None:
 
 
 def test_unknown_points_stay_unknown(result: CalibrationResult) -> None:
-    """A NaN point has a NaN variance; its neighbours do not mind; a stripe between two takes its neighbour's plane."""
+    """A NaN point has a NaN variance, its neighbours do not; a stripe between two takes its neighbour's plane."""
     uncertainty = HeightUncertainty.of(result.calibration)
     assert uncertainty is not None
     pose = result.transform_base_to_footprint @ result.calibration.transform_camera_to_base
@@ -69,7 +69,7 @@ def test_unknown_points_stay_unknown(result: CalibrationResult) -> None:
 
 
 def test_stripes_together_are_the_stripes_alone(result: CalibrationResult) -> None:
-    """Variances of several stripes in one go: of each the very bits that it has alone."""
+    """Variances of several stripes computed together equal those of each stripe alone, bit by bit."""
     uncertainty = HeightUncertainty.of(result.calibration)
     assert uncertainty is not None
     pose = result.transform_base_to_footprint @ result.calibration.transform_camera_to_base
@@ -100,7 +100,7 @@ def test_calibration_without_covariance(calibration: gp.Calibration) -> None:
 
 
 def broken(covariance: dict[str, Any], change: str) -> dict[str, Any]:
-    """One field spoilt."""
+    """The covariance with one field spoilt."""
     field = dict(covariance["height_field"])
     if change == "terms":
         return {**covariance, "height_field": {**field, "terms": list(FIELD_TERMS[:9])}}

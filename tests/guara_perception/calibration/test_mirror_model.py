@@ -35,8 +35,8 @@ def test_nominal_laser_plane_falls_straight_down_and_turns_forward() -> None:
 
 @bounded
 @given(parameters, angles)
-def test_laser_plane_is_the_mirror_image_of_the_laser_plane(p: np.ndarray, angle: float) -> None:
-    """Points of the laser plane, reflected in the mirror by hand, lie on the laser plane."""
+def test_plane_of_a_stripe_is_the_mirror_image_of_the_incoming_plane(p: np.ndarray, angle: float) -> None:
+    """Points of the plane that meets the mirror, reflected in it by hand, lie on the plane of the stripe."""
     model = perturbed_mirror(nominal_mirror(POINT), p)
     plane = model.planes([angle])[0]
     np.testing.assert_allclose(np.linalg.norm(plane[:3]), 1, atol=1e-12)
@@ -52,7 +52,7 @@ def test_laser_plane_is_the_mirror_image_of_the_laser_plane(p: np.ndarray, angle
 @bounded
 @given(parameters, angles)
 def test_the_laser_plane_turns_by_twice_the_mirror(p: np.ndarray, angle: float) -> None:
-    """With the mirror's face parallel to its axis, all are one plane turned about the axis by twice the angle."""
+    """With the mirror's face parallel to its axis, each plane is that of angle zero turned by twice the angle."""
     p = p.copy()
     p[list(PARAMETERS).index("mirror_tilt")] = 0
     model = perturbed_mirror(nominal_mirror(POINT), p)

@@ -30,7 +30,7 @@ def standard(calibration: gp.Calibration, indices: np.ndarray) -> gp.Calibration
 
 
 def test_standard_from_coarse_and_back(calibration: gp.Calibration) -> None:
-    """Every second stripe and the motor's wave give the other ones exactly, and dropping them gives the start."""
+    """Every second stripe and the motor's wave give the others exactly; without these it is the coarse one again."""
     whole = standard(calibration, INDICES)
     coarse = standard(calibration, INDICES[::2])
     derived = interpolate_pattern(coarse, range(70))
@@ -44,10 +44,10 @@ def test_standard_from_coarse_and_back(calibration: gp.Calibration) -> None:
 
 
 def test_errors_without_a_wave_are_interpolated() -> None:
-    """Noise is no wave: neighbours are interpolated and the spread says how little is known."""
+    """Noise is no wave: neighbours are interpolated, and sigma says how little is known."""
     errors = np.random.default_rng(1).normal(0, 1e-4, 35)
-    guessed, sigma = step_errors(np.array([1.0, 3.0]), INDICES[::2].astype(float), errors)
-    np.testing.assert_allclose(guessed, [(errors[0] + errors[1]) / 2, (errors[1] + errors[2]) / 2])
+    estimated, sigma = step_errors(np.array([1.0, 3.0]), INDICES[::2].astype(float), errors)
+    np.testing.assert_allclose(estimated, [(errors[0] + errors[1]) / 2, (errors[1] + errors[2]) / 2])
     assert sigma > 1e-4
 
 

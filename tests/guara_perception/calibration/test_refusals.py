@@ -67,7 +67,7 @@ def few(session: CalibrationSession) -> CalibrationSession:
 
 
 def fiducial_points(change: Callable[[np.ndarray], np.ndarray]) -> Break:
-    """The fiducials were measured otherwise."""
+    """The positions of the fiducials were measured wrongly."""
 
     def broken(session: CalibrationSession) -> CalibrationSession:
         points = change(session.fiducials.points_in_footprint.copy())
@@ -100,9 +100,9 @@ REFUSED = [
     (fiducial_points(lambda p: p + [[0.02, 0], [0, 0], [0, 0], [0, 0]]), r"do not lie at points_in_footprint \(misfit"),
     (fiducial_points(lambda p: p + [0.2, 0.0]), r"of 4 crosses were found near where the nominal mount predicts them"),
     (lambda s: dataclasses.replace(s, plates=s.plates[:1]), r"two or more heights, .* the session has 0 mm"),
-    (lambda s: dataclasses.replace(s, plates=()), r"the session has none mm"),
+    (lambda s: dataclasses.replace(s, plates=()), r"the session has no plate"),
 ]
-# Found only once the camera is calibrated, or after many tries; and what one of those above shows as well.
+# Found only once the camera is calibrated, or after many tries; and cases that resemble one above.
 REFUSED_LATE = [
     (board_of(7, 5), r"wrong corner count: board_00.jpg shows 9x7 inner corners, the session says 7x5"),
     (board_of(10, 8), r"wrong corner count: board_00.jpg shows 9x7 inner corners, the session says 10x8"),

@@ -33,8 +33,8 @@ def test_wrong_zeros_of_the_front_knees_show(robot: RobotModel) -> None:
     """Six degrees in both: the soles as computed slope although the floor is level."""
     stance = standing(robot, (0.0, 0.0, -1.0))
     joints = {
-        name: at + np.deg2rad(6.0) * (name in ("lf_kfe_joint", "rf_kfe_joint"))
-        for name, at in stance.joint_positions.items()
+        name: position + np.deg2rad(6.0) * (name in ("lf_kfe_joint", "rf_kfe_joint"))
+        for name, position in stance.joint_positions.items()
     }
     (right,) = stance_checks(robot, stance)
     (wrong,) = stance_checks(robot, dataclasses.replace(stance, joint_positions=joints))

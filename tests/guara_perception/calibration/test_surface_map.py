@@ -49,9 +49,9 @@ def test_marks_that_fix_no_map(pixels: np.ndarray, points: np.ndarray, reason: s
         surface_map(pixels, points)
 
 
-def seen_at(height: float, camera_height: float, eye: float, foot: float, slope: float) -> float:
-    """Rectified x of a laser plane x = foot + slope h at a height: its ray from the eye carried on to the floor."""
-    return eye + (foot + slope * height - eye) * camera_height / (camera_height - height)
+def seen_at(height: float, camera_height: float, camera_x: float, floor_x: float, slope: float) -> float:
+    """Rectified x of a laser plane x = floor_x + slope h at a height: where the camera's ray meets the floor."""
+    return camera_x + (floor_x + slope * height - camera_x) * camera_height / (camera_height - height)
 
 
 @bounded
@@ -60,23 +60,23 @@ def seen_at(height: float, camera_height: float, eye: float, foot: float, slope:
     st.floats(-0.8, 0.3),
     st.lists(st.sampled_from(range(0, 160, 20)), min_size=2, max_size=5, unique=True),
 )
-def test_constants_are_exact(foot: float, slope: float, heights_mm: list[int]) -> None:
+def test_constants_are_exact(floor_x: float, slope: float, heights_mm: list[int]) -> None:
     """Eq. 18 in rectified coordinates gives every height, also those between and beyond the calibrated ones."""
-    if abs(seen_at(0.1, 0.5, 0.4, foot, slope) - seen_at(0, 0.5, 0.4, foot, slope)) < 5e-3:
+    if abs(seen_at(0.1, 0.5, 0.4, floor_x, slope) - seen_at(0, 0.5, 0.4, floor_x, slope)) < 5e-3:
         return
     heights = [1e-3 * h for h in heights_mm]
-    x = [seen_at(h, 0.5, 0.4, foot, slope) for h in heights]
+    x = [seen_at(h, 0.5, 0.4, floor_x, slope) for h in heights]
     constants = stripe_constants(7, 0.5, x, heights)
     assert constants.residual < 1e-9
     for height in (0.0, 0.033, 0.2):
-        v = seen_at(height, 0.5, 0.4, foot, slope)
+        v = seen_at(height, 0.5, 0.4, floor_x, slope)
         found = 0.5 - constants.n / (v * constants.d - constants.k)
         assert found == pytest.approx(height, abs=1e-7)
 
 
 @pytest.mark.parametrize(("x", "heights"), [([0.6], [0.0]), ([0.6, 0.6], [0.0, 0.04]), ([0.6, 0.7], [0.04, 0.04])])
 def test_singular_stripes(x: list[float], heights: list[float]) -> None:
-    """One height, one place or equal heights make eq. 17 singular and are refused."""
+    """One height, one position or equal heights make eq. 17 singular and are refused."""
     with pytest.raises(
         InvalidInput, match="stripe index 3: two or more heights at which it is seen at different positions"
     ):

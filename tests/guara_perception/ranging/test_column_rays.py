@@ -35,8 +35,8 @@ def test_rays_are_those_of_the_camera(k1: float, k2: float, p: tuple[float, floa
 
 
 @pytest.mark.parametrize("k1", [0.0, -0.22, -0.6])
-def test_lens_that_no_polynomial_fits_is_asked_itself(k1: float) -> None:
-    """No lens needs less, a strong one the exact way: one that folds inside the picture jumps there."""
+def test_lens_that_no_polynomial_fits_is_computed_exactly(k1: float) -> None:
+    """Polynomials fit usual lenses; rays of a strong one, which folds inside the picture, are computed exactly."""
     camera = CameraModel(SIZE, MATRIX, np.array([k1, 0, 0, 0, 0]))
     rays = ColumnRays(camera)
     assert (rays._coefficients is None) == (k1 == -0.6)

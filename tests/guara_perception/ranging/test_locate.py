@@ -50,12 +50,12 @@ def seen(plane: np.ndarray, transform: np.ndarray, h: np.ndarray, lens: CameraMo
     return points, lens.project((points - transform[:3, 3]) @ transform[:3, :3])
 
 
-def locate_at(way: object, plane: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+def locate_at(method: object, plane: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Points at sub-pixel columns: between the points of the two neighbouring columns on the same image line."""
     found = []
     for u, v in pixels:
         rows = np.full(SIZE[0], v)
-        points = way.points(plane, rows).T  # type: ignore[attr-defined]
+        points = method.points(plane, rows).T  # type: ignore[attr-defined]
         low = int(np.floor(u))
         found.append(points[low] * (low + 1 - u) + points[low + 1] * (u - low))
     return np.array(found)
@@ -102,8 +102,8 @@ def test_literal_lens_and_literal_ortho_miss_by_millimetres() -> None:
     ortho_only = locate_at(PaperRangefinder(lens, transform, AREA, Literal(ortho=True)), plane, pixels)
     np.testing.assert_allclose(right, points, atol=2e-5)
     assert np.abs(lens_only[:, 2] - 0.05).max() > 5e-4
-    middle_ahead_of_nadir = 0.725 - 0.4
-    np.testing.assert_allclose(ortho_only[:, 0] - points[:, 0], 0.05 / 0.5 * middle_ahead_of_nadir, atol=1e-4)
+    centre_ahead_of_nadir = 0.725 - 0.4
+    np.testing.assert_allclose(ortho_only[:, 0] - points[:, 0], 0.05 / 0.5 * centre_ahead_of_nadir, atol=1e-4)
 
 
 @pytest.mark.parametrize("literal", [None, Literal()])
@@ -111,11 +111,11 @@ def test_sigma_of_the_height_is_its_finite_difference(literal: Literal | None) -
     """Moving the stripe by a tenth of a pixel changes the height by a tenth of the stated sigma for one pixel."""
     transform, lens = pose(), camera()
     plane = laser_plane(0.3, 0.01, transform)
-    way = locator(literal, lens, transform, AREA)
+    method = locator(literal, lens, transform, AREA)
     rows = np.full(SIZE[0], 300.0)
-    points, sigma = way.measure(plane, rows, np.ones(SIZE[0]))
-    np.testing.assert_array_equal(points, way.points(plane, rows))
-    moved = np.abs(way.points(plane, rows + 0.05)[2] - way.points(plane, rows - 0.05)[2]) / 0.1
+    points, sigma = method.measure(plane, rows, np.ones(SIZE[0]))
+    np.testing.assert_array_equal(points, method.points(plane, rows))
+    moved = np.abs(method.points(plane, rows + 0.05)[2] - method.points(plane, rows - 0.05)[2]) / 0.1
     np.testing.assert_allclose(sigma, moved, rtol=0.06)
 
 
@@ -128,8 +128,8 @@ def test_no_position_no_point_and_no_grazing_ray() -> None:
     assert np.isfinite(points[7]).all() and np.isnan(np.delete(points, 7, axis=0)).all()
     ray = lens.rays([[7.0, 200.0]])[0]
     along = np.cross(ray, [1.0, 0, 0])
-    sheet_of_ray = np.append(along / np.linalg.norm(along), -0.001)
-    grazing, sigma = Triangulator(lens, np.eye(4)).measure(sheet_of_ray, rows, np.ones(SIZE[0]))
+    plane_of_ray = np.append(along / np.linalg.norm(along), -0.001)
+    grazing, sigma = Triangulator(lens, np.eye(4)).measure(plane_of_ray, rows, np.ones(SIZE[0]))
     assert np.isnan(grazing).all() and np.isnan(sigma).all()
 
 
@@ -141,7 +141,7 @@ def test_laser_plane_behind_the_camera_gives_no_point() -> None:
 
 
 def test_laser_plane_origin_is_on_the_mirror_axis() -> None:
-    """All laser planes pass through the mirror: the spot of its axis nearest to the camera is found."""
+    """All laser planes pass through the mirror: the point of its axis nearest to the camera is found."""
     transform = pose()
     planes = []
     for lean in np.linspace(-0.1, 0.4, 9):
@@ -152,19 +152,19 @@ def test_laser_plane_origin_is_on_the_mirror_axis() -> None:
 
 @pytest.mark.parametrize("literal", [None, Literal()])
 def test_stripes_together_are_the_stripes_alone(literal: Literal | None) -> None:
-    """Several laser planes in one go, all columns or some: of each the very bits that it has alone."""
+    """Several laser planes together, all columns or some: each gives what it gives alone, bit by bit."""
     transform, lens = pose(), camera()
-    way = locator(literal, lens, transform, AREA)
+    method = locator(literal, lens, transform, AREA)
     planes = np.array([laser_plane(lean, turn, transform) for lean, turn in ((-0.1, 0.0), (0.2, 0.01), (0.4, -0.02))])
     rows = np.random.default_rng(4).uniform(100, 400, (3, SIZE[0]))
     rows[1, 30:60] = np.nan
-    points, sigma = way.measure(planes, rows, np.full(rows.shape, 0.1))
+    points, sigma = method.measure(planes, rows, np.full(rows.shape, 0.1))
     columns = np.array([5, 40, 600])
-    at_columns = way.points(planes, rows[:, columns], columns)
-    scattered = way.points(planes, rows[np.arange(3), columns][:, None], columns[:, None])
+    at_columns = method.points(planes, rows[:, columns], columns)
+    scattered = method.points(planes, rows[np.arange(3), columns][:, None], columns[:, None])
     for k in range(3):
-        alone, its_sigma = way.measure(planes[k], rows[k], np.full(SIZE[0], 0.1))
+        alone, sigma_alone = method.measure(planes[k], rows[k], np.full(SIZE[0], 0.1))
         np.testing.assert_array_equal(points[:, k], alone)
-        np.testing.assert_array_equal(sigma[k], its_sigma)
+        np.testing.assert_array_equal(sigma[k], sigma_alone)
         np.testing.assert_array_equal(at_columns[:, k], alone[:, columns])
         np.testing.assert_array_equal(scattered[:, k, 0], alone[:, columns[k]])

@@ -45,8 +45,8 @@ def test_ortho_undoes_the_central_projection(x: float, y: float, z: float) -> No
     np.testing.assert_allclose(ortho_u(v, z, OPTICAL_CENTRE[2], OPTICAL_CENTRE[1]), y, atol=1e-9)
 
 
-def test_projection_lies_on_the_ray_from_the_eye() -> None:
-    """Eye, point and its projection are on one line."""
+def test_projection_lies_on_the_ray_from_the_optical_centre() -> None:
+    """Optical centre, point and projection are on one line."""
     point = np.array([0.7, -0.1, 0.08])
     floor = np.append(np.ravel(to_floor(*point[:, None], OPTICAL_CENTRE)), 0.0)
     np.testing.assert_allclose(np.cross(point - OPTICAL_CENTRE, floor - OPTICAL_CENTRE), 0, atol=1e-12)
@@ -66,7 +66,7 @@ def block(x0: float, x1: float, y0: float, y1: float, h: float) -> dict[int, Str
 
 
 def test_pixels_of_the_orthorectified_image_lie_where_they_should() -> None:
-    """A block fills the pixels of its own place, rows along x and columns along y; the floor is zero."""
+    """A block fills the pixels of its own position, rows along x and columns along y; the floor is zero."""
     images = range_images(block(0.6, 0.7, 0.1, 0.2, 0.05), range(100), OPTICAL_CENTRE, X, Y, 0.008)
     ortho = images.ortho_image_mm
     assert ortho.shape == (ROWS, COLUMNS) == (512, 640) and ortho.dtype == np.float32
@@ -98,21 +98,21 @@ def plain(
     stripes: Mapping[int, StripePoints], pattern: range, optical_centre: Float, join_height: float
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Both pictures (ROWS, COLUMNS) [mm] by the definition: every sample at once, those of the top layer averaged."""
-    pixel = min((X[1] - X[0]) / ROWS, (Y[1] - Y[0]) / COLUMNS)
-    cloud = surface_of(stripes, surface_keys(stripes, pattern), pattern, join_height, pixel).points
+    pixel_size = min((X[1] - X[0]) / ROWS, (Y[1] - Y[0]) / COLUMNS)
+    cloud = surface_of(stripes, surface_keys(stripes, pattern), pattern, join_height, pixel_size).points
     cloud = cloud[:, np.isfinite(cloud[2])]
     pictures = []
     for x, y in (cloud[:2], to_floor(*cloud, optical_centre)):
         row = np.floor((x - X[0]) / (X[1] - X[0]) * ROWS + ROUNDING).astype(int)
         column = np.floor((y - Y[0]) / (Y[1] - Y[0]) * COLUMNS + ROUNDING).astype(int)
         inside = (row >= 0) & (row < ROWS) & (column >= 0) & (column < COLUMNS)
-        at, height = row[inside] * COLUMNS + column[inside], cloud[2, inside]
+        pixel, height = row[inside] * COLUMNS + column[inside], cloud[2, inside]
         highest = np.full(ROWS * COLUMNS, -np.inf)
-        np.maximum.at(highest, at, height)
-        is_top = height > highest[at] - TOP_LAYER_M
+        np.maximum.at(highest, pixel, height)
+        is_top = height > highest[pixel] - TOP_LAYER_M
         total, count = np.zeros((2, ROWS * COLUMNS))
-        np.add.at(total, at[is_top], height[is_top])
-        np.add.at(count, at[is_top], 1)
+        np.add.at(total, pixel[is_top], height[is_top])
+        np.add.at(count, pixel[is_top], 1)
         with np.errstate(invalid="ignore"):
             pictures.append((total / count * 1e3).reshape(ROWS, COLUMNS))
     return pictures[0], pictures[1]

@@ -36,7 +36,7 @@ def test_ends_of_a_run_are_left_out() -> None:
 
 
 def test_fading_end_of_a_run_is_left_out() -> None:
-    """A shadow's edge weakens the stripe column by column: none is used until the strength has reached its level."""
+    """A shadow's edge weakens a stripe column by column: none is used before the strength is 0.6 of what follows."""
     height = np.zeros(60)
     height[:10] = np.nan
     strength = np.full(60, 100.0)

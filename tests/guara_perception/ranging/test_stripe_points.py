@@ -9,7 +9,7 @@ from guara_perception.ranging.stripe_points import StripePoints, stripe_points
 from guara_perception.stripes.profile import StripeProfile, StripeStatus
 
 
-class Level:
+class PlainLocator:
     """A locator whose point of column c and row r lies at (0, c mm, r mm)."""
 
     view_point = np.zeros(3)
@@ -37,11 +37,11 @@ def profile(rows: np.ndarray, doubtful: np.ndarray | None = None) -> StripeProfi
 
 
 def points_of(found: StripeProfile, **extra: object) -> StripePoints:
-    """Points of one profile by a level locator."""
-    return stripe_points([found], Level(), np.zeros((1, 4)), (-0.08, 0.13), **extra)[0]  # type: ignore[arg-type]
+    """Points of one profile by `PlainLocator`."""
+    return stripe_points([found], PlainLocator(), np.zeros((1, 4)), (-0.08, 0.13), **extra)[0]  # type: ignore[arg-type]
 
 
-def test_points_outside_the_gates_are_set_apart() -> None:
+def test_points_outside_the_height_limits_are_set_apart() -> None:
     """Below and above the height limits: no terrain, but a return that was seen."""
     rows = np.repeat([0.0, -200.0, 0.0, 300.0, 0.0], 20)
     found = points_of(profile(rows))
@@ -66,7 +66,7 @@ def test_points_on_the_robot_are_dropped() -> None:
 def test_points_on_the_robot_are_dropped_however_they_lie_in_memory() -> None:
     """A locator may give its coordinates in any layout."""
 
-    class Scattered(Level):
+    class Scattered(PlainLocator):
         def measure(self, plane: object, rows: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             points, sigmas = super().measure(plane, rows, sigma)
             return np.asfortranarray(points), sigmas
@@ -78,7 +78,7 @@ def test_points_on_the_robot_are_dropped_however_they_lie_in_memory() -> None:
         assert np.isfinite(found.points[:18, 2]).all() and np.isfinite(found.points[34:, 2]).all()
 
 
-def test_doubtful_returns_keep_their_place() -> None:
+def test_doubtful_returns_keep_their_position() -> None:
     """A return that may not be used says where it was, unless that is outside the height limits."""
     doubtful = np.full(60, np.nan, np.float32)
     doubtful[10], doubtful[11] = 5.0, 900.0
@@ -89,7 +89,7 @@ def test_doubtful_returns_keep_their_place() -> None:
 
 
 def test_profiles_together_are_the_profiles_alone() -> None:
-    """Gaps, returns beyond the height limits, doubtful ones and a leg, in one go: each stripe as if it were alone."""
+    """Gaps, returns beyond the height limits, doubtful ones and a leg: together each stripe is as if it were alone."""
     random = np.random.default_rng(8)
     profiles = []
     for _ in range(5):
@@ -98,7 +98,7 @@ def test_profiles_together_are_the_profiles_alone() -> None:
         profiles.append(profile(np.where(np.isfinite(doubtful), np.nan, rows), doubtful))
     profiles.append(profile(np.zeros(60)))
     extra = {"on_robot": lambda p: (p[:, 1] > 0.02) & (p[:, 2] > 0.02)}
-    together = stripe_points(profiles, Level(), np.zeros((6, 4)), (-0.08, 0.13), **extra)
+    together = stripe_points(profiles, PlainLocator(), np.zeros((6, 4)), (-0.08, 0.13), **extra)
     for found, alone in zip(together, (points_of(each, **extra) for each in profiles), strict=True):
         for name in ("points", "variance", "strength", "status"):
             np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))

@@ -106,21 +106,21 @@ def test_links_end_at_the_join_height(rise: float, linked: bool) -> None:
 
 def test_weak_return_must_agree_in_height() -> None:
     """A return far weaker than its neighbour may be cut by an edge: it is joined only at nearly the same height."""
-    strong, weak_level, weak_off = stripe(0.0), stripe(0.01, 0.001, 20.0), stripe(0.01, 0.004, 20.0)
-    assert links_of(strong, weak_level).all()
+    strong, weak_near, weak_off = stripe(0.0), stripe(0.01, 0.001, 20.0), stripe(0.01, 0.004, 20.0)
+    assert links_of(strong, weak_near).all()
     assert not links_of(strong, weak_off).any()
     assert links_of(strong, stripe(0.01, 0.004, 60.0)).all()
 
 
 def test_open_end_is_cut_and_the_rest_does_not_move() -> None:
-    """Where the surface does not go on, the last bit of the line is left out; the other samples do not move."""
+    """Where the surface does not go on, the last piece of the line is left out; the other samples do not move."""
     (whole, _), (cut, _) = (joined(stripe(0.0), stripe(0.008), goes_on, 0.0005) for goes_on in (True, False))
     assert cut[:, 0].max() <= 0.008 - OPEN_END_M + 1e-12
     assert {tuple(p) for p in cut} < {tuple(p) for p in whole}
 
 
 def test_variance_between_two_stripes_is_that_of_the_interpolation() -> None:
-    """In the middle a quarter of each: half the variance of either."""
+    """Halfway a quarter of each: half the variance of either."""
     points, variance = joined(stripe(0.0), stripe(0.008), True, 0.0001)
     is_centre = np.abs(points[:, 0] - 0.004) < 1e-4
     np.testing.assert_allclose(variance[is_centre], 0.5e-8, rtol=0.01)
@@ -146,12 +146,12 @@ def test_losing_stripes_never_adds_a_sample(data: st.DataObject) -> None:
     lost = data.draw(st.frozensets(st.integers(0, 7), min_size=1, max_size=4))
     whole = surfaces(stripes)
     rest = {k: each for k, each in stripes.items() if k not in lost}
-    for key, part in surfaces(rest).items():
-        assert part <= whole[key], key
+    for key, samples in surfaces(rest).items():
+        assert samples <= whole[key], key
 
 
 def test_raster_does_not_depend_on_the_order_of_the_stripes() -> None:
-    """Parts that were settled early equal those made at the end, bit by bit."""
+    """Samples that were settled early equal those made at the end, bit by bit."""
     random = np.random.default_rng(2)
     stripes = {k: stripe(0.01 * k, random.normal(0, 0.001, COLUMNS)) for k in range(10)}
     ordered = raster(stripes)
@@ -193,7 +193,7 @@ def test_raster_does_not_depend_on_the_grouping_of_the_stripes(data: st.DataObje
     assert list(single.stripes) == list(several.stripes)
 
 
-def test_return_above_the_gates_makes_its_cell_unknown() -> None:
+def test_return_above_the_height_limits_makes_its_cell_unknown() -> None:
     """Something above known ground is in the way: the cell is out of range, its neighbours stay."""
     high = ColumnPoints(np.array([10]), np.array([[0.052, 0.0105, 0.2]]))
     stripes = {k: stripe(0.004 + 0.008 * k) for k in range(12)}
@@ -203,7 +203,7 @@ def test_return_above_the_gates_makes_its_cell_unknown() -> None:
     assert result.marks()[2, 10] & Hazard.OUT_OF_RANGE
 
 
-def test_return_below_the_gates_only_names_the_cause() -> None:
+def test_return_below_the_height_limits_only_names_the_cause() -> None:
     """From under ground that was seen nothing can return: a stray below it takes nothing away."""
     low = ColumnPoints(np.array([10]), np.array([[0.052, 0.0105, -0.3]]))
     stripes = {k: stripe(0.004 + 0.008 * k) for k in range(12)}

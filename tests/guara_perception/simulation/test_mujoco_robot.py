@@ -55,7 +55,7 @@ def test_it_stands_in_its_postures(robot: RobotModel) -> None:
             assert data.joint(joint).qpos[0] == pytest.approx(position, abs=0.03)
 
 
-def test_a_robot_without_words_to_mujoco(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robot_without_settings_for_mujoco(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Any robot folder: the command says what it wrote, links without mass stay."""
     mujoco = optional_library("mujoco", "sim", "this test")
     assert run(["robot", "mjcf", str(TAPIR), "-o", str(tmp_path / "tapir.xml")]) == 0
@@ -68,7 +68,7 @@ def test_a_robot_without_words_to_mujoco(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_what_mujoco_refuses_is_reported(robot: RobotModel) -> None:
-    """One line with the file and MuJoCo's own words."""
+    """One line with the file and MuJoCo's own message."""
     text = robot.tree.urdf.text.replace('<mass value="0.45"/>', '<mass value="0"/>')
     tree = SimpleNamespace(urdf=SimpleNamespace(text=text, path=Path("guara.urdf")))
     broken = SimpleNamespace(tree=tree, config=robot.config, joint_names=robot.joint_names)

@@ -46,7 +46,7 @@ def test_on_good_ground_the_wish_is_granted(robot: RobotModel) -> None:
     assert np.hypot(found.x - WISH[0], found.y - WISH[1]) < 0.006
 
 
-def test_a_hole_is_stepped_beside(robot: RobotModel) -> None:
+def test_a_foot_is_set_beside_a_hole(robot: RobotModel) -> None:
     """A hole at the wish sends the foot beside it, near; a wide one sideways, further than the first radius."""
     small = ground(robot, (0.395, 0.415, -0.19, -0.17))
     found = plan_foothold(small, "rf", WISH, robot=robot)
@@ -62,7 +62,7 @@ def test_a_hole_is_stepped_beside(robot: RobotModel) -> None:
 
 
 def test_where_nothing_is_safe_there_is_no_foothold(robot: RobotModel) -> None:
-    """Unknown ground all around, or a wish out of reach, gives None; a wish that is no place is refused."""
+    """Unknown ground all around, or a wish out of reach, gives None; a wish that is not finite is refused."""
     assert plan_foothold(ground(robot, (0.1, 0.8, -0.34, 0.2)), "rf", WISH, robot=robot) is None
     assert plan_foothold(ground(robot), "rf", (0.75, -0.18), robot=robot) is None
     with pytest.raises(InvalidInput, match="it must be finite"):
@@ -77,7 +77,7 @@ def test_a_choice_is_kept(robot: RobotModel) -> None:
     assert (kept.x, kept.y) == pytest.approx((0.41, -0.175))
 
 
-def test_a_step_leads_over_what_lies_between(robot: RobotModel) -> None:
+def test_a_swing_leads_over_what_lies_between(robot: RobotModel) -> None:
     """A board of 40 mm across the way: the swing goes over it with its clearance, from the sole to the foothold."""
     terrain = ground(robot)
     heights = np.zeros(terrain.shape)
@@ -95,7 +95,7 @@ def test_a_step_leads_over_what_lies_between(robot: RobotModel) -> None:
 
 @pytest.mark.slow
 def test_where_the_straight_way_is_barred_another_is_found(robot: RobotModel) -> None:
-    """Unknown ground on the straight way is never crossed; where it lies all across there is no step, and why."""
+    """Unknown ground on the straight way is never crossed; where it lies all across there is no swing but a reason."""
     narrow = ground(robot, (0.342, 0.352, -0.186, -0.176))
     wanted = plan_foothold(narrow, "rf", WISH, robot=robot)
     assert wanted is not None

@@ -1,4 +1,4 @@
-"""Tests of the simulated rangefinder: geometry by first principles, light, the whole way through perception."""
+"""Tests of the simulated rangefinder: geometry by first principles, light, the whole chain of perception."""
 
 from __future__ import annotations
 
@@ -194,7 +194,7 @@ def test_legs_hide_the_ground_and_throw_shadows(robot: RobotModel, calibration: 
 
 @pytest.mark.slow
 def test_light_adds_up(robot: RobotModel, calibration: Calibration) -> None:
-    """Half the laser time gives half the laser light, twice the exposure twice the levels, up to saturation."""
+    """Half the laser time gives half the laser light, twice the exposure twice the grey levels, up to saturation."""
     light = Light(speckle=0, shot_noise=0, read_noise=0, laser=120.0, ambient=(60.0, 60.0, 60.0))
     rangefinder = SimulatedRangefinder(World(), calibration, robot, light=light)
     rangefinder.set_pose(standing())
@@ -241,7 +241,7 @@ def test_noise_has_the_stated_size(robot: RobotModel, calibration: Calibration) 
     for one, two in zip(frames, frames[1:], strict=False):
         assert (one != two).any()
     variance = np.mean((frames[1] - frames[0]) ** 2) / 2
-    # Rounding to whole levels adds 1/12.
+    # Rounding to whole grey levels adds 1/12.
     assert variance == pytest.approx(1.0 + 0.02 * view.ambient.mean() + 1 / 12, rel=0.05)
 
 

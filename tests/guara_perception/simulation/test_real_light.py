@@ -1,4 +1,4 @@
-"""Each effect of real light is in the picture as strongly as it is said to be."""
+"""Each effect of real light is in the picture as strongly as stated."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from guara_perception.simulation.picture_effects import Blotches, scattered
 from kinematics import load_robot
 
 STRIPE = 25
-# The ground at these rows and columns is level soil, lit by the stripe.
-MIDDLE = np.s_[100:540]
+# In these columns the ground is level soil, lit by the stripe.
+LIT_COLUMNS = np.s_[100:540]
 
 
 @lru_cache(maxsize=4)
@@ -52,7 +52,7 @@ def test_the_stripe_is_as_wide_as_in_photographs() -> None:
 @pytest.mark.heavy
 @pytest.mark.slow
 def test_skirt_and_halo_lie_beside_the_stripe() -> None:
-    """12, 6 and 3 % of the peak at 8, 15 and 30 px; 150 levels beside a clipped core, gone after 20 px."""
+    """12, 6 and 3 % of the peak at 8, 15 and 30 px; 150 grey levels beside a clipped core, gone after 20 px."""
     column = np.zeros((121, 21), np.float32)
     column[60] = 200
     skirt = scattered(column, Light(skirt=0.12), 121)[:, 10] / 200
@@ -70,7 +70,7 @@ def test_skirt_and_halo_lie_beside_the_stripe() -> None:
 def test_cores_clip_and_leak_as_in_photographs() -> None:
     """Clipped over 2 px and more in nearly all columns; a quarter of the light in blue, half in green."""
     on, _ = pictures(real_light({"clipping": 1.0}))
-    clipped = (on[:, MIDDLE, 2] == 255).sum(axis=0)
+    clipped = (on[:, LIT_COLUMNS, 2] == 255).sum(axis=0)
     assert (clipped >= 2).mean() > 0.9 and np.median(clipped) <= 6
     leaking = real_light({"leakage": 1.0})
     red, green, blue = (about_the_stripe(leaking, channel)[57:64].sum() for channel in (2, 1, 0))
@@ -81,7 +81,7 @@ def test_cores_clip_and_leak_as_in_photographs() -> None:
 @pytest.mark.heavy
 @pytest.mark.slow
 def test_ambient_light_clips_and_the_line_is_weak() -> None:
-    """The brighter half of soil at the end of the scale; a line of 33 levels."""
+    """The brighter half of soil at the end of the scale; a line of 33 grey levels."""
     _, off = pictures(real_light({"ambient": 1.0}))
     assert 0.1 < (off[:, :, 2] == 255).mean() < 0.9
     assert 25 < about_the_stripe(real_light({"weak_line": 1.0})).max() < 45
@@ -90,7 +90,7 @@ def test_ambient_light_clips_and_the_line_is_weak() -> None:
 @pytest.mark.heavy
 @pytest.mark.slow
 def test_noise_has_its_size_and_its_patches() -> None:
-    """Seven levels from pixel to pixel, five in patches that neighbours share."""
+    """Seven grey levels from pixel to pixel, five in patches that neighbours share."""
     light = real_light({"noise": 1.0})
     rng = np.random.default_rng(0)
     whole = Blotches(rng.standard_normal((400, 400, 3)).astype(np.float32), light.blotches)
@@ -107,14 +107,14 @@ def test_noise_has_its_size_and_its_patches() -> None:
 @pytest.mark.heavy
 @pytest.mark.slow
 def test_colour_filter_and_compression_take_colour_away() -> None:
-    """A thin red line loses a part of its red, most where colour is halved; the rest of the picture stays."""
+    """A thin red line loses some of its red, most where colour is halved; the rest of the picture stays."""
     plain_on, plain_off = pictures(Light())
     redness = {}
     for name in ("demosaicing", "jpeg"):
         on, off = pictures(real_light({name: 1.0}))
         assert np.abs(off.astype(float) - plain_off).mean() < 2
-        redness[name] = (on[:, MIDDLE, 2].astype(float) - on[:, MIDDLE, 1]).max(axis=0).mean()
-    plain = (plain_on[:, MIDDLE, 2].astype(float) - plain_on[:, MIDDLE, 1]).max(axis=0).mean()
+        redness[name] = (on[:, LIT_COLUMNS, 2].astype(float) - on[:, LIT_COLUMNS, 1]).max(axis=0).mean()
+    plain = (plain_on[:, LIT_COLUMNS, 2].astype(float) - plain_on[:, LIT_COLUMNS, 1]).max(axis=0).mean()
     assert redness["demosaicing"] < 0.98 * plain
     assert redness["jpeg"] < 0.9 * plain
 
@@ -158,7 +158,7 @@ def test_a_chessboard_covers_all_but_dark_ground() -> None:
 @pytest.mark.heavy
 @pytest.mark.slow
 def test_a_ghost_is_a_second_weaker_stripe() -> None:
-    """Below the stripe in the middle of the picture, 0.1 to 0.6 as bright, and nowhere else."""
+    """Below the stripe at the centre of the picture, 0.1 to 0.6 as bright, and nowhere else."""
     on, off = pictures(real_light({"ghosts": 1.0}))
     added = on[:, :, 2].astype(float) - off[:, :, 2]
     top = added.argmax(axis=0)

@@ -64,9 +64,9 @@ def test_the_joints_put_every_sole_where_it_stands(robot: RobotModel, seed: int)
         assert not state.beyond_limits
         transform = pause.transform_base_to_world
         for leg, sole in pause.soles_in_world.items():
-            frame = transform @ state.transform_to_base(robot.tree.leg(leg).sole)
-            np.testing.assert_allclose(frame[:3, 3], sole, atol=1e-9)
-            assert abs(frame[2, 0]) < 1e-9
+            sole_pose = transform @ state.transform_to_base(robot.tree.leg(leg).sole)
+            np.testing.assert_allclose(sole_pose[:3, 3], sole, atol=1e-9)
+            assert abs(sole_pose[2, 0]) < 1e-9
             assert sole[2] == pytest.approx(world.sole_height(sole[0], sole[1], *robot.sole), abs=0.003)
 
 
@@ -76,12 +76,12 @@ def test_one_foot_moves_and_three_stay(robot: RobotModel) -> None:
     for one, two in itertools.pairwise(pauses):
         moved = [leg for leg in robot.legs if (one.soles_in_world[leg] != two.soles_in_world[leg]).any()]
         assert moved == [one.next_leg]
-        step = two.last_footstep
-        assert step is not None
-        assert step.leg == one.next_leg
-        assert step.target_in_footprint == pytest.approx((one.nominal[0] + 0.02, one.nominal[1] - 0.01))
-        wanted = one.to_world(*step.target_in_footprint)
-        np.testing.assert_allclose(step.sole_in_world[:2], wanted, atol=6 * WalkNoise().slip)
+        footstep = two.last_footstep
+        assert footstep is not None
+        assert footstep.leg == one.next_leg
+        assert footstep.target_in_footprint == pytest.approx((one.nominal[0] + 0.02, one.nominal[1] - 0.01))
+        wanted = one.to_world(*footstep.target_in_footprint)
+        np.testing.assert_allclose(footstep.sole_in_world[:2], wanted, atol=6 * WalkNoise().slip)
 
 
 def test_known_ground_is_declared_once_around_the_first_stance(robot: RobotModel) -> None:
@@ -159,7 +159,7 @@ def test_a_body_crouches_for_a_foot_far_out(robot: RobotModel) -> None:
 
 
 def test_body_pose_is_parallel_to_its_feet() -> None:
-    """The body's z axis is the normal of the plane through the soles, its height measured along that plane's ground."""
+    """The body's z axis is the normal of the plane through the soles, along which its height is measured."""
     x, y = np.array([0.3, 0.3, -0.3, -0.3]), np.array([0.18, -0.18, 0.18, -0.18])
     soles = np.column_stack((x, y, 0.05 * x - 0.03 * y + 0.1))
     transform = body_pose(soles, (0.02, 0.01), 0.36)

@@ -44,7 +44,7 @@ def test_a_turned_box_covers_its_turned_corners() -> None:
 @settings(max_examples=examples(20), deadline=None, derandomize=True)
 @given(seed=st.integers(0, 1000))
 def test_the_raster_agrees_with_the_exact_height(seed: int) -> None:
-    """The raster, which is computed otherwise, holds the heights and materials of its cells' centres."""
+    """The raster, which is computed in another way, holds the heights and materials of its cells' centres."""
     world = random_world(seed, boxes=4, rocks=3, length=1.5)
     heights, materials = world.raster((0.5, 1.5), (-0.4, 0.4), 0.02)
     x, y = np.meshgrid(np.arange(0.51, 1.5, 0.02), np.arange(-0.39, 0.4, 0.02))

@@ -42,7 +42,7 @@ depth = 0.02
 
 
 def test_a_world_file_is_read_in_its_order() -> None:
-    """Features come in the order of the file, whatever their kinds; defaults stand where nothing is said."""
+    """Features come in the order of the file, whatever their kinds; what is not given has its default."""
     world = parse_world(GOOD, "world.toml")
     assert [type(feature) for feature in world.features] == [Pit, Box, Stairs, Pit]
     assert world.x == (-1.0, 3.0)

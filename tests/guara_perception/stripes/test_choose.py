@@ -27,7 +27,7 @@ def test_path_may_jump_at_an_edge() -> None:
 
 
 def test_columns_without_a_peak_have_no_stripe() -> None:
-    """The path goes on behind them."""
+    """The path goes on after them."""
     heights = np.array([[100, 100, 0, 0, 100, 100]], np.float32)
     choice, _ = follow_candidates(np.full((1, 6), 30), heights)
     np.testing.assert_array_equal(choice, [0, 0, -1, -1, 0, 0])

@@ -38,8 +38,8 @@ def test_strongest_channel_is_that_of_the_line(channel: int) -> None:
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
-def test_pictures_are_read_where_they_lie_if_they_lie_in_one_piece(kind: type[np.unsignedinteger]) -> None:
-    """No channel of a whole band is held beside its light; of a picture cut out of a wider one it is, and is alike."""
+def test_pictures_that_lie_in_one_piece_are_not_copied(kind: type[np.unsignedinteger]) -> None:
+    """Of a picture cut out of a wider one the channel is copied; the stripe found is the same."""
     random = np.random.default_rng(1)
     wide = random.integers(40, 60, (2, 60, 400, 3)).astype(kind)
     wide[1, 28:32, :, 1] += kind(150)
@@ -59,7 +59,7 @@ def test_pictures_are_read_where_they_lie_if_they_lie_in_one_piece(kind: type[np
 
 
 def test_fused_light_gives_less_to_a_clipped_channel() -> None:
-    """With red clipped at the core, the fused profile still has a single peak in the middle."""
+    """With red clipped at the core, the fused profile still has a single peak, at the centre."""
     rows = np.arange(40)[:, None]
     core = np.exp(-0.5 * ((rows - 20) / 3.0) ** 2) * np.ones((1, 64))
     off = np.full((40, 64, 3), 120, np.uint8)
@@ -84,7 +84,7 @@ def test_clipped_cores_and_those_that_are_lost() -> None:
 
 
 @pytest.mark.parametrize(("level", "is_clipped"), [(150.0, False), (220.0, False), (900.0, True)])
-def test_some_columns_tell_channel_clipping_and_swapped_frames(level: float, is_clipped: bool) -> None:
+def test_some_columns_show_channel_clipping_and_swapped_frames(level: float, is_clipped: bool) -> None:
     """The channel of the line, whether its core is clipped there, and whether on and off were exchanged."""
     rows = np.arange(80)[:, None]
     line = np.exp(-0.5 * ((rows - 40.3) / 1.7) ** 2) * np.ones((1, 320))
@@ -98,7 +98,7 @@ def test_some_columns_tell_channel_clipping_and_swapped_frames(level: float, is_
 
 @pytest.mark.parametrize(("change", "is_uneven"), [(0.0, False), (8.0, True), (-8.0, True)])
 def test_only_the_surroundings_tell_of_another_exposure(change: float, is_uneven: bool) -> None:
-    """The light of a bright, broad stripe in a low band counts as none, brightness of the surroundings does."""
+    """The light of a bright, broad stripe in a low band does not count, brightness of the surroundings does."""
     rows = np.arange(60)[:, None]
     line = np.exp(-0.5 * ((rows - 30.3) / 1.7) ** 2) * np.ones((1, 320))
     off = np.full((60, 320, 3), 40, np.uint8)

@@ -1,4 +1,4 @@
-"""Positions of a stripe, evened out along its run."""
+"""Positions of a stripe, smoothed along its run."""
 
 from __future__ import annotations
 

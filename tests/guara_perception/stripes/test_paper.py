@@ -1,4 +1,4 @@
-"""The paper's extraction: each step by itself, and the whole worse than precise but no worse than half a pixel."""
+"""The paper's extraction: each stage by itself, and the whole worse than precise but no worse than half a pixel."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.thorough import examples
 
 
 def slow_skeleton(mask: np.ndarray) -> np.ndarray:
-    """Zhang and Suen word by word, pixel by pixel."""
+    """Zhang and Suen as published, pixel by pixel."""
     picture = np.pad(mask.astype(int), 1)
     while True:
         changed = False
@@ -54,7 +54,7 @@ def test_skeleton_is_that_of_zhang_and_suen(seed: int, density: float) -> None:
     np.testing.assert_array_equal(skeleton(mask), slow_skeleton(mask))
 
 
-def test_skeleton_of_a_thick_line_is_its_middle() -> None:
+def test_skeleton_of_a_thick_line_is_its_centre_line() -> None:
     """A bar of five rows becomes one row, and thinning again changes nothing."""
     mask = np.zeros((15, 40), bool)
     mask[5:10] = True
@@ -91,7 +91,7 @@ def test_binarise_fixed_and_by_otsu() -> None:
 
 
 def test_mean_rows() -> None:
-    """The mean row of each column and how far its pixels are apart."""
+    """The mean row of each column and the distance between its outermost pixels."""
     thin = np.zeros((10, 3), bool)
     thin[4, 0] = thin[2, 1] = thin[7, 1] = True
     rows, extent = mean_rows(thin)

@@ -1,4 +1,4 @@
-"""Which pieces of a path are the laser's, and laser-off pictures of mono cameras, where no colour tells it."""
+"""Which pieces of a path are the laser's, and laser-off pictures of mono cameras, where no colour shows it."""
 
 import cv2
 import numpy as np
@@ -47,7 +47,7 @@ def noise(seed: int, light: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_thing_that_came_between_the_pictures_of_a_mono_camera_is_doubtful(seed: int) -> None:
-    """A cable lies in the laser-on picture only, exposed otherwise: thin as the stripe, but smooth as ambient light."""
+    """A cable is in the laser-on picture alone, exposed longer: thin as a stripe, but smooth as ambient light."""
     dark = squares(90)
     cable = 30 * ridge(140 + 15 * np.sin(np.arange(COLUMNS) / 60), 2.0, CABLE)
     light = 40 * ridge(110, 1.5, STRIPE) * speckle(seed, 0.4)
@@ -59,7 +59,7 @@ def test_a_thing_that_came_between_the_pictures_of_a_mono_camera_is_doubtful(see
 
 
 def test_a_stripe_that_is_as_grainy_everywhere_loses_nothing() -> None:
-    """The same line on nearer, wider ground: its grain is what tells it."""
+    """The same line on nearer, wider ground: its grain shows that it is laser light."""
     light = 40 * ridge(110, 1.5, STRIPE) * speckle(1, 0.4) + 30 * ridge(140, 2.0, CABLE) * speckle(2, 0.4)
     on, off = eight_bits(noise(3, 1.2 * squares(90) + light)), eight_bits(noise(4, squares(90)))
     profile = gp.extract_stripe(on, off)
@@ -69,7 +69,7 @@ def test_a_stripe_that_is_as_grainy_everywhere_loses_nothing() -> None:
 
 @pytest.mark.parametrize("dim_contrast", [0.0, 0.4])
 def test_a_brightest_piece_without_grain_says_nothing(dim_contrast: float) -> None:
-    """A camera may be too coarse to see it, and a dim piece on patterned ground is no measure of it."""
+    """A camera may be too coarse to show the grain, and a dim piece on textured ground is no measure of it."""
     rng = np.random.default_rng(5)
     bright, dim = 60 * ridge(110, 1.5, STRIPE), 20 * ridge(140, 2.0, CABLE) * speckle(6, dim_contrast)
     light = (bright + dim + rng.normal(0, 0.5, (ROWS, COLUMNS))).astype(np.float32)
@@ -81,7 +81,7 @@ def test_a_brightest_piece_without_grain_says_nothing(dim_contrast: float) -> No
 
 
 def test_the_gain_of_a_scene_that_is_mostly_dark_is_fitted() -> None:
-    """The squares are an eighth of it and stand 20 levels out of the plain difference; the stripe 4."""
+    """Squares on an eighth of the scene stand 20 grey levels out of the plain difference, the stripe 4."""
     rows = 110 + 0.1 * np.arange(COLUMNS)
     light = 4 * ridge(rows, 1.5, slice(0, COLUMNS)) * speckle(7, 0.3)
     on, off = eight_bits(noise(8, 1.25 * squares(90) + light)), eight_bits(noise(9, squares(90)))

@@ -1,4 +1,4 @@
-"""The precise method on stripes whose place is known: right, honest about what is not there, whatever the picture."""
+"""The precise method on stripes whose position is known: it is right, and makes nothing up, whatever the picture."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_synthetic_stripes_are_found_to_a_fraction_of_a_pixel(case: str, most_er
 
 @given(shift=st.floats(0, 1), slope=st.floats(-0.15, 0.15), sigma=st.floats(1.2, 3.5))
 @settings(max_examples=examples(25), deadline=None, derandomize=True)
-def test_any_sub_pixel_place_slope_and_width(shift: float, slope: float, sigma: float) -> None:
+def test_any_sub_pixel_position_slope_and_width(shift: float, slope: float, sigma: float) -> None:
     """The centre follows the truth without a bias towards whole pixels."""
     rows = 45 + shift + slope * (np.arange(COLUMNS) - COLUMNS / 2)
     profile = gp.extract_stripe(*picture(rows, sigma=sigma))
@@ -133,14 +133,14 @@ def test_white_core_uses_all_channels() -> None:
 
 
 def test_core_clipped_in_every_channel_beyond_repair_is_ambiguous() -> None:
-    """A core that is white over many rows has no centre to speak of."""
+    """A core that is white over many rows has no centre that could be measured."""
     on, off = picture(np.full(COLUMNS, 50.0), 60.0)
     on[35:66] = 255
     assert set(gp.extract_stripe(on, off).status) <= {STATUS.AMBIGUOUS, STATUS.DROPOUT}
 
 
 def test_mono_and_16_bit_pictures() -> None:
-    """One channel, an axis of one channel, and 16 bits give the same places as 8 bits of colour."""
+    """One channel, an axis of one channel, and 16 bits give the same positions as 8 bits of colour."""
     rows = 40 + 3 * np.sin(np.arange(COLUMNS) / 30)
     on, off = picture(rows, noise=0.5)
     colour = gp.extract_stripe(on, off)
@@ -229,8 +229,8 @@ def test_ambient_light_that_changed_is_recognised() -> None:
     assert mean_error(profile, 40.0) < 0.1
 
 
-def test_a_laser_off_picture_of_no_use_counts_as_none() -> None:
-    """Exposed half as long, or of another place: the picture itself shows the stripe, and the profile says why."""
+def test_a_laser_off_picture_of_no_use_is_ignored() -> None:
+    """Exposed half as long, or of another scene: the picture itself shows the stripe, and the profile says why."""
     on, off = picture(np.full(COLUMNS, 40.0), peak=90.0)
     rng = np.random.default_rng(3)
     # Contrast as a scene has it, so that there is an exposure to compare.

@@ -20,7 +20,7 @@ MakeScan = Callable[..., gp.TerrainGrid]
 
 @pytest.fixture(scope="session")
 def limits(robot: RobotModel) -> TraversabilityLimits:
-    """What the Guará's feet can bear."""
+    """Limits of the ground on which the Guará's feet can stand."""
     return Settings.of(robot).limits
 
 

@@ -33,7 +33,7 @@ def test_differences_are_counted_by_side(make_scan):
 
 
 def test_nothing_in_common_has_no_mean(make_scan):
-    """NaN, not zero: an error that was not measured is none."""
+    """NaN, not zero: an error that was not measured is unknown."""
     reported = gp.compare(make_scan(0.0), make_scan(0.0, flags=int(gp.Hazard.UNSCANNED)))
     assert np.isnan(reported.rms) and reported.known_in_both == 0
 

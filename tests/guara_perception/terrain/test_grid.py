@@ -94,8 +94,8 @@ def test_arrays_and_numbers_are_answered_alike(terrain: gp.TerrainGrid) -> None:
     assert terrain.height_at(0.6, np.zeros(4)).shape == (4,)
 
 
-def test_places_that_do_not_fit_together_are_refused(terrain: gp.TerrainGrid) -> None:
-    """Three x and two y, or words, are refused in one sentence."""
+def test_positions_that_do_not_fit_together_are_refused(terrain: gp.TerrainGrid) -> None:
+    """Three x and two y, or a text, are refused with one message."""
     for x, y in (([1, 2, 3], [1, 2]), ("here", 0.0)):
         with pytest.raises(gp.InvalidInput, match="numbers or arrays of one shape"):
             terrain.height_at(x, y)
@@ -117,7 +117,7 @@ def test_occupancy_bytes_are_row_by_row_from_the_corner() -> None:
         terrain.to_occupancy(unknown=50)
 
 
-def test_occupancy_counts_99_steps_of_the_score() -> None:
+def test_occupancy_is_the_score_in_ninety_ninths() -> None:
     """Free cells are round(99 * (1 - traversability)), so that the least safe score is still below 100."""
     ramp = np.tile(np.arange(60) * 0.005 * np.tan(0.1), (60, 1))
     terrain = gp.assess_terrain(ramp, 0.005)
@@ -158,7 +158,7 @@ def test_wrong_extent_or_geometry_is_refused(terrain: gp.TerrainGrid) -> None:
 
 @pytest.mark.parametrize("resolution", [0.0, -1.0, np.nan, np.inf, 0.007])
 def test_a_resolution_must_divide_the_area(resolution: float) -> None:
-    """Zero, negative, NaN or one that leaves a rest is refused."""
+    """Zero, negative, NaN or one that does not divide the area is refused."""
     with pytest.raises(gp.InvalidInput, match="resolution"):
         GridGeometry.over((0.5, 0.95), (-0.27, 0.27), resolution)
 

@@ -85,7 +85,10 @@ BAD_FIELDS = {
         "stripes[2].index is a number, it must be a whole",
     ),
     "index negative": (lambda c: c["stripes"][2].update(index=-2), "stripes[2].index is -2, allowed: 0 ... 9999"),
-    "index twice": (lambda c: c["stripes"][2].update(index=2), "stripe index 2 stands twice, each may stand once"),
+    "index twice": (
+        lambda c: c["stripes"][2].update(index=2),
+        "stripe index 2 is listed twice, each may be listed once",
+    ),
     "angle NaN": (lambda c: c["stripes"][4].update(mirror_angle=float("nan")), "stripes[4].mirror_angle is nan"),
     "angle in degrees": (
         lambda c: c["stripes"][4].update(mirror_angle=12.0),

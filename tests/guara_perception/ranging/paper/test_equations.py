@@ -26,7 +26,7 @@ def test_eq_1_skew() -> None:
     np.testing.assert_allclose(equations.project(matrix, np.array([1.0, 2.0, 4.0])), [80, 140])
 
 
-def test_eq_2_and_4_place_a_point_on_the_robot() -> None:
+def test_eqs_2_and_4_give_a_point_in_the_robots_frame() -> None:
     """The (4, 4) of eq. 4 does what eq. 2 does."""
     rotation, translation = equations.rotation_of_pitch(ALPHA), equations.translation_of_mount(0.4)
     point = np.array([0.1, -0.2, 0.5])
@@ -140,7 +140,7 @@ def test_eq_17_is_invariant_to_a_shift_of_v() -> None:
         assert equations.depth(4 / 3 + shift, 0.5 + shift, 4, 3 + shift, 2) == pytest.approx(3.0)
 
 
-def test_eq_18_has_no_depth_at_its_singular_place() -> None:
+def test_eq_18_has_no_depth_at_its_singular_position() -> None:
     """At v d = k, and beyond it, where the depth would be negative."""
     constants = equations.stripe_constants(0.5, 4.0, 3.0, 2.0)
     assert np.isnan(equations.depth_from_constants(np.array([-2.0, -3.0]), constants)).all()
@@ -154,7 +154,7 @@ def test_eq_17_refuses_equal_heights_and_positions(arguments: tuple[float, float
 
 
 def test_eq_19_by_hand() -> None:
-    """h_m = 0.5, z = 0.4: level 0.1; pitched by 60 degrees 0.3."""
+    """h_m = 0.5, z = 0.4: 0.1 when level, 0.3 when pitched by 60 degrees."""
     assert equations.height(np.array(0.4), 0.5) == pytest.approx(0.1)
     assert equations.height(np.array(0.4), 0.5, np.radians(60)) == pytest.approx(0.3)
 
@@ -168,7 +168,7 @@ def test_eqs_20_and_21_by_hand() -> None:
 
 @pytest.mark.parametrize(("h", "error"), [(20, 11.5), (50, 28.9), (100, 57.7)])
 def test_eqs_20_and_21_about_the_image_centre_are_wrong_by_h_tan_alpha(h: float, error: float) -> None:
-    """The image centre lies H tan(alpha) ahead of the nadir: every height is moved by h tan(alpha), whatever place."""
+    """The image centre lies H tan(alpha) ahead of the nadir: every height is moved by h tan(alpha), at any v."""
     centre = 500 * np.tan(ALPHA)
     for v in (100.0, 400.0):
         about_nadir = equations.ortho_v(np.array(v), np.array(h), 500, 0.0)

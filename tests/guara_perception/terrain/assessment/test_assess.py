@@ -65,7 +65,7 @@ def test_roughness_is_the_standard_deviation_about_the_plane() -> None:
 
 
 def test_sigma_of_the_slope_is_what_noise_makes_of_it() -> None:
-    """Monte Carlo: flat ground with noise; the spread of the fitted gradient is the one predicted."""
+    """Monte Carlo: flat ground with noise; the sigma of the fitted gradient is the one predicted."""
     rng = np.random.default_rng(2)
     sigma = 0.001
     ground = plane(0.5, 0.0, (300, 300)) + rng.normal(0, sigma, (300, 300))
@@ -135,7 +135,7 @@ def test_the_upper_confidence_bound_is_tested(limits: TraversabilityLimits, limi
 
 
 def test_a_height_that_is_too_unsure_is_uncertain(limits: TraversabilityLimits) -> None:
-    """UNCERTAIN stands exactly where the standard deviation exceeds its limit."""
+    """UNCERTAIN is set exactly where the standard deviation exceeds its limit."""
     variance = np.full((40, 40), (0.99 * limits.sigma) ** 2)
     variance[20, 20] = (1.01 * limits.sigma) ** 2
     terrain = gp.assess_terrain(np.zeros((40, 40)), RESOLUTION, variance=variance)
@@ -161,13 +161,13 @@ def test_deeper_than_60_mm_everything_empty_is_traversable(scan_grid: gp.Terrain
     depth_y = (np.minimum(np.arange(ny), ny - 1 - np.arange(ny)) + 0.5) * RESOLUTION
     deep = (depth_y[:, None] > 0.060) & (depth_x[None, :] > 0.060)
     assert (terrain.hazard[deep] == 0).all()
-    # And the border is not free for nothing: half a sole (40 mm) at least.
+    # Half a sole (40 mm) along the border is never free.
     assert (terrain.hazard[:, depth_x < 0.040] == Hazard.EDGE).all()
     assert (terrain.hazard[depth_y < 0.030] == Hazard.EDGE).all()
 
 
 def test_the_sole_must_fit(limits: TraversabilityLimits) -> None:
-    """An unknown cell takes those from which the 80 x 60 mm sole or a test would reach it, and no others."""
+    """EDGE are the cells from which the 80 x 60 mm sole or a test would reach an unknown cell, and no others."""
     ground = np.zeros((80, 80))
     ground[40, 40] = np.nan
     terrain = gp.assess_terrain(ground, RESOLUTION)

@@ -82,7 +82,7 @@ def test_no_filling_of_the_unknown_makes_a_free_cell_unsafe(limits: Traversabili
             hazard = assessed(filled, limits, drift)
             bad = ((hazard & ALL_BUT_EDGE) != 0).astype(np.uint8)
             assert not (free & (cv2.dilate(bad, sole) > 0)).any()
-            # Nor is it called anything else then: losing cells (the filling taken away) frees none.
+            # Nor has it any flag then: losing cells (the filling taken away) frees none.
             assert not (free & (hazard != 0)).any()
     assert free_cells > 60 * GRIDS
 
@@ -103,7 +103,7 @@ def test_losing_cells_never_frees_another_whatever_the_drift(seed: int) -> None:
 
 
 def test_a_narrower_window_would_be_broken(limits: TraversabilityLimits) -> None:
-    """The adversary is no straw man: with the discs of the rim left out of the window he finds free cells to break."""
+    """The fillings are hard enough: with the discs of the rim left out of the window they make free cells unsafe."""
     rng = np.random.default_rng(11)
     broken = 0
     sole = np.ones([2 * half_cells(n, RESOLUTION) + 1 for n in (limits.sole_width, limits.sole_length)], np.uint8)
@@ -165,8 +165,8 @@ def test_a_cell_that_drifted_far_keeps_further_from_a_hazard(limits: Traversabil
 
 @pytest.mark.slow
 @pytest.mark.parametrize("most", [1, 3, LARGEST_DRIFT_CELLS])
-def test_ground_that_lies_aside_of_where_the_map_has_it(limits: TraversabilityLimits, most: int) -> None:
-    """150 grounds, moved under the map by as much as it allows for: by one cell nothing that the truth refuses is free.
+def test_ground_that_moved_sideways_under_the_map(limits: TraversabilityLimits, most: int) -> None:
+    """150 grounds, moved under the map as far as its drift allows: by one cell, no cell that the truth refuses is free.
 
     By more, up to the largest drift, nothing that rises or falls too much and nothing unknown comes under the sole.
     """
@@ -179,13 +179,13 @@ def test_ground_that_lies_aside_of_where_the_map_has_it(limits: TraversabilityLi
         sigmas = rng.integers(0, most + 1, 2) if most > 1 else np.ones(2, int)
         angle = rng.uniform(0, 2 * np.pi)
         # Anywhere within the ellipse of the sigmas; for one cell into the corners too.
-        by = np.trunc(sigmas * [np.sin(angle), np.cos(angle)]).astype(int) if most > 1 else rng.integers(-1, 2, 2)
+        shift = np.trunc(sigmas * [np.sin(angle), np.cos(angle)]).astype(int) if most > 1 else rng.integers(-1, 2, 2)
         drift = np.full((*heights.shape, 2), sigmas)
         free = assessed(heights, limits, drift) == 0
-        true = np.roll(heights, by, (0, 1))
+        true = np.roll(heights, shift, (0, 1))
         known = np.isfinite(true)
         free_cells += int(free.sum())
-        moved_cells += int(free.sum()) if by.any() else 0
+        moved_cells += int(free.sum()) if shift.any() else 0
         lowest, highest = np.where(known, true, 1e3), np.where(known, true, -1e3)
         # Against a plane: the ground of the grids is tilted by up to 0.1.
         relief = cv2.dilate(highest, sole) - cv2.erode(lowest, sole) - 0.15 * np.hypot(*sole.shape) * RESOLUTION

@@ -12,7 +12,7 @@ from tests.thorough import examples
 @given(st.integers(1, 40), st.floats(0.0, 1.0), st.integers(0, 1000))
 @settings(max_examples=examples(60), derandomize=True)
 def test_as_numpy_to_the_last_bit(size: int, share: float, seed: int) -> None:
-    """Of rows and of single arrays, at any share."""
+    """Quantiles of rows and of single arrays, at any share."""
     values = np.random.default_rng(seed).normal(size=(3, size))
     np.testing.assert_array_equal(quantile(values, share), np.quantile(values, share, axis=-1))
     assert quantile(values[0], share) == np.quantile(values[0], share)

@@ -31,14 +31,14 @@ def cloud(seed: int, n: int = 200) -> np.ndarray:
     return points
 
 
-@given(seed=st.integers(0, 10_000), parts=st.integers(1, 5))
+@given(seed=st.integers(0, 10_000), swaths=st.integers(1, 5))
 @settings(max_examples=examples(40), deadline=None, derandomize=True)
-def test_mean_of_the_top_layer(seed: int, parts: int) -> None:
-    """Cell by cell: lowest and highest of all samples, mean of those of the top layer of each part."""
+def test_mean_of_the_top_layer(seed: int, swaths: int) -> None:
+    """Cell by cell: lowest and highest of all samples, mean of those of the top layer of each swath."""
     points = cloud(seed)
-    points[:, 2] = np.round(points[:, 2] / 0.02) * 0.02  # layers well apart: parts cannot split a layer
+    points[:, 2] = np.round(points[:, 2] / 0.02) * 0.02  # layers well apart: swaths cannot split a layer
     variance = np.full(len(points), 1e-6)
-    pieces = np.array_split(np.arange(len(points)), parts)
+    pieces = np.array_split(np.arange(len(points)), swaths)
     raster = merge([rasterise(points[i], variance[i], GRID) for i in pieces], GRID)
     for iy in range(6):
         for ix in range(8):
@@ -59,16 +59,16 @@ def test_mean_of_the_top_layer(seed: int, parts: int) -> None:
 
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=examples(20), deadline=None, derandomize=True)
-def test_parts_together_are_the_parts_alone(seed: int) -> None:
+def test_swaths_together_are_the_swaths_alone(seed: int) -> None:
     """Several sets of samples at once, in runs that are mixed; one empty, one beside the grid: each as if alone."""
     random = np.random.default_rng(seed)
     points = [cloud(seed), np.empty((0, 3)), cloud(seed + 1, 50), cloud(seed + 2) + (9.0, 0.0, 0.0), cloud(seed + 3)]
     points[4][:, 0] += 0.02
-    runs = [(part, run) for part, each in enumerate(points) for run in np.array_split(each, random.integers(1, 4))]
+    runs = [(swath, run) for swath, each in enumerate(points) for run in np.array_split(each, random.integers(1, 4))]
     runs = sorted((run for run in runs if len(run[1])), key=lambda run: (len(run[1]) % 3, run[0]))
     every = np.concatenate([run for _, run in runs])
-    samples = SurfaceSamples(every.T.copy(), np.full(len(every), 1e-6), [(part, len(run)) for part, run in runs])
-    order = [[run for number, run in runs if number == part] for part in range(len(points))]
+    samples = SurfaceSamples(every.T.copy(), np.full(len(every), 1e-6), [(swath, len(run)) for swath, run in runs])
+    order = [[run for number, run in runs if number == swath] for swath in range(len(points))]
     for together, each in zip(rasterise_swaths(samples, len(points), GRID), order, strict=True):
         alone = rasterise(np.concatenate([np.empty((0, 3)), *each]), np.full(sum(map(len, each)), 1e-6), GRID)
         for name in ("cell", "total", "count", "variance_total", "low", "high"):
@@ -76,15 +76,15 @@ def test_parts_together_are_the_parts_alone(seed: int) -> None:
             assert getattr(together, name).dtype == getattr(alone, name).dtype
 
 
-def test_no_part_at_all() -> None:
-    """Parts without a run have no cells."""
+def test_no_swath_at_all() -> None:
+    """Swaths without a run have no cells."""
     nothing = SurfaceSamples(np.empty((3, 0)), np.empty(0), [])
     assert rasterise_swaths(nothing, 0, GRID) == []
     assert [swath.cell.size for swath in rasterise_swaths(nothing, 2, GRID)] == [0, 0]
 
 
 def test_a_point_unknown_in_one_coordinate_is_left_out() -> None:
-    """Whichever coordinate is NaN, the others of the cell are as without it."""
+    """Whichever coordinate is NaN, the other points of the cell are as without it."""
     points = np.tile([0.512, -0.262, 0.01], (4, 1))
     points[0, 0] = points[1, 1] = points[2, 2] = np.nan
     raster = merge([rasterise(points, np.full(4, 1e-6), GRID)], GRID)
@@ -104,7 +104,7 @@ def test_cells_are_those_of_the_geometry() -> None:
 
 
 def test_nothing_gives_nothing() -> None:
-    """No part, and parts without a sample inside the grid."""
+    """No swath, and swaths without a sample inside the grid."""
     outside = rasterise(np.array([[9.0, 9.0, 0.0], [np.nan, 0, 0]]), np.zeros(2), GRID)
     for raster in (merge([], GRID), merge([outside], GRID)):
         assert np.isnan(raster.elevation).all()

@@ -1,4 +1,4 @@
-"""Layers that are judged again where something changed are those that are judged at once, to the bit."""
+"""Layers judged again only where something changed equal those judged at once, bit by bit."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def ground(random: np.random.Generator) -> tuple[Raster, np.ndarray]:
 @given(st.integers(0, 100_000))
 @settings(max_examples=examples(80), deadline=None, derandomize=True)
 def test_judged_again_as_judged_at_once(seed: int) -> None:
-    """Some columns change, of one layer or all, or of the flags alone, or none do; time after time."""
+    """Several times some columns change, in one layer or all, or in the flags alone, or none do."""
     random = np.random.default_rng(seed)
     limits = TraversabilityLimits(
         **{

@@ -28,7 +28,7 @@ def terrain(make_scan) -> gp.TerrainGrid:
 
 
 def test_repr_says_what_the_grid_holds_in_three_lines(terrain):
-    """Extent, cells, place, shares, heights and the commonest hazards; no arrays."""
+    """Extent, cells, area, shares, heights and the commonest hazards; no arrays."""
     lines = repr(terrain).splitlines()
     assert len(lines) == 3
     assert lines[0] == (
@@ -114,7 +114,7 @@ def test_completion_offers_the_layers(terrain):
     assert {"elevation", "hazard", "plot", "best_foothold"} <= set(dir(terrain))
 
 
-def test_what_cannot_be_drawn_is_refused_in_words(terrain):
+def test_what_cannot_be_drawn_is_refused(terrain):
     """An array in place of a layer's name, and the None of `best_foothold`."""
     with pytest.raises(gp.InvalidInput, match=r"layer is a ndarray, allowed: elevation.*on the axes that plot gives"):
         terrain.plot(terrain.hazard == 0)

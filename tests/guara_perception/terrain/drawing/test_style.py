@@ -70,13 +70,13 @@ def test_layers_are_drawn_x_up_and_y_left() -> None:
     axes[0, 0].set_axis_off()
     figure.canvas.draw()
     pixels = np.asarray(figure.canvas.buffer_rgba())[:, :, 0]
-    # The axes are white paper around, the picture black but for one cell: find the picture by its black part.
+    # The axes are white paper around, the picture black but for one cell: find the picture by its black pixels.
     rows, columns = np.nonzero(pixels < 100)
-    cell = pixels[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
-    height, width = cell.shape
-    assert cell[height // 6, width // 4] > 200
-    assert cell[height // 6, 3 * width // 4] < 100
-    assert cell[5 * height // 6, width // 4] < 100
+    crop = pixels[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+    height, width = crop.shape
+    assert crop[height // 6, width // 4] > 200
+    assert crop[height // 6, 3 * width // 4] < 100
+    assert crop[5 * height // 6, width // 4] < 100
 
 
 def test_figures_are_saved_whole(tmp_path) -> None:

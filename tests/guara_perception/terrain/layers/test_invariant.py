@@ -1,4 +1,4 @@
-"""The safety invariant: what is lost never makes anything safe, and no unsafe grid leaves."""
+"""The safety invariant: what is lost never makes anything safe, and no unsafe grid is made."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PROPERTY = settings(max_examples=examples(60), deadline=None, derandomize=True)
 
 
 def heights(seed: int, shape: tuple[int, int], roughness: float, step: float) -> np.ndarray:
-    """Random ground: a tilted plane with noise, a box and, as likely as not, a trench."""
+    """Random ground: a tilted plane with noise and a box, or a trench where `step` is negative."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[: shape[0], : shape[1]] * RESOLUTION
     ground = rng.uniform(-0.3, 0.3) * x + rng.uniform(-0.3, 0.3) * y + rng.normal(0, roughness, shape)
@@ -136,15 +136,15 @@ def test_losing_cells_far_away_changes_no_bit(radius: float) -> None:
         np.testing.assert_array_equal(before.layer(name)[30:, :30], after.layer(name)[30:, :30])
 
 
-def test_bands_of_a_large_grid_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A grid judged in many bands of rows equals the same grid judged at once."""
+def test_blocks_of_a_large_grid_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A grid judged in many blocks of rows equals the same grid judged at once."""
     elevation = heights(5, (120, 40), 1e-3, 0.05)
     elevation[50:53, 10:12] = np.nan
     whole = gp.assess_terrain(elevation, RESOLUTION, limits=LIMITS)
-    monkeypatch.setattr("guara_perception.terrain.assessment.assess.BAND_CELLS", 1)
-    banded = gp.assess_terrain(elevation, RESOLUTION, limits=LIMITS)
+    monkeypatch.setattr("guara_perception.terrain.assessment.assess.BLOCK_CELLS", 1)
+    in_blocks = gp.assess_terrain(elevation, RESOLUTION, limits=LIMITS)
     for name, layer in whole.layers.items():
-        np.testing.assert_array_equal(layer, banded.layer(name), err_msg=name)
+        np.testing.assert_array_equal(layer, in_blocks.layer(name), err_msg=name)
 
 
 def test_unknown_ground_is_not_safe_however_large_the_cells_are() -> None:
@@ -172,8 +172,8 @@ def test_unknown_ground_is_not_safe_however_large_the_cells_are() -> None:
         ("hazard", Hazard.DROPOUT, "NaN without an unknown flag"),
     ],
 )
-def test_a_broken_rule_is_refused_with_its_place(layer: str, value: float, message: str) -> None:
-    """One wrong value in one cell is refused; the message names rule, count and place."""
+def test_a_broken_rule_is_refused_with_its_cell(layer: str, value: float, message: str) -> None:
+    """One wrong value in one cell is refused; the message names the rule, the number of cells and the first of them."""
     layers = {name: np.array(array) for name, array in flat().layers.items()}
     layers[layer][20, 25] = value
     with pytest.raises(gp.UnsafeGrid, match=message) as caught:
@@ -214,7 +214,7 @@ def test_missing_or_wrong_layers_are_refused(name: str, array: np.ndarray | None
 
 
 def flat() -> gp.TerrainGrid:
-    """A flat grid with safe cells in its middle."""
+    """A flat grid with safe cells at its centre."""
     return gp.assess_terrain(np.zeros((40, 40)), RESOLUTION, limits=LIMITS)
 
 

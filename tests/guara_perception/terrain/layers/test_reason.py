@@ -16,6 +16,6 @@ from guara_perception.terrain.layers.reason import Reason
         (Reason("reach", float("nan"), 0.0, "rad"), "reach impossible"),
     ],
 )
-def test_words(reason: Reason, expected_text: str):
+def test_text(reason: Reason, expected_text: str):
     """A value that does not exist is not printed as nan."""
     assert str(reason) == expected_text

@@ -1,4 +1,4 @@
-"""Where scans were taken, in odom, how sure that is, and flags within a box."""
+"""Poses of scans in odom, their covariance, and flags within a box."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from kinematics import RobotModel
 
 MakeScan = Any
 ZERO = np.zeros((6, 6))
-# A point in the middle of a scan taken at the origin, in odom.
-PLACE = (0.7025, 0.0025)
+# A point at the centre of a scan taken at the origin, in odom.
+POINT = (0.7025, 0.0025)
 
 
 def at(x: float = 0.0, y: float = 0.0, yaw: float = 0.0, z: float = 0.0) -> np.ndarray:

@@ -12,11 +12,11 @@ import guara_perception as gp
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.hazard import Hazard
 from kinematics import RobotModel
-from tests.guara_perception.terrain.map.poses import AROUND, PLACE, ZERO, MakeScan, at, drift, only, stance_metadata
+from tests.guara_perception.terrain.map.poses import AROUND, POINT, ZERO, MakeScan, at, drift, only, stance_metadata
 
 
 def test_soles_make_ground_known_that_no_scan_saw(robot: RobotModel, make_scan: MakeScan) -> None:
-    """Under each sole z = 0 is known, with looks 0; a step away nothing is; no such cell is traversable by itself."""
+    """Under each sole z = 0 is known, with looks 0; 50 mm aside nothing is; no such cell is traversable by itself."""
     fused = gp.TerrainMap(robot).update(make_scan(0.0, metadata=stance_metadata(robot)), at(), ZERO)
     for x in (-0.3, 0.3):
         for y in (-0.18, 0.18):
@@ -58,7 +58,7 @@ def test_a_sole_that_stands_far_off_is_not_used_but_named(robot: RobotModel, mak
 
 
 def test_declared_ground_is_known_and_marked(robot: RobotModel, make_scan: MakeScan, scan_grid: Any) -> None:
-    """Inside the polygon only, at its height and sigma, looks 0, listed in the metadata; a scan's word counts more."""
+    """Inside the polygon only, at its height and sigma, looks 0, listed in the metadata; a scan counts more."""
     ground = gp.KnownGround(np.array([[-0.5, -0.3], [0.45, -0.3], [0.45, 0.3], [-0.5, 0.3]]), 0.0, 0.002)
     dark = only(Hazard.DROPOUT, scan_grid, AROUND)
     fused = gp.TerrainMap(robot).update(make_scan(0.0, flags=dark), at(), ZERO, known_ground=[ground])
@@ -75,7 +75,7 @@ def test_declared_ground_is_known_and_marked(robot: RobotModel, make_scan: MakeS
     everywhere = gp.KnownGround(np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]), 0.05, 0.0)
     over = gp.TerrainMap(robot).update(make_scan(0.0, flags=dark), at(), ZERO, known_ground=[everywhere])
     assert over.height_at(0.6, 0.1) == 0.0
-    assert over.hazard_at(*PLACE) & Hazard.DROPOUT
+    assert over.hazard_at(*POINT) & Hazard.DROPOUT
 
 
 def test_declared_ground_that_a_scan_contradicts_is_a_conflict(robot: RobotModel, make_scan: MakeScan) -> None:
@@ -84,8 +84,8 @@ def test_declared_ground_that_a_scan_contradicts_is_a_conflict(robot: RobotModel
     nothing = np.full((108, 90), np.uint16(Hazard.UNSCANNED))
     ground = gp.KnownGround(np.array([[0.5, -0.2], [0.9, -0.2], [0.9, 0.2], [0.5, 0.2]]), 0.0, 0.001)
     terrain_map.update(make_scan(0.0, flags=nothing), at(), ZERO, known_ground=[ground])
-    assert terrain_map.update(make_scan(0.03, step=1), at(), ZERO).hazard_at(*PLACE) & Hazard.CONFLICT
-    assert terrain_map.update(make_scan(0.03, step=2), at(), ZERO).height_at(*PLACE) == pytest.approx(0.03, abs=1e-4)
+    assert terrain_map.update(make_scan(0.03, step=1), at(), ZERO).hazard_at(*POINT) & Hazard.CONFLICT
+    assert terrain_map.update(make_scan(0.03, step=2), at(), ZERO).height_at(*POINT) == pytest.approx(0.03, abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_invalid_known_ground_is_refused(outline: Any, height: float, sigma: flo
         gp.KnownGround(np.array([[0, 0], [1, 0], [1, 1]]), 0.0, -1.0)
 
 
-def test_ground_declared_far_and_wide_costs_no_more_than_the_map(robot: RobotModel, make_scan: MakeScan) -> None:
+def test_ground_declared_over_a_wide_area_costs_no_more_than_the_map(robot: RobotModel, make_scan: MakeScan) -> None:
     """A square kilometre: the map takes what lies in its window, with the memory of that."""
     terrain_map = gp.TerrainMap(robot)
     whole = gp.KnownGround([(-500.0, -500.0), (500.0, -500.0), (500.0, 500.0), (-500.0, 500.0)], 0.0, 0.002)

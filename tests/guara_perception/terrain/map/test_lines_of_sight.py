@@ -84,8 +84,8 @@ def test_bounds_hold_wherever_the_laser_light_starts_to_spread(
 ) -> None:
     """No bound by light lies under the lowest light that truly passes over its cell.
 
-    The light of a lens this far behind the mirror passes over a cell from another place of the ground than that of a
-    lens on it; cells of which that place was not seen have no bound by light.
+    The light of a lens this far behind the mirror passes over a cell from another point of the ground than that of a
+    lens on it; cells of which that point was not seen have no bound by light.
     """
     origin = np.array([0.6, 0.0, 0.47])
     aside = np.abs(make_scan(0.0).geometry.centres()[1])
@@ -188,7 +188,7 @@ def test_a_height_that_is_uncertain_proves_no_way(
         assert np.isfinite(sight.ceiling(fused).height[hole]).sum() == count
 
 
-def test_who_saw_less_bounds_less(robot: RobotModel, make_scan: MakeScan, where: dict[str, object]) -> None:
+def test_a_scan_that_saw_less_bounds_less(robot: RobotModel, make_scan: MakeScan, where: dict[str, object]) -> None:
     """Losing cells of a scan never lowers a bound and never makes one."""
     rng = np.random.default_rng(5)
     heights = 0.04 * (rng.random((11, 9)) < 0.15).repeat(10, 0).repeat(10, 1)[:108, :90]
@@ -236,7 +236,7 @@ def test_no_bound_is_left_where_something_higher_was_seen_since(
     terrain_map, sight = sight_of(robot)
     heights = np.zeros(make_scan(0.0).shape)
     heights[HOLE] = between
-    # Other ground is not seen again, so that no newer light passes over the place.
+    # Other ground is not seen again, so that no newer light passes over the box.
     elsewhere = np.full(heights.shape, Hazard.UNSCANNED, np.uint16)
     elsewhere[HOLE] = 0
     for step, terrain in enumerate(
@@ -261,7 +261,7 @@ def test_no_bound_is_left_where_something_higher_was_seen_since(
 def test_each_cell_is_moved_by_what_it_may_have_drifted_itself(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
 ) -> None:
-    """A wrong heading moves aside what is far, less what is near: of a strip that was seen more stays bounded there."""
+    """A wrong heading moves far ground aside more than near ground, where more of a strip seen stays bounded."""
     terrain_map, sight = sight_of(robot)
     flags = np.full(make_scan(0.0).shape, Hazard.UNSCANNED, np.uint16)
     flags[40:68] = 0
@@ -283,7 +283,7 @@ def test_each_cell_is_moved_by_what_it_may_have_drifted_itself(
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, *further(2)])
 def test_on_a_walk_that_drifts_the_truth_is_below_the_bounds(robot: RobotModel, seed: int) -> None:
-    """Boxes, dark ground and hidden places; every bounded unknown cell, at five places each (0 broken by over 5 mm)."""
+    """Boxes, dark and hidden ground: no bound of an unknown cell is broken by over 5 mm, at five points of each."""
     ground, bounded = Ground.random(seed), 0
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
     sight = gp.LinesOfSight(terrain_map)

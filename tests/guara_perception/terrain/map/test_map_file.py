@@ -1,4 +1,4 @@
-"""A map saved in the middle of a walk goes on as if there had been no break; damaged files are refused."""
+"""A map saved during a walk goes on as if there had been no break; damaged files are refused."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from kinematics import RobotModel
 MakeScan = Callable[..., gp.TerrainGrid]
 
 
-def step_on(terrain_map: gp.TerrainMap, make_scan: MakeScan, step: int) -> gp.TerrainGrid:
-    """One pause of a walk over rough ground with an unknown patch, half a stride further each time."""
+def add_pause(terrain_map: gp.TerrainMap, make_scan: MakeScan, step: int) -> gp.TerrainGrid:
+    """One pause of a walk over rough ground with an unknown patch, half a cycle further each time."""
     rng = np.random.default_rng(step)
     transform = np.eye(4)
     transform[:2, 3] = 0.07 * step, 0.003 * step
@@ -29,15 +29,15 @@ def step_on(terrain_map: gp.TerrainMap, make_scan: MakeScan, step: int) -> gp.Te
 
 @pytest.mark.slow
 def test_a_loaded_map_goes_on_bit_for_bit(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
-    """Four pauses, saved, loaded, four more: the same bytes and metadata as eight pauses in one go."""
+    """Four pauses, saved, loaded, four more: the same bytes and metadata as eight pauses without a break."""
     whole, first = gp.TerrainMap(robot), gp.TerrainMap(robot)
     for step in range(4):
-        step_on(whole, make_scan, step)
-        step_on(first, make_scan, step)
+        add_pause(whole, make_scan, step)
+        add_pause(first, make_scan, step)
     first.save(tmp_path / "map.npz")
     again = gp.TerrainMap.load(tmp_path / "map.npz")
     for step in range(4, 8):
-        expected, found = step_on(whole, make_scan, step), step_on(again, make_scan, step)
+        expected, found = add_pause(whole, make_scan, step), add_pause(again, make_scan, step)
         for name, layer in expected.layers.items():
             np.testing.assert_array_equal(layer, found.layer(name), err_msg=name)
         assert dict(expected.metadata) == dict(found.metadata)
@@ -46,14 +46,14 @@ def test_a_loaded_map_goes_on_bit_for_bit(robot: RobotModel, make_scan: MakeScan
 def test_a_map_of_no_scan_can_be_saved(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
     """Before the first pause there is nothing, and it comes back."""
     gp.TerrainMap(robot).save(tmp_path / "map.npz")
-    fused = step_on(gp.TerrainMap.load(tmp_path / "map.npz", robot), make_scan, 0)
+    fused = add_pause(gp.TerrainMap.load(tmp_path / "map.npz", robot), make_scan, 0)
     assert (fused.traversability > 0).any()
 
 
 def test_what_is_no_map_is_refused(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
     """A missing file, a text, a grid, a cut file, a map whose memory was tampered with."""
     terrain_map = gp.TerrainMap(robot)
-    step_on(terrain_map, make_scan, 0)
+    add_pause(terrain_map, make_scan, 0)
     good = tmp_path / "map.npz"
     terrain_map.save(good)
     with pytest.raises(gp.MissingFile, match="no such file"):

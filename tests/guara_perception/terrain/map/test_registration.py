@@ -1,4 +1,4 @@
-"""Scan-to-map registration: takes a known shift off where the ground shows it, leaves the rest to odometry."""
+"""Scan-to-map registration: takes a known shift off where the ground shows it; elsewhere odometry decides."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ SINCE_LAST = np.diag([0.002**2, 0.002**2, 0.001**2, 1e-8, 1e-8, 0.002**2])
 
 
 def bumps(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Smooth ground that shows where one is, in x and in y."""
+    """Smooth ground that shows the position, in x and in y."""
     return np.asarray(0.012 * np.sin(40 * x) * np.cos(35 * y) + 0.008 * np.sin(23 * x + 31 * y))
 
 
 def seen_from(
     make_scan: MakeScan, shift: tuple[float, float], step: int, *, flat: bool = False, stripes: bool = False
 ) -> gp.TerrainGrid:
-    """A scan of the bumps by a robot that stands aside by `shift` of where odometry says."""
+    """A scan of the bumps by a robot that stands `shift` away from where odometry says."""
     metadata = {"stripes_planned": 70} if stripes else {}
     grid = make_scan(0.0).geometry
     x, y = np.meshgrid(*grid.centres())
@@ -40,7 +40,7 @@ def correction(terrain: gp.TerrainGrid) -> np.ndarray:
 def test_a_shift_that_the_ground_shows_is_taken_off(
     robot: RobotModel, make_scan: MakeScan, shift: tuple[float, float]
 ) -> None:
-    """Odometry says that the robot stood still; it stands aside: most is taken off, the prior holds the rest."""
+    """Odometry says that the robot stood still, but it moved: most of that is taken off, the prior holds the rest."""
     terrain_map = gp.TerrainMap(robot)
     terrain_map.update(seen_from(make_scan, (0, 0), 0), np.eye(4), np.zeros((6, 6)), covariance_since_last=SINCE_LAST)
     fused = terrain_map.update(seen_from(make_scan, shift, 1), np.eye(4), SINCE_LAST, covariance_since_last=SINCE_LAST)
@@ -49,8 +49,8 @@ def test_a_shift_that_the_ground_shows_is_taken_off(
     assert max(fused.metadata["sideways_correction_sigma"][:2]) < 0.0015
 
 
-def test_level_ground_leaves_it_to_odometry(robot: RobotModel, make_scan: MakeScan) -> None:
-    """Where nothing shows where one is, nothing is corrected, and the sigma grows with that of the motion."""
+def test_on_level_ground_odometry_decides(robot: RobotModel, make_scan: MakeScan) -> None:
+    """Where nothing shows the position, nothing is corrected, and the sigma grows with that of the motion."""
     terrain_map = gp.TerrainMap(robot)
     for step in range(3):
         fused = terrain_map.update(
@@ -65,9 +65,9 @@ def test_level_ground_leaves_it_to_odometry(robot: RobotModel, make_scan: MakeSc
 
 @pytest.mark.slow
 def test_seams_of_the_map_are_no_ground(robot: RobotModel) -> None:
-    """Where scans end that were a little off in height the map has steps; on level ground they must move nothing.
+    """Scans that are a little off in height leave steps where they end; on level ground these must move nothing.
 
-    A walk with noise in joints, contacts and gravity; before, a part of it crept by centimetres.
+    A walk with noise in joints, contacts and gravity, on which such steps once moved the map by centimetres.
     """
     ground = LevelGround(np.empty((0, 5)), np.empty((0, 3)), np.zeros((3, 2)))
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
@@ -83,8 +83,8 @@ def test_seams_of_the_map_are_no_ground(robot: RobotModel) -> None:
     assert np.abs(correction(fused)[:2]).max() < 5e-4
 
 
-def test_across_its_stripes_a_scan_is_left_to_odometry(robot: RobotModel, make_scan: MakeScan) -> None:
-    """They show where one is along them alone: across them an edge lies up to their spacing off, always alike."""
+def test_across_the_stripes_of_a_scan_odometry_decides(robot: RobotModel, make_scan: MakeScan) -> None:
+    """Stripes show the position only along them: across, an edge may be off by their spacing, in each scan alike."""
     terrain_map = gp.TerrainMap(robot)
     for step, shift in enumerate(((0.0, 0.0), (0.003, 0.003))):
         fused = terrain_map.update(

@@ -63,16 +63,16 @@ def test_memory_is_bounded_and_what_is_older_has_drifted_as_much_as_the_oldest()
 
 @settings(max_examples=examples(50), deadline=None)
 @given(st.integers(0, 10_000))
-def test_what_an_overlap_takes_off_is_taken_off_where_it_tells(seed: int) -> None:
-    """Nothing without an overlap, all in what it shows exactly; never more than before, never a negative variance."""
+def test_an_overlap_takes_off_only_what_it_shows(seed: int) -> None:
+    """Without an overlap all growth is kept, along what it shows exactly none; never more, never below zero."""
     rng = np.random.default_rng(seed)
     prior = covariance(rng) + np.diag([1e-8, 1e-8, 1e-9])
     added = covariance(rng)
     np.testing.assert_allclose(kept_growth(added, prior, prior), added, rtol=1e-5, atol=1e-13)
     row = rng.normal(0, 1, (1, 3))
     gain = prior @ row.T / (row @ prior @ row.T + 1e-6)
-    left = prior - gain @ row @ prior
-    kept = kept_growth(added, prior, left)
+    posterior = prior - gain @ row @ prior
+    kept = kept_growth(added, prior, posterior)
     assert np.linalg.eigvalsh(kept)[0] > -1e-12
     whitened = np.linalg.inv(np.linalg.cholesky(prior))
     assert np.trace(whitened @ kept @ whitened.T) <= np.trace(whitened @ added @ whitened.T) * (1 + 1e-6)
@@ -100,7 +100,7 @@ def test_a_walk_is_laid_onto_the_map_at_every_pause_or_at_none(
 
 
 @pytest.mark.parametrize("change", [{"pauses": [2, 1]}, {"total": [np.eye(3).tolist(), np.zeros((3, 3)).tolist()]}])
-def test_drift_that_shrinks_is_no_drift(change: dict[str, Any]) -> None:
+def test_drift_that_shrinks_is_refused(change: dict[str, Any]) -> None:
     """A file that says so would take the margins of the map away."""
     drift = SidewaysDrift(np.array([1, 2]), np.array([np.zeros((3, 3)), np.eye(3)]))
     kept = SidewaysDrift.of_fields(Fields(drift.to_fields(), "map.npz"))

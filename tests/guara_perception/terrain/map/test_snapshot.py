@@ -1,4 +1,4 @@
-"""A cell of a view of the rolling map holds what all cells of the memory hold that it touches, at any rotation."""
+"""A cell of a view of the rolling map holds what all the map's cells that it touches hold, at any rotation."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def memory_of_a_walk(seed: int, reach: float) -> OdomCells:
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3, np.pi / 4, -2.0])
 @pytest.mark.parametrize("reach", [0.5, 0.12], ids=["inside", "reaching out of the window"])
-def test_each_cell_holds_what_all_cells_hold_that_it_touches(
+def test_each_cell_holds_what_the_cells_that_it_touches_hold(
     robot: RobotModel, make_scan: Any, yaw: float, reach: float
 ) -> None:
     """Their flags joined, their lowest and highest sample, and the height of the one under its centre."""

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from kinematics import RobotModel
-from tests.guara_perception.terrain.map.poses import AROUND, PLACE, ZERO, MakeScan, at, drift, only
+from tests.guara_perception.terrain.map.poses import AROUND, POINT, ZERO, MakeScan, at, drift, only
 from tests.thorough import examples, further
 
 
@@ -56,7 +56,7 @@ def test_what_is_taken_back_leaves_no_trace(robot: RobotModel, make_scan: MakeSc
         scan = make_scan(rng.normal(0, 0.003, (108, 90)), step=step, flags=rng.choice([0, 1, 4], p=[0.9, 0.05, 0.05]))
         ground = [gp.KnownGround([(0, -0.1), (0.4, -0.1), (0.4, 0.1)], 0.0, 0.002)] if step % 3 == 1 else []
         if step % 3 == 1:
-            # The robot moved during this one.
+            # The robot moved during this scan.
             with_trace.keep()
             with_trace.update(scan, poses[step], drift(0.001 * step), known_ground=ground)
             with_trace.take_back()
@@ -98,15 +98,15 @@ def test_a_contradicting_look_is_a_conflict_until_two_agree(robot: RobotModel, m
     terrain_map = gp.TerrainMap(robot)
     terrain_map.update(make_scan(0.0), at(), ZERO)
     disputed = terrain_map.update(make_scan(0.020, step=1), at(), ZERO)
-    assert disputed.hazard_at(*PLACE) & Hazard.CONFLICT
-    assert not disputed.is_traversable(*PLACE)
-    iy, ix = (int(i) for i in disputed.geometry.indices(*PLACE))
+    assert disputed.hazard_at(*POINT) & Hazard.CONFLICT
+    assert not disputed.is_traversable(*POINT)
+    iy, ix = (int(i) for i in disputed.geometry.indices(*POINT))
     assert disputed.elevation_min[iy, ix] == 0.0
     assert disputed.elevation_max[iy, ix] == np.float32(0.020)
     assert disputed.metadata["disagreeing_cells"] > 9000
     settled = terrain_map.update(make_scan(0.020, step=2), at(), ZERO)
-    assert settled.hazard_at(*PLACE) == Hazard.NONE
-    assert settled.height_at(*PLACE) == pytest.approx(0.020, abs=1e-4)
+    assert settled.hazard_at(*POINT) == Hazard.NONE
+    assert settled.height_at(*POINT) == pytest.approx(0.020, abs=1e-4)
     assert settled.elevation_min[iy, ix] == pytest.approx(0.020, abs=1e-4)
 
 
@@ -115,7 +115,7 @@ def test_alternating_looks_stay_a_conflict(robot: RobotModel, make_scan: MakeSca
     terrain_map = gp.TerrainMap(robot)
     for step, height in enumerate((0.0, 0.020, 0.0, 0.020)):
         fused = terrain_map.update(make_scan(height, step=step), at(), ZERO)
-        assert bool(fused.hazard_at(*PLACE) & Hazard.CONFLICT) == (step > 0)
+        assert bool(fused.hazard_at(*POINT) & Hazard.CONFLICT) == (step > 0)
 
 
 @pytest.mark.parametrize("flag", [Hazard.DROPOUT, Hazard.AMBIGUOUS, Hazard.OUT_OF_RANGE])
@@ -127,11 +127,11 @@ def test_a_look_without_return_wins_over_what_was_known(
     for step in range(3):
         terrain_map.update(make_scan(0.0, step=step), at(), ZERO)
     lost = terrain_map.update(make_scan(0.0, flags=only(flag, scan_grid, AROUND), step=3), at(), ZERO)
-    assert lost.hazard_at(*PLACE) & flag
-    assert np.isnan(lost.height_at(*PLACE))
+    assert lost.hazard_at(*POINT) & flag
+    assert np.isnan(lost.height_at(*POINT))
     back = terrain_map.update(make_scan(0.002, step=4), at(), ZERO)
-    assert back.height_at(*PLACE) == pytest.approx(0.002)
-    iy, ix = (int(i) for i in back.geometry.indices(*PLACE))
+    assert back.height_at(*POINT) == pytest.approx(0.002)
+    iy, ix = (int(i) for i in back.geometry.indices(*POINT))
     assert back.looks[iy, ix] == 1
 
 
@@ -145,8 +145,8 @@ def test_not_looked_at_keeps_the_height_and_ages_it(
     hidden = only(flag, scan_grid, AROUND)
     for step in (1, 2, 3):
         fused = terrain_map.update(make_scan(0.003, flags=hidden, step=step), at(), ZERO)
-        iy, ix = (int(i) for i in fused.geometry.indices(*PLACE))
-        assert fused.height_at(*PLACE) == pytest.approx(0.003)
+        iy, ix = (int(i) for i in fused.geometry.indices(*POINT))
+        assert fused.height_at(*POINT) == pytest.approx(0.003)
         assert fused.age[iy, ix] == step
         assert fused.looks[iy, ix] == 1
 
@@ -161,7 +161,7 @@ def test_a_lost_frame_counts_as_looked_at(robot: RobotModel, make_scan: MakeScan
         terrain_map = gp.TerrainMap(robot)
         terrain_map.update(make_scan(0.0), at(), ZERO)
         fused = terrain_map.update(make_scan(0.0, flags=unscanned, step=1, metadata=metadata), at(), ZERO)
-        assert fused.hazard_at(*PLACE) & Hazard.DROPOUT == expected
+        assert fused.hazard_at(*POINT) & Hazard.DROPOUT == expected
 
 
 @pytest.mark.slow
@@ -195,9 +195,9 @@ def test_occluded_ground_fills_in(robot: RobotModel, make_scan: MakeScan, scan_g
     terrain_map = gp.TerrainMap(robot)
     hidden = only(Hazard.OCCLUDED, scan_grid, AROUND)
     first = terrain_map.update(make_scan(0.0, flags=hidden), at(), ZERO)
-    assert first.hazard_at(*PLACE) & Hazard.OCCLUDED
+    assert first.hazard_at(*POINT) & Hazard.OCCLUDED
     second = terrain_map.update(make_scan(0.0, step=1), at(0.035), ZERO)
-    assert second.height_at(PLACE[0] - 0.035, PLACE[1]) == 0.0
+    assert second.height_at(POINT[0] - 0.035, POINT[1]) == 0.0
 
 
 @pytest.mark.slow

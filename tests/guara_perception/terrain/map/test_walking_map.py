@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.terrain.layers.hazard import Hazard
 from kinematics import RobotModel
-from tests.guara_perception.terrain.map.poses import PLACE, ZERO, MakeScan, at, drift, only
+from tests.guara_perception.terrain.map.poses import POINT, ZERO, MakeScan, at, drift, only
 from tests.thorough import examples
 
 
 @pytest.mark.slow
 @settings(max_examples=examples(12), deadline=None, derandomize=True)
 @given(yaw=st.floats(-np.pi, np.pi), x=st.floats(-3, 3), y=st.floats(-3, 3), z=st.floats(-0.2, 0.2))
-def test_a_look_from_anywhere_comes_back_in_place(
+def test_a_look_from_anywhere_comes_back_at_its_position(
     robot: RobotModel, make_scan: MakeScan, scan_grid: Any, yaw: float, x: float, y: float, z: float
 ) -> None:
     """Turned and shifted by anything, a map of one scan shows each height within a cell and a half of where it lies."""
@@ -32,7 +32,7 @@ def test_a_look_from_anywhere_comes_back_in_place(
     assert np.abs(inner - expected).max() < 0.3 * 1.5 * 0.005
 
 
-def test_a_scan_that_was_levelled_otherwise_is_turned_upright(
+def test_a_scan_from_a_tilted_footprint_is_turned_upright(
     robot: RobotModel, make_scan: MakeScan, scan_grid: Any
 ) -> None:
     """Ground seen from a footprint that tilts by 5 degrees: level in odom, and tilted again in the snapshot."""
@@ -112,7 +112,7 @@ def test_variance_grows_with_travel(robot: RobotModel, make_scan: MakeScan, scan
         terrain_map = gp.TerrainMap(robot)
         terrain_map.update(make_scan(heights), at(), ZERO)
         after = terrain_map.update(make_scan(0.0, flags=nothing, step=1), at(), drift(0.002, 0.004))
-        iy, ix = (int(i) for i in after.geometry.indices(*PLACE))
+        iy, ix = (int(i) for i in after.geometry.indices(*POINT))
         grown[name] = float(after.variance[iy, ix])
     assert grown["flat"] == pytest.approx(0.002**2 + 0.0002**2 + 0.0005**2, rel=0.01)
     assert grown["slope"] - grown["flat"] == pytest.approx((0.2 * 0.004) ** 2 + 0.2**2 * 0.005**2 / 12, rel=0.02)

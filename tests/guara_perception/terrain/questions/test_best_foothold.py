@@ -58,7 +58,7 @@ def test_ties_go_to_the_smaller_x_then_y() -> None:
 
 
 def test_the_previous_choice_is_kept_until_another_is_worth_a_third_more() -> None:
-    """Two ledges beside a gap: the choice stays on its side as the wish moves over the middle, then changes once."""
+    """Two ledges beside a gap: the choice stays on its side as the wish moves over the gap, then changes once."""
     heights = np.zeros((120, 160))
     heights[:, 78:82] = np.nan
     terrain = gp.assess_terrain(heights, 0.005)

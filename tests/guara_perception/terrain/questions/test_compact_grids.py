@@ -76,18 +76,18 @@ def check_layers(computed: gp.TerrainGrid, received: gp.TerrainGrid) -> None:
     layers = ("elevation", "variance", "elevation_min", "elevation_max", "slope", "step_height", "roughness")
     for name in (*layers, "clearance", "traversability"):
         np.testing.assert_array_equal(np.isnan(received.layers[name]), np.isnan(computed.layers[name]))
-    of = {name: received.layers[name].astype(np.float64) - computed.layers[name] for name in computed.layers}
+    change_of = {name: received.layers[name].astype(np.float64) - computed.layers[name] for name in computed.layers}
     off = rounding_of(received).elevation
     assert 0 < off < 1e-4 and rounding_of(received).variance <= 0.125
-    assert np.abs(of["elevation"][known]).max(initial=0.0) <= off
+    assert np.abs(change_of["elevation"][known]).max(initial=0.0) <= off
     assert ((received.elevation_min <= received.elevation) & (received.elevation <= received.elevation_max))[
         known
     ].all()
     for name, most in (("elevation_max", 2 * off), ("step_height", 4 * off), ("roughness", 4 * off), ("slope", 0.002)):
-        change = of[name][np.isfinite(of[name])]
+        change = change_of[name][np.isfinite(change_of[name])]
         assert change.min(initial=0.0) >= 0.0 and change.max(initial=0.0) <= most
     for name, most in (("elevation_min", 2 * off), ("clearance", 0.001), ("traversability", 1 / 32)):
-        change = of[name][np.isfinite(of[name])]
+        change = change_of[name][np.isfinite(change_of[name])]
         assert change.max(initial=0.0) <= 0.0 and -change.min(initial=0.0) <= most
     grown = received.variance[known].astype(np.float64) - computed.variance[known]
     assert (grown >= 0).all() and (grown <= 0.125 * computed.variance[known].astype(np.float64)).all()
@@ -187,7 +187,7 @@ def test_no_question_is_answered_better_than_on_the_computed_grid(terrain: gp.Te
 @pytest.mark.slow
 @PROPERTY
 @given(worlds())
-def test_no_distance_is_larger_and_coarser_grids_keep_to_it(terrain: gp.TerrainGrid) -> None:
+def test_no_distance_is_larger_and_coarser_grids_are_answered_no_better(terrain: gp.TerrainGrid) -> None:
     """The distance field, and grids of cells twice as long."""
     received = sent_compactly(terrain)
     for computed, other in ((terrain, received), (terrain.coarser(2), received.coarser(2))):
@@ -196,7 +196,7 @@ def test_no_distance_is_larger_and_coarser_grids_keep_to_it(terrain: gp.TerrainG
 
 
 @pytest.mark.slow
-def test_recorded_scans_keep_to_it(recorded: gp.TerrainGrid) -> None:
+def test_recorded_scans_are_answered_no_better(recorded: gp.TerrainGrid) -> None:
     """Layers, paths and positions on grids of recorded scans."""
     received = sent_compactly(recorded)
     check_layers(recorded, received)
@@ -238,10 +238,10 @@ def test_a_compact_grid_is_not_fused(paper_terrain: gp.TerrainGrid, robot: Robot
         gp.TerrainMap(robot).update(sent_compactly(paper_terrain), np.eye(4), 1e-8 * np.eye(6))
 
 
-@pytest.mark.parametrize("said", [{}, {"elevation": 1e-4}, {"elevation": -1, "variance": 0}, 3, {"elevation": "x"}])
-def test_a_grid_with_impossible_rounding_is_refused(paper_terrain: gp.TerrainGrid, said: object) -> None:
+@pytest.mark.parametrize("rounding", [{}, {"elevation": 1e-4}, {"elevation": -1, "variance": 0}, 3, {"elevation": "x"}])
+def test_a_grid_with_impossible_rounding_is_refused(paper_terrain: gp.TerrainGrid, rounding: object) -> None:
     """By every question that needs it: without these numbers nothing is bounded."""
-    metadata = {**paper_terrain.metadata, "rounding": said}
+    metadata = {**paper_terrain.metadata, "rounding": rounding}
     broken = dataclasses.replace(paper_terrain, metadata=metadata)
     with pytest.raises(gp.InvalidInput, match=r"says rounding = .*must give elevation \[m\] and variance"):
         broken.check_path([(0.6, 0.0, 0.1), (0.7, 0.0, 0.1)], 0.01)

@@ -223,7 +223,7 @@ def test_a_limit_of_a_newer_version_is_left_out_and_its_flag_stays_a_hazard() ->
     assert not newer.is_traversable(*flagged) and newer.best_foothold(*flagged, radius=0.02) is None
     away = (ORIGIN[0] + 0.45, ORIGIN[1] + 0.45)
     assert newer.check_foothold(*away).ok and newer.check_foothold(*away) == plain.check_foothold(*away)
-    # The same without a word on which flag it sets: read all the same.
+    # The same without the flag that the limit sets: the cells are refused all the same.
     silent = {**metadata, "limit_flags": {}}
     assert not dataclasses.replace(newer, metadata=silent).check_foothold(*flagged).ok
 
@@ -238,7 +238,7 @@ def test_a_grid_of_an_older_version_lacks_the_limits_that_came_later() -> None:
     assert limits.softness == np.inf and limits.step == limits_of(plain).step
 
 
-def test_a_grid_without_limits_is_refused_in_words() -> None:
+def test_a_grid_without_limits_is_refused() -> None:
     """Layers alone do not say by what they were judged."""
     import dataclasses
 

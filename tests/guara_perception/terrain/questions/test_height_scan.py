@@ -33,13 +33,13 @@ def test_what_is_known_is_the_grids_height_and_nothing_else(seed: int, count: in
     np.testing.assert_allclose(scan.below, -scan.heights)
 
 
-def test_points_of_the_body_are_placed_by_the_pose(robot: RobotModel) -> None:
+def test_points_of_the_body_are_moved_by_its_pose(robot: RobotModel) -> None:
     """In base_link a point 0.1 m below a body that stands 0.36 m high is 0.26 m above level ground."""
     stance = Stance(robot.posture("scan"), robot.legs, (0, 0, -1))
     pose = robot.stance_pose(stance)
     terrain = gp.assess_terrain(np.zeros((140, 320)), 0.005, origin=(-0.6, -0.35))
-    placed = {"transform_base_to_footprint": pose.transform_base_to_footprint.tolist()}
-    terrain = dataclasses.replace(terrain, metadata={**terrain.metadata, **placed})
+    pose_metadata = {"transform_base_to_footprint": pose.transform_base_to_footprint.tolist()}
+    terrain = dataclasses.replace(terrain, metadata={**terrain.metadata, **pose_metadata})
     scan = terrain.height_scan([[0.2, 0.1, -0.1], [5.0, 0.0, 0.0]], frame="base_link")
     assert scan.known.tolist() == [True, False]
     assert scan.below[0] == pytest.approx(pose.height - 0.1, abs=1e-6)

@@ -35,7 +35,7 @@ def test_a_grid_that_knows_nothing_has_no_points(make_scan):
 
 @pytest.mark.slow
 def test_data_set_has_every_layer_on_its_coordinates(terrain):
-    """xarray selects by place and finds what the grid says there."""
+    """xarray selects by position and finds what the grid says there."""
     xarray = pytest.importorskip("xarray", reason="extra notebook")
     data = terrain.to_xarray()
     assert isinstance(data, xarray.Dataset) and set(data.data_vars) == set(terrain.layers)

@@ -31,7 +31,7 @@ def rendered(robot: RobotModel, *features: Flight | Step | Box | Ramp, mode: str
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("x", "height", "count", "run", "way"),
+    ("x", "height", "count", "run", "direction"),
     [
         (0.60, 0.03, 3, 0.11, "up"),
         pytest.param(0.58, 0.02, 4, 0.09, "up", marks=pytest.mark.heavy),
@@ -39,25 +39,25 @@ def rendered(robot: RobotModel, *features: Flight | Step | Box | Ramp, mode: str
     ],
 )
 def test_rendered_flights_are_found(
-    robot: RobotModel, x: float, height: float, count: int, run: float, way: str
+    robot: RobotModel, x: float, height: float, count: int, run: float, direction: str
 ) -> None:
-    """Every tread with its height, every edge where it is, to a stripe."""
-    terrain = rendered(robot, Flight(x=x, height=height, count=count, run=run, direction=way))
+    """Every tread with its height, every edge where it is, to the spacing of stripes."""
+    terrain = rendered(robot, Flight(x=x, height=height, count=count, run=run, direction=direction))
     found = terrain.stairs()
     assert found is not None and len(found.risers) == count and len(found.treads) == count + 1
-    up = np.array([1.0, 0.0]) if way == "up" else np.array([-1.0, 0.0])
+    up = np.array([1.0, 0.0]) if direction == "up" else np.array([-1.0, 0.0])
     np.testing.assert_allclose(found.direction, up, atol=0.05)
     assert abs(found.rise - height) < 0.001 and abs(found.run - run) < EDGE_M
     edges = x + run * np.arange(count)
-    for riser, edge in zip(found.risers, edges if way == "up" else edges[::-1], strict=True):
+    for riser, edge in zip(found.risers, edges if direction == "up" else edges[::-1], strict=True):
         for end in (riser.start, riser.end):
             assert abs(end[0] - edge) < EDGE_M
-        # The left end first for who climbs, and as wide as the area.
+        # The end that is left for a climber comes first; the edge is as wide as the area.
         across = riser.start - riser.end
         assert up[0] * across[1] - up[1] * across[0] > 0.45
         assert abs(riser.height - height) < 0.0015
-    levels = [tread.centre[2] for tread in found.treads]
-    assert np.diff(levels) == pytest.approx(np.full(count, height), abs=0.0015)
+    tread_heights = [tread.centre[2] for tread in found.treads]
+    assert np.diff(tread_heights) == pytest.approx(np.full(count, height), abs=0.0015)
     for tread in found.treads:
         assert np.hypot(*tread.plane[:2]) < 0.02 and tread.sigma < 0.001 and tread.area > 0.01
 

@@ -56,7 +56,7 @@ def test_every_point_inside_passes_check_foothold(seed: int, x: float, y: float,
     assert region.contains(*region.centre)
     heights = terrain.height_at(points[:, 0], points[:, 1])
     on_plane = points @ region.plane[:2] + region.plane[2]
-    # A cell's height is that of its middle: on the steepest safe ground half a cell aside is a millimetre.
+    # A cell's height is that of its centre: on the steepest safe ground half a cell aside is a millimetre.
     assert np.abs(heights - on_plane).max() < 0.006 + 0.002
 
 

@@ -77,7 +77,7 @@ def test_around_unknown_ground_it_goes_aside() -> None:
 
 
 def test_up_a_step_and_down_again() -> None:
-    """Between two levels the way keeps its clearance at the step's edge."""
+    """Between ground of two heights the way keeps its clearance at the step's edge."""
     heights = np.zeros((100, 100))
     heights[:, 50:] = 0.03
     terrain = gp.assess_terrain(heights, 0.005)

@@ -115,7 +115,7 @@ def test_known_heights_under_the_sole_stand(make_ground: MakeGround) -> None:
 
 
 def test_the_bound_is_the_sole_with_its_error(make_ground: MakeGround, sole: np.ndarray) -> None:
-    """Cells wholly under the sole less two sigma of its place: at its height, with its variance."""
+    """Cells wholly under the sole less two sigma of its position: at its height, with its variance."""
     terrain = make_ground(around(sole, 0.08, 0.08))
     standing = standing_soles(terrain)[0]
     ground = swing_ground(terrain, sole)

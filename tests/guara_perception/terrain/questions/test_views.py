@@ -83,7 +83,7 @@ def test_a_factor_must_divide_the_grid(factor: object) -> None:
 
 
 def test_explanations_say_height_cause_and_verdict() -> None:
-    """Safe ground, an edge, an unknown cell and a place off the grid, each in its own words."""
+    """Safe ground, an edge, an unknown cell and a point off the grid: each has its text."""
     heights = np.zeros((80, 80))
     heights[:, 60:] = 0.05
     heights[10, 10] = np.nan
@@ -110,8 +110,8 @@ def boxed(noise: float, slope: float = 0.0) -> gp.TerrainGrid:
 
 
 @pytest.mark.parametrize(("noise", "slope"), [(0.0, 0.0), (0.0003, 0.0), (0.0003, 0.08)])
-def test_obstacles_are_found_with_place_height_and_outline(noise: float, slope: float) -> None:
-    """Box and hole, on a level and on a sloping floor: height within 0.3 mm, place within 1 mm, area exact."""
+def test_obstacles_are_found_with_position_height_and_outline(noise: float, slope: float) -> None:
+    """Box and hole, on a level and on a sloping floor: height within 0.3 mm, position within 1 mm, area exact."""
     found = boxed(noise, slope).obstacles()
     assert len(found) == 2
     box, hole = found
@@ -175,21 +175,21 @@ def test_the_recorded_boxes_are_found(paper_terrain: gp.TerrainGrid) -> None:
 
 
 def test_flags_are_printed_by_their_names(paper_terrain: gp.TerrainGrid) -> None:
-    """`print(hazard_at(...))` tells what is the matter; the value stays the number."""
+    """`print(hazard_at(...))` shows the flags; the value stays the number."""
     assert [str(flag) for flag in (gp.Hazard.NONE, gp.Hazard.EDGE)] == ["NONE", "EDGE"]
     assert str(gp.Hazard.STEP | gp.Hazard.EDGE) == "STEP|EDGE" and int(gp.Hazard.STEP | gp.Hazard.EDGE) == 4608
     assert "EDGE" in str(paper_terrain.hazard_at(0.60, 0.10))
 
 
 @pytest.mark.parametrize("wish", [("a", 0.0, 0.1), (0.7, None, 0.1), (0.7, 0.0, "wide"), (0.7, 0.0, [0.1])])
-def test_a_wish_that_is_no_number_is_refused_in_words(paper_terrain: gp.TerrainGrid, wish: tuple) -> None:
+def test_a_wish_that_is_no_number_is_refused(paper_terrain: gp.TerrainGrid, wish: tuple) -> None:
     """Not by an error from within numpy."""
     with pytest.raises(gp.InvalidInput, match="three numbers are needed"):
         paper_terrain.best_foothold(*wish)
 
 
 def test_answers_are_printed_in_words(paper_terrain: gp.TerrainGrid) -> None:
-    """What a person meets first: short figures in millimetres, and why not."""
+    """Short figures in millimetres, and for a refusal the reason."""
     foothold = paper_terrain.best_foothold(0.80, 0.00, 0.10)
     assert re.fullmatch(
         r"Foothold\(x=0.\d{4}, y=-?0.\d{4}, z=-?0.\d{4}, score=0.\d\d, value=0.\d\d, leg=None\)", repr(foothold)

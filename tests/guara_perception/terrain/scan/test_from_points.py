@@ -37,7 +37,7 @@ def test_level_ground_is_known_and_free(robot: RobotModel) -> None:
     assert gp.terrain_from_points(cloud(), 0.0003, SENSOR_ORIGIN).geometry == terrain.geometry
 
 
-def test_behind_a_box_is_occluded(robot: RobotModel) -> None:
+def test_ground_behind_a_box_is_occluded(robot: RobotModel) -> None:
     """Ground that a box hides is OCCLUDED; close before the box no foot may stand, well beside it one may."""
     terrain = gp.terrain_from_points(cloud(0.08), 0.0003, SENSOR_ORIGIN, robot)
     assert terrain.height_at(0.65, 0.0) == pytest.approx(0.08, abs=0.001)
@@ -47,7 +47,7 @@ def test_behind_a_box_is_occluded(robot: RobotModel) -> None:
 
 
 def test_a_gap_is_unscanned_or_with_rays_without_return_a_dropout(robot: RobotModel) -> None:
-    """A gap is UNSCANNED, and the map keeps that ground; with rays but no return it is DROPOUT, and it forgets."""
+    """A gap is UNSCANNED, and the map keeps that ground; with rays without return it is DROPOUT, and is forgotten."""
     points = cloud()
     gap = (np.abs(points[:, 0] - 0.7) < 0.02) & (np.abs(points[:, 1]) < 0.02)
     terrain = gp.terrain_from_points(points[~gap], 0.0003, SENSOR_ORIGIN, robot, step=1)

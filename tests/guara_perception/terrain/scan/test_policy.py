@@ -89,7 +89,7 @@ def test_back_to_coarse_only_after_some_clear_pauses(
 
 
 @pytest.mark.slow
-def test_extending_a_coarse_scan_gives_the_very_standard_scan(
+def test_a_coarse_scan_that_is_extended_equals_a_standard_scan(
     robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan
 ) -> None:
     """Coarse stripes first, then extended, equals a standard processor fed the same stripes; nothing is fired twice."""
@@ -110,7 +110,7 @@ def test_extending_a_coarse_scan_gives_the_very_standard_scan(
 
 
 def test_a_partly_extended_scan_keeps_the_coarse_ground(make_scan: MakeScan, scan_grid: Any) -> None:
-    """Where no stripe between was fired the coarse cell counts; where one was, its answer, unknown ones too."""
+    """Where no stripe between was fired the coarse cell counts; where one was, the new cell, even if it is unknown."""
     gx, gy = np.meshgrid(*scan_grid.centres())
     unfired = np.where(gx > 0.75, np.uint16(Hazard.UNSCANNED), 0).astype(np.uint16)
     hole = (np.abs(gx - 0.6) < 0.01) & (np.abs(gy) < 0.01)
