@@ -23,7 +23,7 @@ def calibrated_session(factory: pytest.TempPathFactory) -> CalibrationResult:
 
     def make(folder: Path) -> None:
         folder.mkdir()
-        # The session reads its pictures by functions, which cannot be written.
+        # The session reads its pictures by functions, which cannot be pickled.
         found = dataclasses.replace(calibrate_session(session, load_robot("guara")), session=None)  # type: ignore[arg-type]
         (folder / "result.pickle").write_bytes(pickle.dumps(found))
 

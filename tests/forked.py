@@ -1,4 +1,4 @@
-"""Python processes without the second that each needs to import everything: forked where that is done already.
+"""Python processes that save the second for importing everything: forked from one where that is done already.
 
 One server (`fork_server.py`) serves all workers of a run, and the workers themselves are forked by it: it has imported
 the tests too. What it gives is a process of its own, with its own streams, signals and end, as `subprocess.Popen` would

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 import guara_perception as gp
 
-# Cells nearer than the margin to a jump of height, within 3 x 3 mm, do not count as interior.
+# A change of height this large within 3 x 3 mm is a jump; cells nearer to one than the margin are not interior.
 JUMP_M = 0.003
 INTERIOR_MARGIN_MM = 6
 # A known cell that nobody could see must at least lie within its true heights by this much.
