@@ -8,7 +8,7 @@ from benchmarks.contenders import LITERAL, REFERENCE, USER, copy, extractors, to
 from benchmarks.rounds import Timings, alternate, number
 from benchmarks.section import Effort, Section
 from guara_perception.arrays import Image
-from tests.scenes import Recording
+from tests.scenes import ScanInMemory
 from tests.synthetic_stripes import CASES, stripe_errors, stripes
 
 FLOOR, ALL_FLOOR, COPY = "floor: band read once", "floor: all bytes read once", "floor: all bytes copied"
@@ -48,18 +48,18 @@ def synthetic(effort: Effort) -> Section:
     )
 
 
-def frames_of_scans(recordings: list[Recording], effort: Effort) -> Section:
+def frames_of_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
     """Time on the frames of scans: those who know the band get the band, the others the whole frame."""
     rows: list[tuple[str, ...]] = []
     figures: dict[str, dict[str, float]] = {}
-    for recording in recordings:
-        timings, count = time_extraction(recording, effort)
-        figures[recording.name] = {}
+    for scan in all_scans:
+        timings, count = time_extraction(scan, effort)
+        figures[scan.name] = {}
         for name in timings.seconds:
             ratio = timings.ratio(name, REFERENCE)
-            figures[recording.name][name] = ratio.median
+            figures[scan.name][name] = ratio.median
             rows.append(
-                (recording.name, name, f"{timings.milliseconds(name, count):.2f}", str(ratio))
+                (scan.name, name, f"{timings.milliseconds(name, count):.2f}", str(ratio))
                 + (number(timings.ratio(name, FLOOR).median),)
             )
     return Section(
@@ -73,10 +73,10 @@ def frames_of_scans(recordings: list[Recording], effort: Effort) -> Section:
     )
 
 
-def time_extraction(recording: Recording, effort: Effort) -> tuple[Timings, int]:
+def time_extraction(scan: ScanInMemory, effort: Effort) -> tuple[Timings, int]:
     """Timings of all contenders and of reading the bytes, and the number of frames."""
-    bands = [(on, off) for on, off, _ in recording.bands()]
-    whole = [(on, off) for _, on, off in recording.frames]
+    bands = [(on, off) for on, off, _ in scan.bands()]
+    whole = [(on, off) for _, on, off in scan.frames]
     contenders = {
         name: _over(extract, whole if name.startswith((LITERAL, USER)) else bands)
         for name, extract in extractors().items()

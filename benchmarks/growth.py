@@ -12,13 +12,13 @@ from benchmarks import whole_scan
 from benchmarks.rounds import alternate, number
 from benchmarks.section import Effort, Section
 from guara_perception.terrain.scan.assess_terrain import default_limits
-from tests.scenes import Recording, resized, simulated
+from tests.scenes import ScanInMemory, resized, simulated
 
 SMALL = (640, 512)
 CELL_M = 0.005
 
 
-def growth(standard: Recording, effort: Effort) -> Section:
+def growth(standard: ScanInMemory, effort: Effort) -> Section:
     """Cost over the number of stripes, of pixels and of cells, with the exponent of each."""
     series = {
         "stripes": [(n, _scan(simulated(SMALL, n))) for n in effort.stripe_counts],
@@ -55,8 +55,8 @@ def fit(sizes: list[int], times: list[float]) -> float:
     return float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
 
 
-def _scan(recording: Recording) -> Callable[[], object]:
-    return lambda: whole_scan.process(recording, "precise")
+def _scan(scan: ScanInMemory) -> Callable[[], object]:
+    return lambda: whole_scan.process(scan, "precise")
 
 
 def _layers(side: int) -> Callable[[], object]:

@@ -8,16 +8,16 @@ from pathlib import Path
 
 from benchmarks import whole_scan
 from benchmarks.section import Section
-from tests.scenes import ROBOTS, Recording
+from tests.scenes import ROBOTS, ScanInMemory
 
 SHOWN = 16
 
 
-def hotspots(recording: Recording) -> Section:
+def hotspots(scan: ScanInMemory) -> Section:
     """Share of a scan's time in each of this project's functions, callees included."""
-    whole_scan.process(recording, "precise")
+    whole_scan.process(scan, "precise")
     profile = cProfile.Profile()
-    profile.runcall(whole_scan.process, recording, "precise")
+    profile.runcall(whole_scan.process, scan, "precise")
     stats = pstats.Stats(profile).stats  # type: ignore[attr-defined]
     total = max(cumulative for _, _, _, cumulative, _ in stats.values())
     root = str(ROBOTS.parent / "guara_perception")
@@ -32,7 +32,7 @@ def hotspots(recording: Recording) -> Section:
     ]
     return Section(
         "hotspots",
-        f"Profile of a scan ({recording.name})",
+        f"Profile of a scan ({scan.name})",
         "Share of one whole scan spent in each function and what it calls, under cProfile, which makes small functions "
         "look more expensive than they are.",
         ("function", "file", "calls", "share"),

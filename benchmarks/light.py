@@ -22,7 +22,7 @@ from benchmarks.photographs import RIGHT_PX
 from guara_perception.arrays import Float
 from guara_perception.simulation import EFFECTS, Light, real_light
 from tests.grid_truth import figures, made_up
-from tests.scenes import Recording, simulated
+from tests.scenes import ScanInMemory, simulated
 
 SIZE, STRIPES = (640, 512), 35
 ALL, ALL_STRENGTH = "all together", 1 / 3
@@ -86,11 +86,11 @@ def true_rows(stripe_sigma: float, laser: float) -> dict[int, tuple[Float, Float
     return found
 
 
-def judge(recording: Recording, light: Light, *, with_off: bool) -> tuple[tuple[float, float, float], gp.TerrainGrid]:
+def judge(scan: ScanInMemory, light: Light, *, with_off: bool) -> tuple[tuple[float, float, float], gp.TerrainGrid]:
     """Coverage, gross and filled (see `Effect`) of a scan that was rendered in this light, and its grid."""
-    processor, truth = recording.processor(), true_rows(light.stripe_sigma, light.laser)
+    processor, truth = scan.processor(), true_rows(light.stripe_sigma, light.laser)
     right = wrong = seen = gaps = filled = 0
-    for index, on, off in recording.frames:
+    for index, on, off in scan.frames:
         position = processor.add(index, on, off if with_off else None).position_px
         rows, level = truth[index]
         first, end = processor.band(index)
@@ -119,11 +119,11 @@ def lights(strengths: Sequence[float], names: Sequence[str]) -> Iterator[tuple[s
 def measure(strengths: Sequence[float], names: Sequence[str]) -> Iterator[Effect]:
     """The figures of every case, with and without laser-off pictures."""
     for name, strength, light in lights(strengths, names):
-        recording = simulated(SIZE, STRIPES, light)
-        assert recording.truth is not None
+        scan = simulated(SIZE, STRIPES, light)
+        assert scan.truth is not None
         for with_off in (True, False):
-            (coverage, gross, filled), terrain = judge(recording, light, with_off=with_off)
-            found = figures(terrain, recording.truth)
+            (coverage, gross, filled), terrain = judge(scan, light, with_off=with_off)
+            found = figures(terrain, scan.truth)
             reasons = terrain.metadata["health"]["reasons"]
             yield Effect(
                 name,
@@ -136,7 +136,7 @@ def measure(strengths: Sequence[float], names: Sequence[str]) -> Iterator[Effect
                 mean_mm=round(found.mean, 3),
                 p95_mm=round(found.p95, 3),
                 unsafe=found.unsafe,
-                made_up=made_up(terrain, recording.truth),
+                made_up=made_up(terrain, scan.truth),
                 health=reasons[-1] if reasons else "",
             )
 

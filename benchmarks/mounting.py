@@ -94,14 +94,14 @@ def _plane(plane: np.ndarray) -> np.ndarray:
     return result
 
 
-def heights(scan: scenes.Recording, calibration: gp.Calibration) -> np.ndarray:
+def heights(scan: scenes.ScanInMemory, calibration: gp.Calibration) -> np.ndarray:
     """The elevation that the frames of a scan give with a calibration [m]."""
     processor = replace(scan, calibration=calibration).processor()
     processor.add_all([gp.FramePair(*frames) for frames in scan.frames])
     return processor.finish().elevation
 
 
-def measure(scan: scenes.Recording) -> list[tuple[str, float, float]]:
+def measure(scan: scenes.ScanInMemory) -> list[tuple[str, float, float]]:
     """Rows (name of the change, median error of a robot's heights after it, scatter of that error) [m].
 
     The scatter is 1.4826 times the median absolute deviation.

@@ -55,7 +55,7 @@ def main_of_peer(scan: Path) -> None:
     # Older revisions have `scenes` among their benchmarks.
     checkout = Path(str(import_module("guara_perception").__file__)).parents[1]
     scenes = "tests.scenes" if (checkout / "tests" / "scenes.py").is_file() else "benchmarks.scenes"
-    recording = import_module(scenes).recorded(scan)
+    in_memory = import_module(scenes).recorded(scan)
     whole_scan = import_module("benchmarks.whole_scan")
     # Older revisions call this function `ours`.
     process = vars(whole_scan).get("process") or vars(whole_scan)["ours"]
@@ -65,10 +65,10 @@ def main_of_peer(scan: Path) -> None:
             seconds_of_stripes.clear()
         gc.collect()
         start = time.process_time()
-        process(recording, "precise")
+        process(in_memory, "precise")
         seconds = time.process_time() - start
         cheap, strong = by_path or (None, None)
-        report = {"scan": seconds, "stripes": len(recording.frames), "cheap": cheap, "strong": strong}
+        report = {"scan": seconds, "stripes": len(in_memory.frames), "cheap": cheap, "strong": strong}
         print(json.dumps(report), flush=True)
 
 

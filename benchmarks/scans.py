@@ -18,35 +18,35 @@ from benchmarks.section import Effort, Section
 from guara_perception.app.node.live_scan import STRIPES_AFTER
 from guara_perception.settings import Settings
 from tests.grid_truth import Truth
-from tests.scenes import Recording
+from tests.scenes import ScanInMemory
 
 REFERENCE = "reference extraction of the same frames"
 STAGES = ("prepare", "extract", "triangulate", "raster", "finish")
 
 
-def contenders(recording: Recording) -> dict[str, Callable[[], Any]]:
+def contenders(scan: ScanInMemory) -> dict[str, Callable[[], Any]]:
     """Whole scans by name; the reference extracts only."""
-    bands = recording.bands()
+    bands = scan.bands()
     found: dict[str, Callable[[], Any]] = {REFERENCE: lambda: [reference(on, off) for on, off, _ in bands]}
     found |= {
-        name: lambda method=method: whole_scan.process(recording, method).elevation  # type: ignore[misc]
+        name: lambda method=method: whole_scan.process(scan, method).elevation  # type: ignore[misc]
         for name, method in OURS.items()
     }
     for name, extract in extractors().items():
         if name.startswith(LITERAL):
-            found[name] = lambda extract=extract: whole_scan.paper_literally(recording, extract)  # type: ignore[misc]
-    if recording.mode == "standard":
-        found[LOOPS] = lambda: whole_scan.paper_point_by_point(recording)
-    found[USER] = lambda: whole_scan.by_opencv_user(recording)
+            found[name] = lambda extract=extract: whole_scan.paper_literally(scan, extract)  # type: ignore[misc]
+    if scan.mode == "standard":
+        found[LOOPS] = lambda: whole_scan.paper_point_by_point(scan)
+    found[USER] = lambda: whole_scan.by_opencv_user(scan)
     return found
 
 
-def whole_scans(recordings: list[Recording], effort: Effort) -> Section:
+def whole_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
     """One row per contender and scan."""
     rows: list[tuple[str, ...]] = []
     figures: dict[str, dict[str, dict[str, float]]] = {}
-    for recording in recordings:
-        runs = contenders(recording)
+    for scan in all_scans:
+        runs = contenders(scan)
         grids: dict[str, Any] = {}
         timings = alternate(
             {name: _kept(run, name, grids) for name, run in runs.items()},
@@ -55,18 +55,18 @@ def whole_scans(recordings: list[Recording], effort: Effort) -> Section:
             slow_rounds=effort.slow_rounds,
         )
         precise = next(iter(OURS))
-        figures[recording.name] = {}
+        figures[scan.name] = {}
         for name in runs:
             ratio, speed = timings.ratio(name, REFERENCE), timings.ratio(name, precise)
-            error = None if name == REFERENCE or recording.truth is None else grid_errors(grids[name], recording.truth)
-            figures[recording.name][name] = {
+            error = None if name == REFERENCE or scan.truth is None else grid_errors(grids[name], scan.truth)
+            figures[scan.name][name] = {
                 "ratio": ratio.median, "low": ratio.low, "high": ratio.high, "to_precise": speed.median, **(error or {})
             }  # fmt: skip
             cells = ("-",) * 4 if error is None else (
                 f"{error['mean']:.3f}", f"{error['p95']:.2f}", f"{error['missed']:.2f}", f"{error['false']:.2f}"
             )  # fmt: skip
             rows.append(
-                (recording.name, name, f"{timings.milliseconds(name):.0f}", str(ratio), number(speed.median), *cells)
+                (scan.name, name, f"{timings.milliseconds(name):.0f}", str(ratio), number(speed.median), *cells)
             )
     return Section(
         "whole_scans",
@@ -100,9 +100,9 @@ def grid_errors(elevation: npt.NDArray[Any], truth: Truth) -> dict[str, float]:
     }
 
 
-def stages(recording: Recording, effort: Effort) -> Section:
+def stages(scan: ScanInMemory, effort: Effort) -> Section:
     """Where the time of one scan goes, and how long the grid takes after the last frame; wall time."""
-    bands = recording.bands()
+    bands = scan.bands()
     seconds: dict[str, list[float]] = {stage: [] for stage in (*STAGES, "last frame to grid")}
     references, lasts = [], []
     for round_number in range(effort.rounds + 1):
@@ -110,7 +110,7 @@ def stages(recording: Recording, effort: Effort) -> Section:
         for on, off, _ in bands:
             reference(on, off)
         whole = time.perf_counter() - start
-        taken = _one_scan(recording)
+        taken = _one_scan(scan)
         if round_number == 0:
             continue
         references.append(whole)
@@ -133,7 +133,7 @@ def stages(recording: Recording, effort: Effort) -> Section:
     )
     return Section(
         "stages",
-        f"Stages of a scan ({recording.name})",
+        f"Stages of a scan ({scan.name})",
         "Wall time of one scan as this project reports it, and its ratio to the reference extraction of the same "
         "frames in the same round; latency from handing over the last frame to the finished grid, against the "
         "reference extraction of one frame.",
@@ -143,33 +143,33 @@ def stages(recording: Recording, effort: Effort) -> Section:
     )
 
 
-def _one_scan(recording: Recording) -> dict[str, float]:
+def _one_scan(scan: ScanInMemory) -> dict[str, float]:
     start = time.perf_counter()
-    processor = recording.processor()
+    processor = scan.processor()
     prepared = time.perf_counter() - start
     # As the node does: what is there is judged while the last stripes are still to come.
-    recording.add_to(processor, but_last=STRIPES_AFTER)
+    scan.add_to(processor, but_last=STRIPES_AFTER)
     processor.work_ahead()
-    for frames in recording.frames[-STRIPES_AFTER:-1]:
+    for frames in scan.frames[-STRIPES_AFTER:-1]:
         processor.add(*frames)
     start = time.perf_counter()
-    processor.add(*recording.frames[-1])
+    processor.add(*scan.frames[-1])
     terrain = processor.finish()
     latency = time.perf_counter() - start
     return {"prepare": prepared, **terrain.metadata["seconds"], "last frame to grid": latency}
 
 
-def after_scan(recording: Recording, effort: Effort) -> Section:
+def after_scan(scan: ScanInMemory, effort: Effort) -> Section:
     """What is done with a finished grid: layers alone, fusion, encoding; and decoding a frame, for comparison."""
     from dataclasses import replace
 
     import transport
     from guara_perception.app.messages import terrain_to_message
 
-    terrain = whole_scan.process(recording, "precise")
-    bands = recording.bands()
-    limits = Settings.of(recording.robot).limits
-    terrain_map = gp.TerrainMap(recording.robot)
+    terrain = whole_scan.process(scan, "precise")
+    bands = scan.bands()
+    limits = Settings.of(scan.robot).limits
+    terrain_map = gp.TerrainMap(scan.robot)
     steps = iter(range(1, 10_000))
 
     def fuse() -> None:
@@ -178,14 +178,14 @@ def after_scan(recording: Recording, effort: Effort) -> Section:
         pose[0, 3] = 0.035 * step
         terrain_map.update(replace(terrain, step=step), pose, np.eye(6) * 1e-6 * step)
 
-    jpeg = cv2.imencode(".jpg", recording.frames[0][1], [cv2.IMWRITE_JPEG_QUALITY, 95])[1]
+    jpeg = cv2.imencode(".jpg", scan.frames[0][1], [cv2.IMWRITE_JPEG_QUALITY, 95])[1]
     one = f"{REFERENCE} / {len(bands)}"
     runs: dict[str, Callable[[], Any]] = {
         one: lambda: [reference(on, off) for on, off, _ in bands],
         "layers (slope, step, roughness, clearance, hazards)": lambda: gp.assess_terrain(
             terrain.elevation, terrain.resolution, limits=limits
         ),
-        "range images (512 x 640, both)": _pictures(recording),
+        "range images (512 x 640, both)": _pictures(scan),
         "fusion into the map": fuse,
         "message and its bytes": lambda: transport.encode_terrain(
             terrain_to_message(terrain, robot="guara", sequence=1)
@@ -203,18 +203,18 @@ def after_scan(recording: Recording, effort: Effort) -> Section:
     return Section(
         "after_scan",
         "Work beside the scan",
-        f"Wall time on the grid of the same scan ({recording.name}), against the reference extraction of one frame.",
+        f"Wall time on the grid of the same scan ({scan.name}), against the reference extraction of one frame.",
         ("what", "ms", "x reference of one frame"),
         rows,
         figures,
     )
 
 
-def _pictures(recording: Recording) -> Callable[[], object]:
+def _pictures(scan: ScanInMemory) -> Callable[[], object]:
     from guara_perception.process import with_pictures
 
-    processor = recording.processor()
-    recording.add_to(processor)
+    processor = scan.processor()
+    scan.add_to(processor)
     terrain = processor.finish()
     return lambda: with_pictures(terrain, processor)
 

@@ -17,7 +17,7 @@ import guara_perception as gp
 from benchmarks.rounds import alternate
 from benchmarks.section import Effort, Section
 from guara_perception.app.node.rangefinder import STRIPES_TOGETHER
-from tests.scenes import ROBOTS, Recording
+from tests.scenes import ROBOTS, ScanInMemory
 from tests.truth import truth_calibration
 
 ROOT = ROBOTS.parent
@@ -66,12 +66,12 @@ main()
     )
 
 
-def memory(recording: Recording) -> Section:
+def memory(scan: ScanInMemory) -> Section:
     """Peak memory of a process that scans, above what it held before."""
     with tempfile.TemporaryDirectory() as folder:
-        _write_bands(recording, Path(folder))
-        first, second, frames = _growth(folder, recording, 1)
-        node, _, _ = _growth(folder, recording, STRIPES_TOGETHER)
+        _write_bands(scan, Path(folder))
+        first, second, frames = _growth(folder, scan, 1)
+        node, _, _ = _growth(folder, scan, STRIPES_TOGETHER)
     figures = {"first_mb": first, "second_mb": second, "frame_pair_mb": frames, "node_mb": node}
     rows: list[tuple[str, ...]] = [
         ("one pair of frames, for comparison", f"{frames:.1f}"),
@@ -81,7 +81,7 @@ def memory(recording: Recording) -> Section:
     ]
     return Section(
         "memory",
-        f"Memory of a scan ({recording.name})",
+        f"Memory of a scan ({scan.name})",
         "Growth of the peak resident memory of a fresh process that has everything loaded and has scanned one stripe. "
         f"A node holds more than one frame: up to {STRIPES_TOGETHER} that it processes at once for a third less "
         "processor time, and one laser-off picture; the target is for what is scanned stripe by stripe.",
@@ -91,23 +91,23 @@ def memory(recording: Recording) -> Section:
     )
 
 
-def _growth(folder: str, recording: Recording, together: int) -> tuple[float, float, float]:
+def _growth(folder: str, scan: ScanInMemory, together: int) -> tuple[float, float, float]:
     """What `memory_peer` prints, in a process of its own [MB]."""
-    code = f"from benchmarks.memory_peer import main; main({folder!r}, {len(recording.frames)}, {together})"
+    code = f"from benchmarks.memory_peer import main; main({folder!r}, {len(scan.frames)}, {together})"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     first, second, frames = (float(word) for word in done.stdout.split())
     return first, second, frames
 
 
-def _write_bands(recording: Recording, folder: Path) -> None:
+def _write_bands(scan: ScanInMemory, folder: Path) -> None:
     """Write what the measured process makes its frames from, one by one: one off frame and the bands of the stripes."""
-    processor = recording.processor()
-    np.save(folder / "off.npy", recording.frames[0][2])
-    for index, on, _ in recording.frames:
+    processor = scan.processor()
+    np.save(folder / "off.npy", scan.frames[0][2])
+    for index, on, _ in scan.frames:
         first, end = processor.band(index)
         (folder / f"{index}.band").write_bytes(on[first:end].tobytes())
-    width, height = recording.calibration.camera.size
-    (folder / "scan.txt").write_text(f"{width} {height} {len(recording.frames)}")
+    width, height = scan.calibration.camera.size
+    (folder / "scan.txt").write_text(f"{width} {height} {len(scan.frames)}")
 
 
 def _python(code: str) -> Callable[[], None]:

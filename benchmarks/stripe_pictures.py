@@ -68,9 +68,9 @@ def rendered() -> dict[str, Shown]:
     """One stripe of the benchmark's scene in each light; that over the chessboard without a laser-off picture."""
     shown = {}
     for name, strengths in RENDERED.items():
-        recording = simulated((640, 512), STRIPES, real_light(strengths))
-        index, on, off = recording.frames[STRIPE]
-        first, end = recording.processor().band(index)
+        scan = simulated((640, 512), STRIPES, real_light(strengths))
+        index, on, off = scan.frames[STRIPE]
+        first, end = scan.processor().band(index)
         with_off = None if name == "stripes-chessboard" else off
         shown[name] = Shown(on, with_off, rows=(max(first - 10, 0), min(end + 10, len(on))))
     return shown

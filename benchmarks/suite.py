@@ -37,11 +37,11 @@ def measure(effort: Effort, folders: list[Path], say: Callable[[str], object] = 
     """
     cv2.setNumThreads(1)
     standard = scenes.simulated(effort.size, effort.stripes)
-    recordings = [standard, *map(scenes.recorded, folders)]
+    all_scans = [standard, *map(scenes.recorded, folders)]
     comparisons: list[Callable[[], Section]] = [
         lambda: extraction.synthetic(effort),
-        lambda: extraction.frames_of_scans(recordings, effort),
-        lambda: scans.whole_scans(recordings, effort),
+        lambda: extraction.frames_of_scans(all_scans, effort),
+        lambda: scans.whole_scans(all_scans, effort),
         lambda: scans.stages(standard, effort),
         lambda: scans.after_scan(standard, effort),
         lambda: growth.growth(standard, effort),

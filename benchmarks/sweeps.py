@@ -45,18 +45,18 @@ class EndToEnd:
     after: float
 
 
-def end_to_end(recording: scenes.Recording) -> EndToEnd:
+def end_to_end(scan: scenes.ScanInMemory) -> EndToEnd:
     """Stripes arrive in emulated time; each is worked on, in turn, for as long as this machine's processor took."""
     from guara_perception.app.messages import terrain_to_message
     from guara_perception.app.node.live_scan import STRIPES_AFTER
     from transport.messages.terrain_codec import encode_terrain
 
-    angles = {stripe.index: stripe.mirror_angle for stripe in recording.calibration.stripes}
-    firing_order = [(index, angles[index]) for index, _, _ in recording.frames]
+    angles = {stripe.index: stripe.mirror_angle for stripe in scan.calibration.stripes}
+    firing_order = [(index, angles[index]) for index, _, _ in scan.frames]
     mirror_angles = np.array([angle for _, angle in firing_order])
 
     def render(view: ExposureView, settings: CameraSettings) -> Image:
-        _, on, off = recording.frames[int(np.argmin(np.abs(mirror_angles - view.mirror_angle)))]
+        _, on, off = scan.frames[int(np.argmin(np.abs(mirror_angles - view.mirror_angle)))]
         return on if view.laser_fraction > 0.5 else off
 
     with emulated() as (board, driver):
@@ -66,7 +66,7 @@ def end_to_end(recording: scenes.Recording) -> EndToEnd:
         begun = board.triggers()[0]
     best: EndToEnd | None = None
     for _ in range(3):
-        processor = recording.processor()
+        processor = scan.processor()
         free, spent = 0.0, []
         for number, stripe in enumerate(taken, 1):
             assert stripe.on is not None

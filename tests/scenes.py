@@ -42,7 +42,7 @@ WORLD = World(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Recording:
+class ScanInMemory:
     """One scan with all its frames in memory.
 
     Attributes:
@@ -87,7 +87,7 @@ def simulated(
     seed: int = 0,
     *,
     is_uncertain: bool = True,
-) -> Recording:
+) -> ScanInMemory:
     """The benchmark's own scene, the same on every machine; in ordinary light unless another is given.
 
     Its calibration is exact, and as uncertain as a real one unless `is_uncertain` is false.
@@ -100,17 +100,17 @@ def simulated(
     frames = tuple(rangefinder.frames(range(stripes)))
     seen = (view.points + view.origin)[view.laser_gain > 0]
     name = f"simulated, {size[0]} x {size[1]}, {stripes} stripes"
-    return Recording(name, robot, calibration, stance, "standard", frames, _simulated_truth(robot, seen))
+    return ScanInMemory(name, robot, calibration, stance, "standard", frames, _simulated_truth(robot, seen))
 
 
-def recorded(folder: Path) -> Recording:
+def recorded(folder: Path) -> ScanInMemory:
     """A recorded scan with the calibration made from the session of its specimen; `folder` is DATA/scans/NAME."""
     data = folder.parent.parent
     scan = gp.open_scan(folder)
     frames = tuple((s.index, on, np.zeros_like(on) if off is None else off) for s, on, off in scan.frames())
     truth = folder / "truth.npz"
     size = f"{frames[0][1].shape[1]} x {frames[0][1].shape[0]}"
-    return Recording(
+    return ScanInMemory(
         name=f"recorded, {folder.name}, {size}, {len(frames)} stripes",
         robot=load_robot(scan.robot),
         calibration=real_calibration(data),
@@ -132,12 +132,12 @@ def with_covariance(calibration: gp.Calibration) -> gp.Calibration:
     return replace(calibration, covariance=real_calibration(OWN_DATA).covariance)
 
 
-def resized(recording: Recording, size: tuple[int, int]) -> Recording:
+def resized(scan: ScanInMemory, size: tuple[int, int]) -> ScanInMemory:
     """The same scan as a camera of another resolution would have taken it, noise aside."""
-    frames = tuple((i, _resize(on, size), _resize(off, size)) for i, on, off in recording.frames)
-    calibration = with_covariance(specimen(recording.robot, size))
+    frames = tuple((i, _resize(on, size), _resize(off, size)) for i, on, off in scan.frames)
+    calibration = with_covariance(specimen(scan.robot, size))
     name = f"simulated, {size[0]} x {size[1]}, {len(frames)} stripes"
-    return replace(recording, name=name, calibration=calibration, frames=frames)
+    return replace(scan, name=name, calibration=calibration, frames=frames)
 
 
 @lru_cache(maxsize=4)

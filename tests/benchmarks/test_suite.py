@@ -138,13 +138,13 @@ def test_resized_scan_keeps_its_heights():
     whole = scenes.simulated((320, 256), 24)
     half = scenes.resized(whole, (160, 128))
     assert half.frames[0][1].shape == (128, 160, 3)
-    grids = [scenes_grid(recording) for recording in (whole, half)]
+    grids = [scenes_grid(scan) for scan in (whole, half)]
     both = np.isfinite(grids[0]) & np.isfinite(grids[1])
     assert both.any() and np.median(np.abs(grids[0] - grids[1])[both]) < 0.002
 
 
-def scenes_grid(recording: scenes.Recording) -> np.ndarray:
-    processor = recording.processor()
-    for index, on, off in recording.frames:
+def scenes_grid(scan: scenes.ScanInMemory) -> np.ndarray:
+    processor = scan.processor()
+    for index, on, off in scan.frames:
         processor.add(index, on, off)
     return processor.finish().elevation

@@ -33,9 +33,9 @@ def test_health_names_the_effect_of_light_and_what_to_change(name: str) -> None:
     """The last reason holds the name and the remedy, and names no other effect."""
     light, remedy = LIGHTS[name]
     # Light that drifts as much blooms too, and over a larger share of a small picture.
-    recording = simulated((640, 512) if name == "flicker" else SIZE, STRIPES, light)
-    processor = recording.processor()
-    recording.add_to(processor)
+    scan = simulated((640, 512) if name == "flicker" else SIZE, STRIPES, light)
+    processor = scan.processor()
+    scan.add_to(processor)
     health = processor.finish().metadata["health"]
     reason = health["reasons"][-1]
     assert health["level"] == "degraded"
@@ -50,9 +50,9 @@ def test_health_names_the_effect_of_light_and_what_to_change(name: str) -> None:
 )
 def test_texture_is_named_where_laser_off_pictures_would_help(effect: str, with_off: bool) -> None:
     """On a chessboard most of the stripe is found all the same; with laser-off pictures or on soil all is well."""
-    recording = simulated((640, 512), 35, real_light({effect: 1.0}))
-    processor = recording.processor()
-    for index, on, off in recording.frames:
+    scan = simulated((640, 512), 35, real_light({effect: 1.0}))
+    processor = scan.processor()
+    for index, on, off in scan.frames:
         processor.add(index, on, off if with_off else None)
     health = processor.finish().metadata["health"]
     if effect == "chessboard" and not with_off:
@@ -66,9 +66,9 @@ def test_texture_is_named_where_laser_off_pictures_would_help(effect: str, with_
 @pytest.mark.slow
 def test_lamps_that_flicker_strongly_are_reported_without_laser_off_pictures_too() -> None:
     """From frame to frame the picture is brighter and darker; the scan has too few returns for another reason."""
-    recording = simulated(SIZE, STRIPES, dataclasses.replace(WEAK, flicker=0.3))
-    processor = recording.processor()
-    for index, on, _ in recording.frames:
+    scan = simulated(SIZE, STRIPES, dataclasses.replace(WEAK, flicker=0.3))
+    processor = scan.processor()
+    for index, on, _ in scan.frames:
         processor.add(index, on)
     assert "flicker: the brightness changes by " in processor.finish().metadata["health"]["reasons"][-1]
 
@@ -77,10 +77,10 @@ def test_lamps_that_flicker_strongly_are_reported_without_laser_off_pictures_too
 @pytest.mark.parametrize("laser", [200.0, *further(1000.0, 8000.0)])
 def test_a_dark_room_does_not_flicker(laser: float) -> None:
     """Where nothing but the stripe is bright, a share of what is left says nothing of lamps."""
-    recording = simulated(SIZE, STRIPES, Light(ambient=(0.0, 0.0, 0.0), laser=laser))
+    scan = simulated(SIZE, STRIPES, Light(ambient=(0.0, 0.0, 0.0), laser=laser))
     for with_off in (True, False):
-        looks = LightLooks([index for index, _, _ in recording.frames], 256)
-        for index, on, off in recording.frames:
+        looks = LightLooks([index for index, _, _ in scan.frames], 256)
+        for index, on, off in scan.frames:
             looks.look(FramePair(index, on, off if with_off else None), extract_stripe(on, off if with_off else None))
         assert "flicker" not in looks.excess()
 
@@ -89,9 +89,9 @@ def test_a_dark_room_does_not_flicker(laser: float) -> None:
 def test_pictures_that_were_not_used_are_reported_by_stripe() -> None:
     """The report holds each with its reason, in order; in plain light there are none."""
     for light, count in ((real_light({"drift": 1.0}), STRIPES), (Light(), 0)):
-        recording = simulated(SIZE, STRIPES, light)
-        processor = recording.processor()
-        recording.add_to(processor)
+        scan = simulated(SIZE, STRIPES, light)
+        processor = scan.processor()
+        scan.add_to(processor)
         data = processor.finish().metadata
         unused, reported = (
             data["off_pictures_unused"],

@@ -10,7 +10,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.simulation import EFFECTS, real_light
 from tests.grid_truth import figures, made_up
-from tests.scenes import Recording, simulated
+from tests.scenes import ScanInMemory, simulated
 
 EVERY_LIGHT = {
     **{name: {name: 1.0} for name in EFFECTS},
@@ -23,7 +23,7 @@ EVERY_LIGHT = {
 
 
 @functools.lru_cache(maxsize=1)
-def rendered(light: str) -> Recording:
+def rendered(light: str) -> ScanInMemory:
     """The benchmark's scene in one light."""
     return simulated((640, 512), 35, real_light(EVERY_LIGHT[light]), seed=5)
 
@@ -32,28 +32,28 @@ def rendered(light: str) -> Recording:
 @pytest.mark.parametrize("light", EVERY_LIGHT)
 def test_no_light_makes_a_cell_traversable_that_is_dark_unseen_or_made_up(light: str) -> None:
     """With a laser-off picture for each stripe, for every third one and for none; judged by the rendered scene."""
-    recording = rendered(light)
-    assert recording.truth is not None
-    for every in (1, 3, len(recording.frames) + 1):
-        processor = recording.processor()
-        for number, (index, on, off) in enumerate(recording.frames, start=1):
+    scan = rendered(light)
+    assert scan.truth is not None
+    for every in (1, 3, len(scan.frames) + 1):
+        processor = scan.processor()
+        for number, (index, on, off) in enumerate(scan.frames, start=1):
             processor.add(index, on, off if number % every == 0 else None)
         terrain = processor.finish()
-        assert figures(terrain, recording.truth).unsafe == 0, f"a laser-off picture for every {every}."
-        assert made_up(terrain, recording.truth) == 0, f"a laser-off picture for every {every}."
+        assert figures(terrain, scan.truth).unsafe == 0, f"a laser-off picture for every {every}."
+        assert made_up(terrain, scan.truth) == 0, f"a laser-off picture for every {every}."
 
 
 @pytest.mark.slow
 def test_a_height_that_is_not_there_would_be_counted() -> None:
     """`made_up` finds the one cell of a good grid that was lifted by a centimetre."""
-    recording = simulated((320, 256), 35, is_uncertain=False)
-    assert recording.truth is not None
-    processor = recording.processor()
-    recording.add_to(processor)
+    scan = simulated((320, 256), 35, is_uncertain=False)
+    assert scan.truth is not None
+    processor = scan.processor()
+    scan.add_to(processor)
     terrain = processor.finish()
-    assert made_up(terrain, recording.truth) == 0
+    assert made_up(terrain, scan.truth) == 0
     layers = {name: np.array(terrain.layer(name)) for name in terrain.layers}
     iy, ix = np.argwhere(np.asarray(terrain.traversability) > 0)[0]
     layers["elevation"][iy, ix] += 0.01
     spoiled = gp.TerrainGrid(layers=layers, geometry=terrain.geometry, metadata=dict(terrain.metadata))
-    assert made_up(spoiled, recording.truth) == 1
+    assert made_up(spoiled, scan.truth) == 1
